@@ -1,0 +1,85 @@
+"""The one gate through which arrays enter our types."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from fapengine.errors import UsageError
+
+
+def frozen(
+    array: ArrayLike, name: str, shape: Sequence[str | int], dtype: DTypeLike, *, finite: bool = True
+) -> NDArray[Any]:
+    """Copy ``array``, check it, and make the copy read-only.
+
+    Parameters
+    ----------
+    array : array_like
+        What the caller passed.
+    name : str
+        Name of the field, for the message.
+    shape : sequence of str or int
+        An int must match; a string names a free axis, and equal strings must have equal lengths.
+        ``"..."`` in front allows any leading axes.
+    dtype : dtype
+        Wanted type. A conversion that would lose values is an error, rounding of floats is not.
+    finite : bool
+        Refuse NaN and infinities in floating arrays.
+
+    Returns
+    -------
+    ndarray
+        Contiguous, of ``dtype``, not writeable.
+
+    Raises
+    ------
+    UsageError
+        ``values: got shape (2, 66), expected (T, 68)``.
+
+    Examples
+    --------
+    >>> frozen([[1, 2, 3]], "points_mm", ("M", 3), np.float64).flags.writeable
+    False
+    """
+    try:
+        given = np.asarray(array)
+        numeric = given.dtype.kind in "biuf"
+    except ValueError as error:  # ragged nested lists
+        raise UsageError(f"{name}: got a ragged sequence, expected shape {_spell(shape)}") from error
+    wanted = np.dtype(dtype)
+    if not numeric:
+        raise UsageError(f"{name}: got dtype {given.dtype}, expected {wanted}")
+    if not _fits(given.shape, shape):
+        raise UsageError(f"{name}: got shape {given.shape}, expected {_spell(shape)}")
+    if given.dtype.kind == "f" and finite and not np.isfinite(given).all():
+        bad = np.argwhere(~np.isfinite(given))[0]
+        raise UsageError(f"{name}: got {given[tuple(bad)]} at index {tuple(bad.tolist())}, expected finite numbers")
+    with np.errstate(invalid="ignore", over="ignore"):
+        copy = np.array(given, dtype=wanted, order="C", copy=True)
+    if wanted.kind in "iub" and given.size and not np.array_equal(copy, given):
+        bad = np.argwhere(copy != given)[0]
+        raise UsageError(f"{name}: got {given[tuple(bad)]} at index {tuple(bad.tolist())}, which {wanted} cannot hold")
+    copy.flags.writeable = False
+    return copy
+
+
+def _fits(got: tuple[int, ...], wanted: Sequence[str | int]) -> bool:
+    if wanted and wanted[0] == "...":
+        wanted = wanted[1:]
+        got = got[max(0, len(got) - len(wanted)) :]
+    if len(got) != len(wanted):
+        return False
+    lengths: dict[str, int] = {}
+    for length, axis in zip(got, wanted, strict=True):
+        if isinstance(axis, int):
+            if length != axis:
+                return False
+        elif lengths.setdefault(axis, length) != length:
+            return False
+    return True
+
+
+def _spell(shape: Sequence[str | int]) -> str:
+    return f"({', '.join(str(axis) for axis in shape)}{',' if len(shape) == 1 else ''})"

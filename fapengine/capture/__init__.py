@@ -1,0 +1,1 @@
+"""Recordings of faces: bytes to MarkerTrack."""

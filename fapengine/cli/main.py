@@ -1,0 +1,44 @@
+"""Joins the verbs and turns our errors into one line and an exit code.
+
+A verb's module imports typer alone at its top; everything heavy is imported inside its function, so that
+``fapengine --help`` answers at once.
+"""
+
+import sys
+
+import typer
+
+from fapengine import __version__
+from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+
+app = typer.Typer(
+    name="fapengine",
+    help="Speech to MPEG-4 facial animation: sentences or phone timings in, FAP streams and a talking face out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (UsageError, 2), (ResourceError, 3))
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fapengine {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line."""
+    try:
+        app()
+    except FapEngineError as error:
+        typer.echo(f"fapengine: {error}", err=True)
+        sys.exit(next(code for kind, code in EXIT_CODES if isinstance(error, kind)))

@@ -1,0 +1,1 @@
+"""FAP streams: the binary FBA bitstream and the text formats."""

@@ -1,0 +1,1 @@
+"""Edge: paths to values and back. Nothing else opens a file."""

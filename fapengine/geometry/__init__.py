@@ -1,0 +1,1 @@
+"""Mathematics of (..., 3) points: rotations, splines. Not a face word in it."""

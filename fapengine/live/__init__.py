@@ -1,0 +1,1 @@
+"""Sessions in real time; the edge is the network and the sound card."""

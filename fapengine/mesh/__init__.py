@@ -1,0 +1,1 @@
+"""The head: its surface, its feature points, and how FAPs deform it."""

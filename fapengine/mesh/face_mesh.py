@@ -1,0 +1,159 @@
+"""``FaceMesh``: the neutral surface of a head with its feature points, and how FAPs deform it.
+
+Theory of operation
+-------------------
+A frame of FAPs becomes ``C`` *channel* weights (piecewise-linear functions of single FAPs, the idea of the standard's
+FaceDefTables) and ``B`` *bone* transforms (jaw, two eyes, head). Each vertex then moves in this order:
+
+1. add its channel displacements: ``p = rest + sum_c weight[c] * displacement[c]`` (sparse: few channels a vertex);
+2. blend towards its own bone (jaw or an eye): ``p += w_bone * (bone @ p - p)``;
+3. blend towards the head: ``p += w_head * (head @ p - p)``.
+
+Channels are linear, so the renderer evaluates 1 in the vertex shader from a sparse list; 2 and 3 are two matrices.
+Head space: +x the subject's left, +y up, +z out of the face, mm.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+
+
+class Material(IntEnum):
+    """What a vertex is made of; chooses the shading."""
+
+    SKIN = 0
+    LIP = 1
+    EYE = 2
+    TEETH = 3
+    GUM = 4
+    TONGUE = 5
+    HAIR = 6
+    LASH = 7
+    MOUTH = 8
+    CLOTH = 9
+
+
+class Bone(IntEnum):
+    """What a vertex turns with before the head turns it."""
+
+    NONE = 0
+    JAW = 1
+    LEFT_EYE = 2
+    RIGHT_EYE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One piecewise-linear function of one FAP.
+
+    Its weight is how far the FAP has gone from ``start`` towards ``stop``, in FAPU, never negative: for a FAP value v,
+    ``clip((v - start) * sign, 0, abs(stop - start))`` with ``sign`` that of ``stop - start``.
+    """
+
+    fap: int
+    """FAP number, 3..68."""
+    start: float
+    stop: float
+    """FAPU; ``inf`` or ``-inf`` for an open end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DeformationBasis:
+    """Channels and the sparse displacements that they cause."""
+
+    channels: tuple[Channel, ...]
+    offsets: NDArray[np.int32]
+    """(V + 1,) int32: vertex ``v`` owns entries ``offsets[v]:offsets[v + 1]``."""
+    entry_channels: NDArray[np.int32]
+    """(N,) int32: channel of each entry."""
+    entry_mm: NDArray[np.float32]
+    """(N, 3) float32: displacement in mm per unit of channel weight (one FAPU)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "offsets", frozen(self.offsets, "offsets", ("V+1",), np.int32))
+        object.__setattr__(self, "entry_channels", frozen(self.entry_channels, "entry_channels", ("N",), np.int32))
+        count = len(self.entry_channels)
+        object.__setattr__(self, "entry_mm", frozen(self.entry_mm, "entry_mm", (count, 3), np.float32))
+        if self.offsets[0] != 0 or self.offsets[-1] != count or (np.diff(self.offsets) < 0).any():
+            raise UsageError(f"offsets: expected 0 rising to {count}, the number of entries")
+        if count and not (self.entry_channels.min() >= 0 and self.entry_channels.max() < len(self.channels)):
+            raise UsageError(f"entry_channels: expected 0..{len(self.channels) - 1}")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FaceMesh:
+    """A head in its neutral pose. Arrays are read-only."""
+
+    vertices_mm: NDArray[np.float32]
+    """(V, 3) float32, head space."""
+    normals: NDArray[np.float32]
+    """(V, 3) float32, unit length."""
+    uv: NDArray[np.float32]
+    """(V, 2) float32, 0..1. On eyes: the iris pattern's plane."""
+    albedo: NDArray[np.float32]
+    """(V, 3) float32, linear RGB, 0..1."""
+    material: NDArray[np.uint8]
+    """(V,) uint8, :class:`Material`."""
+    occlusion: NDArray[np.float32]
+    """(V,) float32, share of ambient light that arrives, 0..1."""
+    bone: NDArray[np.uint8]
+    """(V,) uint8, :class:`Bone`."""
+    bone_weight: NDArray[np.float32]
+    """(V,) float32, 0..1."""
+    head_weight: NDArray[np.float32]
+    """(V,) float32, 0..1: 1 on the head, falling to 0 down the neck."""
+    triangles: NDArray[np.int32]
+    """(F, 3) int32, counter-clockwise seen from outside."""
+    feature_points: Mapping[str, int]
+    """Feature point name to vertex index."""
+    jaw_pivot_mm: NDArray[np.float64]
+    """(3,) float64: middle of the axis through both jaw joints; the axis is x."""
+    head_pivot_mm: NDArray[np.float64]
+    """(3,) float64: feature point 7.1."""
+    eye_pivots_mm: NDArray[np.float64]
+    """(2, 3) float64: centres of the left and the right eyeball."""
+    fapu: Fapu
+    basis: DeformationBasis
+
+    def __post_init__(self) -> None:
+        count = len(np.asarray(self.vertices_mm))
+        for field, shape, dtype in (
+            ("vertices_mm", (count, 3), np.float32),
+            ("normals", (count, 3), np.float32),
+            ("uv", (count, 2), np.float32),
+            ("albedo", (count, 3), np.float32),
+            ("material", (count,), np.uint8),
+            ("occlusion", (count,), np.float32),
+            ("bone", (count,), np.uint8),
+            ("bone_weight", (count,), np.float32),
+            ("head_weight", (count,), np.float32),
+            ("triangles", ("F", 3), np.int32),
+            ("jaw_pivot_mm", (3,), np.float64),
+            ("head_pivot_mm", (3,), np.float64),
+            ("eye_pivots_mm", (2, 3), np.float64),
+        ):
+            object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
+        object.__setattr__(self, "feature_points", MappingProxyType(dict(self.feature_points)))
+        unknown = set(self.feature_points) - set(FEATURE_POINT_NAMES)
+        if unknown:
+            raise UsageError(f"feature_points: got unknown names {sorted(unknown)}")
+        if len(self.basis.offsets) != count + 1:
+            raise UsageError(f"basis.offsets: got {len(self.basis.offsets)} numbers, expected {count + 1}")
+        if len(self.triangles) and not (self.triangles.min() >= 0 and self.triangles.max() < count):
+            raise UsageError(f"triangles: expected vertex indices 0..{count - 1}")
+
+    def point_mm(self, name: str) -> NDArray[np.float32]:
+        """(3,) float32, mm: where a feature point lies in the neutral face."""
+        if name not in self.feature_points:
+            raise UsageError(f"feature point: got {name!r}, this mesh has {sorted(self.feature_points)}")
+        point: NDArray[np.float32] = self.vertices_mm[self.feature_points[name]]
+        return point

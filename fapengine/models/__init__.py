@@ -1,0 +1,1 @@
+"""What is learned from capture: viseme spaces, marker subsets, dense modes."""

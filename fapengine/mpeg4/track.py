@@ -1,0 +1,93 @@
+"""``FapTrack``: FAP values over time, the type that every part of fapengine exchanges."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FapTrack:
+    """FAP values over time, in FAPU; no face chosen yet. Arrays are read-only.
+
+    Build one from low-level values with :meth:`of`; the constructor takes every field.
+    """
+
+    values: NDArray[np.int32]
+    """(T, 68) int32, FAPU (AU for angles). Column ``fap.column(n)`` is FAP ``n``. Columns of FAP 1 and 2 are 0: their
+    values are ``visemes`` and ``expressions``."""
+    mask: NDArray[np.bool_]
+    """(T, 68) bool: the FAP is sent in this frame."""
+    visemes: NDArray[np.int32]
+    """(T, 4) int32, FAP 1: viseme_select1 0..14, viseme_select2 0..14, viseme_blend 0..63, viseme_def 0..1."""
+    expressions: NDArray[np.int32]
+    """(T, 6) int32, FAP 2: expression_select1 0..6, expression_intensity1 0..63, expression_select2 0..6,
+    expression_intensity2 0..63, init_face 0..1, expression_def 0..1."""
+    frame_numbers: NDArray[np.int64]
+    """(T,) int64, strictly rising; gaps are skipped frames."""
+    rate_hz: float
+    """Frames a second."""
+    name: str = "fapengine"
+    """Free text of the ``.fap`` header."""
+
+    def __post_init__(self) -> None:
+        count = len(np.asarray(self.values))
+        for field, shape, dtype in (
+            ("values", (count, fap.FAP_COUNT), np.int32),
+            ("mask", (count, fap.FAP_COUNT), np.bool_),
+            ("visemes", (count, 4), np.int32),
+            ("expressions", (count, 6), np.int32),
+            ("frame_numbers", (count,), np.int64),
+        ):
+            object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise UsageError(f"rate_hz: got {self.rate_hz}, expected a positive number")
+        if count and (np.diff(self.frame_numbers) <= 0).any():
+            raise UsageError("frame_numbers: expected strictly rising numbers")
+        if self.values[:, : fap.column(3)].any():
+            raise UsageError("values: columns of FAP 1 and 2 must be 0; their values go into visemes and expressions")
+
+    @classmethod
+    def of(cls, values: ArrayLike, *, rate_hz: float, name: str = "fapengine") -> "FapTrack":
+        """Make a track of the 66 low-level FAPs, all sent, without visemes and expressions.
+
+        Parameters
+        ----------
+        values : (T, 68) array_like of int, FAPU
+            Columns of FAP 1 and 2 must be 0.
+        rate_hz : float
+            Frames a second.
+        """
+        array: NDArray[Any] = np.asarray(values)
+        count = len(array)
+        mask = np.ones((count, fap.FAP_COUNT), dtype=bool)
+        mask[:, : fap.column(3)] = False
+        return cls(
+            values=array,
+            mask=mask,
+            visemes=np.zeros((count, 4), np.int32),
+            expressions=np.zeros((count, 6), np.int32),
+            frame_numbers=np.arange(count),
+            rate_hz=rate_hz,
+            name=name,
+        )
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """(T,) float64, s: when each frame is shown."""
+        return self.frame_numbers / self.rate_hz
+
+    def equals(self, other: "FapTrack") -> bool:
+        """Exact equality of values, masks, frame numbers and rate; the name does not count."""
+        return self.rate_hz == other.rate_hz and all(
+            np.array_equal(getattr(self, field), getattr(other, field))
+            for field in ("values", "mask", "visemes", "expressions", "frame_numbers")
+        )

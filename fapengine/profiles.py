@@ -1,0 +1,1 @@
+"""Profiles: the data that make one face speak one language."""

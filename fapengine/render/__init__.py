@@ -1,0 +1,1 @@
+"""Edge: OpenGL. FAP frames to pictures."""

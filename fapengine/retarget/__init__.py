@@ -1,0 +1,1 @@
+"""FAPs to other rigs and back."""

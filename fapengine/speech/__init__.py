@@ -1,0 +1,1 @@
+"""Phones: timing formats, phone sets, phones to visemes."""

@@ -1,0 +1,95 @@
+"""``PhoneTrack``: timed phones, the type between every timing format and the animation."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from fapengine.errors import UsageError
+
+SILENCE = "_"
+"""Label of a pause or gap; never an IPA letter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phone:
+    """One phone: the timed instance of a phoneme."""
+
+    label: str
+    """IPA without stress marks, or :data:`SILENCE`."""
+    start_s: float
+    end_s: float
+    stress: int = 0
+    """0 none, 1 primary, 2 secondary."""
+    word: str = ""
+    """The word it belongs to, if known."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.start_s) and np.isfinite(self.end_s) and 0 <= self.start_s < self.end_s):
+            raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
+        if not self.label:
+            raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return self.end_s - self.start_s
+
+    @property
+    def is_silence(self) -> bool:
+        """Whether this is a pause."""
+        return self.label == SILENCE
+
+
+@dataclass(frozen=True, slots=True)
+class PhoneTrack:
+    """Phones in time order without overlap and without holes: silence is a phone too.
+
+    Use :meth:`of` to fill the holes.
+    """
+
+    phones: tuple[Phone, ...]
+
+    def __post_init__(self) -> None:
+        for before, after in pairwise(self.phones):
+            if after.start_s != before.end_s:
+                raise UsageError(
+                    f"phones: {before.label!r} ends at {before.end_s} s but {after.label!r} starts at"
+                    f" {after.start_s} s, expected no gap and no overlap"
+                )
+
+    @classmethod
+    def of(cls, phones: list[Phone], *, tolerance_s: float = 1e-3) -> "PhoneTrack":
+        """Make a track, with silence put into the gaps.
+
+        Parameters
+        ----------
+        phones : list of Phone
+            In time order.
+        tolerance_s : float
+            Gaps and overlaps up to this length are rounding of the file; the later start gives way.
+
+        Raises
+        ------
+        UsageError
+            If phones overlap by more than the tolerance.
+        """
+        filled: list[Phone] = []
+        now_s = 0.0
+        for phone in phones:
+            if phone.start_s < now_s - tolerance_s:
+                raise UsageError(
+                    f"phone {phone.label!r}: starts at {phone.start_s} s, but the one before ends at {now_s} s"
+                )
+            if phone.start_s > now_s + tolerance_s:
+                filled.append(Phone(SILENCE, now_s, phone.start_s))
+                now_s = phone.start_s
+            if phone.end_s > now_s:
+                filled.append(Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
+                now_s = phone.end_s
+        return cls(tuple(filled))
+
+    @property
+    def duration_s(self) -> float:
+        """End of the last phone, in seconds; 0 for an empty track."""
+        return self.phones[-1].end_s if self.phones else 0.0

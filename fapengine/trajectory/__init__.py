@@ -1,0 +1,1 @@
+"""Speech to motion: keyframes, splines, expressions, blinks."""

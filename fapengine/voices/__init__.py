@@ -1,0 +1,1 @@
+"""Edge: text to sound and phone timings."""
