@@ -1,19 +1,55 @@
-# make demo | test | check | bench | fuzz | clean: see README.md
+# make demo | test | check | bench | clean: what each does stands in README.md.
+# Nothing is needed beforehand but python3 (3.11 or newer), git and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: env dev demo test clean
+.PHONY: help demo test check quick bench fresh-machine clean env dev
+
+help:
+	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
+	@echo "make test   everything that CI runs"
+	@echo "make quick  the unit tests alone"
+	@echo "make bench  speed, as ratios against named yardsticks"
+
+demo: $(VENV)/.ready
+	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
+
+test: check
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -q
+	$(BIN)/python .ci/wheel_check.py
+
+check: $(VENV)/.ready-dev
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
+
+quick: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest -n 2 -q tests/unit
+
+bench: $(VENV)/.ready-dev
+	$(BIN)/python -m bench.say
+
+fresh-machine:
+	.ci/fresh-machine
 
 env: $(VENV)/.ready
 dev: $(VENV)/.ready-dev
 
-$(VENV)/.ready: pyproject.toml
+$(VENV)/.ready: pyproject.toml .ci/system-packages
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "fapengine needs Python 3.11 or newer; try: make PYTHON=python3.11" >&2; exit 1; }
+	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet -e '.[voice,fast]'
-	touch $@
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,fast]"
+	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready
-	$(BIN)/pip install --quiet --group dev
-	touch $@
+	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,4 +1,4 @@
-"""Fixtures and hypothesis profiles for every test."""
+"""Fixtures, hypothesis profiles, and the guard against a suite that passes by not running."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+NO_SHARED = "measurement data absent"
+"""The one reason for which a test may be skipped."""
 
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
@@ -19,5 +21,36 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 def shared() -> Path:
     """Folder of measurement data beside the checkout; tests that use it carry the marker ``shared``."""
     if not SHARED.is_dir():
-        pytest.skip(f"measurement data not found at {SHARED}")
+        pytest.skip(f"{NO_SHARED}: {SHARED}")
     return SHARED
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--at-least", type=int, default=0, help="fail unless so many tests ran (skips count for shared)")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "shared" in getattr(item, "fixturenames", ()) and item.get_closest_marker("shared") is None:
+            raise pytest.UsageError(f"{item.nodeid}: uses the fixture `shared`, so it must carry the marker `shared`")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail where fewer tests ran than promised, or where one was skipped for any reason but absent data."""
+    wanted = session.config.getoption("--at-least")
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if not wanted or reporter is None or hasattr(session.config, "workerinput"):
+        return
+    skipped = reporter.stats.get("skipped", [])
+    strange = [report for report in skipped if NO_SHARED not in str(report.longrepr)]
+    ran = len(reporter.stats.get("passed", [])) + len(skipped) - len(strange)
+    reporter.write_line("")
+    if skipped:
+        reporter.write_line(f"{len(skipped)} tests skipped, {len(skipped) - len(strange)} of them for absent data")
+    for report in strange:
+        reporter.write_line(f"skipped without leave: {report.nodeid}: {report.longrepr}", red=True)
+    if ran < wanted:
+        reporter.write_line(f"only {ran} tests ran, expected at least {wanted}", red=True)
+    if (strange or ran < wanted) and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -9,6 +9,7 @@ import sys
 import typer
 
 from fapengine import __version__
+from fapengine.cli import doctor
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -18,6 +19,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+VERBS = (doctor.doctor,)
+"""In the order in which ``--help`` lists them. To add one: its own file, and its function here."""
 
 EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (UsageError, 2), (ResourceError, 3))
 
@@ -33,6 +37,10 @@ def _options(
     version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
 ) -> None:
     pass
+
+
+for _verb in VERBS:
+    app.command()(_verb)
 
 
 def main() -> None:

@@ -1,0 +1,30 @@
+"""What an import may cost, seen from a fresh interpreter."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = {"numpy", "scipy", "moderngl", "av", "PIL", "numba", "sounddevice", "pythonosc", "rich", "matplotlib"}
+
+
+def modules_after(statement: str) -> set[str]:
+    code = f"import sys\n{statement}\nimport json; print(json.dumps(sorted(m.partition('.')[0] for m in sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("statement", ["import fapengine", "import fapengine.cli", "import fapengine.errors"])
+def test_import_is_light(statement: str) -> None:
+    assert not modules_after(statement) & HEAVY
+
+
+def test_the_check_sees_a_heavy_import() -> None:
+    assert "numpy" in modules_after("import fapengine.mpeg4.track")
+
+
+def test_core_needs_only_numpy_and_scipy() -> None:
+    core = ("mpeg4.track", "codec", "capture", "mesh", "models", "speech", "trajectory", "profiles")
+    loaded = modules_after("\n".join(f"import fapengine.{name}" for name in core))
+    assert not loaded & (HEAVY - {"numpy", "scipy", "numba"})
