@@ -1,0 +1,179 @@
+"""Praat TextGrid, long and short text form: bytes to :class:`PhoneTrack`.
+
+Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
+``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.speech import alphabets
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+
+PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
+WORD_TIERS = ("words", "word", "ort-mau", "ort")
+
+_TOKEN = re.compile(r'"(?:[^"]|"")*"|<[a-z]+>|![^\n]*|"|[^\s"]+')
+
+
+@dataclass(frozen=True, slots=True)
+class Tier:
+    """One interval tier."""
+
+    name: str
+    intervals: tuple[tuple[float, float, str], ...]
+    """(start_s, end_s, label), as written."""
+
+
+def decode_text(data: bytes, what: str) -> str:
+    """Decode UTF-8, or UTF-16 with a byte-order mark.
+
+    Raises
+    ------
+    DataError
+        If the bytes are neither; ``where`` is the byte.
+    """
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark",
+            where=f"byte {error.start}",
+        ) from error
+
+
+class _Tokens:
+    """Stateful: the numbers and texts of the file, in order, with their lines."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._found: Iterator[re.Match[str]] = _TOKEN.finditer(text)
+        self._at = 0
+
+    def where(self) -> str:
+        return f"line {self._text.count(chr(10), 0, self._at) + 1}"
+
+    def _next(self, wanted: str) -> str:
+        for match in self._found:
+            token = match.group()
+            self._at = match.start()
+            if token == '"':
+                raise DataError("text: the closing quote is missing", where=self.where())
+            if wanted == "text" and token[0] == '"':
+                return token[1:-1].replace('""', '"')
+            if wanted == "number" and re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", token):
+                return token
+            if token[0] == "<" and wanted == "flag":
+                return token
+            if token[0] in '"<':
+                raise DataError(f"TextGrid: got {token[:40]}, expected a {wanted}", where=self.where())
+        raise TruncatedError(f"TextGrid: the file ends where a {wanted} is expected", where="the end")
+
+    def text(self) -> str:
+        return self._next("text")
+
+    def number(self) -> float:
+        return float(self._next("number"))
+
+    def flag(self) -> str:
+        return self._next("flag")
+
+    def count(self, what: str) -> int:
+        value = self.number()
+        if value != int(value) or not 0 <= value <= len(self._text):
+            raise DataError(f"{what}: got {value:g}, expected a count the file can hold", where=self.where())
+        return int(value)
+
+
+def parse_tiers(data: bytes) -> tuple[Tier, ...]:
+    """Read every interval tier; point tiers are passed over.
+
+    Raises
+    ------
+    DataError
+        For anything that is no TextGrid in text form, with the line.
+    """
+    if data.startswith(b"ooBinaryFile"):
+        raise UnsupportedError("TextGrid: got the binary form, expected text; save it from Praat as a text file")
+    tokens = _Tokens(decode_text(data, "TextGrid"))
+    kind = tokens.text()
+    if kind == "Praat chronological TextGrid text file":
+        raise UnsupportedError("TextGrid: got the chronological form; save it from Praat as a (short) text file")
+    if kind != "ooTextFile" or tokens.text() != "TextGrid":
+        raise DataError('TextGrid: expected a file that begins with "ooTextFile" and "TextGrid"', where="line 1")
+    tokens.number(), tokens.number()
+    if tokens.flag() != "<exists>":
+        return ()
+    tiers: list[Tier] = []
+    for _ in range(tokens.count("number of tiers")):
+        tier_class, name = tokens.text(), tokens.text()
+        tokens.number(), tokens.number()
+        count = tokens.count(f"size of tier {name!r}")
+        if tier_class == "IntervalTier":
+            tiers.append(Tier(name, tuple((tokens.number(), tokens.number(), tokens.text()) for _ in range(count))))
+        elif tier_class == "TextTier":
+            for _ in range(count):
+                tokens.number(), tokens.text()
+        else:
+            raise DataError(f"tier class: got {tier_class!r}, expected IntervalTier or TextTier", where=tokens.where())
+    return tuple(tiers)
+
+
+def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
+    """Find a tier by name, or by the usual names, or because it is the only one.
+
+    Raises
+    ------
+    DataError
+        If none or several fit; the message lists the tiers.
+    """
+    names = [tier.name for tier in tiers]
+    if wanted is not None:
+        fitting = [tier for tier in tiers if tier.name.lower() == wanted.lower()]
+    else:
+        fitting = [tier for tier in tiers if re.split(r"\s*-\s+", tier.name.lower())[-1].strip() in usual]
+        fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
+    if len(fitting) != 1:
+        sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
+        raise DataError(f"TextGrid: {len(fitting)} tiers {sought}, expected one; it has {names}; name one with --tier")
+    return fitting[0]
+
+
+def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones of a TextGrid.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    tier : str, optional
+        Name of the phone tier; by default the one that is called phones, phonemes, segments, MAU...
+    alphabet : str, optional
+        One of :data:`fapengine.speech.alphabets.ALPHABETS`; by default guessed from all labels.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, ambiguous, or its intervals overlap.
+    """
+    tiers = parse_tiers(data)
+    chosen = choose_tier(tiers, tier, PHONE_TIERS, "phones")
+    try:
+        words = choose_tier(tiers, None, WORD_TIERS, "words").intervals
+    except DataError:
+        words = ()
+    alphabet = alphabet or alphabets.guess_alphabet(label.strip() for _, _, label in chosen.intervals)
+    phones: list[Phone] = []
+    for number, (start_s, end_s, spelling) in enumerate(chosen.intervals, start=1):
+        where = f"tier {chosen.name!r}, interval {number}"
+        if not 0 <= start_s < end_s or (phones and start_s < phones[-1].end_s - 1e-3):
+            raise DataError(f"interval: got {start_s} s .. {end_s} s, expected times that rise", where=where)
+        label, stress = alphabets.to_ipa(spelling.strip(), alphabet)
+        silent = spelling.strip().lower() in alphabets.SILENCES
+        middle_s = (start_s + end_s) / 2
+        word = next((text for begin, end, text in words if begin <= middle_s < end), "")
+        phones.append(Phone(SILENCE if silent else label, start_s, end_s, stress, "" if silent else word.strip()))
+    return PhoneTrack.of(phones)

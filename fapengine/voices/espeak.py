@@ -1,0 +1,189 @@
+"""espeak-ng as a voice: the library of the wheel ``espeakng-loader``, loaded at run time.
+
+The library reports a phone's onset only, in samples; a phone ends where the next begins, and the last one where
+the sound ends. Names come in IPA with stress marks; pauses have an empty name.
+Words are reported by their place in the text.
+Its state is global to the process, so one lock guards it.
+GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
+"""
+
+import ctypes
+import threading
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.voices.protocol import Speech
+
+DEFAULT_VOICE = "en-us"
+RATES_WPM = (80, 450)
+"""What espeak-ng accepts as words a minute (espeakRATE)."""
+DEFAULT_RATE_WPM = 160
+
+# Numbers of speak_lib.h.
+_SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
+_EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
+_CHARS_UTF8, _PARAMETER_RATE = 1, 1
+
+_lock = threading.Lock()
+
+
+class _Event(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("unique_identifier", ctypes.c_uint),
+        ("text_position", ctypes.c_int),
+        ("length", ctypes.c_int),
+        ("audio_position", ctypes.c_int),
+        ("sample", ctypes.c_int),
+        ("user_data", ctypes.c_void_p),
+        ("name", ctypes.c_char * 8),
+    )
+
+
+class _VoiceRecord(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("languages", ctypes.POINTER(ctypes.c_char)),
+        ("identifier", ctypes.c_char_p),
+        ("gender", ctypes.c_ubyte),
+        ("age", ctypes.c_ubyte),
+        ("variant", ctypes.c_ubyte),
+        ("xx1", ctypes.c_ubyte),
+        ("score", ctypes.c_int),
+        ("spare", ctypes.c_void_p),
+    )
+
+
+_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event))
+
+
+@cache
+def _library() -> tuple[ctypes.CDLL, int]:
+    """Load and initialise espeak-ng once; return it and its sample rate."""
+    try:
+        import espeakng_loader
+    except ImportError as error:
+        raise ResourceError(
+            'voice: espeak-ng is not installed; mend it with: pip install "fapengine[voice]"'
+        ) from error
+    try:
+        library = ctypes.CDLL(espeakng_loader.get_library_path())
+    except OSError as error:
+        raise ResourceError(f"voice: espeak-ng cannot be loaded: {error}") from error
+    library.espeak_ListVoices.restype = ctypes.POINTER(ctypes.POINTER(_VoiceRecord))
+    options = _PHONEME_EVENTS | _IPA_NAMES | _DO_NOT_EXIT
+    rate_hz = library.espeak_Initialize(_SYNCHRONOUS, 0, espeakng_loader.get_data_path().encode(), options)
+    if rate_hz <= 0:
+        raise ResourceError(f"voice: espeak-ng did not start (code {rate_hz}); its data may be damaged")
+    return library, rate_hz
+
+
+@cache
+def voices() -> dict[str, str]:
+    """All voices: language code (BCP 47) to name, for example ``{"en-us": "English (America)"}``."""
+    with _lock:
+        library, _ = _library()
+        records = library.espeak_ListVoices(None)
+        found: dict[str, str] = {}
+        index = 0
+        while records[index]:
+            record = records[index].contents
+            # A priority byte, then the language code; more pairs may follow, the first is the voice's own.
+            code = ctypes.cast(ctypes.addressof(record.languages.contents) + 1, ctypes.c_char_p).value or b""
+            found.setdefault(code.decode(), record.name.decode())
+            index += 1
+    return dict(sorted(found.items()))
+
+
+@dataclass(frozen=True, slots=True)
+class EspeakVoice:
+    """An espeak-ng voice.
+
+    Raises
+    ------
+    UsageError
+        If the voice is unknown or the rate outside :data:`RATES_WPM`.
+    ResourceError
+        If espeak-ng is not installed.
+
+    Examples
+    --------
+    >>> speech = EspeakVoice("en-us").speak("Mama.")
+    >>> [phone.label for phone in speech.phones.phones if not phone.is_silence]
+    ['m', 'ɑː', 'm', 'ɐ']
+    """
+
+    name: str = DEFAULT_VOICE
+    rate_wpm: int = DEFAULT_RATE_WPM
+
+    def __post_init__(self) -> None:
+        if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:
+            raise UsageError(f"rate: got {self.rate_wpm} words a minute, expected {RATES_WPM[0]}..{RATES_WPM[1]}")
+        if self.name not in voices():
+            near = get_close_matches(self.name, voices(), n=5, cutoff=0.3) or sorted(voices())[:10]
+            raise UsageError(f"voice: got {self.name!r}, expected a language code such as {', '.join(near)}")
+
+    def speak(self, text: str) -> Speech:
+        """Speak ``text``; see :class:`fapengine.voices.protocol.Voice`."""
+        if not any(character.isalnum() for character in text):
+            raise UsageError(f"text: got {text!r}, expected something to speak")
+        events, samples, rate_hz = self._synthesise(text)
+        if not len(samples):
+            raise UsageError(f"text: voice {self.name!r} finds nothing to speak in {text!r}")
+        phones = _phones(events, text, rate_hz, len(samples) / rate_hz)
+        return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
+
+    def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
+        events: list[tuple[int, int, int, int, bytes]] = []
+        pieces: list[bytes] = []
+
+        def collect(wave, count, event) -> int:  # type: ignore[no-untyped-def]
+            index = 0
+            while event[index].type != _EVENT_LIST_END:
+                one = event[index]
+                name = bytes(one.name) if one.type == _EVENT_PHONEME else b""
+                events.append((one.sample, one.type, one.text_position, one.length, name))
+                index += 1
+            if wave and count > 0:
+                pieces.append(ctypes.string_at(wave, 2 * count))
+            return 0
+
+        with _lock:
+            library, rate_hz = _library()
+            callback = _Callback(collect)
+            library.espeak_SetSynthCallback(callback)
+            library.espeak_SetVoiceByName(self.name.encode())
+            library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0)
+            encoded = text.encode()
+            library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, _CHARS_UTF8, None, None)
+            library.espeak_Synchronize()
+        return events, np.frombuffer(b"".join(pieces), dtype=np.int16), rate_hz
+
+
+def _phones(events: list[tuple[int, int, int, int, bytes]], text: str, rate_hz: int, duration_s: float) -> PhoneTrack:
+    """Turn onsets into phones: each lasts until the next, the last until the sound ends."""
+    onsets: list[tuple[float, str, str]] = []
+    word = ""
+    for sample, kind, position, length, name in events:
+        if kind == _EVENT_WORD:
+            word = text[position - 1 : position - 1 + length]
+        elif kind == _EVENT_PHONEME:
+            onsets.append((sample / rate_hz, name.decode("utf-8", errors="ignore"), word))
+    phones: list[Phone] = []
+    for index, (start_s, spelling, spoken) in enumerate(onsets):
+        end_s = onsets[index + 1][0] if index + 1 < len(onsets) else duration_s
+        if min(end_s, duration_s) <= start_s:
+            continue
+        label, stress = ipa.split_stress(spelling.strip("_:| "))
+        silent = not label
+        phones.append(Phone(label or SILENCE, start_s, min(end_s, duration_s), stress, "" if silent else spoken))
+    if not phones or phones[-1].end_s < duration_s:
+        phones.append(Phone(SILENCE, phones[-1].end_s if phones else 0.0, duration_s))
+    return PhoneTrack.of(phones, tolerance_s=0.0)
