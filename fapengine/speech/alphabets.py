@@ -78,9 +78,9 @@ def from_xsampa(label: str) -> str | None:
 
 
 def guess_alphabet(labels: Iterable[str]) -> str:
-    """Name the alphabet that explains the labels, silences aside: the first of ARPAbet, IPA, X-SAMPA that fits all.
+    """Name the alphabet that explains most of the labels, silences aside; ties go to ARPAbet, then IPA.
 
-    ARPAbet must be in capitals to be guessed; what fits none is taken for IPA, where unknown labels are reported.
+    ARPAbet must be in capitals to be guessed. What the alphabet does not explain is reported later as unknown.
 
     Examples
     --------
@@ -88,11 +88,12 @@ def guess_alphabet(labels: Iterable[str]) -> str:
     ('arpabet', 'ipa', 'x-sampa')
     """
     spoken = [label for label in labels if label.lower() not in SILENCES]
-    if spoken and all(label.isupper() and from_arpabet(label) for label in spoken):
-        return "arpabet"
-    if all(ipa.letters(ipa.split_stress(label)[0]) for label in spoken):
-        return "ipa"
-    return "x-sampa" if all(from_xsampa(label) for label in spoken) else "ipa"
+    explained = {
+        "arpabet": sum(label.isupper() and from_arpabet(label) is not None for label in spoken),
+        "ipa": sum(bool(ipa.letters(ipa.split_stress(label)[0])) for label in spoken),
+        "x-sampa": sum(from_xsampa(label) is not None for label in spoken),
+    }
+    return max(explained, key=lambda name: explained[name])
 
 
 def to_ipa(label: str, alphabet: str) -> tuple[str, int]:

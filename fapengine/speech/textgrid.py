@@ -171,6 +171,10 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
         where = f"tier {chosen.name!r}, interval {number}"
         if not 0 <= start_s < end_s or (phones and start_s < phones[-1].end_s - 1e-3):
             raise DataError(f"interval: got {start_s} s .. {end_s} s, expected times that rise", where=where)
+        if " " in spelling.strip():
+            raise DataError(
+                f"phone: got {spelling.strip()[:40]!r}, expected one phone; is this a tier of phones?", where=where
+            )
         label, stress = alphabets.to_ipa(spelling.strip(), alphabet)
         silent = spelling.strip().lower() in alphabets.SILENCES
         middle_s = (start_s + end_s) / 2

@@ -1,0 +1,48 @@
+"""Smooth building blocks of motion: steps and bumps that are C2."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
+    """Minimum-jerk step from 0 at ``x <= 0`` to 1 at ``x >= 1``; value, slope and curvature join at both ends.
+
+    ``6 x^5 - 15 x^4 + 10 x^3``: rest to rest with the least squared jerk (Flash and Hogan 1985).
+
+    Examples
+    --------
+    >>> smoothstep([-1, 0, 0.5, 1, 2]).tolist()
+    [0.0, 0.0, 0.5, 1.0, 1.0]
+    """
+    t = np.clip(np.asarray(x, dtype=np.float64), 0.0, 1.0)
+    step: NDArray[np.float64] = t * t * t * (10.0 + t * (6.0 * t - 15.0))
+    return step
+
+
+def bump(x: ArrayLike, start: float, stop: float, rise: float, fall: float) -> NDArray[np.float64]:
+    """1 between ``start`` and ``stop``; rises over ``rise`` before, falls over ``fall`` behind; C2.
+
+    Examples
+    --------
+    >>> bump([0.0, 1.0, 1.5, 2.0, 3.0], 1.0, 2.0, 1.0, 1.0).tolist()
+    [0.0, 1.0, 1.0, 1.0, 0.0]
+    """
+    t = np.asarray(x, dtype=np.float64)
+    height: NDArray[np.float64] = smoothstep((t - start + rise) / rise) * smoothstep((stop + fall - t) / fall)
+    return height
+
+
+def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
+    """0 for ``x <= 0``, ``x - width / 2`` for ``x >= width``, C2 between: a floor without a kink.
+
+    Its slope is the cubic smoothstep ``3 s^2 - 2 s^3`` with ``s = x / width``.
+
+    Examples
+    --------
+    >>> soft_positive([-1.0, 0.0, 0.5, 2.0], 0.5).tolist()
+    [0.0, 0.0, 0.25, 1.75]
+    """
+    x = np.asarray(x, dtype=np.float64)
+    s = np.clip(x / width, 0.0, 1.0)
+    soft: NDArray[np.float64] = width * (s**3 - s**4 / 2) + np.maximum(x - width, 0.0)
+    return soft

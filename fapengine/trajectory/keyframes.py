@@ -1,0 +1,121 @@
+"""Keyframes of a phone track in viseme space, and the spline through them: paper 001, section 5.1.
+
+Theory of operation
+-------------------
+Each phone puts one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says).
+Silence is the rest face, the origin of the space: a long pause holds it, a short one only passes through it, and one of
+under a tenth of a second is no pause to the face. A cubic spline, C2, runs through all keyframes; it starts and ends
+at rest with zero slope.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from fapengine.profiles import PhoneTarget, Profile
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import Phone, PhoneTrack
+
+REST_MARGIN_S = 0.12
+"""Before and behind speech: time to leave and to reach rest. Articulators start about 120 ms before the sound (JALI,
+Edwards et al. 2016)."""
+SHORTEST_PAUSE_S = 0.1
+HELD_PAUSE_S = 0.3
+"""From this length on a pause holds rest between two keyframes."""
+CLOSEST_KEYS_S = 0.02
+"""Nearer keyframes would make the spline swing; the later one gives way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframes:
+    """Times and points of a path in the space."""
+
+    times_s: NDArray[np.float64]
+    """(N,), strictly rising."""
+    weights: NDArray[np.float64]
+    """(N, K)."""
+
+    def sample(self, times_s: ArrayLike) -> NDArray[np.float64]:
+        """(T, K): the spline at ``times_s``; rest before the first and behind the last keyframe."""
+        t = np.asarray(times_s, dtype=np.float64)
+        if len(self.times_s) < 2:
+            return np.zeros((len(t), self.weights.shape[1]))
+        spline = CubicSpline(self.times_s, self.weights, bc_type="clamped")
+        path: NDArray[np.float64] = spline(np.clip(t, self.times_s[0], self.times_s[-1]))
+        return path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolved:
+    """A phone with its targets: from the profile, or from what looks most like it."""
+
+    phone: Phone
+    times_s: tuple[float, ...]
+    targets: NDArray[np.float64]
+    """(keyframes, K)."""
+    contact: str
+
+
+def resolve(track: PhoneTrack, profile: Profile) -> tuple[list[Resolved], Counter[str]]:
+    """Find every phone's targets.
+
+    A label that the profile lacks is taken apart into IPA letters, each replaced by the letter of the profile that
+    looks most like it. A label that is no IPA counts as unknown; the neutral vowel stands in.
+
+    Returns
+    -------
+    resolved : list of Resolved
+        Silences are left out.
+    unknown : Counter of str
+        Labels that are no IPA, with how often they came.
+    """
+    known = tuple(name for name in profile.phones if len(name) == 1)
+    unknown: Counter[str] = Counter()
+    resolved: list[Resolved] = []
+    for phone in track.phones:
+        if phone.is_silence:
+            continue
+        letters = ipa.letters(phone.label)
+        if not letters:
+            unknown[phone.label] += 1
+            letters = ("ə",)
+        whole = profile.phones.get("".join(letters))
+        parts = [whole] if whole else [profile.phones[ipa.nearest(letter, known)] for letter in letters]
+        resolved.append(_place(phone, parts))
+    return resolved, unknown
+
+
+def _place(phone: Phone, parts: list[PhoneTarget]) -> Resolved:
+    """Share the phone's time equally between its parts, and place their keyframes."""
+    share_s = phone.duration_s / len(parts)
+    times = tuple(
+        phone.start_s + share_s * (index + fraction) for index, part in enumerate(parts) for fraction in part.fractions
+    )
+    contact = next((part.contact for part in parts if part.contact != "none"), "none")
+    return Resolved(phone, times, np.concatenate([part.targets for part in parts]), contact)
+
+
+def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int, end_s: float) -> Keyframes:
+    """Put keyframes of phones and pauses in order, rest at 0 s and at ``end_s``; see the theory of operation."""
+    rest = np.zeros(mode_count)
+    keys = [(time, target) for one in resolved for time, target in zip(one.times_s, one.targets, strict=True)]
+    if not keys:
+        return Keyframes(np.zeros(0), np.zeros((0, mode_count)))
+    first_s, last_s = resolved[0].phone.start_s, resolved[-1].phone.end_s
+    for phone in track.phones:
+        if phone.is_silence and first_s < phone.start_s < last_s and phone.duration_s >= SHORTEST_PAUSE_S:
+            if phone.duration_s >= HELD_PAUSE_S:
+                keys += [(phone.start_s + REST_MARGIN_S, rest), (phone.end_s - REST_MARGIN_S, rest)]
+            else:
+                keys.append(((phone.start_s + phone.end_s) / 2, rest))
+    keys += [(max(first_s - REST_MARGIN_S, 0.0), rest), (min(last_s + REST_MARGIN_S, end_s), rest)]
+    keys.sort(key=lambda key: key[0])
+    spaced = [keys[0]]
+    for key in keys[1:-1]:
+        if spaced[-1][0] + CLOSEST_KEYS_S <= key[0] <= keys[-1][0] - CLOSEST_KEYS_S:
+            spaced.append(key)
+    spaced.append(keys[-1])
+    return Keyframes(np.array([time for time, _ in spaced]), np.stack([target for _, target in spaced]))

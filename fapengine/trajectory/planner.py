@@ -1,0 +1,96 @@
+"""Speech to FAPs: the whole way from timed phones to a :class:`FapTrack`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fapengine.errors import UsageError
+from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.expression import blend
+from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.liveliness import blinks, head_motion
+
+RATES_HZ = (1.0, 240.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How the face speaks."""
+
+    articulation: float = 1.0
+    """Size of the mouth's movements; 1 is the recorded speaker's average."""
+    blinks: bool = True
+    head_motion: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.articulation <= 3:
+            raise UsageError(f"articulation: got {self.articulation}, expected 0..3")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What :func:`plan` returns."""
+
+    track: FapTrack
+    unknown: Mapping[str, int] = field(default_factory=dict)
+    """Phone labels that are no IPA, and how often they came; the neutral vowel stood in for them."""
+
+
+def plan(
+    phones: PhoneTrack,
+    profile: Profile,
+    *,
+    rng: np.random.Generator,
+    rate_hz: float = 30.0,
+    expressions: Mapping[Expression, float] | None = None,
+    style: Style | None = None,
+    duration_s: float | None = None,
+) -> Plan:
+    """Plan the motion of a face that speaks.
+
+    Parameters
+    ----------
+    phones : PhoneTrack
+        What is spoken, and when.
+    profile : Profile
+        Whose face.
+    rng : numpy.random.Generator
+        Chance of blinks and head motion.
+    rate_hz : float
+        Frames a second, 1..240.
+    expressions : mapping of Expression to float, optional
+        Strength of each.
+    style : Style, optional
+        How it speaks.
+    duration_s : float, optional
+        Length of the track; by default that of the phones.
+
+    Raises
+    ------
+    UsageError
+        For a rate, a style or an expression out of range.
+    """
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise UsageError(f"rate_hz: got {rate_hz}, expected {RATES_HZ[0]:g}..{RATES_HZ[1]:g}")
+    style = style or Style()
+    end_s = phones.duration_s if duration_s is None else duration_s
+    times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
+
+    resolved, unknown = resolve(phones, profile)
+    keyframes = place_keyframes(phones, resolved, profile.space.mode_count, end_s)
+    path = style.articulation * keyframes.sample(times_s)
+    mood, mood_faps = blend(expressions or {}, profile, times_s, end_s)
+    displacement_mm = profile.space.to_points_mm(path + mood)
+    faps = displacements_to_faps(displacement_mm, profile.space.points, profile.fapu) + mood_faps
+    faps = close_lips(faps, times_s, resolved)
+    if style.blinks:
+        faps += blinks(times_s, end_s, rng)
+    if style.head_motion:
+        faps += head_motion(times_s, end_s, [phone for phone in phones.phones if phone.stress], rng)
+    return Plan(FapTrack.of(to_codable(faps), rate_hz=rate_hz), dict(unknown))
