@@ -1,0 +1,237 @@
+"""Which markers matter: subset selection by QR with column pivoting, paper 000 (Lucero, Baigorri, Munhall).
+
+Theory of operation
+-------------------
+``A`` (3T x M) holds the displacements of M markers from the neutral pose, axes stacked under each other (section 4).
+``A Pi = Q R`` with column pivoting orders the markers by how much each adds to those before it; ``R_kk`` says how
+much. The first k are the basis; ``R11 X = R12`` gives the weights by which they drive the others, ``||R22||_F`` is what
+is left (equations 1 to 3).
+
+None of this needs ``A`` itself: ``R`` is the pivoted Cholesky factor of the M x M Gram matrix ``A^T A``, and Gram
+matrices of sentences add up. So every experiment of the paper (random splits, number of sentences, choice of k) works
+on one small matrix per sentence. Squaring costs half the digits, so :func:`factorise` falls back to a true QR of the
+data where ``R_kk / R_11`` drops below 1e-6.
+
+Greedy pivoting is not the best subset; :func:`search_swaps` exchanges single markers while that lowers ``||R22||_F``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack, qr, solve_triangular
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, UsageError
+
+ILL_CONDITIONED = 1e-6
+"""R_kk / R_11 below which the Gram matrix has lost the column: sqrt of double precision, with a margin of 60."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PivotedFactor:
+    """``R`` of ``A Pi = Q R`` and the order ``Pi``. Arrays are read-only."""
+
+    order: NDArray[np.intp]
+    """(M,): column of ``A`` at each place, most independent first."""
+    r: NDArray[np.float64]
+    """(M, M), upper triangular, columns in ``order``, mm."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "order", frozen(self.order, "order", ("M",), np.intp))
+        count = len(self.order)
+        object.__setattr__(self, "r", frozen(self.r, "r", (count, count), np.float64))
+
+    @property
+    def diagonal(self) -> NDArray[np.float64]:
+        """(M,): ``R_kk``, falling, mm (figure 2)."""
+        return np.abs(np.diag(self.r))
+
+    def rank(self, relative: float = 1e-9) -> int:
+        """How many ``R_kk`` exceed ``relative * R_11``: the numerical dimension of the data."""
+        return int((self.diagonal > relative * self.diagonal[0]).sum())
+
+    def gaps(self) -> NDArray[np.float64]:
+        """(M - 1,): ``R_kk / R_(k+1)(k+1)``; a sharp gap marks a dimension (figure 2). Infinite behind the rank."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.diagonal[:-1] / self.diagonal[1:]
+        return np.where(np.isnan(ratio), np.inf, ratio)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerSubset:
+    """A basis of k markers and the scalar weights by which it drives all M. Arrays are read-only."""
+
+    primary: NDArray[np.intp]
+    """(k,): the chosen markers."""
+    weights: NDArray[np.float64]
+    """(k, M): ``X`` in the order of the recording; a primary marker drives itself with 1 and no other primary one."""
+    residual_mm: float
+    """``||R22||_F`` of the training data, mm (a norm over all frames, not a mean)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "primary", frozen(self.primary, "primary", ("k",), np.intp))
+        shape = (len(self.primary), "M")
+        object.__setattr__(self, "weights", frozen(self.weights, "weights", shape, np.float64))
+
+    @property
+    def secondary(self) -> NDArray[np.intp]:
+        """(M - k,): the driven markers."""
+        return np.setdiff1d(np.arange(self.weights.shape[1]), self.primary)
+
+    def synthesise(self, primary_mm: ArrayLike) -> NDArray[np.float64]:
+        """Drive all markers (section 5): displacements (..., k, 3) mm of the primary ones -> (..., M, 3) mm."""
+        driven = frozen(primary_mm, "primary_mm", ("...", len(self.primary), 3), np.float64)
+        moved: NDArray[np.float64] = self.weights.T @ driven
+        return moved
+
+    def error_mm(self, displacements_mm: ArrayLike) -> float:
+        """Mean distance between predicted and true secondary markers over (T, M, 3) held-out displacements, mm."""
+        data = _displacements(displacements_mm)
+        if data.shape[1] != self.weights.shape[1]:
+            raise UsageError(f"displacements_mm: got {data.shape[1]} markers, expected {self.weights.shape[1]}")
+        rest = self.secondary
+        if not len(rest):
+            return 0.0
+        off = self.weights[:, rest].T @ data[:, self.primary] - data[:, rest]
+        return float(np.linalg.norm(off, axis=-1).mean())
+
+
+def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
+    """``A^T A`` of a sentence: (T, M, 3) mm -> (M, M) mm^2. Sums over sentences are Grams of their union.
+
+    Raises
+    ------
+    DataError
+        Where a number is not finite, naming frame and marker: fill gaps first (:mod:`fapengine.models.missing`).
+    """
+    a = _tall(_displacements(displacements_mm))
+    product: NDArray[np.float64] = a.T @ a
+    return product
+
+
+def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
+    """QR with column pivoting of (T, M, 3) displacements: fast through the Gram matrix, exact where that is too coarse.
+
+    Raises
+    ------
+    DataError
+        As :func:`gram`; or if nothing moves, or there are fewer than M / 3 frames.
+    """
+    data = _displacements(displacements_mm)
+    if 3 * len(data) < data.shape[1]:
+        raise DataError(f"displacements: got {len(data)} frames, expected at least {data.shape[1]} / 3 for the markers")
+    factor = factorise_gram(gram(data))
+    if factor.diagonal[-1] >= ILL_CONDITIONED * factor.diagonal[0]:
+        return factor
+    # R of the unpivoted QR has the Gram matrix of the data, hence the same pivots, in M rows instead of 3T.
+    r, order = qr(np.linalg.qr(_tall(data), mode="r"), mode="r", pivoting=True)
+    return PivotedFactor(order, _positive(r))
+
+
+def factorise_gram(gram_mm2: ArrayLike) -> PivotedFactor:
+    """``R`` and the pivots from ``A^T A`` alone, by pivoted Cholesky (LAPACK dpstrf).
+
+    ``R_kk`` below about 1e-8 of ``R_11`` drown in rounding; behind the numerical rank ``R`` is zero.
+
+    Raises
+    ------
+    DataError
+        If nothing moves.
+    """
+    a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
+    if not np.diag(a).max(initial=0.0) > 0:
+        raise DataError("displacements: got only zeros, expected motion")
+    c, pivots, rank, _ = lapack.dpstrf(a, lower=0)
+    r = np.triu(c)
+    r[rank:] = 0.0
+    return PivotedFactor(np.asarray(pivots) - 1, r)
+
+
+def select(factor: PivotedFactor, k: int) -> MarkerSubset:
+    """Take the first k pivots as basis and fit ``R11 X = R12`` (section 3).
+
+    Raises
+    ------
+    UsageError
+        If k is not within 1..rank.
+    """
+    rank = factor.rank()
+    if not 1 <= k <= rank:
+        raise UsageError(f"k: got {k}, expected 1..{rank}, the rank of the data")
+    count = len(factor.order)
+    weights = np.zeros((k, count))
+    weights[np.arange(k), factor.order[:k]] = 1.0
+    weights[:, factor.order[k:]] = solve_triangular(factor.r[:k, :k], factor.r[:k, k:])
+    return MarkerSubset(factor.order[:k], weights, float(np.linalg.norm(factor.r[k:, k:])))
+
+
+def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> MarkerSubset:
+    """Least-squares weights of any given basis, from the Gram matrix.
+
+    Raises
+    ------
+    UsageError
+        If ``primary`` is empty, repeats a marker, names none, or is linearly dependent.
+    """
+    a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
+    chosen = np.asarray(primary, dtype=np.intp)
+    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= len(a):
+        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{len(a) - 1}")
+    rest = np.setdiff1d(np.arange(len(a)), chosen)
+    square = a[np.ix_(chosen, chosen)]
+    if np.linalg.matrix_rank(square, hermitian=True) < len(chosen):
+        raise UsageError(f"primary: got {chosen.tolist()}, whose motions are linearly dependent")
+    weights = np.zeros((len(chosen), len(a)))
+    weights[np.arange(len(chosen)), chosen] = 1.0
+    weights[:, rest] = np.linalg.solve(square, a[np.ix_(chosen, rest)])
+    left = np.trace(a[np.ix_(rest, rest)]) - (weights[:, rest] * a[np.ix_(chosen, rest)]).sum()
+    return MarkerSubset(chosen, weights, float(np.sqrt(max(left, 0.0))))
+
+
+def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100) -> MarkerSubset:
+    """Exchange one basis marker at a time, always the best exchange, until none lowers ``||R22||_F``.
+
+    Each round takes one basis marker out (k ways); the gain of each possible successor ``j`` is then
+    ``||S_j||^2 / S_jj`` of the remaining Schur complement ``S``, so no exchange is tried by solving.
+    """
+    a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
+    chosen = subset.primary.copy()
+    left = float(subset.residual_mm) ** 2
+    for _ in range(rounds):
+        best = (left * (1 - 1e-9), 0, 0)
+        for place in range(len(chosen)):
+            others = np.delete(chosen, place)
+            schur = a - a[:, others] @ np.linalg.solve(a[np.ix_(others, others)], a[others]) if len(others) else a
+            own = np.diag(schur)
+            able = own > ILL_CONDITIONED**2 * a.trace()
+            gain = np.where(able, (schur**2).sum(0) / np.where(able, own, 1.0), -np.inf)
+            gain[others] = -np.inf
+            successor = int(gain.argmax())
+            best = min(best, (float(own.sum() - gain[successor]), place, successor))
+        if best[0] >= left * (1 - 1e-9):
+            break
+        left, chosen[best[1]] = best[0], best[2]
+    return fit_weights(a, chosen)
+
+
+def _displacements(displacements_mm: ArrayLike) -> NDArray[np.float64]:
+    data = np.asarray(displacements_mm, dtype=np.float64)
+    if data.ndim != 3 or data.shape[2] != 3 or not data.size:
+        raise UsageError(f"displacements_mm: got shape {data.shape}, expected (T, M, 3)")
+    if not np.isfinite(data).all():
+        frame, marker, _ = np.argwhere(~np.isfinite(data))[0].tolist()
+        raise DataError("displacements: got a number that is not finite", where=f"frame {frame}, marker {marker}")
+    return data
+
+
+def _tall(data: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, M, 3) -> (3T, M)."""
+    return np.swapaxes(data, 1, 2).reshape(-1, data.shape[1])
+
+
+def _positive(r: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give R a positive diagonal, as the paper has it."""
+    signed: NDArray[np.float64] = r * np.where(np.diag(r) < 0, -1.0, 1.0)[:, None]
+    return signed
