@@ -1,0 +1,117 @@
+"""FAPs to vertices in numpy: the reference of the theory of operation in :mod:`fapengine.mesh.face_mesh`.
+
+The renderer takes :func:`channel_weights` and :func:`bone_transforms` from here and does the rest on the GPU.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
+
+Array = NDArray[np.float64]
+
+BONE_COUNT = 5
+"""Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
+HEAD = 4
+
+
+def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
+    """(..., C): how far each channel has gone, from FAPs (..., 68) in FAPU."""
+    values = np.asarray(faps, dtype=np.float64)
+    columns = [fap.column(channel.fap) for channel in basis.channels]
+    start = np.array([channel.start for channel in basis.channels])
+    stop = np.array([channel.stop for channel in basis.channels])
+    two_sided = np.isneginf(start)
+    sign = np.sign(np.where(two_sided, 1.0, stop - np.where(two_sided, 0.0, start)))
+    length = np.abs(stop - np.where(two_sided, 0.0, start))
+    gone = (values[..., columns] - np.where(two_sided, 0.0, start)) * sign
+    weights: Array = np.where(two_sided, gone, np.clip(gone, 0.0, length))
+    return weights
+
+
+def bone_transforms(mesh: FaceMesh, faps: ArrayLike) -> Array:
+    """(..., 5, 4, 4): rest-to-moved transform of every bone, from FAPs (..., 68) in FAPU.
+
+    The jaw turns about the axis through its joints until feature point 2.1 has gone down by FAP 3, then moves
+    forwards and sideways by FAP 14 and 15. Eyeballs turn by FAP 23-26 and move forwards by FAP 27 and 28. The head
+    turns about feature point 7.1: roll first, then pitch, then yaw (FAP 50, 48, 49).
+    """
+    values = np.asarray(faps, dtype=np.float64)
+
+    def column(number: int) -> Array:
+        return values[..., fap.column(number)]
+
+    transforms = np.zeros((*values.shape[:-1], BONE_COUNT, 4, 4))
+    transforms[..., :, :, :] = np.eye(4)
+    _turn_about(transforms[..., 1, :, :], mesh.jaw_pivot_mm, _rotation_x(_jaw_angle(mesh, column(3))))
+    transforms[..., 1, 2, 3] += column(14) * mesh.fapu.unit(fap.FapUnit.MNS)
+    transforms[..., 1, 0, 3] -= column(15) * mesh.fapu.unit(fap.FapUnit.MW)
+    for bone, yaw, pitch, thrust in ((2, 23, 25, 27), (3, 24, 26, 28)):
+        turn = _rotation_y(column(yaw) * AU_RAD) @ _rotation_x(column(pitch) * AU_RAD)
+        _turn_about(transforms[..., bone, :, :], mesh.eye_pivots_mm[bone - 2], turn)
+        transforms[..., bone, 2, 3] += column(thrust) * mesh.fapu.unit(fap.FapUnit.ES)
+    turn = _rotation_y(column(49) * AU_RAD) @ _rotation_x(column(48) * AU_RAD) @ _rotation_z(-column(50) * AU_RAD)
+    _turn_about(transforms[..., HEAD, :, :], mesh.head_pivot_mm, turn)
+    return transforms
+
+
+def _jaw_angle(mesh: FaceMesh, open_jaw: Array) -> Array:
+    """Angle that lowers feature point 2.1 by FAP 3: y cos - z sin = y - drop."""
+    _, y, z = mesh.point_mm("2.1") - mesh.jaw_pivot_mm
+    drop = open_jaw * mesh.fapu.unit(fap.FapUnit.MNS)
+    reach = np.hypot(y, z)
+    angle: Array = np.arccos(np.clip((y - drop) / reach, -1.0, 1.0)) - np.arctan2(z, y)
+    return angle
+
+
+def _turn_about(transform: Array, pivot: Array, rotation: Array) -> None:
+    transform[..., :3, :3] = rotation
+    transform[..., :3, 3] = pivot - rotation @ pivot
+
+
+def _rotation(angle: Array, first: int, second: int) -> Array:
+    rotation = np.zeros((*np.shape(angle), 3, 3))
+    rotation[..., :, :] = np.eye(3)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rotation[..., first, first] = rotation[..., second, second] = cosine
+    rotation[..., first, second], rotation[..., second, first] = -sine, sine
+    return rotation
+
+
+def _rotation_x(angle: Array) -> Array:
+    """Positive turns the face down (y towards z)."""
+    return _rotation(angle, 1, 2)
+
+
+def _rotation_y(angle: Array) -> Array:
+    """Positive turns the face to the subject's left (z towards x)."""
+    return _rotation(angle, 2, 0)
+
+
+def _rotation_z(angle: Array) -> Array:
+    """Positive turns x towards y: the head tilts to the subject's right."""
+    return _rotation(angle, 0, 1)
+
+
+def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
+    """(..., V, 3) mm: where every vertex goes, from FAPs (..., 68) in FAPU."""
+    basis = mesh.basis
+    weights = channel_weights(basis, faps)
+    transforms = bone_transforms(mesh, faps)
+    vertex = np.repeat(np.arange(len(mesh.vertices_mm)), np.diff(basis.offsets))
+    moved = np.broadcast_to(mesh.vertices_mm.astype(np.float64), (*weights.shape[:-1], *mesh.vertices_mm.shape)).copy()
+    flat, flat_weights = moved.reshape(-1, *mesh.vertices_mm.shape), weights.reshape(-1, weights.shape[-1])
+    for frame, weight in zip(flat, flat_weights, strict=True):
+        entries = weight[basis.entry_channels, None] * basis.entry_mm
+        for axis in range(3):
+            frame[:, axis] += np.bincount(vertex, entries[:, axis], len(frame))
+    moved = _follow(moved, transforms[..., mesh.bone, :, :], mesh.bone_weight)
+    return _follow(moved, transforms[..., None, HEAD, :, :], mesh.head_weight)
+
+
+def _follow(points: Array, transforms: Array, weight: NDArray[np.float32]) -> Array:
+    there = np.einsum("...ij,...j->...i", transforms[..., :3, :3], points) + transforms[..., :3, 3]
+    moved: Array = points + weight[:, None] * (there - points)
+    return moved

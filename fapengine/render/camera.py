@@ -1,0 +1,86 @@
+"""Where the camera stands: presets, and the matrix that they make."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+
+NEAR_MM, FAR_MM = 100.0, 3000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera on a circle round a point of the head."""
+
+    yaw_deg: float = 0.0
+    """From the front towards the subject's left."""
+    pitch_deg: float = 0.0
+    """Upwards."""
+    target_mm: tuple[float, float, float] = (0.0, 16.0, 30.0)
+    distance_mm: float = 900.0
+    field_deg: float = 21.0
+    """Angle of view from bottom to top."""
+
+    def __post_init__(self) -> None:
+        if not (NEAR_MM < self.distance_mm < FAR_MM / 1.5 and 1 < self.field_deg < 120):
+            raise UsageError(f"camera: got {self}, expected {NEAR_MM:g} < distance < {FAR_MM / 1.5:g}, 1 < field < 120")
+
+    @property
+    def position_mm(self) -> NDArray[np.float64]:
+        """(3,): where it stands."""
+        yaw, pitch = np.deg2rad([self.yaw_deg, self.pitch_deg])
+        towards = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
+        position: NDArray[np.float64] = np.asarray(self.target_mm) + self.distance_mm * towards
+        return position
+
+    def clip_from_world(self, aspect: float) -> NDArray[np.float64]:
+        """(4, 4): world mm to clip space; y points down, so that pictures come out top row first."""
+        forward = np.asarray(self.target_mm) - self.position_mm
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        view = np.eye(4)
+        view[:3, :3] = right, np.cross(right, forward), -forward
+        view[:3, 3] = -view[:3, :3] @ self.position_mm
+        scale = 1 / np.tan(np.deg2rad(self.field_deg) / 2)
+        depth = FAR_MM - NEAR_MM
+        projection = np.array(
+            [
+                [scale / aspect, 0, 0, 0],
+                [0, -scale, 0, 0],
+                [0, 0, -(FAR_MM + NEAR_MM) / depth, -2 * FAR_MM * NEAR_MM / depth],
+                [0, 0, -1, 0],
+            ]
+        )
+        return projection @ view
+
+    def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
+        """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in a picture of (width, height)."""
+        matrix = self.clip_from_world(size[0] / size[1])
+        clip = points_mm @ matrix[:, :3].T + matrix[:, 3]
+        pixels: NDArray[np.float64] = (clip[..., :2] / clip[..., 3:] * 0.5 + 0.5) * np.asarray(size)
+        return pixels
+
+
+PRESETS: dict[str, Camera] = {
+    "front": Camera(),
+    "three-quarter": Camera(yaw_deg=35.0, pitch_deg=4.0),
+    "profile": Camera(yaw_deg=90.0),
+    "mouth": Camera(target_mm=(0.0, -36.0, 100.0), distance_mm=500.0, field_deg=11.0),
+}
+"""Named views."""
+
+
+def preset(name: str) -> Camera:
+    """Return one of :data:`PRESETS`.
+
+    Raises
+    ------
+    UsageError
+        If there is none of that name.
+    """
+    if name not in PRESETS:
+        raise UsageError(f"camera: got {name!r}, expected one of {', '.join(PRESETS)}")
+    return PRESETS[name]

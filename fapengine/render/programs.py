@@ -1,0 +1,39 @@
+"""Shader programs: their files, the header that suits the context, and the names that Python and GLSL share."""
+
+import moderngl
+
+from fapengine._resources import shader_source
+
+CORE_HEADER = "#version 330 core\n"
+ES_HEADER = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
+
+MAX_CHANNELS = 128
+"""Room in ``u_channels``: 32 vectors of four."""
+
+FACE_ATTRIBUTES = {
+    "a_position": "3f4",
+    "a_normal": "3f4",
+    "a_albedo": "3f4",
+    "a_surface": "4f4",
+    "a_uv": "2f4",
+    "a_occlusion": "1f4",
+    "a_bones": "3f4",
+    "a_entries": "2f4",
+}
+"""Per-vertex attributes of ``face.vert`` in buffer order, with moderngl's format."""
+FACE_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_world", "u_eye_position", "u_iris")
+BACKDROP_UNIFORMS = ("u_wall", "u_alpha")
+SMOOTH_UNIFORMS = ("u_picture",)
+
+STAGES = {
+    "face": ("face.vert", "face.frag"),
+    "backdrop": ("backdrop.vert", "backdrop.frag"),
+    "smooth": ("backdrop.vert", "smooth.frag"),
+}
+"""Program to its vertex and fragment file."""
+
+
+def build_program(context: moderngl.Context, name: str) -> moderngl.Program:
+    """Compile and link one of :data:`STAGES`."""
+    vertex, fragment = (CORE_HEADER + shader_source(stage) for stage in STAGES[name])
+    return context.program(vertex_shader=vertex, fragment_shader=fragment)

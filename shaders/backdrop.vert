@@ -1,0 +1,9 @@
+// One triangle over the whole picture, behind everything. Out: place in the picture, 0..1.
+
+out vec2 v_place;
+
+void main() {
+    vec2 corner = vec2(float((gl_VertexID << 1) & 2), float(gl_VertexID & 2));
+    v_place = corner;
+    gl_Position = vec4(corner * 2.0 - 1.0, 0.9999, 1.0);
+}

@@ -1,0 +1,53 @@
+// Moves each vertex by its channels, its bone and the head (theory of operation: fapengine/mesh/face_mesh.py).
+// In: rest position in head space, mm. Out: clip space; world position (mm) and normal for shading.
+
+in vec3 a_position;
+in vec3 a_normal;
+in vec3 a_albedo;
+in vec4 a_surface;  // specular strength, gloss, softness of the terminator, 1 on eyeballs
+in vec2 a_uv;
+in float a_occlusion;
+in vec3 a_bones;  // bone number, its weight, weight of the head
+in vec2 a_entries;  // first entry in the textures, how many
+
+uniform sampler2D u_moves;  // per entry: displacement in mm per FAPU, channel number
+uniform sampler2D u_turns;  // per entry: change of the normal per FAPU
+uniform vec4 u_channels[32];  // channel weights, FAPU, four to a vector
+uniform mat4 u_bones[5];  // moved_from_rest: none, jaw, left eye, right eye, head
+uniform mat4 u_clip_from_world;
+
+out vec3 v_position;
+out vec3 v_normal;
+out vec3 v_albedo;
+out vec4 v_surface;
+out vec2 v_uv;
+out float v_occlusion;
+
+void main() {
+    vec3 position = a_position;
+    vec3 normal = a_normal;
+    int first = int(a_entries.x);
+    int end = first + int(a_entries.y);
+    int width = textureSize(u_moves, 0).x;
+    for (int entry = first; entry < end; ++entry) {
+        ivec2 at = ivec2(entry % width, entry / width);
+        vec4 move = texelFetch(u_moves, at, 0);
+        int channel = int(move.w);
+        float weight = u_channels[channel / 4][channel % 4];
+        position += weight * move.xyz;
+        normal += weight * texelFetch(u_turns, at, 0).xyz;
+    }
+    mat4 bone = u_bones[int(a_bones.x)];
+    position += a_bones.y * ((bone * vec4(position, 1.0)).xyz - position);
+    normal += a_bones.y * (mat3(bone) * normal - normal);
+    position += a_bones.z * ((u_bones[4] * vec4(position, 1.0)).xyz - position);
+    normal += a_bones.z * (mat3(u_bones[4]) * normal - normal);
+
+    v_position = position;
+    v_normal = normal;
+    v_albedo = a_albedo;
+    v_surface = a_surface;
+    v_uv = a_uv;
+    v_occlusion = a_occlusion;
+    gl_Position = u_clip_from_world * vec4(position, 1.0);
+}
