@@ -50,7 +50,7 @@ def build_ear(builder: MeshBuilder, side: float) -> Indices:
     half = np.stack([31.0 * outline * up - 1.0, 16.5 * outline * back * (1 + 0.12 * up)], axis=-1)
     lobe = smoothstep((-up - 0.45) / 0.5)
     rings, shades = [], []
-    for share, height, shade in (
+    for share, height, shine in (
         (0.06, -2.0, 0.55), (0.22, -1.5, 0.62), (0.4, 0.5, 0.75), (0.55, 3.4, 0.95), (0.68, 3.6, 0.95),
         (0.78, 2.6, 0.85), (0.88, 4.6, 1.0), (0.95, 5.6, 1.05), (1.0, 4.6, 1.0), (0.99, 2.2, 0.9), (0.9, -2.5, 0.7),
         (0.7, -9.0, 0.6),
@@ -58,7 +58,7 @@ def build_ear(builder: MeshBuilder, side: float) -> Indices:
         front = smoothstep((back + 0.9) / 0.5)
         rise = height * (0.45 + 0.55 * front) * (1 - 0.5 * lobe * (height > 3))
         rings.append(np.concatenate([half * share, rise[:, None]], axis=-1))
-        shades.append(shade)
+        shades.append(shine)
     local = np.stack(rings)  # (rings, segments, (up, back, out))
     up_axis, back_axis = np.array([0.08, 0.98, -0.20]), np.array([0.42, -0.16, -0.89])
     out_axis = np.cross(back_axis, up_axis)

@@ -18,9 +18,9 @@ class Camera:
     """From the front towards the subject's left."""
     pitch_deg: float = 0.0
     """Upwards."""
-    target_mm: tuple[float, float, float] = (0.0, 16.0, 30.0)
+    target_mm: tuple[float, float, float] = (0.0, 10.0, 30.0)
     distance_mm: float = 900.0
-    field_deg: float = 21.0
+    field_deg: float = 18.5
     """Angle of view from bottom to top."""
 
     def __post_init__(self) -> None:

@@ -1,5 +1,7 @@
 """An OpenGL context without a window, on a GPU or on Mesa's software renderer."""
 
+from typing import Any
+
 import moderngl
 
 from fapengine.errors import ResourceError
@@ -16,8 +18,9 @@ def create_context() -> moderngl.Context:
     ResourceError
         If there is no OpenGL 3.3; the message says what to install.
     """
+    settings: dict[str, Any] = {"backend": "egl"}
     try:
-        return moderngl.create_context(standalone=True, backend="egl", require=REQUIRED)
+        return moderngl.create_context(standalone=True, require=REQUIRED, **settings)
     except Exception as error:
         raise ResourceError(
             f"OpenGL: no context ({error}); on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1"

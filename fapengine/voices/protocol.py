@@ -1,6 +1,6 @@
 """What a voice is: text in, sound and the times of its phones out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -30,6 +30,17 @@ class Speech:
     def duration_s(self) -> float:
         """Length of the sound in seconds."""
         return len(self.samples) / self.sample_rate_hz
+
+    def padded(self, *, lead_s: float, tail_s: float) -> "Speech":
+        """Put silence before and behind, so that a face can start and end at rest."""
+        lead, tail = (round(length_s * self.sample_rate_hz) for length_s in (lead_s, tail_s))
+        samples = np.concatenate([np.zeros(lead, np.int16), self.samples, np.zeros(tail, np.int16)])
+        shift_s = lead / self.sample_rate_hz
+        moved = [replace(p, start_s=p.start_s + shift_s, end_s=p.end_s + shift_s) for p in self.phones.phones]
+        end_s = len(samples) / self.sample_rate_hz
+        if tail:
+            moved.append(Phone(SILENCE, moved[-1].end_s if moved else shift_s, end_s))
+        return replace(self, samples=samples, phones=PhoneTrack.of(moved))
 
 
 class Voice(Protocol):

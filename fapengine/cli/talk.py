@@ -1,0 +1,274 @@
+"""The job that ``say`` and ``animate`` share: phones and their sound to FAPs, a talking face, and a contact sheet."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.files.fap import save_fap
+from fapengine.files.pictures import Picture, contact_sheet, save_png
+from fapengine.files.sound import save_wav
+from fapengine.files.video import CODECS, write_video
+from fapengine.mesh.head import build_head
+from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import Profile, parse_profile
+from fapengine.render.camera import preset
+from fapengine.render.renderer import FaceRenderer
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.planner import Style, plan
+
+DEFAULT_PROFILE = "grid_s1_en"
+DEFAULT_OUT = Path("out/talk.mp4")
+OUT_KINDS = (*CODECS, ".fap")
+SHEET_FRAMES = 40
+"""At most so many phones on a contact sheet; of longer speech, evenly chosen."""
+KEY_FRACTION = 0.3
+"""A phone is shown at its keyframe."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the command line chose."""
+
+    out: Path = DEFAULT_OUT
+    expressions: tuple[str, ...] = ()
+    profile: str = DEFAULT_PROFILE
+    camera: str = "front"
+    size: str = "512x512"
+    rate_hz: float = 30.0
+    articulation: float = 1.0
+    seed: int = 1
+
+
+@dataclass(slots=True)
+class Report:
+    """Stateful: what was done, and how long each stage took."""
+
+    stages: dict[str, float] = field(default_factory=dict)
+    """Seconds by stage."""
+    files: list[tuple[Path, str]] = field(default_factory=list)
+    frames: int = 0
+    rate_hz: float = 0.0
+    duration_s: float = 0.0
+    phones: int = 0
+    unknown: dict[str, int] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what happens inside."""
+        started = time.perf_counter()
+        yield
+        self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - started
+
+    def as_dict(self) -> dict[str, object]:
+        """For ``--json``."""
+        total = sum(self.stages.values())
+        return {
+            "files": {what: str(path) for path, what in self.files},
+            "seconds": self.stages,
+            "total_s": total,
+            "duration_s": self.duration_s,
+            "frames": self.frames,
+            "rate_hz": self.rate_hz,
+            "times_real_time": self.duration_s / total if total else 0.0,
+            "phones": self.phones,
+            "unknown_phones": self.unknown,
+        }
+
+
+def parse_expressions(wishes: Sequence[str]) -> dict[Expression, float]:
+    """Turn ``["joy:0.4", "surprise"]`` into strengths.
+
+    Raises
+    ------
+    UsageError
+        For a name that is no expression or a strength that is no number.
+    """
+    strengths: dict[Expression, float] = {}
+    known = [expression.name.lower() for expression in Expression if expression]
+    for wish in wishes:
+        name, _, strength = wish.partition(":")
+        if name.lower() not in known:
+            raise UsageError(f"--expression: got {name!r}, expected one of {', '.join(known)}")
+        try:
+            strengths[Expression[name.upper()]] = float(strength or 1.0)
+        except ValueError as error:
+            raise UsageError(f"--expression: got strength {strength!r}, expected a number as in joy:0.4") from error
+    return strengths
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Turn ``"512x512"`` or ``"512"`` into width and height.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+    """
+    width, _, height = text.lower().partition("x")
+    try:
+        return int(width), int(height or width)
+    except ValueError as error:
+        raise UsageError(f"--size: got {text!r}, expected WIDTHxHEIGHT such as 512x512") from error
+
+
+def check(options: Options) -> None:
+    """Refuse wishes that cannot be met before any work is done.
+
+    Raises
+    ------
+    UsageError
+        For any option out of range.
+    """
+    if options.out.suffix not in OUT_KINDS:
+        raise UsageError(f"--output: got {options.out}, expected a name that ends with {', '.join(OUT_KINDS)}")
+    parse_expressions(options.expressions)
+    preset(options.camera)
+    if any(side % 2 for side in parse_size(options.size)):
+        raise UsageError(f"--size: got {options.size}, expected even sides")
+
+
+def talk(
+    phones: PhoneTrack, sound: tuple[NDArray[np.int16], int] | None, options: Options, report: Report, title: str
+) -> None:
+    """Do the whole job and write every file; ``report`` is filled in."""
+    check(options)
+    with report.stage("plan"):
+        profile = parse_profile(profile_files(options.profile))
+        track = _plan(phones, profile, sound, options, report)
+    beside = options.out.with_suffix
+    save_fap(beside(".fap"), track)
+    if sound is not None:
+        save_wav(beside(".wav"), *sound)
+    if options.out.suffix != ".fap":
+        _render(phones, sound, track, options, report, title)
+        report.files.append((options.out, "video"))
+    report.files.append((beside(".fap"), "FAPs"))
+    if sound is not None:
+        report.files.append((beside(".wav"), "sound"))
+
+
+def _plan(
+    phones: PhoneTrack,
+    profile: Profile,
+    sound: tuple[NDArray[np.int16], int] | None,
+    options: Options,
+    report: Report,
+) -> FapTrack:
+    duration_s = len(sound[0]) / sound[1] if sound else phones.duration_s
+    planned = plan(
+        phones,
+        profile,
+        rng=np.random.default_rng(options.seed),
+        rate_hz=options.rate_hz,
+        expressions=parse_expressions(options.expressions),
+        style=Style(articulation=options.articulation),
+        duration_s=duration_s,
+    )
+    report.frames, report.rate_hz, report.duration_s = len(planned.track), options.rate_hz, duration_s
+    report.phones = sum(not phone.is_silence for phone in phones.phones)
+    report.unknown = dict(planned.unknown)
+    return planned.track
+
+
+def _render(
+    phones: PhoneTrack,
+    sound: tuple[NDArray[np.int16], int] | None,
+    track: FapTrack,
+    options: Options,
+    report: Report,
+    title: str,
+) -> None:
+    shown = _shown_phones(phones, track)
+    kept: dict[int, Picture] = {}
+    with report.stage("head"):
+        mesh = build_head()
+    with report.stage("upload"):
+        renderer = FaceRenderer(mesh, size=parse_size(options.size), camera=preset(options.camera))
+    with renderer, _progress("drawing", len(track)) as advance:
+
+        def frames() -> Iterator[Picture]:
+            pictures = renderer.frames(track.values)
+            for number in range(len(track)):
+                with report.stage("draw"):
+                    picture = next(pictures)
+                if number in shown:
+                    kept[number] = picture
+                yield picture
+
+        started = time.perf_counter()
+        write_video(options.out, frames(), rate_hz=track.rate_hz, sound=sound, on_frame=advance)
+        report.stages["encode"] = time.perf_counter() - started - report.stages["draw"]
+    with report.stage("contact sheet"):
+        labels = [(phone.label, f"{number / track.rate_hz:.2f} s") for number, phone in shown.items()]
+        if kept:
+            sheet = options.out.with_suffix(".png")
+            save_png(sheet, contact_sheet([kept[number] for number in shown], labels, title=title))
+            report.files.append((sheet, "contact sheet"))
+
+
+def _shown_phones(phones: PhoneTrack, track: FapTrack) -> dict[int, Phone]:
+    """Frame number to phone, for the contact sheet."""
+    spoken = [phone for phone in phones.phones if not phone.is_silence]
+    if len(spoken) > SHEET_FRAMES:
+        spoken = [spoken[index] for index in np.linspace(0, len(spoken) - 1, SHEET_FRAMES).round().astype(int)]
+    shown: dict[int, Phone] = {}
+    for phone in spoken:
+        number = round((phone.start_s + KEY_FRACTION * phone.duration_s) * track.rate_hz)
+        shown.setdefault(min(number, len(track) - 1), phone)
+    return shown
+
+
+@contextmanager
+def _progress(what: str, total: int) -> Iterator["_Advance"]:
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield _Advance(progress, total, what)
+
+
+class _Advance:
+    """Stateful: moves one progress bar."""
+
+    def __init__(self, progress: Progress, total: int, what: str) -> None:
+        self._progress, self._task = progress, progress.add_task(what, total=total)
+
+    def __call__(self) -> None:
+        self._progress.advance(self._task)
+
+
+def print_report(report: Report, *, as_json: bool) -> None:
+    """Say what was written, how long it took, and what was not understood."""
+    if as_json:
+        import json
+
+        print(json.dumps(report.as_dict(), indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        return
+    console = Console(highlight=False)
+    for path, what in report.files:
+        console.print(f"[bold]{what:>14}[/]  {path}", soft_wrap=True)
+    stages = "  ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items())
+    total = sum(report.stages.values())
+    console.print(f"{'time':>14}  {stages}", soft_wrap=True)
+    drawing = report.stages.get("draw", 0.0)
+    reached = f", drawn at {report.frames / drawing:.0f} frames/s" if drawing else ""
+    console.print(
+        f"{'speech':>14}  {report.duration_s:.2f} s, {report.phones} phones, {report.frames} frames at"
+        f" {report.rate_hz:g} Hz{reached}; all in {total:.2f} s,"
+        f" {report.duration_s / total:.1f} times real time",
+        soft_wrap=True,
+    )
+    for label, count in report.unknown.items():
+        console.print(
+            f"[yellow]{'unknown phone':>14}[/]  {label!r}, {count} times: no IPA; the neutral vowel stood in",
+            soft_wrap=True,
+        )

@@ -1,0 +1,92 @@
+"""Pictures: PNG files, and contact sheets of labelled frames."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from fapengine.errors import DataError, ResourceError, UsageError
+
+Picture = NDArray[np.uint8]
+
+TILE = 192
+"""Side of a frame on a contact sheet, in pixels."""
+LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
+PAPER, INK, FAINT = (250, 249, 246), (32, 34, 38), (120, 124, 132)
+
+
+def save_png(path: Path, picture: Picture) -> None:
+    """Write (height, width, 3 or 4) uint8, sRGB.
+
+    Raises
+    ------
+    ResourceError
+        If it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(picture).save(path, format="PNG")
+    except OSError as error:
+        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def load_picture(path: Path) -> Picture:
+    """Read a picture as (height, width, 3) uint8, sRGB.
+
+    Raises
+    ------
+    DataError
+        If it is no picture.
+    """
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read as a picture ({error.strerror or error})") from error
+
+
+def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], *, title: str = "") -> Picture:
+    """Put frames side by side, each over its label and a fainter note.
+
+    Parameters
+    ----------
+    frames : sequence of (height, width, 3) uint8
+        At least one; shown as squares.
+    labels : sequence of (str, str)
+        Label and note of each frame; IPA is fine.
+    title : str
+        Above all.
+
+    Raises
+    ------
+    UsageError
+        If there is no frame, or not one label a frame.
+    """
+    if not frames or len(frames) != len(labels):
+        raise UsageError(
+            f"contact sheet: got {len(frames)} frames and {len(labels)} labels, expected as many, 1 or more"
+        )
+    columns = min(len(frames), max(4, round((len(frames) * 1.6) ** 0.5)))
+    rows = -(-len(frames) // columns)
+    top = MARGIN + (40 if title else 0)
+    width = 2 * MARGIN + columns * (TILE + GAP) - GAP
+    sheet = Image.new("RGB", (width, top + rows * (TILE + LABEL_HEIGHT + GAP) + MARGIN - GAP), PAPER)
+    pen = ImageDraw.Draw(sheet)
+    if title:
+        pen.text((MARGIN, MARGIN), title, INK, font=_font(22))
+    for index, (frame, (label, note)) in enumerate(zip(frames, labels, strict=True)):
+        x = MARGIN + index % columns * (TILE + GAP)
+        y = top + index // columns * (TILE + LABEL_HEIGHT + GAP)
+        sheet.paste(Image.fromarray(frame).resize((TILE, TILE), Image.Resampling.LANCZOS), (x, y))
+        pen.text((x + 2, y + TILE + 3), label, INK, font=_font(21))
+        pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=_font(13), anchor="ra")
+    return np.asarray(sheet)
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
+    from font_source_sans_pro import SourceSansProSemibold
+
+    return ImageFont.truetype(SourceSansProSemibold, size)

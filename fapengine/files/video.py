@@ -1,0 +1,133 @@
+"""Video files with sound, through PyAV (FFmpeg inside the wheel)."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, ResourceError, UsageError
+
+CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac")}
+"""Video and sound codec by suffix."""
+X264_OPTIONS = {"preset": "veryfast", "crf": "20", "tune": "animation"}
+VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
+SOUND_RATE_HZ = 48000
+"""Both AAC and Opus take it."""
+
+Picture = NDArray[np.uint8]
+
+
+def write_video(
+    path: Path,
+    frames: Iterable[Picture],
+    *,
+    rate_hz: float,
+    sound: tuple[NDArray[np.int16], int] | None = None,
+    on_frame: Callable[[], None] = lambda: None,
+) -> int:
+    """Encode frames, and sound from time 0, into one file.
+
+    Parameters
+    ----------
+    path : Path
+        ``.mp4``, ``.webm`` or ``.mkv``.
+    frames : iterable of (height, width, 3) uint8
+        sRGB; all of one size, with even sides.
+    rate_hz : float
+        Frames a second.
+    sound : ((N,) int16, int), optional
+        Mono samples and their rate.
+    on_frame : callable
+        Called after each frame, for progress.
+
+    Returns
+    -------
+    int
+        How many frames were written.
+
+    Raises
+    ------
+    UsageError
+        For an unknown suffix or odd sides.
+    ResourceError
+        If the file cannot be written or a codec is missing.
+    """
+    if path.suffix not in CODECS:
+        raise UsageError(f"video: got {path.name}, expected a name that ends with {', '.join(CODECS)}")
+    video_codec, sound_codec = CODECS[path.suffix]
+    count = 0
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with av.open(str(path), "w") as container:
+            stream: Any = container.add_stream(video_codec, rate=Fraction(rate_hz).limit_denominator(1001))
+            stream.pix_fmt = "yuv420p"
+            stream.options = X264_OPTIONS if video_codec == "libx264" else VP9_OPTIONS
+            stream.codec_context.thread_count = 0
+            voice: Any = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono") if sound else None
+            for picture in frames:
+                if not count:
+                    stream.height, stream.width = picture.shape[:2]
+                    if stream.height % 2 or stream.width % 2:
+                        raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                count += 1
+                on_frame()
+            container.mux(stream.encode(None))
+            if voice is not None and sound is not None:
+                _encode_sound(container, voice, *sound)
+    except (av.FFmpegError, OSError) as error:
+        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return count
+
+
+def _encode_sound(
+    container: av.container.OutputContainer, stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int
+) -> None:
+    resampler = av.AudioResampler(format=stream.format, layout="mono", rate=SOUND_RATE_HZ, frame_size=stream.frame_size)
+    whole = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples).reshape(1, -1), format="s16", layout="mono")
+    whole.sample_rate = rate_hz
+    whole.pts = 0
+    for piece in (*resampler.resample(whole), *resampler.resample(None)):
+        container.mux(stream.encode(piece))
+    container.mux(stream.encode(None))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Video:
+    """A decoded video."""
+
+    frames: NDArray[np.uint8]
+    """(T, height, width, 3) uint8, sRGB."""
+    rate_hz: float
+    duration_s: float
+    """Of the pictures."""
+    sound_duration_s: float
+    """0 without sound."""
+
+
+def load_video(path: Path) -> Video:
+    """Decode a whole video; meant for short ones.
+
+    Raises
+    ------
+    DataError
+        If it cannot be decoded or holds no picture.
+    """
+    try:
+        with av.open(str(path), mode="r") as container:
+            if not container.streams.video:
+                raise DataError(f"{path}: holds no picture")
+            rate_hz = float(container.streams.video[0].average_rate or 0)
+            frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        sound_s = 0.0
+        with av.open(str(path), mode="r") as container:
+            if container.streams.audio:
+                sound_s = sum(frame.samples / frame.sample_rate for frame in container.decode(audio=0))
+    except (av.FFmpegError, OSError) as error:
+        raise DataError(f"{path}: cannot be decoded as video ({error.strerror or error})") from error
+    return Video(np.stack(frames), rate_hz, len(frames) / rate_hz, sound_s)
