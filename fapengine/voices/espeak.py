@@ -8,6 +8,7 @@ GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
 """
 
 import ctypes
+import re
 import threading
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -30,6 +31,9 @@ DEFAULT_RATE_WPM = 160
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
 _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 _CHARS_UTF8, _PARAMETER_RATE = 1, 1
+
+_ADDITION = re.compile(r"\(.*\)|[ʲʰˠˤ̩̯ː]+")
+"""Names that add to the phone before: a change of language, a secondary articulation. It lasts on."""
 
 _lock = threading.Lock()
 
@@ -175,13 +179,15 @@ def _phones(events: list[tuple[int, int, int, int, bytes]], text: str, rate_hz: 
         if kind == _EVENT_WORD:
             word = text[position - 1 : position - 1 + length]
         elif kind == _EVENT_PHONEME:
-            onsets.append((sample / rate_hz, name.decode("utf-8", errors="ignore"), word))
+            spelling = name.rstrip(b"\0").decode("utf-8", errors="ignore").strip("_:| ")
+            if not _ADDITION.fullmatch(spelling):
+                onsets.append((sample / rate_hz, spelling, word))
     phones: list[Phone] = []
     for index, (start_s, spelling, spoken) in enumerate(onsets):
         end_s = onsets[index + 1][0] if index + 1 < len(onsets) else duration_s
         if min(end_s, duration_s) <= start_s:
             continue
-        label, stress = ipa.split_stress(spelling.strip("_:| "))
+        label, stress = ipa.split_stress(spelling)
         silent = not label
         phones.append(Phone(label or SILENCE, start_s, min(end_s, duration_s), stress, "" if silent else spoken))
     if not phones or phones[-1].end_s < duration_s:

