@@ -186,7 +186,7 @@ def _space(table: _Table, files: Mapping[str, bytes]) -> VisemeSpace:
         with np.load(io.BytesIO(files[name]), allow_pickle=False) as arrays:
             modes = frozen(arrays["modes_mm"], "modes_mm", (count, len(points), 3), np.float64)
         return VisemeSpace(points=points, marker_count=marker_count, modes_mm=modes)
-    except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
+    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
 
 

@@ -60,7 +60,7 @@ class PhoneTrack:
 
     @classmethod
     def of(cls, phones: list[Phone], *, tolerance_s: float = 1e-3) -> "PhoneTrack":
-        """Make a track, with silence put into the gaps.
+        """Make a track, with silence put into the gaps and neighbouring silences joined.
 
         Parameters
         ----------
@@ -76,16 +76,23 @@ class PhoneTrack:
         """
         filled: list[Phone] = []
         now_s = 0.0
+
+        def append(phone: Phone) -> None:
+            if phone.is_silence and filled and filled[-1].is_silence:
+                filled[-1] = Phone(SILENCE, filled[-1].start_s, phone.end_s)
+            else:
+                filled.append(phone)
+
         for phone in phones:
             if phone.start_s < now_s - tolerance_s:
                 raise UsageError(
                     f"phone {phone.label!r}: starts at {phone.start_s} s, but the one before ends at {now_s} s"
                 )
             if phone.start_s > now_s + tolerance_s:
-                filled.append(Phone(SILENCE, now_s, phone.start_s))
+                append(Phone(SILENCE, now_s, phone.start_s))
                 now_s = phone.start_s
             if phone.end_s > now_s:
-                filled.append(Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
+                append(Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
                 now_s = phone.end_s
         return cls(tuple(filled))
 

@@ -1,0 +1,144 @@
+"""The shipped profile, and what a profile may not be."""
+
+import hashlib
+import io
+
+import numpy as np
+import pytest
+
+from fapengine._resources import profile_files, profile_ids
+from fapengine.errors import ProfileError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import TOML_NAME, Profile, parse_profile
+
+FILES = profile_files("grid_s1_en")
+
+
+def edited(old: str, new: str, *, count: int = 1) -> dict[str, bytes]:
+    text = FILES[TOML_NAME].decode()
+    assert old in text
+    return FILES | {TOML_NAME: text.replace(old, new, count).encode()}
+
+
+@pytest.fixture(scope="module")
+def profile() -> Profile:
+    return parse_profile(FILES)
+
+
+def test_every_shipped_profile_parses() -> None:
+    assert len(profile_ids()) >= 1
+    for name in profile_ids():
+        assert parse_profile(profile_files(name)).id == name
+
+
+def test_it_says_where_its_numbers_come_from(profile: Profile) -> None:
+    assert "GRID" in profile.origin["source"]
+    assert "Cooke" in profile.origin["attribution"]
+    assert "design/fit_profile.py" in profile.origin["command"]
+
+
+def test_modes_are_orthonormal_over_the_markers(profile: Profile) -> None:
+    modes = profile.space.modes_mm[:, : profile.space.marker_count].reshape(profile.space.mode_count, -1)
+    assert modes @ modes.T == pytest.approx(np.eye(profile.space.mode_count), abs=1e-5)
+
+
+def opening_mm(profile: Profile, phone: str) -> float:
+    points = profile.space.to_points_mm(profile.phones[phone].targets[0])
+    upper, lower = (points[profile.space.points.index(name), 1] for name in ("2.2", "2.3"))
+    return float(upper - lower)
+
+
+def test_phones_look_as_they_sound(profile: Profile) -> None:
+    assert opening_mm(profile, "aɪ") > 2 * opening_mm(profile, "m")
+    assert opening_mm(profile, "æ") > opening_mm(profile, "i")
+    assert {name for name, phone in profile.phones.items() if phone.contact == "lips"} == {"p", "b", "m"}
+    assert {name for name, phone in profile.phones.items() if phone.contact == "teeth"} == {"f", "v"}
+
+
+def width_mm(profile: Profile, target: np.ndarray) -> float:
+    points = profile.space.to_points_mm(target)
+    left, right = (points[profile.space.points.index(name), 0] for name in ("8.3", "8.4"))
+    return float(left - right)
+
+
+def test_w_is_narrow_and_joy_is_wide(profile: Profile) -> None:
+    assert width_mm(profile, profile.phones["w"].targets[0]) < width_mm(profile, profile.phones["i"].targets[0])
+    assert width_mm(profile, profile.expressions[Expression.JOY].target) > 3
+
+
+def test_expressions_do_what_the_standard_says(profile: Profile) -> None:
+    def beyond(expression: Expression, name: str) -> float:
+        return float(profile.expressions[expression].fap[fap.column(fap.by_name(name).number)])
+
+    assert len(profile.expressions) == 6
+    assert beyond(Expression.SURPRISE, "raise_l_m_eyebrow") > 50
+    assert beyond(Expression.SURPRISE, "close_t_l_eyelid") < -100
+    assert beyond(Expression.ANGER, "raise_l_i_eyebrow") < 0
+    assert beyond(Expression.ANGER, "squeeze_l_eyebrow") > 0
+    assert beyond(Expression.SADNESS, "raise_l_i_eyebrow") > 0
+    assert beyond(Expression.SADNESS, "close_t_l_eyelid") > 0
+    assert beyond(Expression.JOY, "lift_l_cheek") + beyond(Expression.JOY, "close_b_l_eyelid") > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", "schema: got 2"),
+        ("schema = 1", "", "'schema' is missing"),
+        ("schema = 1", "schema = true", "expected a int"),
+        ("schema = 1", "schema = 1\nspeed = 3", "'speed' is unknown"),
+        ('id = "grid_s1_en"', "id = 5", "expected a str"),
+        ('source = "520', 'sauce = "520', "'source' is missing: no numbers without"),
+        ('command = "python', "command = 3 #", "expected text"),
+        ("es0 = ", "es0 = -", "es0_mm"),
+        ("es0 = ", "es1 = 5.0\nes0 = ", "'es1' is unknown"),
+        ('sha256 = "', 'sha256 = "0', "sha256 of modes.npz"),
+        ('file = "modes.npz"', 'file = "none.npz"', "'none.npz' is missing"),
+        ("count = 8", "count = 9", r"expected \(9, 22, 3\)"),
+        ("markers = 14", "markers = 99", "marker_count"),
+        ('points = ["8.1"', 'points = ["1.1"', "expected feature points"),
+        ('ipa = "p"', 'ipa = "pː"', "bare IPA"),
+        ('ipa = "p"', 'ipa = "b"', "once"),
+        ("fractions = [0.3]", "fractions = [1.3]", r"rising 0\.\.1"),
+        ("fractions = [0.3]", "fractions = []", r"rising 0\.\.1"),
+        ("fractions = [0.3]", 'fractions = ["x"]', "got dtype"),
+        ('contact = "lips"', 'contact = "nose"', "expected one of"),
+        ("targets = [[", "targets = [[1.0, ", "targets: got shape"),
+        ('name = "joy"', 'name = "glee"', "six expressions"),
+        ("fap = { ", "fap = { open_jar = 3, ", "open_jar"),
+        ("[fapu_mm]", "[fapu]", "'fapu_mm' is missing"),
+        ("[[phone]]", "[phone", "is not TOML"),
+    ],
+)
+def test_refuses(old: str, new: str, message: str) -> None:
+    with pytest.raises(ProfileError, match=message) as caught:
+        parse_profile(edited(old, new))
+    assert caught.value.where.startswith(TOML_NAME)
+
+
+def test_refuses_files_that_are_missing_or_damaged() -> None:
+    with pytest.raises(ProfileError, match="among them"):
+        parse_profile({})
+    with pytest.raises(ProfileError, match="is not TOML"):
+        parse_profile(FILES | {TOML_NAME: b"\xff"})
+    for arrays in (b"no archive", b""):
+        damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(arrays).hexdigest())
+        with pytest.raises(ProfileError, match="modes"):
+            parse_profile(damaged | {"modes.npz": arrays})
+    buffer = io.BytesIO()
+    np.savez(buffer, other=np.zeros(3))
+    damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(buffer.getvalue()).hexdigest())
+    with pytest.raises(ProfileError, match="modes_mm"):
+        parse_profile(damaged | {"modes.npz": buffer.getvalue()})
+
+
+def test_no_phones_is_no_profile() -> None:
+    text = FILES[TOML_NAME].decode()
+    head, tail = text.split("[[phone]]", 1)[0], "[[expression]]" + text.split("[[expression]]", 1)[1]
+    with pytest.raises(ProfileError, match="'phone' is missing"):
+        parse_profile(FILES | {TOML_NAME: (head + tail).encode()})
+    with pytest.raises(ProfileError, match="got int, expected a table"):
+        parse_profile(FILES | {TOML_NAME: ("phone = [3]\n" + head + tail).encode()})
+    with pytest.raises(ProfileError, match="got no phone"):
+        parse_profile(FILES | {TOML_NAME: ("phone = []\n" + head + tail).encode()})

@@ -1,0 +1,215 @@
+"""From phones to FAPs: promises of the planner, on made and on spoken phones."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.faps import DETERMINED, displacements_to_faps, to_codable
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.liveliness import blinks, head_motion
+from fapengine.trajectory.planner import Style, plan
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+STILL = Style(blinks=False, head_motion=False)
+RATE_HZ = 100.0
+OPENING_OF_03_MM = 0.3 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+
+
+def track(spelling: str, *, each_s: float = 0.12, lead_s: float = 0.3, tail_s: float = 0.5) -> PhoneTrack:
+    labels = spelling.split()
+    times = lead_s + each_s * np.arange(len(labels) + 1)
+    spoken = [Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)]
+    return PhoneTrack.of([*spoken, Phone(SILENCE, times[-1], times[-1] + tail_s)])
+
+
+def values_of(phones: PhoneTrack, **options: object) -> NDArray[np.int32]:
+    settings = {"style": STILL, "rate_hz": RATE_HZ, "rng": np.random.default_rng(1), **options}
+    return plan(phones, PROFILE, **settings).track.values  # type: ignore[arg-type]
+
+
+def opening(values: NDArray[np.int32]) -> NDArray[np.int32]:
+    gap: NDArray[np.int32] = -(values[:, fap.column(4)] + values[:, fap.column(5)])
+    return gap
+
+
+LABELS = st.lists(
+    st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "_"]), min_size=1, max_size=9
+)
+
+
+@given(LABELS, st.floats(0.04, 0.25), st.sampled_from([None, Expression.JOY, Expression.SURPRISE, Expression.DISGUST]))
+def test_every_bilabial_closes_the_lips_under_any_expression(
+    labels: list[str], each_s: float, expression: Expression | None
+) -> None:
+    phones = track(" ".join(labels), each_s=each_s)
+    gap = opening(values_of(phones, expressions={expression: 0.6} if expression else {}))
+    assert gap.min() >= -2  # rounding of two FAPs
+    for phone in phones.phones:
+        if phone.label in "pbm":
+            inside = gap[int(np.ceil(phone.start_s * RATE_HZ)) : int(phone.end_s * RATE_HZ) + 1]
+            needed = min(4, len(inside) - 1)  # 40 ms, or the phone if shorter
+            assert (inside <= OPENING_OF_03_MM).sum() >= needed
+
+
+def test_without_the_closure_step_lips_stay_open() -> None:
+    phones = track("ɑː b ɑː b ɑː", each_s=0.08)
+    resolved, _ = resolve(phones, PROFILE)
+    times = np.arange(0, phones.duration_s, 0.01)
+    path = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s).sample(times)
+    faps = displacements_to_faps(PROFILE.space.to_points_mm(path), PROFILE.space.points, PROFILE.fapu)
+    gap = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
+    during = (times > 0.388) & (times < 0.44)
+    assert gap[during].min() > OPENING_OF_03_MM or gap.min() < -2
+
+
+def test_open_vowels_open() -> None:
+    gap = opening(values_of(track("m aɪ m")))
+    assert gap.max() > 8.0 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+
+
+def test_rest_at_both_ends() -> None:
+    values = values_of(track("b aɪ t"), expressions={Expression.JOY: 1.0}, style=Style())
+    assert not values[0].any()
+    assert np.abs(values[-1, :22]).max() <= 5
+
+
+def test_speech_at_the_very_edges_still_starts_and_ends_at_rest() -> None:
+    values = values_of(track("ɑ i ɑ", lead_s=0.0, tail_s=0.01))
+    assert not values[0].any()
+    assert np.abs(values[-1]).max() < 60
+
+
+def test_nothing_jumps() -> None:
+    values = values_of(track("b ɹ aɪ t s ʌ n ʃ aɪ n m ɑː p ə"), style=Style(), expressions={Expression.JOY: 0.5})
+    lips = values[:, fap.column(3) : fap.column(19)] * PROFILE.fapu.unit(fap.FapUnit.MNS)
+    speed_mm_s = np.abs(np.diff(lips, axis=0)) * RATE_HZ
+    assert speed_mm_s.max() < 700
+    assert np.abs(np.diff(values[:, fap.column(48) : fap.column(51)], axis=0)).max() < 400  # AU in 10 ms
+
+
+def test_keyframes_stand_at_30_percent_and_the_spline_passes_them() -> None:
+    phones = track("s ɑ")
+    resolved, _ = resolve(phones, PROFILE)
+    assert [time for one in resolved for time in one.times_s] == pytest.approx([0.336, 0.456])
+    keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
+    assert keys.sample([0.336])[0] == pytest.approx(PROFILE.phones["s"].targets[0])
+    assert keys.sample([0.456])[0] == pytest.approx(PROFILE.phones["ɑ"].targets[0])
+    assert keys.sample([0.0, 0.18, phones.duration_s]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_time_shift_shifts_the_motion() -> None:
+    one, other = values_of(track("b aɪ m")), values_of(track("b aɪ m", lead_s=0.5))
+    assert np.abs(other[20:] - one[: len(other) - 20]).max() <= 1
+
+
+def test_a_long_pause_rests_and_a_short_one_does_not() -> None:
+    gap = opening(values_of(track("ɑ ɑ _ _ _ _ ɑ ɑ")))
+    assert gap[int(0.78 * RATE_HZ)] == 0
+    first = Phone("ɑ", 0.3, 0.5)
+    gap = opening(values_of(PhoneTrack.of([first, Phone(SILENCE, 0.5, 0.56), Phone("ɑ", 0.56, 0.8)])))
+    assert gap[40:60].min() > 100
+
+
+def test_silence_alone_is_a_still_face() -> None:
+    phones = PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)])
+    assert not values_of(phones).any()
+    assert not values_of(PhoneTrack(())).any()
+
+
+def test_a_label_that_is_no_ipa_is_counted() -> None:
+    planned = plan(track("m %% m %%"), PROFILE, rng=np.random.default_rng(1))
+    assert planned.unknown == {"%%": 2}
+
+
+@pytest.mark.parametrize("letter", sorted(ipa.SOUNDS))
+def test_every_ipa_letter_has_a_target(letter: str) -> None:
+    resolved, unknown = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), PROFILE)
+    assert not unknown
+    assert len(resolved[0].targets) >= 1
+
+
+@pytest.mark.parametrize("letter", "pbmɸβ")
+def test_what_sounds_like_a_bilabial_closes(letter: str) -> None:
+    resolved, _ = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), PROFILE)
+    assert resolved[0].contact == "lips"
+
+
+def test_parts_of_a_strange_diphthong_share_its_time() -> None:
+    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), PROFILE)
+    assert resolved[0].times_s == pytest.approx((1.03, 1.13))
+
+
+def test_the_same_seed_is_the_same_face() -> None:
+    phones = track("b aɪ t s ʌ n ʃ aɪ n", each_s=0.4)
+    one, same, other = (values_of(phones, style=Style(), rng=np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+def test_blinks_close_the_eyes_fully_and_come_at_a_human_rate() -> None:
+    times = np.arange(0, 300, 0.01)
+    upper = blinks(times, 300.0, np.random.default_rng(5))[:, fap.column(19)]
+    shut = upper > 900
+    count = (np.diff(shut.astype(int)) == 1).sum()
+    assert 8 * 5 <= count <= 22 * 5
+    assert upper.max() == pytest.approx(960)
+    assert upper[-1] == 0
+
+
+def test_eyes_counter_the_head() -> None:
+    times = np.arange(0, 10, 0.02)
+    faps = head_motion(times, 10.0, [Phone("a", 2.0, 2.2, stress=1)], np.random.default_rng(2))
+    assert np.abs(faps[:, fap.column(49)]).max() > 500
+    assert (faps[:, fap.column(23)] + faps[:, fap.column(49)]) == pytest.approx(0)
+    assert faps[105, fap.column(33)] > 20
+    assert not faps[0].any()
+
+
+def test_articulation_scales_speech() -> None:
+    small, large = (opening(values_of(track("m ɑ m"), style=Style(articulation=a, blinks=False, head_motion=False)))
+                    for a in (0.5, 1.5))  # fmt: skip
+    assert large.max() > 2.2 * small.max()
+
+
+def test_determined_faps_are_measured_by_unit_and_direction() -> None:
+    points = PROFILE.space.points
+    moved = np.zeros((1, len(points), 3))
+    moved[0, points.index("8.3")] = [5.0, 2.0, 0.0]  # the left corner goes left and up
+    moved[0, points.index("2.1")] = [-1.0, -8.0, 0.5]  # the chin goes right and down
+    faps = displacements_to_faps(moved, points, PROFILE.fapu)[0]
+    unit = PROFILE.fapu.unit
+    assert faps[fap.column(53)] == pytest.approx(5.0 / unit(fap.FapUnit.MW))
+    assert faps[fap.column(59)] == pytest.approx(2.0 / unit(fap.FapUnit.MNS))
+    assert faps[fap.column(3)] == pytest.approx(8.0 / unit(fap.FapUnit.MNS))
+    assert faps[fap.column(15)] == pytest.approx(1.0 / unit(fap.FapUnit.MW))
+    assert faps[fap.column(18)] == pytest.approx(8.0 / unit(fap.FapUnit.MNS))  # the boss stays while the jaw drops
+    others = set(range(1, 69)) - set(DETERMINED)
+    assert not faps[[fap.column(number) for number in others]].any()
+
+
+def test_codable_values_are_rounded_and_in_range() -> None:
+    wild = np.full((1, 68), 1e9)
+    assert to_codable(wild)[0, fap.column(3)] == 4320
+    assert to_codable(-wild)[0, fap.column(3)] == 0
+    assert to_codable(-wild)[0, fap.column(4)] == -1200
+    assert to_codable(np.full((1, 68), 2.6))[0, fap.column(4)] == 3
+
+
+def test_refuses() -> None:
+    with pytest.raises(UsageError, match="rate_hz"):
+        plan(track("m"), PROFILE, rng=np.random.default_rng(1), rate_hz=0.0)
+    with pytest.raises(UsageError, match="articulation"):
+        Style(articulation=9)
+    with pytest.raises(UsageError, match="strength 5"):
+        plan(track("m"), PROFILE, rng=np.random.default_rng(1), expressions={Expression.JOY: 5})
+    with pytest.raises(UsageError, match="does not have it"):
+        plan(track("m"), PROFILE, rng=np.random.default_rng(1), expressions={Expression.NEUTRAL: 0.5})
