@@ -1,0 +1,181 @@
+"""Triangle surfaces: normals, closest points, where a line meets them.
+
+Candidates come from a kd-tree over the triangles' centres; among them the answer is exact. On meshes whose triangles
+are of similar size, as scans are, the nearest triangle is among the eight nearest centres.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+
+CANDIDATES = 8
+TINY = 1e-30
+
+
+class Surface:
+    """A triangle mesh made ready for queries. Arrays are read-only; the tree is built once.
+
+    Parameters
+    ----------
+    vertices_mm : (V, 3) array_like, mm
+        Vertices that no triangle uses do no harm.
+    triangles : (F, 3) array_like of int
+        Counter-clockwise seen from outside.
+
+    Raises
+    ------
+    UsageError
+        If there is no triangle, or one names a vertex that is not there.
+    """
+
+    vertices_mm: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+    def __init__(self, vertices_mm: ArrayLike, triangles: ArrayLike) -> None:
+        self.vertices_mm = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
+        self.triangles = frozen(triangles, "triangles", ("F", 3), np.int64)
+        count = len(self.vertices_mm)
+        if not len(self.triangles) or self.triangles.min() < 0 or self.triangles.max() >= count:
+            raise UsageError(
+                f"triangles: got {len(self.triangles)}, expected vertex indices 0..{count - 1} in at least one"
+            )
+        corners = self.vertices_mm[self.triangles]
+        self._corners = corners
+        self._tree = cKDTree(corners.mean(axis=1))
+        self.normals = vertex_normals(self.vertices_mm, self.triangles)
+        """(V, 3): unit length; zero where no triangle is."""
+        self._rim = _rim_vertices(self.triangles, count)
+
+    def closest(self, points_mm: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Nearest places on the surface.
+
+        Parameters
+        ----------
+        points_mm : (N, 3) array_like, mm
+
+        Returns
+        -------
+        places_mm : (N, 3) float64
+        normals : (N, 3) float64
+            Interpolated between vertices, unit length.
+        on_rim : (N,) bool
+            The place lies on the edge of a hole or of the whole surface: the true partner is probably not there.
+        """
+        points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
+        near = self._candidates(points)
+        weights = _closest_barycentric(points[:, None], self._corners[near])
+        places = np.einsum("nkc,nkca->nka", weights, self._corners[near])
+        best = ((places - points[:, None]) ** 2).sum(axis=-1).argmin(axis=1)
+        rows = np.arange(len(points))
+        weight, triangle = weights[rows, best], self.triangles[near[rows, best]]
+        normals = np.einsum("nc,nca->na", weight, self.normals[triangle])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True) + TINY
+        on_rim = ((weight < 1e-9) | self._rim[triangle]).all(axis=1)
+        return places[rows, best], normals, on_rim
+
+    def meet(
+        self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Where lines through points meet the surface, nearest to the point, on either side of it.
+
+        Parameters
+        ----------
+        points_mm, directions : (N, 3) array_like
+        reach_mm : float
+            Farthest that a meeting may lie from its point.
+
+        Returns
+        -------
+        places_mm : (N, 3) float64
+            The point itself where nothing is met.
+        met : (N,) bool
+        """
+        points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
+        along = frozen(directions, "directions", (len(points), 3), np.float64)
+        along = along / (np.linalg.norm(along, axis=1, keepdims=True) + TINY)
+        foot = self.closest(points)[0]
+        # The nearest place guides the candidates: on a smooth surface the line meets it close by.
+        guess = points + along * ((foot - points) * along).sum(axis=1, keepdims=True)
+        near = np.concatenate([self._candidates(guess), self._candidates(foot)], axis=1)
+        distance = _line_distance(points[:, None], along[:, None], self._corners[near])
+        best = np.abs(distance).argmin(axis=1)
+        found = distance[np.arange(len(points)), best]
+        met = np.abs(found) <= reach_mm
+        return points + np.where(met, found, 0.0)[:, None] * along, met
+
+    def _candidates(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
+        count = min(CANDIDATES, len(self.triangles))
+        return np.asarray(self._tree.query(points, k=count)[1], dtype=np.intp).reshape(len(points), count)
+
+
+def vertex_normals(vertices: NDArray[np.float64], triangles: ArrayLike) -> NDArray[np.float64]:
+    """(..., V, 3) vertices -> unit normals, each the area-weighted mean of its triangles'; zero where there is none."""
+    corner = np.asarray(triangles)
+    a, b, c = (vertices[..., corner[:, index], :] for index in range(3))
+    flat = np.moveaxis(np.cross(b - a, c - a), -2, 0)
+    count = vertices.shape[-2]
+    uses = csr_array(
+        (np.ones(corner.size), (corner.ravel(), np.repeat(np.arange(len(corner)), 3))), shape=(count, len(corner))
+    )
+    summed = np.asarray(uses @ flat.reshape(len(corner), -1), dtype=np.float64)
+    total = np.moveaxis(summed.reshape(count, *flat.shape[1:]), 0, -2)
+    unit: NDArray[np.float64] = total / (np.linalg.norm(total, axis=-1, keepdims=True) + TINY)
+    return unit
+
+
+def _rim_vertices(triangles: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    unique, uses = np.unique(edges, axis=0, return_counts=True)
+    rim = np.zeros(count, dtype=bool)
+    rim[unique[uses == 1]] = True
+    return rim
+
+
+def _closest_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Barycentric weights of the closest point: (..., 3) and (..., 3 corners, 3) -> (..., 3)."""
+    a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
+    inside = _plane_barycentric(points, corners)
+    options = [inside]
+    for start, stop, first, second in ((a, b, 0, 1), (b, c, 1, 2), (c, a, 2, 0)):
+        edge = stop - start
+        share = np.clip(((points - start) * edge).sum(-1) / ((edge**2).sum(-1) + TINY), 0.0, 1.0)
+        weight = np.zeros(inside.shape)
+        weight[..., first], weight[..., second] = 1.0 - share, share
+        options.append(weight)
+    stacked = np.stack(options, axis=-2)
+    off = np.einsum("...oc,...ca->...oa", stacked, corners) - points[..., None, :]
+    far = (off**2).sum(-1)
+    far[..., 0] = np.where((inside >= 0).all(-1), far[..., 0], np.inf)
+    best = far.argmin(-1)[..., None, None]
+    return np.take_along_axis(stacked, best, axis=-2)[..., 0, :]
+
+
+def _plane_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Barycentric coordinates of the foot in the triangle's plane; may be negative."""
+    a = corners[..., 0, :]
+    u, v, w = corners[..., 1, :] - a, corners[..., 2, :] - a, points - a
+    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    wu, wv = (w * u).sum(-1), (w * v).sum(-1)
+    area = uu * vv - uv * uv + TINY
+    second, third = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    return np.stack(np.broadcast_arrays(1.0 - second - third, second, third), axis=-1)
+
+
+def _line_distance(
+    points: NDArray[np.float64], along: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Signed distance along unit lines to triangles, infinite where they miss (Möller and Trumbore 1997)."""
+    a = corners[..., 0, :]
+    u, v = corners[..., 1, :] - a, corners[..., 2, :] - a
+    p = np.cross(along, v)
+    det = (u * p).sum(-1)
+    safe = np.where(np.abs(det) > TINY, det, 1.0)
+    s = points - a
+    q = np.cross(s, u)
+    second, third = (s * p).sum(-1) / safe, (along * q).sum(-1) / safe
+    hit = (np.abs(det) > TINY) & (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1 + 1e-9)
+    return np.where(hit, (v * q).sum(-1) / safe, np.inf)
