@@ -52,7 +52,7 @@ def bone_transforms(mesh: FaceMesh, faps: ArrayLike) -> Array:
         turn = _rotation_y(column(yaw) * AU_RAD) @ _rotation_x(column(pitch) * AU_RAD)
         _turn_about(transforms[..., bone, :, :], mesh.eye_pivots_mm[bone - 2], turn)
         transforms[..., bone, 2, 3] += column(thrust) * mesh.fapu.unit(fap.FapUnit.ES)
-    turn = _rotation_y(column(49) * AU_RAD) @ _rotation_x(column(48) * AU_RAD) @ _rotation_z(-column(50) * AU_RAD)
+    turn = _rotation_y(column(49) * AU_RAD) @ _rotation_x(column(48) * AU_RAD) @ _rotation_z(column(50) * AU_RAD)
     _turn_about(transforms[..., HEAD, :, :], mesh.head_pivot_mm, turn)
     return transforms
 

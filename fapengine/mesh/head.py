@@ -5,6 +5,7 @@ Head space: +x the subject's left, +y up, +z out of the face, mm.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours, parts
@@ -70,7 +71,7 @@ def build_head(shape: HeadShape | None = None) -> FaceMesh:
     """
     shape = shape or HeadShape()
     builder = MeshBuilder()
-    grid, (mouth_block, *eye_blocks) = _build_skin(builder, shape)
+    grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, shape)
 
     def border(block: Block) -> Indices:
         rows, columns = block.border()
@@ -91,13 +92,14 @@ def build_head(shape: HeadShape | None = None) -> FaceMesh:
         lower_teeth=parts.build_teeth(builder, upper=False),
         tongue=parts.build_tongue(builder),
         hair=parts.build_hair(builder, shape),
+        crown=crown,
         pivot=int(builder.add(HEAD_PIVOT, albedo=colours.SKIN)),
     )
     parts.build_shirt(builder)
     return _finish(builder, head)
 
 
-def _build_skin(builder: MeshBuilder, shape: HeadShape) -> tuple[Indices, tuple[Block, Block, Block]]:
+def _build_skin(builder: MeshBuilder, shape: HeadShape) -> tuple[Indices, int, tuple[Block, Block, Block]]:
     rows, columns = _rows(), _columns()
     y, angle = np.meshgrid(rows, columns, indexing="ij")
     points = position(angle, y, shape)
@@ -110,7 +112,10 @@ def _build_skin(builder: MeshBuilder, shape: HeadShape) -> tuple[Indices, tuple[
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
     builder.quads(grid, closed=True, keep=keep)
-    return grid, blocks
+    top = points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0]
+    crown = int(builder.add(top, albedo=colours.SKIN))
+    builder.fan(grid[-1], crown)
+    return grid, crown, blocks
 
 
 def _nostrils(points: Array) -> Array:
@@ -145,8 +150,15 @@ def _soften(points: Array, triangles: Indices, head: HeadParts) -> Array:
     for rings in (head.mouth, *(eye.lids for eye in head.eyes)):
         near[rings.indices] = 1.0
     near = np.clip(3.0 * smooth_over_mesh(near, triangles, 6), 0, 1)
+    blend = weight * near
     softened = np.stack([smooth_over_mesh(points[:, axis], triangles, 6) for axis in range(3)], axis=-1)
-    return points + (weight * near)[:, None] * (softened - points)
+    # Quads are cut along one diagonal, which pulls to one side: keep what both halves of the face agree on.
+    mirror = np.array([-1.0, 1.0, 1.0])
+    skin = np.flatnonzero(weight)
+    twin = skin[cKDTree(points[skin]).query(points[skin] * mirror)[1]]
+    softened[skin] = (softened[skin] + softened[twin] * mirror) / 2
+    blend[skin] = (blend[skin] + blend[twin]) / 2
+    return points + blend[:, None] * (softened - points)
 
 
 def _finish(builder: MeshBuilder, head: HeadParts) -> FaceMesh:

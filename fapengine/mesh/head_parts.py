@@ -25,5 +25,7 @@ class HeadParts:
     lower_teeth: Indices
     tongue: Indices
     hair: Indices
+    crown: int
+    """The vertex that closes the skin on top."""
     pivot: int
     """A vertex of no triangle: feature point 7.1, the top of the spine."""

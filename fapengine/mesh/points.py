@@ -54,7 +54,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     found["6.3"] = nearest(head.tongue, top + np.array([40, -8, 0]))
     found["6.4"] = nearest(head.tongue, top + np.array([-40, -8, 0]))
     found["7.1"] = head.pivot
-    found["11.4"] = nearest(head.grid.ravel(), np.array([0, 140, 10]))
+    found["11.4"] = head.crown
     found["11.5"] = nearest(head.hair, np.array([0, 160, 10]))
     found["11.6"] = nearest(head.grid.ravel(), np.array([0, 60, -100]))
     return found
