@@ -109,8 +109,9 @@ class FaceRenderer:
 
     def release(self) -> None:
         """Give all GPU memory back."""
-        while self._resources:
-            self._resources.pop().release()
+        with self._context:
+            while self._resources:
+                self._resources.pop().release()
         if self._owns_context:
             self._context.release()
 
@@ -132,9 +133,10 @@ class FaceRenderer:
         """Draw frames in turn; see :meth:`draw`. The picture before is read while the next is drawn."""
         waiting: moderngl.Buffer | None = None
         for number, frame in enumerate(faps):
-            self._draw(np.asarray(frame, dtype=np.float64))
             target = self._buffers[number % 2]
-            self._output.read_into(target, components=self._components, alignment=1)
+            with self._context:  # other renderers may have drawn since
+                self._draw(np.asarray(frame, dtype=np.float64))
+                self._output.read_into(target, components=self._components, alignment=1)
             if waiting is not None:
                 yield self._picture(waiting)
             waiting = target
@@ -143,7 +145,9 @@ class FaceRenderer:
 
     def _picture(self, buffer: moderngl.Buffer) -> Picture:
         width, height = self.size
-        return np.frombuffer(buffer.read(), dtype=np.uint8).reshape(height, width, self._components)
+        with self._context:
+            data = buffer.read()
+        return np.frombuffer(data, dtype=np.uint8).reshape(height, width, self._components)
 
     def _upload(self, mesh: FaceMesh) -> None:
         context, basis = self._context, mesh.basis

@@ -1,0 +1,90 @@
+"""Sound, video and picture files: there and back, and what they refuse."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.paths import write_bytes
+from fapengine.files.pictures import contact_sheet, load_picture, save_png
+from fapengine.files.sound import load_sound, save_wav
+from fapengine.files.video import load_video, write_video
+
+TONE = (np.sin(np.arange(22050) * 2 * np.pi * 440 / 22050) * 9000).astype(np.int16)
+
+
+def frames(count: int) -> list[NDArray[np.uint8]]:
+    return [np.full((64, 96, 3), 8 * index, np.uint8) for index in range(count)]
+
+
+def test_wav_there_and_back(tmp_path: Path) -> None:
+    save_wav(tmp_path / "deep" / "tone.wav", TONE, 22050)
+    samples, rate_hz = load_sound(tmp_path / "deep" / "tone.wav")
+    assert rate_hz == 22050
+    assert np.array_equal(samples, TONE)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+def test_video_has_every_frame_and_its_sound(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"video{suffix}"
+    assert write_video(path, frames(30), rate_hz=30.0, sound=(TONE, 22050)) == 30
+    video = load_video(path)
+    assert video.frames.shape == (30, 64, 96, 3)
+    assert video.rate_hz == pytest.approx(30.0)
+    assert video.frames.mean(axis=(1, 2, 3)) == pytest.approx(8 * np.arange(30), abs=6)
+    assert video.sound_duration_s == pytest.approx(1.0, abs=1 / 30)
+    samples, _ = load_sound(path)
+    assert np.abs(samples[4000:20000]).max() > 5000
+
+
+def test_video_without_sound(tmp_path: Path) -> None:
+    write_video(tmp_path / "mute.mp4", frames(3), rate_hz=25.0)
+    assert load_video(tmp_path / "mute.mp4").sound_duration_s == 0
+    with pytest.raises(DataError, match="holds no sound"):
+        load_sound(tmp_path / "mute.mp4")
+
+
+def test_png_there_and_back(tmp_path: Path) -> None:
+    picture = np.random.default_rng(1).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+    save_png(tmp_path / "picture.png", picture)
+    assert np.array_equal(load_picture(tmp_path / "picture.png"), picture)
+
+
+def test_contact_sheet_shows_every_frame_and_ipa_labels() -> None:
+    one = contact_sheet(frames(5), [("aɪ", "0.1 s")] * 5, title="Hello")
+    other = contact_sheet(frames(5), [("ʃ", "0.1 s")] * 5, title="Hello")
+    assert one.shape == other.shape
+    assert not np.array_equal(one, other)
+    boxes = contact_sheet(frames(5), [("\ufffe", "0.1 s")] * 5, title="Hello")
+    assert not np.array_equal(other, boxes)  # a missing glyph would be the same box
+    assert contact_sheet(frames(23), [("a", "")] * 23).shape[0] > one.shape[0]
+
+
+def test_refuses(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"ends with \.mp4"):
+        write_video(tmp_path / "video.avi", frames(1), rate_hz=30)
+    with pytest.raises(UsageError, match="even sides"):
+        write_video(tmp_path / "odd.mp4", [np.zeros((63, 64, 3), np.uint8)], rate_hz=30)
+    with pytest.raises(UsageError, match="5 frames and 1 labels"):
+        contact_sheet(frames(5), [("a", "b")])
+    (tmp_path / "file").write_bytes(b"not a folder, not a video")
+    for write in (
+        lambda: write_video(tmp_path / "file" / "x.mp4", frames(1), rate_hz=30),
+        lambda: save_png(tmp_path / "file" / "x.png", frames(1)[0]),
+        lambda: write_bytes(tmp_path / "file" / "x", b""),
+    ):
+        with pytest.raises(ResourceError, match="cannot be written"):
+            write()
+    for load in (load_video, load_picture, load_sound):
+        with pytest.raises(DataError, match="file"):
+            load(tmp_path / "file")
+    with pytest.raises(UsageError, match="cannot be read"):
+        load_sound(tmp_path / "none.wav")
+    save_wav(tmp_path / "sound.wav", TONE, 22050)
+    with pytest.raises(DataError, match="holds no picture"):
+        load_video(tmp_path / "sound.wav")
+    save_wav(tmp_path / "empty.wav", TONE[:0], 22050)
+    with pytest.raises(DataError, match="sound"):
+        load_sound(tmp_path / "empty.wav")
