@@ -65,39 +65,45 @@ def test_shaders_are_glsl_es_too() -> None:
             context.program(vertex_shader=sources[0], fragment_shader=sources[1]).release()
 
 
+def _positions(renderer: FaceRenderer, capture: moderngl.Program, head: FaceMesh) -> NDArray[np.float32]:
+    """Where the vertex shader puts every vertex, with the uniforms of the last draw."""
+    context = renderer._context
+    names = [name for name in programs.FACE_ATTRIBUTES if name in capture]
+    for name in capture:
+        if isinstance(capture[name], moderngl.Uniform) and name in renderer._face:
+            capture[name].value = renderer._face[name].value  # type: ignore[union-attr]
+    renderer._moves.use(0)
+    vertices = context.buffer(head.vertices_mm.astype("f4"))
+    columns = {
+        "a_position": vertices,
+        "a_bones": context.buffer(np.stack([head.bone, head.bone_weight, head.head_weight], axis=-1).astype("f4")),
+        "a_entries": context.buffer(
+            np.stack([head.basis.offsets[:-1], np.diff(head.basis.offsets)], axis=-1).astype("f4")
+        ),
+    }
+    content = [(columns[name], programs.FACE_ATTRIBUTES[name], name) for name in names if name in columns]
+    array = context.vertex_array(capture, content)
+    out = context.buffer(reserve=head.vertices_mm.nbytes)
+    array.transform(out, moderngl.POINTS, vertices=len(head.vertices_mm))
+    return np.frombuffer(out.read(), dtype="f4").reshape(-1, 3)
+
+
 def test_the_gpu_moves_vertices_as_the_reference_does(head: FaceMesh) -> None:
     """Run the vertex shader with transform feedback over frames that use every FAP."""
     rng = np.random.default_rng(8)
     with FaceRenderer(head, size=(16, 16)) as renderer:
         context = renderer._context
         source = programs.CORE_HEADER + shader_source("face.vert")
-        capture = context.program(vertex_shader=source, varyings=["v_position"])
+        with context:
+            capture = context.program(vertex_shader=source, varyings=["v_position"])
         for _ in range(3):
             faps = rng.normal(0, 120, 68)
             faps[fap.column(19) : fap.column(23)] = rng.uniform(0, 900, 4)
             for number in (23, 24, 25, 26, 48, 49, 50):
                 faps[fap.column(number)] = rng.normal(0, 9000)
             renderer.draw(faps)
-            names = [name for name in programs.FACE_ATTRIBUTES if name in capture]
-            for name in capture:
-                if isinstance(capture[name], moderngl.Uniform) and name in renderer._face:
-                    capture[name].value = renderer._face[name].value  # type: ignore[union-attr]
-            renderer._moves.use(0)
-            vertices = context.buffer(head.vertices_mm.astype("f4"))
-            columns = {
-                "a_position": vertices,
-                "a_bones": context.buffer(
-                    np.stack([head.bone, head.bone_weight, head.head_weight], axis=-1).astype("f4")
-                ),
-                "a_entries": context.buffer(
-                    np.stack([head.basis.offsets[:-1], np.diff(head.basis.offsets)], axis=-1).astype("f4")
-                ),
-            }
-            content = [(columns[name], programs.FACE_ATTRIBUTES[name], name) for name in names if name in columns]
-            array = context.vertex_array(capture, content)
-            out = context.buffer(reserve=head.vertices_mm.nbytes)
-            array.transform(out, moderngl.POINTS, vertices=len(head.vertices_mm))
-            got = np.frombuffer(out.read(), dtype="f4").reshape(-1, 3)
+            with context:
+                got = _positions(renderer, capture, head)
             assert np.abs(got - deform(head, faps)).max() < 0.01  # mm
 
 
