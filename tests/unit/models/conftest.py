@@ -4,6 +4,33 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+SIZE = 41
+
+
+def make_mask(nose_mm=25.0):
+    """A half cylinder with a nose, and three smooth ways to deform it: a face for geometry's purposes."""
+    turn, y = np.meshgrid(np.linspace(-1.4, 1.4, SIZE), np.linspace(-90, 90, SIZE))
+    nose = nose_mm * np.exp(-((turn / 0.25) ** 2) - ((y / 30) ** 2))
+    vertices = np.stack([(70 + nose) * np.sin(turn), y, (70 + nose) * np.cos(turn)], axis=-1).reshape(-1, 3)
+    at = np.arange(SIZE * SIZE).reshape(SIZE, SIZE)
+    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
+    x, y, _ = vertices.T
+    low = np.exp(-(((y + 50) / 35) ** 2) - (x / 40) ** 2)
+    wide = np.exp(-(((y + 30) / 30) ** 2))
+    modes = np.stack(
+        [
+            np.stack([0 * x, -8 * low, -3 * low], axis=-1),
+            np.stack([4 * wide * x / 70, 0 * x, 3 * wide * np.abs(x) / 70], axis=-1),
+            np.stack([0 * x, 0 * x, 4 * np.exp(-(((y - 40) / 30) ** 2))], axis=-1),
+        ]
+    )
+    return vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), modes
+
+
+@pytest.fixture(scope="session")
+def mask():
+    return make_mask
+
 
 @dataclass
 class Speech:

@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,35 +10,19 @@ from fapengine.geometry.surface import Surface
 from fapengine.models.missing import GapModel
 from fapengine.models.scan_fit import fit_scan
 
-SIZE = 41
 CORNERS = [2, 18, 40, 60, 100, 118]
 
 
-def mask(nose_mm=25.0):
-    """A half cylinder with a nose, and three smooth ways to deform it: a face for geometry's purposes."""
-    turn, y = np.meshgrid(np.linspace(-1.4, 1.4, SIZE), np.linspace(-90, 90, SIZE))
-    nose = nose_mm * np.exp(-((turn / 0.25) ** 2) - ((y / 30) ** 2))
-    vertices = np.stack([(70 + nose) * np.sin(turn), y, (70 + nose) * np.cos(turn)], axis=-1).reshape(-1, 3)
-    at = np.arange(SIZE * SIZE).reshape(SIZE, SIZE)
-    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
-    x, y, _ = vertices.T
-    low = np.exp(-(((y + 50) / 35) ** 2) - (x / 40) ** 2)
-    wide = np.exp(-(((y + 30) / 30) ** 2))
-    modes = np.stack(
-        [
-            np.stack([0 * x, -8 * low, -3 * low], axis=-1),
-            np.stack([4 * wide * x / 70, 0 * x, 3 * wide * np.abs(x) / 70], axis=-1),
-            np.stack([0 * x, 0 * x, 4 * np.exp(-(((y - 40) / 30) ** 2))], axis=-1),
-        ]
-    )
-    return vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), modes
+@pytest.fixture
+def case(mask):
+    return partial(make_case, mask)
 
 
-def case(seed=0, noise=0.0, nose_mm=25.0, size=1.0):
+def make_case(mask, seed=0, noise=0.0, nose_mm=25.0, size=1.0):
     """A sparse model on a dense mask, and a scan of it in a known pose and face."""
     rng = np.random.default_rng(seed)
     vertices, triangles, modes = mask(nose_mm)
-    inner = np.arange(SIZE * SIZE).reshape(SIZE, SIZE)[3:-3:3, 3:-3:3].ravel()
+    inner = np.arange(41 * 41).reshape(41, 41)[3:-3:3, 3:-3:3].ravel()
     model = GapModel(vertices[inner], modes[:, inner], 0.1, 0)
     scores = rng.normal(0, 1, 3) * size
     motion = RigidMotion(Rotation.from_rotvec(rng.normal(0, 0.5, 3)).as_matrix(), rng.normal(0, 300, 3))
@@ -45,7 +31,7 @@ def case(seed=0, noise=0.0, nose_mm=25.0, size=1.0):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_known_face_in_a_known_pose_is_found(seed):
+def test_a_known_face_in_a_known_pose_is_found(case, seed):
     model, scan, motion, scores, truth = case(seed)
     fit = fit_scan(model, scan, CORNERS, truth[CORNERS], noise_mm=0.01, landmark_noise_mm=0.01)
     assert fit.settled
@@ -57,7 +43,7 @@ def test_a_known_face_in_a_known_pose_is_found(seed):
     assert fit.landmark_rms_mm < 0.1
 
 
-def test_noise_outliers_and_a_hole_cost_little():
+def test_noise_outliers_and_a_hole_cost_little(case):
     model, scan, _, _, truth = case(5, noise=0.3)
     rng = np.random.default_rng(6)
     spoilt = scan.vertices_mm.copy()
@@ -71,7 +57,7 @@ def test_noise_outliers_and_a_hole_cost_little():
     assert np.median(fit.trust) > 0.8
 
 
-def test_the_surface_does_not_show_sliding_but_the_landmarks_do():
+def test_the_surface_does_not_show_sliding_but_the_landmarks_do(case):
     model, scan, motion, _, truth = case(7, nose_mm=0.0, size=0.0)  # a plain half cylinder
     slid = truth[CORNERS] + motion.rotation @ [0.0, 6.0, 0.0]
     loose, held = (
@@ -86,13 +72,13 @@ def test_the_surface_does_not_show_sliding_but_the_landmarks_do():
     assert np.sqrt((right**2).mean()) > 3.0  # what landmarks in the right places would have said
 
 
-def test_steps_can_run_out():
+def test_steps_can_run_out(case):
     model, scan, _, _, truth = case(8)
     fit = fit_scan(model, scan, CORNERS, truth[CORNERS], max_steps=1)
     assert (fit.steps, fit.settled) == (1, False)
 
 
-def test_bad_input_is_refused():
+def test_bad_input_is_refused(case):
     model, scan, _, _, truth = case(9)
     for marks in ([0, 1], [0, 1, 1], [0, 1, 999], [-1, 0, 1]):
         with pytest.raises(UsageError, match="at least 3 different points"):

@@ -1,0 +1,309 @@
+"""Dense modes from sparse ones: paper 003 (Berger, Ponroy, Wrobel-Dautcourt), section 4.
+
+Theory of operation
+-------------------
+1. Each scanned posture gets the weights ``z`` of the sparse model that lays itself onto it (:mod:`.scan_fit`).
+2. The scans get common vertices. A vertex M of the reference scan belongs to a facet ABC of the sparse mesh: its foot
+   H has coordinates (a, b, c) there, and HM runs along ``a Na + b Nb + c Nc``. In another posture the same
+   coordinates and normals give another line; M' is where it meets that scan.
+3. Where the line meets nothing (holes, the inside of the lips, outside of the markers) the vertex follows its
+   neighbours on the reference mesh: their displacement is continued as smoothly as the mesh allows. The mesh is slit
+   at the mouth, so upper and lower lip are continued apart.
+4. ``X_i = mean + sum_k z_ik u_k`` over the postures i (equation 3) is solved by least squares for mean and modes.
+   Fifteen postures hardly determine eight unknowns, hence a ridge on the modes, never on the mean; its size minimises
+   the error of each posture predicted from the others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import splu
+from scipy.spatial import Delaunay, cKDTree
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.surface import Surface, vertex_normals
+
+NEAR_FACETS = 12
+OUTSIDE = 0.5
+"""How far outside of its facet, in barycentric units, a vertex may lie and still be bound to it."""
+RIDGES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+THINNEST = 0.02
+"""Height of a facet over its longest edge, as a share of it; thinner ones lie on the outline and have no direction."""
+NEWTON_STEPS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Binding:
+    """Vertices tied to facets of a sparse mesh. Arrays are read-only."""
+
+    facets: NDArray[np.int64]
+    """(V, 3): markers of each vertex's facet."""
+    weights: NDArray[np.float64]
+    """(V, 3): a, b, c; they add up to 1."""
+    height_mm: NDArray[np.float64]
+    """(V,): from the foot to the vertex, along the unit normal there."""
+    bound: NDArray[np.bool_]
+    """(V,): false for a vertex too far outside of every facet."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facets", frozen(self.facets, "facets", ("V", 3), np.int64))
+        shape = (len(self.facets), 3)
+        object.__setattr__(self, "weights", frozen(self.weights, "weights", shape, np.float64))
+        object.__setattr__(self, "height_mm", frozen(self.height_mm, "height_mm", shape[:1], np.float64))
+        object.__setattr__(self, "bound", frozen(self.bound, "bound", shape[:1], np.bool_))
+
+    def lines(
+        self, points_mm: NDArray[np.float64], triangles: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Feet (V, 3) and unit directions (V, 3) in another posture of the sparse mesh, markers at (M, 3)."""
+        normals = vertex_normals(points_mm, triangles)
+        feet = np.einsum("vc,vca->va", self.weights, points_mm[self.facets])
+        directions = np.einsum("vc,vca->va", self.weights, normals[self.facets])
+        return feet, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseModes:
+    """Mean and modes of all vertices, driven by the sparse model's weights. Arrays are read-only."""
+
+    mean_mm: NDArray[np.float64]
+    """(V, 3)."""
+    modes_mm: NDArray[np.float64]
+    """(K, V, 3), mm per standard deviation of the sparse weight."""
+    ridge: float
+    """That was chosen, in squared weights."""
+    left_out_mm: float
+    """Mean square root of the squared distance of a vertex, each posture predicted from the others."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mean_mm", frozen(self.mean_mm, "mean_mm", ("V", 3), np.float64))
+        shape = ("K", len(self.mean_mm), 3)
+        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float64))
+
+    def faces_mm(self, scores: ArrayLike) -> NDArray[np.float64]:
+        """Equation 3: (..., K) -> (..., V, 3)."""
+        z = frozen(scores, "scores", ("...", len(self.modes_mm)), np.float64)
+        return self.mean_mm + np.tensordot(z, self.modes_mm, axes=1)
+
+
+def sparse_facets(postures_mm: ArrayLike, *, stretch: float = 2.0, longest_mm: float = 45.0) -> NDArray[np.int64]:
+    """Triangles between markers that move together: (P, M, 3) postures -> (F, 3), counter-clockwise seen from +z.
+
+    A Delaunay triangulation of the mean posture, unrolled about the vertical axis. An edge whose length changes by
+    more than ``stretch`` between postures, or exceeds ``longest_mm``, bridges an opening such as the mouth: its
+    triangles go.
+
+    Raises
+    ------
+    DataError
+        If no triangle is left.
+    """
+    postures = frozen(postures_mm, "postures_mm", ("P", "M", 3), np.float64)
+    mean = postures.mean(axis=0)
+    axis = mean[:, 2].min() - np.ptp(mean[:, 0]) / 4
+    radius = np.hypot(mean[:, 0], mean[:, 2] - axis).mean()
+    unrolled = np.stack([radius * np.arctan2(mean[:, 0], mean[:, 2] - axis), mean[:, 1]], axis=1)
+    triangles = Delaunay(unrolled).simplices.astype(np.int64)
+    a, b, c = (unrolled[triangles[:, index]] for index in range(3))
+    clockwise = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+    triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
+    corners = postures[:, triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=2), axis=-1)  # (P, F, 3)
+    good = (edges.max(axis=0) <= stretch * edges.min(axis=0)) & (edges.max(axis=0) <= longest_mm)
+    flat = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    slender = np.linalg.norm(flat, axis=-1) < THINNEST * edges.max(axis=-1) ** 2
+    kept: NDArray[np.int64] = triangles[good.all(axis=1) & ~slender.any(axis=0)]
+    if not len(kept):
+        raise DataError(f"markers: got no facet that stays together, expected some of {len(triangles)}")
+    return kept
+
+
+def bind(vertices_mm: ArrayLike, points_mm: ArrayLike, triangles: ArrayLike) -> Binding:
+    """Find facet, coordinates and height of each vertex of the reference scan (step 2).
+
+    Parameters
+    ----------
+    vertices_mm : (V, 3) array_like, mm
+    points_mm : (M, 3) array_like, mm
+        The sparse mesh in the reference posture.
+    triangles : (F, 3) array_like of int
+        From :func:`sparse_facets`.
+    """
+    vertices = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
+    points = frozen(points_mm, "points_mm", ("M", 3), np.float64)
+    corner = frozen(triangles, "triangles", ("F", 3), np.int64)
+    normals = vertex_normals(points, corner)
+    count = min(NEAR_FACETS, len(corner))
+    near = np.asarray(cKDTree(points[corner].mean(axis=1)).query(vertices, k=count)[1]).reshape(len(vertices), count)
+    facets = corner[near]  # (V, N, 3)
+    weights, height, off = _coordinates(vertices[:, None], points[facets], normals[facets])
+    outside = np.maximum(-weights.min(axis=-1), 0.0)
+    cost = np.where(off < 1e-6, outside + 1e-3 * np.abs(height), np.inf)
+    best = cost.argmin(axis=1)
+    rows = np.arange(len(vertices))
+    bound = outside[rows, best] <= OUTSIDE
+    bound &= np.isfinite(cost[rows, best])
+    weight = np.where(bound[:, None], weights[rows, best], 1 / 3)
+    return Binding(facets[rows, best], weight, np.where(bound, height[rows, best], 0.0), bound)
+
+
+def remesh(
+    binding: Binding,
+    reference: Surface,
+    scan: Surface,
+    points_mm: ArrayLike,
+    triangles: ArrayLike,
+    *,
+    reach_mm: float = 4.0,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Give a scan the reference's vertices (steps 2 and 3).
+
+    Parameters
+    ----------
+    binding : Binding
+        Of ``reference``'s vertices.
+    reference, scan : Surface
+        In one space: lay the scan into the model's first (:attr:`.scan_fit.ScanFit.scan_from_model`).
+    points_mm : (M, 3) array_like, mm
+        The sparse mesh as it lies on ``scan``.
+    triangles : (F, 3) array_like of int
+        Facets of the sparse mesh.
+    reach_mm : float
+        How far the scan may lie from where the height of the reference puts the vertex.
+
+    Returns
+    -------
+    vertices_mm : (V, 3) float64
+    met : (V,) bool
+        The line met the scan; the others were continued from their neighbours.
+
+    Raises
+    ------
+    DataError
+        If fewer than a tenth of the bound vertices meet the scan: it is not where ``points_mm`` is.
+    """
+    feet, directions = binding.lines(frozen(points_mm, "points_mm", ("M", 3), np.float64), triangles)
+    guess = feet + binding.height_mm[:, None] * directions
+    places, met = scan.meet(guess, directions, reach_mm)
+    met &= binding.bound
+    if met.sum() < 0.1 * max(binding.bound.sum(), 1):
+        raise DataError(f"scan: got {met.sum()} of {binding.bound.sum()} vertices on it, expected most")
+    return reference.vertices_mm + continue_smoothly(places - reference.vertices_mm, met, reference.triangles), met
+
+
+def continue_smoothly(
+    displacements_mm: ArrayLike, known: ArrayLike, triangles: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Continue (V, 3) displacements from known vertices over a mesh, with least bending (graph bilaplacian).
+
+    A part of the mesh without a known vertex takes the mean displacement.
+
+    Raises
+    ------
+    UsageError
+        If nothing is known.
+    """
+    given = frozen(displacements_mm, "displacements_mm", ("V", 3), np.float64)
+    mask = np.asarray(known, dtype=bool)
+    if not mask.any():
+        raise UsageError("known: got no vertex, expected at least one")
+    if mask.all():
+        return given.copy()
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    both = np.concatenate([edges, edges[:, ::-1]])
+    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(given), len(given)))
+    links.data[:] = 1.0
+    degree: NDArray[np.float64] = np.asarray(links.sum(axis=1)).ravel()
+    laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
+    # A trace of pull to the mean keeps parts without a known vertex solvable.
+    mean = given[mask].mean(axis=0)
+    free = np.flatnonzero(~mask)
+    energy = (laplacian.T @ laplacian + 1e-9 * diags_array(np.ones(len(given)))).tocsr()
+    right = -(energy[free] @ np.where(mask[:, None], given - mean, 0.0))
+    result = given.copy()
+    result[free] = mean + splu(energy[free][:, free].tocsc()).solve(np.ascontiguousarray(right))
+    return result
+
+
+def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | None = None) -> DenseModes:
+    """Solve equation 3 for mean and modes.
+
+    Parameters
+    ----------
+    faces_mm : (P, V, 3) array_like, mm
+        Postures with common vertices.
+    scores : (P, K) array_like
+        Weights of the sparse model in each.
+    ridge : float, optional
+        Weight of the modes' squares; without it the one of :data:`RIDGES` that predicts left-out postures best.
+
+    Raises
+    ------
+    UsageError
+        If there are fewer than 2 postures, shapes differ, or ``ridge`` is negative.
+    """
+    faces = frozen(faces_mm, "faces_mm", ("P", "V", 3), np.float64)
+    z = frozen(scores, "scores", (len(faces), "K"), np.float64)
+    if len(faces) < 2:
+        raise UsageError(f"faces_mm: got {len(faces)} posture, expected at least 2")
+    if ridge is not None and not ridge >= 0:
+        raise UsageError(f"ridge: got {ridge}, expected 0 or more")
+    flat = faces.reshape(len(faces), -1)
+    centre = flat.mean(axis=0)
+    off = flat - centre
+    design = np.concatenate([z, np.ones((len(z), 1))], axis=1)
+    products = off @ off.T
+    tried = [(_left_out(design, products, one), one) for one in (RIDGES if ridge is None else (ridge,))]
+    error, chosen = min(tried)
+    solved = _solver(design, chosen) @ off
+    modes = solved[:-1].reshape(z.shape[1], -1, 3)
+    mean = (solved[-1] + centre).reshape(-1, 3)
+    return DenseModes(mean, modes, chosen, float(np.sqrt(error / (len(faces) * faces.shape[1]))))
+
+
+def _solver(design: NDArray[np.float64], ridge: float) -> NDArray[np.float64]:
+    """(K + 1, P): postures to parameters; the last row, the mean, is not shrunk."""
+    square = design.T @ design
+    square[range(len(square) - 1), range(len(square) - 1)] += ridge
+    solver: NDArray[np.float64] = np.linalg.pinv(square, rcond=1e-10, hermitian=True) @ design.T
+    return solver
+
+
+def _left_out(design: NDArray[np.float64], products: NDArray[np.float64], ridge: float) -> float:
+    """Squared error of each posture predicted from the others, summed; from the P x P products alone (PRESS)."""
+    hat = design @ _solver(design, ridge)
+    stay = np.eye(len(hat)) - hat
+    left = np.maximum(np.diag(stay @ products @ stay.T), 0.0)
+    free = 1.0 - np.diag(hat)
+    return float((left / np.maximum(free, 1e-12) ** 2).sum()) if (free > 1e-6).all() else np.inf
+
+
+def _coordinates(
+    vertices: NDArray[np.float64], corners: NDArray[np.float64], normals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Solve ``foot(a, b, c) + height * unit(normal(a, b, c)) = vertex`` by Newton: weights, height, what is left."""
+    shape = np.broadcast_shapes(vertices.shape[:-1], corners.shape[:-2])
+    first = corners[..., 0, :]
+    u, v = corners[..., 1, :] - first, corners[..., 2, :] - first
+    flat = np.cross(u, v)
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    unknown = np.zeros((*shape, 3))  # b, c, height
+    start = np.linalg.solve(np.stack([u, v, flat], axis=-1), (vertices - first)[..., None])[..., 0]
+    unknown[...] = start
+    slope = np.stack([normals[..., 1, :] - normals[..., 0, :], normals[..., 2, :] - normals[..., 0, :]], axis=-1)
+    for _ in range(NEWTON_STEPS):
+        b, c, height = np.moveaxis(unknown, -1, 0)[..., None]
+        raw = normals[..., 0, :] + b * slope[..., 0] + c * slope[..., 1]
+        length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-9)
+        unit = raw / length
+        left = first + b * u + c * v + height * unit - vertices
+        bend = (slope - unit[..., None] * (unit[..., None, :] @ slope)) / length[..., None]
+        jacobian = np.concatenate([np.stack([u, v], axis=-1) + height[..., None] * bend, unit[..., None]], axis=-1)
+        jacobian += 1e-12 * np.eye(3)
+        unknown -= np.clip(np.linalg.solve(jacobian, left[..., None])[..., 0], -50, 50)
+    b, c, height = np.moveaxis(unknown, -1, 0)
+    off = np.linalg.norm(left, axis=-1)
+    return np.stack([1 - b - c, b, c], axis=-1), height, np.where(np.isfinite(off), off, np.inf)

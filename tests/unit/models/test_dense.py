@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.surface import Surface
+from fapengine.models.dense import bind, continue_smoothly, fit_dense_modes, remesh, sparse_facets
+
+INNER = np.arange(41 * 41).reshape(41, 41)[2:-2:3, 2:-2:3].ravel()
+"""Every third vertex of the mask each way is a marker."""
+
+
+def postures(mask, scores):
+    vertices, triangles, modes = mask()
+    return vertices + np.tensordot(scores, modes, axes=1), triangles
+
+
+def test_a_bound_vertex_comes_back_in_its_own_posture_and_turns_with_it(mask):
+    faces, _ = postures(mask, np.array([[0.0, 0, 0], [1.0, -1, 0.5]]))
+    facets = sparse_facets(faces[:, INNER])
+    binding = bind(faces[0], faces[0, INNER], facets)
+    assert binding.bound.mean() > 0.9
+    turn = Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix()
+    for move in (np.eye(3), turn):
+        feet, directions = binding.lines(faces[0, INNER] @ move.T + 5, facets)
+        back = feet + binding.height_mm[:, None] * directions
+        np.testing.assert_allclose(back[binding.bound], (faces[0] @ move.T + 5)[binding.bound], atol=1e-6)
+    np.testing.assert_allclose(binding.weights.sum(axis=1), 1)
+
+
+def test_a_scan_with_other_vertices_gets_those_of_the_reference(mask):
+    scores = np.array([[0.0, 0, 0], [1.5, -1, 1], [-1, 1, -1]])
+    faces, triangles = postures(mask, scores)
+    facets = sparse_facets(faces[:, INNER])
+    reference = Surface(faces[0], triangles)
+    binding = bind(faces[0], faces[0, INNER], facets)
+    rng = np.random.default_rng(1)
+    other = rng.permutation(len(faces[0]))  # the scanner numbers its vertices as it likes
+    place = np.argsort(other)
+    scan = Surface(faces[1][other], place[triangles])
+    found, met = remesh(binding, reference, scan, faces[1, INNER], facets)
+    assert met.mean() > 0.8
+    off = np.linalg.norm(found - faces[1], axis=1)
+    moved = np.linalg.norm(faces[1] - faces[0], axis=1)
+    assert off[met].mean() < 0.25  # mm; the deformation is up to 13
+    assert off.mean() < 0.06 * moved.max()
+    np.testing.assert_allclose(remesh(binding, reference, reference, faces[0, INNER], facets)[0], faces[0], atol=1e-6)
+
+
+def test_a_hole_in_the_scan_is_closed_from_its_neighbours(mask):
+    faces, triangles = postures(mask, np.array([[0.0, 0, 0], [1.5, -1, 1]]))
+    facets = sparse_facets(faces[:, INNER])
+    reference = Surface(faces[0], triangles)
+    hole = np.linalg.norm(faces[1] - faces[1, 41 * 12 + 20], axis=1) < 15
+    scan = Surface(faces[1], triangles[~hole[triangles].any(axis=1)])
+    binding = bind(faces[0], faces[0, INNER], facets)
+    found, met = remesh(binding, reference, scan, faces[1, INNER], facets)
+    assert not met[hole].any()
+    assert np.linalg.norm(found - faces[1], axis=1)[hole].mean() < 1.0
+
+
+def test_a_scan_elsewhere_is_refused(mask):
+    faces, triangles = postures(mask, np.array([[0.0, 0, 0], [1.5, -1, 1]]))
+    facets = sparse_facets(faces[:, INNER])
+    reference = Surface(faces[0], triangles)
+    with pytest.raises(DataError, match="got 0 of"):
+        remesh(
+            bind(faces[0], faces[0, INNER], facets),
+            reference,
+            Surface(faces[0] + 500, triangles),
+            faces[0, INNER],
+            facets,
+        )
+
+
+def test_facets_do_not_bridge_the_mouth(mask):
+    vertices, _, _ = mask()
+    markers = vertices[INNER]
+    opened = markers.copy()
+    lower = (markers[:, 1] < -20) & (np.abs(markers[:, 0]) < 40)
+    opened[lower] -= [0, 25, 0]
+    edges = {False: 0, True: 0}
+    for open_too in edges:
+        facets = sparse_facets(np.stack([markers, opened]) if open_too else markers[None])
+        mixed = lower[facets].any(axis=1) & ~lower[facets].all(axis=1)
+        edges[open_too] = int((mixed & (np.abs(markers[facets][..., 0]) < 30).all(axis=1)).sum())
+    a, b, c = (markers[sparse_facets(markers[None])[:, index]] for index in range(3))
+    assert (np.cross(b - a, c - a) * [1, 0, 1] * (a + b + c)).sum(axis=1).min() > 0  # all face outwards
+    assert edges[False] > 0
+    assert edges[True] == 0
+    with pytest.raises(DataError, match="no facet that stays together"):
+        sparse_facets(markers[None], longest_mm=0.1)
+
+
+def test_smooth_continuation_continues_straight_and_does_not_cross_a_slit(mask):
+    vertices, triangles, _ = mask()
+    linear = vertices @ np.array([[0.1, 0, 0], [0, 0.05, 0], [0, 0, 0]])
+    known = np.random.default_rng(2).random(len(vertices)) < 0.5
+    found = continue_smoothly(np.where(known[:, None], linear, 0.0), known, triangles)
+    assert np.array_equal(found[known], linear[known])
+    assert np.linalg.norm(found - linear, axis=1).max() < 0.5
+    upper = vertices[:, 1] > 0
+    slit = triangles[upper[triangles].all(axis=1) | (~upper)[triangles].all(axis=1)]
+    step = np.where(upper[:, None], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0])
+    sparse = np.random.default_rng(3).random(len(vertices)) < 0.1
+    apart = continue_smoothly(np.where(sparse[:, None], step, 0.0), sparse, slit)
+    np.testing.assert_allclose(apart, step, atol=1e-4)
+    lonely = continue_smoothly(np.where((sparse & upper)[:, None], step, 0.0), sparse & upper, slit)
+    np.testing.assert_allclose(lonely[~upper], np.broadcast_to([0.0, 1.0, 0.0], lonely[~upper].shape), atol=1e-4)
+    assert np.array_equal(continue_smoothly(linear, np.ones(len(linear), bool), triangles), linear)
+    with pytest.raises(UsageError, match="known: got no vertex"):
+        continue_smoothly(linear, np.zeros(len(linear), bool), triangles)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10**9))
+def test_exact_faces_give_exact_modes(seed):
+    rng = np.random.default_rng(seed)
+    z, mean, modes = rng.normal(0, 1, (15, 7)), rng.normal(0, 50, (30, 3)), rng.normal(0, 2, (7, 30, 3))
+    dense = fit_dense_modes(mean + np.tensordot(z, modes, axes=1), z)
+    assert dense.ridge <= 1e-3
+    np.testing.assert_allclose(dense.mean_mm, mean, atol=1e-6)
+    np.testing.assert_allclose(dense.modes_mm, modes, atol=1e-6)
+    np.testing.assert_allclose(dense.faces_mm(z[3]), mean + np.tensordot(z[3], modes, axes=1), atol=1e-6)
+    assert dense.left_out_mm < 1e-3  # products of numbers lose half the digits
+
+
+def test_the_ridge_is_chosen_by_left_out_postures_and_spares_the_mean():
+    rng = np.random.default_rng(4)
+    z, mean, modes = rng.normal(0, 1, (12, 7)), rng.normal(0, 50, (30, 3)), rng.normal(0, 1, (7, 30, 3))
+    faces = mean + np.tensordot(z, modes, axes=1) + rng.normal(0, 2.0, (12, 30, 3))
+    chosen, plain = fit_dense_modes(faces, z), fit_dense_modes(faces, z, ridge=0.0)
+    assert chosen.ridge > 0
+    new = rng.normal(0, 1, (200, 7))
+    truth = mean + np.tensordot(new, modes, axes=1)
+    off = [np.linalg.norm(dense.faces_mm(new) - truth, axis=-1).mean() for dense in (chosen, plain)]
+    assert off[0] < off[1]
+    far = fit_dense_modes(faces + 100, z)
+    np.testing.assert_allclose(far.mean_mm, chosen.mean_mm + 100, atol=1e-6)
+    np.testing.assert_allclose(far.modes_mm, chosen.modes_mm, atol=1e-6)
+    left = []
+    for out in range(12):
+        rest = np.arange(12) != out
+        other = fit_dense_modes(faces[rest], z[rest], ridge=chosen.ridge)
+        left.append(((other.faces_mm(z[out]) - faces[out]) ** 2).sum(-1))
+    assert chosen.left_out_mm == pytest.approx(np.sqrt(np.mean(left)), rel=1e-6)
+
+
+def test_fewer_postures_than_modes_stay_finite():
+    rng = np.random.default_rng(5)
+    z = rng.normal(0, 1, (6, 7))
+    faces = 50 + np.tensordot(z, rng.normal(0, 1, (7, 30, 3)), axes=1)
+    dense = fit_dense_modes(faces, z)
+    assert np.abs(dense.faces_mm(rng.normal(0, 1, (20, 7))) - 50).max() < 30
+    with pytest.raises(UsageError, match="got 1 posture"):
+        fit_dense_modes(faces[:1], z[:1])
+    with pytest.raises(UsageError, match="ridge: got -1"):
+        fit_dense_modes(faces, z, ridge=-1.0)
