@@ -1,0 +1,386 @@
+"""From bytes to frames: incremental, total, and able to find its way back after damage.
+
+Theory of operation
+-------------------
+Bits wait in a buffer until a plane is *settled*: whatever follows, it decodes the same. So feeding byte by byte gives
+what feeding at once gives. For any bytes at all the decoder returns frames or raises :class:`DataError`; its time and
+memory grow with the length of the data alone.
+
+With ``errors="resync"`` an error is noted as a :class:`Loss`, and decoding goes on at the next I plane that proves
+itself (:mod:`fapengine.codec.resync`). Damage is seen a few planes late: each wrong plane header passes for a right one
+with a chance of 1/8. So the last :data:`HELD` frames are held back until what follows them has been decoded, and thrown
+away if it cannot be.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from fapengine.codec import kernels as k
+from fapengine.codec import startcodes
+from fapengine.codec.bits import BitReader, Bits, place, unpack
+from fapengine.codec.fields import FIELD_COUNT, FIELD_FAPS, FIELD_NAMES, Ints, track_of
+from fapengine.codec.frames import Frame, Loss, Planes
+from fapengine.codec.header import FrameRate, IntraHeader, read_intra_header
+from fapengine.codec.planes import PlaneState
+from fapengine.codec.resync import find_intact_intra
+from fapengine.errors import ConformanceError, DataError, TruncatedError, UnsupportedError
+from fapengine.mpeg4.track import FapTrack
+
+Errors = Literal["strict", "resync"]
+HELD = 4
+"""Frames held back while resynchronising is on: a wrong plane passes for a right one that often with chance 8**-4."""
+DEFAULT_RATE = FrameRate(30)
+"""Before any rate was sent (FBA section 10)."""
+AT_ONCE = 256
+CLAUSES = {
+    k.BAD_MASK: "FBA section 2", k.NOT_FACE: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
+    k.BAD_VALUE: "FBA section 9", k.BAD_SKIP: "FBA section 10",
+}  # fmt: skip
+
+
+class Decoder:
+    """Stateful: bytes in, frames out.
+
+    Parameters
+    ----------
+    errors : "strict" or "resync"
+        Whether damage ends the stream with an error, or costs frames and is listed in ``losses``.
+    with_costs : bool
+        Count the bits that each field costs, in ``costs``; slower.
+
+    Examples
+    --------
+    >>> worked_example = bytes.fromhex(
+    ...     "000001BA B19001B5 8000924B 24802988 3E848614 006C7D28 52D17D70 05A17F00 0001B1")
+    >>> decoder = Decoder()
+    >>> [frame.fap(48) for frame in decoder.feed(worked_example)]
+    [-1020, -680, -680]
+    """
+
+    def __init__(self, *, errors: Errors = "strict", with_costs: bool = False) -> None:
+        self.losses: list[Loss] = []
+        self.ended = False
+        """The end code was read; whatever follows is ignored."""
+        self.rate: FrameRate | None = None
+        """First frame rate that was sent."""
+        self.costs = np.zeros(FIELD_COUNT if with_costs else 0)
+        """(73,) float64, bits: information of all symbols of each field."""
+        self._resync = errors == "resync"
+        self._state = PlaneState()
+        self._bits: Bits = np.zeros(0, np.uint8)
+        self._at = 0
+        self._origin = 0
+        self._begun = False
+        self._header: IntraHeader | None = None
+        self._fresh = False
+        self._searching_from: int | None = None
+        self._trouble: DataError | None = None
+        self._number = 0
+        self._anchor = (0, 0.0)
+        self._rate_hz = DEFAULT_RATE.hz
+        self._out: list[Planes] = []
+        self._found: Ints = np.zeros((4, FIELD_COUNT), np.int64)
+        self._flags: Ints = np.zeros(3, np.int64)
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take more bytes, and return the frames that they complete.
+
+        Raises
+        ------
+        DataError
+            If the stream is damaged: at the call after the one that returned the last good frames.
+        """
+        return [frame for planes in self.feed_planes(data) for frame in planes.frames()]
+
+    def close(self) -> list[Frame]:
+        """Say that no more bytes come; behind the last one, bits read as 0.
+
+        Raises
+        ------
+        TruncatedError
+            If there was no end code; with ``errors="resync"`` that is a loss instead.
+        """
+        return [frame for planes in self.close_planes() for frame in planes.frames()]
+
+    def feed_planes(self, data: bytes) -> list[Planes]:
+        """Do as :meth:`feed`, with frames in blocks of arrays."""
+        if self._trouble is not None:
+            raise self._trouble
+        if not self.ended and data:
+            self._bits = np.concatenate([self._bits, unpack(data)])
+            self._run(final=False)
+        return self._hand_out(everything=self.ended or not self._resync)
+
+    def close_planes(self) -> list[Planes]:
+        """Do as :meth:`close`, with frames in blocks of arrays."""
+        if self._trouble is not None:
+            raise self._trouble
+        if not self.ended:
+            self._run(final=True)
+            if self._trouble is not None and not self._out:
+                raise self._trouble
+        self.ended = True
+        return self._hand_out(everything=True)
+
+    @property
+    def trouble(self) -> DataError | None:
+        """The error that the next call will raise."""
+        return self._trouble
+
+    @property
+    def rate_hz(self) -> float:
+        """First frame rate of the stream; 30 until one is sent."""
+        return (self.rate or DEFAULT_RATE).hz
+
+    def _hand_out(self, *, everything: bool) -> list[Planes]:
+        if everything:
+            ready, self._out = self._out, []
+            return ready
+        kept: list[Planes] = []
+        room = HELD
+        while self._out and room:
+            last = self._out.pop()
+            head, tail = last.split(max(0, len(last) - room))
+            kept.insert(0, tail)
+            room -= len(tail)
+            if len(head):
+                self._out.append(head)
+        ready, self._out = self._out, kept
+        return ready
+
+    def _run(self, *, final: bool) -> None:
+        while not self.ended and self._trouble is None:
+            try:
+                if not (self._search(final=final) if self._searching_from is not None else self._step(final=final)):
+                    return
+            except DataError as error:
+                self._lose(error)
+
+    def _lose(self, error: DataError) -> None:
+        """Note an error; when resynchronising, drop what is held and search from there."""
+        if not self._resync:
+            self._trouble = error
+            return
+        start = self._origin + self._at
+        if isinstance(error, TruncatedError):  # nothing speaks against what was decoded
+            end = self._origin + len(self._bits)
+            self.losses.append(Loss(start_bit=start, end_bit=end, frames_dropped=0, reason=str(error)))
+            self.ended = True
+            return
+        ready = self._hand_out(everything=False)
+        held = sum(len(planes) for planes in self._out)
+        if held:
+            start = int(self._out[0].extents[0, 0])
+        self.losses.append(Loss(start_bit=start, end_bit=None, frames_dropped=held, reason=str(error)))
+        self._out = ready
+        self._searching_from = max(start + 1 - self._origin, 0)
+
+    def _step(self, *, final: bool) -> bool:
+        """Do one thing; False when more bytes are needed."""
+        if not self._begun:
+            return self._begin(final=final)
+        if self._header is None:
+            return self._first_intra(final=final)
+        return self._planes(final=final)
+
+    def _begin(self, *, final: bool) -> bool:
+        try:
+            self._at = 8 * startcodes.skip_preamble(np.packbits(self._bits).tobytes())
+        except TruncatedError:
+            if not final:
+                return False
+            raise
+        self._begun = self._fresh = True
+        return True
+
+    def _first_intra(self, *, final: bool) -> bool:
+        left = len(self._bits) - self._at
+        if not left:
+            if final:
+                raise TruncatedError("got no plane", where=self._where())
+            return False
+        if self._bits[self._at]:
+            return self._intra(final=final)
+        code = k.code_behind(self._bits, self._at)
+        if code == -2 and not final:
+            return False
+        if code < 0:
+            raise ConformanceError("first plane: got a P plane, expected an I plane", where=self._where(),
+                                   clause="FBA section 1")  # fmt: skip
+        self._start_code(code)
+        return True
+
+    def _planes(self, *, final: bool) -> bool:
+        values = np.zeros((AT_ONCE, FIELD_COUNT), np.int64)
+        flags, extents = np.zeros((AT_ONCE, 3), np.int64), np.zeros((AT_ONCE, 3), np.int64)
+        state = self._state
+        count, self._at, status, detail = k.decode_predicted(
+            self._bits, self._at, self._fresh, final, state.fields, state.previous, state.decoding_models,
+            self._found, self._flags, self.costs, values, flags, extents,
+        )  # fmt: skip
+        if count:
+            self._fresh = False
+            extents[:, :2] += self._origin
+            self._emit(values[:count].copy(), flags[:count].copy(), extents[:count].copy(), intra=False)
+        if status == k.NEED_MORE:
+            self._trim()
+            if final:
+                raise TruncatedError("stream: ends without its end code", where=self._where(), clause="FBA section 1")
+            return False
+        if status == k.INTRA_NEXT:
+            return self._intra(final=final)
+        if status == k.AT_CODE:
+            self._start_code(detail)
+        elif status != k.FULL:
+            raise self._error(status, detail)
+        self._trim()
+        return True
+
+    def _start_code(self, code: int) -> None:
+        if code in (startcodes.PLANE_START, startcodes.OLD_PLANE_START):
+            self._at = (self._at // 8 + 1) * 8 + 32
+            self._fresh = True
+        elif 0xB0 <= code <= 0xBF:
+            self.ended = True
+        else:
+            raise ConformanceError(f"first plane: got start code {code:02x}, expected a plane", where=self._where())
+
+    def _intra(self, *, final: bool) -> bool:
+        reader = BitReader(self._bits, self._at + 1, self._origin)
+        try:
+            header = read_intra_header(reader)
+        except TruncatedError:
+            if final:
+                raise
+            return False
+        state = self._state
+        before = None if state.ranges is None else state.ranges.copy()
+        state.begin_intra(header)
+        costs = np.zeros_like(self.costs)
+        status, end = k.decode_settled(
+            True, self._bits, reader.position, state.fields, state.previous, state.decoding_models, self._found,
+            self._flags, costs,
+        )  # fmt: skip
+        if status == k.NEED_MORE:
+            state.ranges = before
+            if final:
+                raise TruncatedError("I plane: cut off", where=self._where(), clause="FBA section 4")
+            return False
+        if status != k.DONE:
+            raise self._error(status, end)
+        if len(self.costs):
+            self.costs += costs
+        k.keep_plane(True, self._found, state.fields, state.previous, state.decoding_models)
+        self._header = header
+        self._take_times(header)
+        extent = np.array([[self._origin + self._at, self._origin + end, header.skip]], np.int64)
+        self._at = end
+        self._fresh = False
+        self._emit(self._found[:1].copy(), self._flags[None].copy(), extent, intra=True)
+        return True
+
+    def _take_times(self, header: IntraHeader) -> None:
+        now_s = self._time_s(self._number)
+        if header.time_code is not None:
+            now_s = float(header.time_code.total_s)
+        if header.rate is not None:
+            self._rate_hz = header.rate.hz
+            self.rate = self.rate or header.rate
+        if header.time_code is not None or header.rate is not None:
+            self._anchor = (self._number, now_s)
+
+    def _time_s(self, number: int) -> float:
+        return self._anchor[1] + (number - self._anchor[0]) / self._rate_hz
+
+    def _emit(self, values: Ints, flags: Ints, extents: Ints, *, intra: bool) -> None:
+        assert self._header is not None
+        numbers = self._number + np.concatenate([[0], np.cumsum(extents[:-1, 2] + 1)]).astype(np.int64)
+        self._number = int(numbers[-1] + extents[-1, 2] + 1)
+        times_s = self._anchor[1] + (numbers - self._anchor[0]) / self._rate_hz
+        self._out.append(
+            Planes(header=self._header, intra=intra, values=values, flags=flags, extents=extents, numbers=numbers,
+                   times_s=times_s)
+        )  # fmt: skip
+
+    def _error(self, status: int, detail: int) -> DataError:
+        where, clause = self._where(), CLAUSES[status]
+        if status == k.NOT_FACE:
+            return UnsupportedError(f"fba_object_mask: got {detail}, body parameters", where=where, clause=clause)
+        if status == k.BAD_MASK:
+            return ConformanceError(f"fba_object_mask: got {detail}, expected 1", where=where, clause=clause)
+        if status == k.BAD_SKIP:
+            return ConformanceError(f"frames to skip: got more than {k.SKIP_LIMIT}", where=where, clause=clause)
+        if status == k.BAD_STUFFING:
+            return ConformanceError("arithmetic data: got 23 zeros, expected a stuffed one", where=where, clause=clause)
+        name = f"FAP {FIELD_FAPS[detail]} ({FIELD_NAMES[detail]})"
+        return ConformanceError(f"{name}: got a value that it cannot have", where=where, clause=clause)
+
+    def _search(self, *, final: bool) -> bool:
+        start = self._searching_from
+        assert start is not None
+        found = find_intact_intra(self._bits, start, self._state, self._header, final=final)
+        if found is None:
+            if final:
+                self.losses[-1].end_bit = self._origin + len(self._bits)
+                self.ended = True
+            return False
+        self.losses[-1].end_bit = self._origin + found
+        self._searching_from, self._at = None, found
+        self._begun = True
+        self._header = None
+        self._fresh = True
+        return True
+
+    def _trim(self) -> None:
+        whole = self._at // 8 * 8
+        if self._searching_from is None and whole and not self._resync:
+            self._bits = self._bits[whole:]
+            self._origin += whole
+            self._at -= whole
+
+    def _where(self) -> str:
+        return place(self._origin + self._at)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Decoded:
+    """A whole stream."""
+
+    track: FapTrack
+    """As sent: what no mask selects is 0, blends are not clamped."""
+    planes: tuple[Planes, ...]
+    losses: tuple[Loss, ...] = ()
+    costs: np.ndarray[tuple[int], np.dtype[np.float64]] = field(default_factory=lambda: np.zeros(0))
+    """(73,) float64, bits a field; empty unless asked for."""
+
+
+def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) -> Decoded:
+    """Decode a whole stream.
+
+    Parameters
+    ----------
+    data : bytes
+        From the first start code on.
+    errors, with_costs
+        As :class:`Decoder`.
+
+    Raises
+    ------
+    DataError
+        With byte, bit and section of the format: for damage if ``errors`` is "strict"; if no frame at all was found.
+    """
+    decoder = Decoder(errors=errors, with_costs=with_costs)
+    planes = decoder.feed_planes(data)
+    planes += decoder.close_planes()
+    if decoder.trouble is not None:
+        raise decoder.trouble
+    if not planes:
+        raise DataError("got no frame", where=place(0))
+    values = np.concatenate([part.values for part in planes])
+    flags = np.concatenate([part.flags for part in planes])
+    numbers = np.concatenate([part.numbers for part in planes])
+    mask = np.concatenate([np.broadcast_to(part.header.mask, (len(part), 68)) for part in planes])
+    track = track_of(values, flags, mask, numbers, rate_hz=decoder.rate_hz)
+    return Decoded(track=track, planes=tuple(planes), losses=tuple(decoder.losses), costs=decoder.costs)

@@ -1,0 +1,543 @@
+"""The adaptive arithmetic coder and the plane loops around it: everything that touches every bit.
+
+Theory of operation
+-------------------
+A symbol ``y`` of an alphabet of ``n`` owns an interval of the sums ``c[j] = f[j] + ... + f[n-1]``, symbol 0 the
+topmost. Counted from the other end, ``r = n - 1 - y``, the interval is ``[prefix(r), prefix(r) + f[r])``, and prefix
+sums of changing counts are what a Fenwick tree keeps: coding, finding and counting a symbol cost log2(n) steps, not n.
+A plane is 73 fields at most (:mod:`fapengine.codec.fields`) in up to three segments, each flushed on its own.
+
+Invariants: ``low <= V <= high``; every model's tree holds the prefix sums of its counts; models change only when a
+whole plane has been decoded, so a plane that turns out to be incomplete can be decoded again.
+
+With Numba installed (``fapengine[fast]``) these functions are compiled and kept on disk; without it they run as they
+stand. :func:`warm_up` loads or compiles all of them, so that no live stream waits.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, GROUPS, VISEME_FIELDS
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+try:
+    from numba import njit as _njit
+
+    COMPILED = True
+    """Numba compiles the functions of this module."""
+except ImportError:
+    COMPILED = False
+
+
+def _compiled(function: F) -> F:
+    if not COMPILED:
+        return function
+    compiled: Any = _njit(cache=True, nogil=True)(function)
+    return cast(F, compiled)
+
+
+HALF, QUARTER, THREE_QUARTERS, TOP = 32768, 16384, 49152, 65535
+LIMIT = 16383
+"""Largest total of a model's counts (FBA section 7)."""
+ZERO_RUN = 22
+"""So many zeros of the coder in a row are followed by a stuffed one (FBA section 7)."""
+SKIP_LIMIT = 100_000
+"""Deviation: more skipped frames than this in one plane (over an hour at 25 Hz) count as damage; it bounds the time
+that a decoder fed byte by byte can be made to spend."""
+LOOK_AHEAD = 14
+"""Data bits that the decoder is ahead at the end of a segment."""
+
+GROUP_SIZES = tuple(len(group) for group in GROUPS)
+A_END, B_END = VISEME_FIELDS.stop, EXPRESSION_FIELDS.stop
+
+ON, STEP, I_MIN, I_COUNT, P_MIN, P_COUNT, LOWEST, HIGHEST = range(8)
+"""Columns of the (73, 8) table of fields: coded or not, quantiser step, first symbol and alphabet of I and P planes,
+and what the reconstruction must lie between."""
+
+LOW, HIGH, PENDING, ZEROS, VALUE, READ, TAKEN, BAD = range(8)
+"""Slots of the coder's registers; encoding uses the first four."""
+
+DONE, NEED_MORE, AT_CODE, INTRA_NEXT, FULL = 0, 1, 2, 3, 4
+BAD_MASK, BAD_STUFFING, BAD_VALUE, NOT_FACE, BAD_SKIP = 5, 6, 7, 8, 9
+"""Why a decoding loop stopped."""
+
+
+@_compiled
+def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
+    """Make the P models of all fields that are on uniform (FBA section 8)."""
+    for field in range(fields.shape[0]):
+        size = fields[field, P_COUNT] if fields[field, ON] else 0
+        start = base[field]
+        totals[field] = size
+        for i in range(1, size + 1):
+            counts[start + i] = 1
+            tree[start + i] = i & -i
+
+
+@_compiled
+def _count(field: int, rank: int, fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
+    size = fields[field, P_COUNT]
+    start = base[field]
+    if totals[field] == LIMIT:
+        total = 0
+        for i in range(1, size + 1):
+            counts[start + i] = (counts[start + i] + 1) >> 1
+            total += counts[start + i]
+            tree[start + i] = counts[start + i]
+        for i in range(1, size + 1):
+            parent = i + (i & -i)
+            if parent <= size:
+                tree[start + parent] += tree[start + i]
+        totals[field] = total
+    counts[start + rank + 1] += 1
+    totals[field] += 1
+    i = rank + 1
+    while i <= size:
+        tree[start + i] += 1
+        i += i & -i
+
+
+@_compiled
+def _prefix(start: int, rank: int, tree: Any) -> int:
+    total = 0
+    while rank > 0:
+        total += tree[start + rank]
+        rank &= rank - 1
+    return total
+
+
+@_compiled
+def _put(bit: int, out: Any, at: int, coder: Any) -> int:
+    if coder[ZEROS] == ZERO_RUN:
+        out[at] = 1
+        at += 1
+        coder[ZEROS] = 0
+    out[at] = bit
+    coder[ZEROS] = 0 if bit else coder[ZEROS] + 1
+    return at + 1
+
+
+@_compiled
+def _emit(bit: int, out: Any, at: int, coder: Any) -> int:
+    at = _put(bit, out, at, coder)
+    for _ in range(coder[PENDING]):
+        at = _put(1 - bit, out, at, coder)
+    coder[PENDING] = 0
+    return at
+
+
+@_compiled
+def _encode_symbol(under: int, over: int, total: int, out: Any, at: int, coder: Any) -> int:
+    low, high = coder[LOW], coder[HIGH]
+    length = high - low + 1
+    high = low - 1 + length * over // total
+    low += length * under // total
+    while True:
+        if high < HALF:
+            at = _emit(0, out, at, coder)
+        elif low >= HALF:
+            at = _emit(1, out, at, coder)
+            low -= HALF
+            high -= HALF
+        elif low >= QUARTER and high < THREE_QUARTERS:
+            coder[PENDING] += 1
+            low -= QUARTER
+            high -= QUARTER
+        else:
+            break
+        low = 2 * low
+        high = 2 * high + 1
+    coder[LOW], coder[HIGH] = low, high
+    return at
+
+
+@_compiled
+def _flush(out: Any, at: int, coder: Any) -> int:
+    coder[PENDING] += 1
+    at = _emit(0 if coder[LOW] < QUARTER else 1, out, at, coder)
+    coder[LOW], coder[HIGH], coder[PENDING], coder[ZEROS] = 0, TOP, 0, 0
+    return at
+
+
+@_compiled
+def encode_plane(
+    intra: bool, target: Any, flags: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
+) -> int:
+    """Append the arithmetic data of one plane (FBA sections 6 to 8) to ``out``, one bit a byte.
+
+    Parameters
+    ----------
+    target : (73,) int64
+        Values in the order of the fields.
+    flags : (3,) int64
+        viseme_def, init_face, expression_def.
+    previous : (73,) int64
+        Last reconstruction; replaced by this plane's.
+    models : tuple of arrays
+        base, counts, tree, totals, coder.
+
+    Returns
+    -------
+    int
+        Bits in ``out``; or ``-1 - field`` where a symbol is out of range and ``clamp`` is off. Then models are spoilt.
+    """
+    base, counts, tree, totals, coder = models
+    coder[LOW], coder[HIGH], coder[PENDING], coder[ZEROS] = 0, TOP, 0, 0
+    for field in range(FIELD_COUNT):
+        if field == A_END and fields[0, ON]:
+            at = _flush(out, at, coder)
+            out[at] = flags[0]
+            at += 1
+        if field == B_END and fields[A_END, ON]:
+            at = _flush(out, at, coder)
+            out[at] = flags[1]
+            out[at + 1] = flags[2]
+            at += 2
+        if not fields[field, ON]:
+            continue
+        step = fields[field, STEP]
+        first = fields[field, I_MIN] if intra else fields[field, P_MIN]
+        size = fields[field, I_COUNT] if intra else fields[field, P_COUNT]
+        before = 0 if intra else previous[field]
+        wanted = target[field] - before
+        half = step // 2
+        magnitude = abs(wanted)
+        level = 0 if magnitude <= half else (magnitude + half) // step
+        if wanted < 0:
+            level = -level
+        symbol = level - first
+        if symbol < 0 or symbol >= size:
+            if not clamp:
+                return -1 - field
+            symbol = min(max(symbol, 0), size - 1)
+        previous[field] = before + (symbol + first) * step
+        rank = size - 1 - symbol
+        if intra:
+            at = _encode_symbol(rank, rank + 1, size, out, at, coder)
+        else:
+            start = base[field]
+            under = _prefix(start, rank, tree)
+            at = _encode_symbol(under, under + counts[start + rank + 1], totals[field], out, at, coder)
+            _count(field, rank, fields, base, counts, tree, totals)
+    return _flush(out, at, coder)
+
+
+@_compiled
+def encode_predicted(
+    targets: Any, flags: Any, skips: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
+) -> int:
+    """Append a run of P planes with their headers; ``-1 - field`` as :func:`encode_plane`."""
+    for t in range(targets.shape[0]):
+        out[at], out[at + 1], out[at + 2] = 0, 0, 1
+        out[at + 3] = 1 if skips[t] else 0
+        at += 4
+        left = skips[t]
+        while left >= 0 and skips[t]:
+            part = min(left, 15)
+            for k in range(4):
+                out[at + k] = (part >> (3 - k)) & 1
+            at += 4
+            left = left - 15
+        at = encode_plane(False, targets[t], flags[t], fields, previous, models, clamp, out, at)
+        if at < 0:
+            return at
+    return at
+
+
+@_compiled
+def _raw(bits: Any, position: int, pad: int) -> int:
+    return bits[position] if position < bits.shape[0] else pad
+
+
+@_compiled
+def _take(bits: Any, pad: int, coder: Any, behind: Any) -> int:
+    position = coder[READ]
+    if coder[ZEROS] == ZERO_RUN:
+        if _raw(bits, position, pad):
+            position += 1
+        elif coder[BAD] < 0:
+            coder[BAD] = coder[TAKEN]  # only an error if this data bit is still inside the segment
+        coder[ZEROS] = 0
+    bit = _raw(bits, position, pad)
+    coder[READ] = position + 1
+    coder[ZEROS] = 0 if bit else coder[ZEROS] + 1
+    behind[coder[TAKEN] & 15] = position + 1
+    coder[TAKEN] += 1
+    return bit
+
+
+@_compiled
+def _open_segment(bits: Any, position: int, pad: int, coder: Any, behind: Any) -> None:
+    coder[LOW], coder[HIGH], coder[VALUE] = 0, TOP, 0
+    coder[READ], coder[TAKEN], coder[ZEROS], coder[BAD] = position, 0, 0, -1
+    for _ in range(16):
+        coder[VALUE] = 2 * coder[VALUE] + _take(bits, pad, coder, behind)
+
+
+@_compiled
+def _close_segment(coder: Any, behind: Any) -> int:
+    end = coder[TAKEN] - LOOK_AHEAD
+    if 0 <= coder[BAD] < end:
+        return -1
+    return int(behind[(end - 1) & 15])
+
+
+@_compiled
+def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, behind: Any) -> None:
+    low, high, value = coder[LOW], coder[HIGH], coder[VALUE]
+    length = high - low + 1
+    high = low - 1 + length * over // total
+    low = low + length * under // total
+    while True:
+        if high < HALF:
+            shift = 0
+        elif low >= HALF:
+            shift = HALF
+        elif low >= QUARTER and high < THREE_QUARTERS:
+            shift = QUARTER
+        else:
+            break
+        low = 2 * (low - shift)
+        high = 2 * (high - shift) + 1
+        value = 2 * (value - shift) + _take(bits, pad, coder, behind)
+    coder[LOW], coder[HIGH], coder[VALUE] = low, high, value
+
+
+@_compiled
+def decode_plane(
+    intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
+    costs: Any,
+) -> tuple[int, int, int]:  # fmt: skip
+    """Decode the arithmetic data of one plane; nothing but ``found``, ``flags`` and the registers is changed.
+
+    Parameters
+    ----------
+    bits : (N,) uint8
+        One bit a byte; behind its end every bit reads as ``pad``.
+    found : (2, 73) int64
+        Receives the reconstruction and the ranks of the symbols.
+    costs : (73,) float64, or empty
+        Receives the bits that each field cost.
+
+    Returns
+    -------
+    status, end, read : int
+        Bit behind the plane, or the field that was wrong; and the furthest bit looked at.
+    """
+    base, counts, tree, totals, coder, behind = models
+    furthest = at
+    opened = False
+    for field in range(FIELD_COUNT + 1):
+        closes = (field == A_END and fields[0, ON]) or (field == B_END and fields[A_END, ON]) or field == FIELD_COUNT
+        if closes:
+            if not opened:
+                _open_segment(bits, at, pad, coder, behind)
+            at = _close_segment(coder, behind)
+            furthest = max(furthest, coder[READ])
+            opened = False
+            if at < 0:
+                return BAD_STUFFING, field, furthest
+            if field == A_END:
+                flags[0] = _raw(bits, at, pad)
+                at += 1
+            elif field == B_END:
+                flags[1] = _raw(bits, at, pad)
+                flags[2] = _raw(bits, at + 1, pad)
+                at += 2
+        if field == FIELD_COUNT or not fields[field, ON]:
+            continue
+        if not opened:
+            _open_segment(bits, at, pad, coder, behind)
+            opened = True
+        length = coder[HIGH] - coder[LOW] + 1
+        if intra:
+            size = fields[field, I_COUNT]
+            rank = ((coder[VALUE] - coder[LOW] + 1) * size - 1) // length
+            under, over, total = rank, rank + 1, size
+        else:
+            size, total, start = fields[field, P_COUNT], totals[field], base[field]
+            sought = ((coder[VALUE] - coder[LOW] + 1) * total - 1) // length
+            rank, under, jump = 0, 0, 4096
+            while jump:
+                if rank + jump <= size and under + tree[start + rank + jump] <= sought:
+                    rank += jump
+                    under += tree[start + rank]
+                jump >>= 1
+            over = under + counts[start + rank + 1]
+        _narrow(under, over, total, bits, pad, coder, behind)
+        first = fields[field, I_MIN] if intra else fields[field, P_MIN]
+        value = (size - 1 - rank + first) * fields[field, STEP]
+        if not intra:
+            value += previous[field]
+        if value < fields[field, LOWEST] or value > fields[field, HIGHEST]:
+            return BAD_VALUE, field, max(furthest, coder[READ])
+        found[0, field] = value
+        found[1, field] = rank
+        if costs.shape[0]:
+            costs[field] += np.log2(total / (over - under))
+    return DONE, at, max(furthest, at)
+
+
+@_compiled
+def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any) -> None:
+    """Take a decoded plane for good: it predicts the next one, and its symbols are counted."""
+    for field in range(FIELD_COUNT):
+        if fields[field, ON]:
+            previous[field] = found[0, field]
+            if not intra:
+                _count(field, found[1, field], fields, models[0], models[1], models[2], models[3])
+
+
+@_compiled
+def code_behind(bits: Any, at: int) -> int:
+    """Look for a start code behind a plane (FBA section 3): at the next byte boundary, one byte on if already there.
+
+    The stuffing itself is not checked, as the reference family does not.
+
+    Returns
+    -------
+    int
+        The last byte of the code; -1 where there is none; -2 where more bits are needed to know.
+    """
+    n = bits.shape[0]
+    start = (at // 8 + 1) * 8
+    for k in range(24):
+        if start + k >= n:
+            return -2
+        if bits[start + k] != (1 if k == 23 else 0):
+            return -1
+    if start + 32 > n:
+        return -2
+    code = 0
+    for k in range(24, 32):
+        code = 2 * code + bits[start + k]
+    return code
+
+
+@_compiled
+def decode_settled(
+    intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any, costs: Any
+) -> tuple[int, int]:  # fmt: skip
+    """Decode a plane if the bits at hand settle it: whatever follows them, the outcome is the same.
+
+    Both paddings bound every continuation, for the coder is monotone in its code value. ``found`` is (4, 73).
+
+    Returns
+    -------
+    status, end : int
+        ``NEED_MORE`` where the plane is not settled.
+    """
+    n = bits.shape[0]
+    status, end, read = decode_plane(intra, bits, at, 0, fields, previous, models, found, flags, costs)
+    if read <= n:
+        return status, end
+    if status != DONE or end > n:
+        return NEED_MORE, end
+    status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, found[2:], flags, costs)
+    if status != DONE or other != end:
+        return NEED_MORE, end
+    for field in range(FIELD_COUNT):
+        if fields[field, ON] and found[0, field] != found[2, field]:
+            return NEED_MORE, end
+    return DONE, end
+
+
+@_compiled
+def decode_predicted(
+    bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
+    costs: Any, values: Any, value_flags: Any, extents: Any,
+) -> tuple[int, int, int, int]:  # fmt: skip
+    """Decode P planes until something else comes or the room is full.
+
+    Parameters
+    ----------
+    fresh : bool
+        A start code has just been read: none is looked for before the first plane.
+    values, value_flags, extents : (N, 73), (N, 3), (N, 3) int64
+        Receive reconstruction, plain bits, and first bit, bit behind, frames skipped.
+
+    Returns
+    -------
+    count, at, status, detail : int
+        Planes decoded, the bit behind them, why it stopped.
+    """
+    count = 0
+    n = bits.shape[0]
+    while count < values.shape[0]:
+        code = -1 if fresh and count == 0 else code_behind(bits, at)
+        if code == 0xBB or code == 0x03 or 0xB0 <= code <= 0xBF:
+            return count, at, AT_CODE, code
+        if (code == -2 and not final) or at + 4 > n:
+            return count, at, NEED_MORE, at
+        if bits[at]:
+            return count, at, INTRA_NEXT, at
+        if bits[at + 1] or not bits[at + 2]:
+            status = NEED_MORE if code == -2 else NOT_FACE if bits[at + 1] else BAD_MASK
+            return count, at, status, 2 * bits[at + 1] + bits[at + 2]
+        data = at + 4
+        skip = 0
+        more = bits[at + 3] == 1
+        while more:
+            if data + 4 > n:
+                return count, at, NEED_MORE, at
+            part = 8 * bits[data] + 4 * bits[data + 1] + 2 * bits[data + 2] + bits[data + 3]
+            data += 4
+            skip += part
+            more = part == 15
+            if skip > SKIP_LIMIT:
+                return count, at, BAD_SKIP, skip
+        status, end = decode_settled(False, bits, data, fields, previous, models, found, flags, costs)
+        if status != DONE:
+            return count, at, NEED_MORE if code == -2 else status, end
+        keep_plane(False, found, fields, previous, models)
+        for field in range(FIELD_COUNT):
+            values[count, field] = found[0, field]
+        for k in range(3):
+            value_flags[count, k] = flags[k]
+        extents[count, 0], extents[count, 1], extents[count, 2] = at, end, skip
+        at = end
+        count += 1
+    return count, at, FULL, at
+
+
+@_compiled
+def find_intra(bits: Any, start: int) -> int:
+    """Find the next bit from which an I plane header could be read, by its fixed bits; -1 where none is left.
+
+    Headers cut off by the end do not count.
+    """
+    n = bits.shape[0]
+    for first in range(start, n - 40):
+        if not bits[first] or bits[first + 1] or not bits[first + 2]:
+            continue
+        at = first + 3
+        at += 14 if bits[at] else 1
+        if at < n and bits[at]:
+            if at + 12 >= n or not bits[at + 12]:
+                continue
+            at += 18
+        at += 1
+        if at < n and bits[at]:
+            more = True
+            at += 1
+            while more and at + 4 <= n:
+                more = bits[at] + bits[at + 1] + bits[at + 2] + bits[at + 3] == 4
+                at += 4
+        else:
+            at += 1
+        at += 5
+        good = True
+        for group in range(10):
+            if at + 3 > n or not bits[at]:
+                good = False
+                break
+            kind = 2 * bits[at + 1] + bits[at + 2]
+            at += 3
+            if kind == 1 or kind == 2:
+                at += GROUP_SIZES[group]
+        if good and at + 6 <= n and not bits[at + 1]:
+            return first
+    return -1

@@ -1,0 +1,98 @@
+"""The state that encoder and decoder share: ranges, steps, predictors and models of the 73 fields."""
+
+from typing import Any
+
+import numpy as np
+
+from fapengine.codec import kernels as k
+from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, LOW_LEVEL_FIELDS, VISEME_FIELDS, Bools, Ints
+from fapengine.codec.header import IntraHeader
+from fapengine.codec.ranges import apply_sent, default_ranges
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import VISEMES, Expression
+
+VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(Expression) - 1
+BLEND_TOP = 63
+INT32_TOP = 2**31 - 1
+STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)
+
+
+class PlaneState:
+    """Stateful: what an I plane sets and P planes change."""
+
+    def __init__(self) -> None:
+        self.fields: Ints = np.zeros((FIELD_COUNT, 8), np.int64)
+        self.fields[:, k.LOWEST], self.fields[:, k.HIGHEST] = -INT32_TOP, INT32_TOP
+        for start, top in ((VISEME_FIELDS.start, VISEME_TOP), (EXPRESSION_FIELDS.start, EXPRESSION_TOP)):
+            for select in self._selects(start):
+                self.fields[select, k.LOWEST], self.fields[select, k.HIGHEST] = 0, top
+        self.previous: Ints = np.zeros(FIELD_COUNT, np.int64)
+        self.mask: Bools = np.zeros(fap.FAP_COUNT, bool)
+        self.quant = 1
+        self.ranges: Ints | None = None
+        """(4, 66) in symbols; None before the first I plane."""
+        self._base: Ints = np.zeros(FIELD_COUNT, np.int64)
+        self._counts = np.zeros(1, np.int32)
+        self._tree = np.zeros(1, np.int32)
+        self._totals: Ints = np.zeros(FIELD_COUNT, np.int64)
+        self._coder: Ints = np.zeros(8, np.int64)
+        self._behind: Ints = np.zeros(16, np.int64)
+
+    @staticmethod
+    def _selects(start: int) -> tuple[int, int]:
+        return (0, 1) if start == 0 else (start, start + 2)
+
+    @property
+    def encoding_models(self) -> tuple[Any, ...]:
+        """Arrays that the encoding loops want."""
+        return self._base, self._counts, self._tree, self._totals, self._coder
+
+    @property
+    def decoding_models(self) -> tuple[Any, ...]:
+        """Arrays that the decoding loops want."""
+        return *self.encoding_models, self._behind
+
+    def begin_intra(self, header: IntraHeader) -> None:
+        """Take over mask, quantiser and ranges, and forget the models (FBA sections 5 and 8)."""
+        if self.ranges is None:
+            self.ranges = default_ranges(header.quant)
+        apply_sent(self.ranges, header.ranges, header.mask[2:], header.quant)
+        self.mask, self.quant = header.mask, header.quant
+        f = self.fields
+        f[VISEME_FIELDS, k.ON] = header.mask[0]
+        f[EXPRESSION_FIELDS, k.ON] = header.mask[1]
+        f[LOW_LEVEL_FIELDS, k.ON] = header.mask[2:]
+        for select in self._selects(0):
+            self._fixed(select, VISEME_TOP, 1)
+        for select in self._selects(EXPRESSION_FIELDS.start):
+            self._fixed(select, EXPRESSION_TOP, 1)
+        step = max(header.quant, 1)
+        for blended in (2, 4, 6):
+            self._fixed(blended, blend_limit(header.quant), step)
+        f[LOW_LEVEL_FIELDS, k.STEP] = STEPS * header.quant if header.quant else 1
+        i_max, i_min, p_max, p_min = self.ranges
+        f[LOW_LEVEL_FIELDS, k.I_MIN], f[LOW_LEVEL_FIELDS, k.I_COUNT] = i_min, i_max - i_min + 1
+        f[LOW_LEVEL_FIELDS, k.P_MIN], f[LOW_LEVEL_FIELDS, k.P_COUNT] = p_min, p_max - p_min + 1
+        self._make_models()
+
+    def _fixed(self, field: int, top: int, step: int) -> None:
+        self.fields[field, [k.STEP, k.I_MIN, k.I_COUNT, k.P_MIN, k.P_COUNT]] = step, 0, top + 1, -top, 2 * top + 1
+
+    def _make_models(self) -> None:
+        sizes = np.where(self.fields[:, k.ON] != 0, self.fields[:, k.P_COUNT] + 1, 0)
+        self._base[1:] = np.cumsum(sizes)[:-1]
+        room = int(sizes.sum()) + 1
+        if room > len(self._counts):
+            self._counts, self._tree = np.zeros(room, np.int32), np.zeros(room, np.int32)
+        k.reset_models(self.fields, self._base, self._counts, self._tree, self._totals)
+
+
+def blend_limit(quant: int) -> int:
+    """Largest symbol B of blends and intensities (FBA section 5).
+
+    Examples
+    --------
+    >>> blend_limit(8), blend_limit(0)
+    (8, 63)
+    """
+    return (BLEND_TOP + quant // 2) // quant if quant else BLEND_TOP
