@@ -3,6 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# A run of fewer tests than this fails: raise it when tests are added.
+TESTS_AT_LEAST := 700
 SENTENCE := Bright sunshine shimmers on the ocean.
 
 .PHONY: help demo test check quick bench fresh-machine clean env dev
@@ -17,8 +19,7 @@ demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 
 test: check
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -q
-	$(BIN)/python .ci/wheel_check.py
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff format --check --quiet .

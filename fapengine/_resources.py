@@ -34,6 +34,6 @@ def profile_ids() -> list[str]:
 def profile_files(profile_id: str) -> dict[str, bytes]:
     """Return every file of a shipped profile as ``{name: bytes}``."""
     if profile_id not in profile_ids():
-        raise UsageError(f"profile: got {profile_id!r}, expected one of {profile_ids()}")
+        raise UsageError(f"profile: got {profile_id!r}, expected one of {profile_ids()} or a profile's folder")
     folder = _data_folder("profiles") / profile_id
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}

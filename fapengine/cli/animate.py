@@ -15,7 +15,7 @@ def animate(
     expression: list[str] = typer.Option(
         [], "--expression", "-e", help="joy, sadness, anger, fear, disgust or surprise, with a strength: joy:0.4."
     ),
-    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking."),
+    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking: a shipped name or a folder."),
     camera: str = typer.Option("front", "--camera", help="front, three-quarter, profile or mouth."),
     size: str = typer.Option("512x512", "--size", help="Width x height in pixels."),
     fps: float = typer.Option(30.0, "--fps", help="Frames a second."),

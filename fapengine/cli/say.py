@@ -15,7 +15,7 @@ def say(
     ),
     voice: str = typer.Option("en-us", "--voice", "-v", help="Language of the voice, such as en-gb, de or fr-fr."),
     rate: int = typer.Option(160, "--rate", help="Words a minute, 80 to 450."),
-    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking."),
+    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking: a shipped name or a folder."),
     camera: str = typer.Option("front", "--camera", help="front, three-quarter, profile or mouth."),
     size: str = typer.Option("512x512", "--size", help="Width x height in pixels."),
     fps: float = typer.Option(30.0, "--fps", help="Frames a second."),

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.pictures import Picture, contact_sheet, save_png
+from fapengine.files.profiles import load_profile
 from fapengine.files.sound import save_wav
 from fapengine.files.video import CODECS, write_video
 from fapengine.mesh.head import build_head
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import Profile, parse_profile
+from fapengine.profiles import Profile
 from fapengine.render.camera import preset
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -143,7 +143,7 @@ def talk(
     """Do the whole job and write every file; ``report`` is filled in."""
     check(options)
     with report.stage("plan"):
-        profile = parse_profile(profile_files(options.profile))
+        profile = load_profile(options.profile)
         track = _plan(phones, profile, sound, options, report)
     beside = options.out.with_suffix
     save_fap(beside(".fap"), track)

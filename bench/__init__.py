@@ -1,0 +1,1 @@
+"""Speed and fidelity, as figures against named yardsticks in the same run."""

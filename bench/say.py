@@ -1,0 +1,103 @@
+"""The main job's speed: sentence to video at 512 x 512 and 30 frames a second, against real time, stage by stage.
+
+    python -m bench.say [--json FILE]
+
+The yardstick is the speech's own duration (1.0 times real time); drawing is set against clearing and reading back an
+empty picture of the same size in the same run. Each figure is the best of three.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import moderngl
+import numpy as np
+
+from fapengine.cli.talk import Options, Report, talk
+from fapengine.mesh.head import build_head
+from fapengine.render.context import create_context
+from fapengine.render.renderer import FaceRenderer
+from fapengine.voices.espeak import EspeakVoice
+
+SENTENCES = {
+    "one sentence": "Bright sunshine shimmers on the ocean.",
+    "a paragraph": "Bright sunshine shimmers on the ocean. Six pale fish swim below the waves, and a small boat "
+    "drifts past the old harbour wall, while people on the beach watch the birds go by and talk about the weather.",
+}
+ROUNDS = 3
+GOAL = 1.0
+
+
+def whole_job(text: str) -> Report:
+    """Run the job in this process; imports are already done."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Report()
+        with report.stage("voice"):
+            speech = EspeakVoice().speak(text).padded(lead_s=0.3, tail_s=0.5)
+        options = Options(out=Path(folder) / "bench.mp4", expressions=("joy:0.4",))
+        talk(speech.phones, (speech.samples, speech.sample_rate_hz), options, report, text)
+    return report
+
+
+def drawing() -> dict[str, float]:
+    """Milliseconds a frame: drawing the head, and the yardstick, an empty picture of that size."""
+    frames = np.random.default_rng(1).normal(0, 80, (60, 68))
+    with FaceRenderer(build_head()) as renderer:
+        ours = min(_seconds(lambda: list(renderer.frames(frames))) for _ in range(ROUNDS)) / len(frames)
+    with create_context() as context:
+        target: moderngl.Framebuffer = context.framebuffer([context.texture((512, 512), 4)])
+
+        def empty() -> None:
+            for _ in range(len(frames)):
+                target.clear(0.1, 0.2, 0.3)
+                target.read(components=3)
+
+        yardstick = min(_seconds(empty) for _ in range(ROUNDS)) / len(frames)
+    return {"ours_ms": 1000 * ours, "empty_ms": 1000 * yardstick, "ratio": ours / yardstick, "frames_per_s": 1 / ours}
+
+
+def help_seconds() -> float:
+    """How long ``fapengine --help`` takes, start of the interpreter included."""
+    command = [sys.executable, "-m", "fapengine", "--help"]
+    return min(_seconds(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(5))
+
+
+def _seconds(work) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path)
+    wanted = parser.parse_args()
+    result: dict[str, object] = {"help_s": help_seconds(), "drawing": drawing()}
+    print(f"fapengine --help: {result['help_s']:.2f} s (promise: 0.4 s)")
+    print(
+        "drawing 512 x 512: {ours_ms:.1f} ms = {frames_per_s:.0f} frames/s; empty picture {empty_ms:.2f} ms".format(
+            **result["drawing"]
+        )
+    )
+    for name, text in SENTENCES.items():
+        best = max((whole_job(text) for _ in range(ROUNDS)), key=lambda report: report.as_dict()["times_real_time"])
+        figures = best.as_dict()
+        result[name] = figures
+        print(
+            f"\n{name}: {best.duration_s:.2f} s of speech in {figures['total_s']:.2f} s,"
+            f" {figures['times_real_time']:.2f} times real time (goal: more than {GOAL:g})"
+        )
+        for stage, seconds in best.stages.items():
+            print(f"  {stage:>14} {seconds:6.2f} s  {100 * seconds / figures['total_s']:5.1f} %")
+    if wanted.json:
+        wanted.json.write_text(json.dumps(result, indent=2))
+    if any(result[name]["times_real_time"] < GOAL for name in SENTENCES):
+        sys.exit("slower than real time")
+
+
+if __name__ == "__main__":
+    main()
