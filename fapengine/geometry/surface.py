@@ -65,17 +65,18 @@ class Surface:
         on_rim : (N,) bool
             The place lies on the edge of a hole or of the whole surface: the true partner is probably not there.
         """
-        points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
-        near = self._candidates(points)
-        weights = _closest_barycentric(points[:, None], self._corners[near])
-        places = np.einsum("nkc,nkca->nka", weights, self._corners[near])
-        best = ((places - points[:, None]) ** 2).sum(axis=-1).argmin(axis=1)
-        rows = np.arange(len(points))
-        weight, triangle = weights[rows, best], self.triangles[near[rows, best]]
-        normals = np.einsum("nc,nca->na", weight, self.normals[triangle])
+        triangle, weight, places = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
+        normals: NDArray[np.float64] = np.einsum("nc,nca->na", weight, self.normals[triangle])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True) + TINY
-        on_rim = ((weight < 1e-9) | self._rim[triangle]).all(axis=1)
-        return places[rows, best], normals, on_rim
+        on_rim: NDArray[np.bool_] = np.all((weight < 1e-9) | self._rim[triangle], axis=1)
+        return places, normals, on_rim
+
+    def carry(self, values: ArrayLike, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Values of the vertices, such as texture coordinates, at the places nearest to points: (V, C) -> (N, C)."""
+        given = frozen(values, "values", (len(self.vertices_mm), "C"), np.float64)
+        triangle, weight, _ = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
+        carried: NDArray[np.float64] = np.einsum("nc,ncd->nd", weight, given[triangle])
+        return carried
 
     def meet(
         self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float
@@ -106,6 +107,17 @@ class Surface:
         found = distance[np.arange(len(points)), best]
         met = np.abs(found) <= reach_mm
         return points + np.where(met, found, 0.0)[:, None] * along, met
+
+    def _nearest(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Corners (N, 3) of the nearest triangle, barycentric weights (N, 3) and the place (N, 3)."""
+        near = self._candidates(points)
+        weights = _closest_barycentric(points[:, None], self._corners[near])
+        places = np.einsum("nkc,nkca->nka", weights, self._corners[near])
+        best = ((places - points[:, None]) ** 2).sum(axis=-1).argmin(axis=1)
+        rows = np.arange(len(points))
+        return self.triangles[near[rows, best]], weights[rows, best], places[rows, best]
 
     def _candidates(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         count = min(CANDIDATES, len(self.triangles))

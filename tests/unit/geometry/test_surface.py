@@ -78,3 +78,12 @@ def test_triangles_must_name_vertices():
             Surface(np.eye(3), triangles)
     with pytest.raises(UsageError, match="points_mm"):
         Surface(np.eye(3), [[0, 1, 2]]).closest([[np.nan, 0, 0]])
+
+
+def test_values_are_carried_linearly():
+    vertices, triangles = hill()
+    values = np.stack([vertices[:, 0] / 100, vertices[:, 1] / 50], axis=1)
+    points = np.random.default_rng(2).uniform(-60, 60, (30, 3)) * [1, 1, 0] + [0, 0, 30]
+    surface = Surface(vertices, triangles)
+    places = surface.closest(points)[0]
+    np.testing.assert_allclose(surface.carry(values, points), places[:, :2] / [100, 50], atol=1e-9)

@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+
+from fapengine.errors import UsageError
+from fapengine.geometry.surface import Surface
+from fapengine.models.generic_mesh import adapt_mesh, lip_mesh, sample_contour
+
+SQUARE = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
+
+
+def test_samples_share_the_length():
+    around = sample_contour(SQUARE, 8, closed=True)
+    np.testing.assert_allclose(around[:, :2], [[0, 0], [2, 0], [4, 0], [4, 2], [4, 4], [2, 4], [0, 4], [0, 2]])
+    along = sample_contour(SQUARE, 4, closed=False)
+    np.testing.assert_allclose(along, SQUARE, atol=1e-12)
+
+
+def ellipse(a, b, z=0.0, count=100):
+    turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return np.stack([a * np.cos(turn), b * np.sin(turn), np.full(count, z)], axis=1)
+
+
+def deform(points):
+    """A smooth change from one face to another, mm."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    return np.stack([1.1 * x, 1.05 * y + 3 * np.cos(x / 40), z + 4 * np.sin(y / 50)], axis=-1)
+
+
+def test_the_mesh_follows_contours_markers_and_surface(mask):
+    vertices, triangles, _ = mask()
+    truth = deform(vertices)
+    at = np.arange(41 * 41).reshape(41, 41)
+    lines = [at[4, 4:37], at[36, 4:37], at[20, 4:37], at[4:37, 20]]
+    contours = [(vertices[line], truth[line], False) for line in lines]
+    markers = at[8:36:9, 8:36:9].ravel()
+    adapted = adapt_mesh(vertices, contours, (vertices[markers], truth[markers]))
+    inner = at[5:36, 5:36].ravel()
+    assert np.linalg.norm(adapted - truth, axis=1)[inner].mean() < 0.5  # of 7 mm
+    np.testing.assert_allclose(adapted[markers], truth[markers], atol=1e-6)
+    scan = Surface(truth, triangles)
+    laid = adapt_mesh(vertices, contours, (vertices[markers], truth[markers]), scan)
+    np.testing.assert_allclose(laid[markers], truth[markers], atol=1e-6)
+    distance = [np.linalg.norm(points - scan.closest(points)[0], axis=1)[inner].mean() for points in (adapted, laid)]
+    assert distance[1] < 0.1 * distance[0]
+    assert np.linalg.norm(laid - truth, axis=1)[inner].mean() < np.linalg.norm(adapted - truth, axis=1)[inner].mean()
+    np.testing.assert_array_equal(
+        adapt_mesh(vertices, contours, (vertices[markers], truth[markers]), scan, reach_mm=0.0)[markers], laid[markers]
+    )
+
+
+def test_lips_fill_the_ring_between_their_contours():
+    vertices, triangles = lip_mesh(ellipse(25, 12), ellipse(20, 4, z=2.0))
+    assert vertices.shape == (600, 3)
+    assert triangles.shape == (1120, 3)
+    np.testing.assert_allclose(vertices[:40], sample_contour(ellipse(25, 12), 40, closed=True))
+    np.testing.assert_allclose(vertices[-40:], sample_contour(ellipse(20, 4, z=2.0), 40, closed=True))
+    a, b, c = (vertices[triangles[:, index]] for index in range(3))
+    area = np.cross(b - a, c - a)[:, 2] / 2
+    assert (area > 0).all()
+    assert area.sum() == pytest.approx(np.pi * (25 * 12 - 20 * 4), rel=0.02)
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    uses = np.unique(edges, axis=0, return_counts=True)[1]
+    assert (uses == 1).sum() == 80  # open only at the two contours
+    assert uses.max() == 2
+
+
+def test_lips_bulge_with_the_scan():
+    x, y = np.meshgrid(np.linspace(-40, 40, 41), np.linspace(-30, 30, 41))
+    at = np.arange(41 * 41).reshape(41, 41)
+    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
+    scan = Surface(
+        np.stack([x, y, np.full(x.shape, 5.0)], -1).reshape(-1, 3), np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    )
+    vertices, _ = lip_mesh(ellipse(25, 12), ellipse(20, 4), scan)
+    heights = vertices.reshape(15, 40, 3)[..., 2]
+    np.testing.assert_allclose(heights[[0, 7, 14]], np.array([[0.0], [5], [0]]) * np.ones(40), atol=1e-9)
+    assert (np.diff(heights[:8], axis=0) > 0).all()
+
+
+def test_bad_input_is_refused():
+    for points, count in ((SQUARE[:1], 5), (SQUARE, 1)):
+        with pytest.raises(UsageError, match="at least 2 of each"):
+            sample_contour(points, count, closed=True)
+    with pytest.raises(UsageError, match="one point repeated"):
+        sample_contour(SQUARE[[0, 0]], 3, closed=False)
+    nothing = (np.zeros((0, 3)), np.zeros((0, 3)))
+    with pytest.raises(UsageError, match="not all in one plane"):
+        adapt_mesh(SQUARE, [(SQUARE, SQUARE + 1, True)], nothing)
+    with pytest.raises(UsageError, match="anchors: got 3"):
+        adapt_mesh(SQUARE, [], (np.eye(3), np.eye(3)))
+    for count, rows in ((2, 15), (40, 2)):
+        with pytest.raises(UsageError, match="expected at least 3"):
+            lip_mesh(ellipse(25, 12), ellipse(20, 4), count=count, rows=rows)
