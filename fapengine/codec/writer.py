@@ -29,6 +29,7 @@ class StreamWriter:
         self._clamp = clamp
         self._bytes = bytearray(code(OBJECT_START))
         self._rest: list[int] = []
+        self._stuffed = False
 
     @property
     def bits(self) -> int:
@@ -69,8 +70,10 @@ class StreamWriter:
 
     def align(self) -> None:
         """Stuff to a byte boundary: a 0, then ones; a whole byte where already there (FBA section 3)."""
-        self._rest += [0] + [1] * (7 - len(self._rest))
-        self._pack()
+        if not self._stuffed:
+            self._rest += [0] + [1] * (7 - len(self._rest))
+            self._pack()
+            self._stuffed = True
 
     def finish(self) -> None:
         """Stuff, and write the end code."""
@@ -86,6 +89,7 @@ class StreamWriter:
     def _append(self, room: np.ndarray[tuple[int], np.dtype[np.uint8]], end: int, targets: Ints) -> None:
         if end < 0:
             self._complain(-1 - end, targets)
+        self._stuffed = False
         joined = np.concatenate([np.array(self._rest, np.uint8), room[:end]])
         whole = len(joined) // 8 * 8
         self._bytes += np.packbits(joined[:whole]).tobytes()

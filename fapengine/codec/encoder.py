@@ -1,0 +1,356 @@
+"""Tracks and live frames to streams, with every choice that the format leaves to the encoder.
+
+Theory of operation
+-------------------
+A stream falls into groups: an I plane and the P planes up to the next one. Whole tracks are coded group by group, and
+each group may be coded several times on trial: ranges from the table against ranges fitted to it, coarser against finer
+quantisers; the shortest one that keeps the promises is written. Live frames cannot be tried twice: their ranges come
+from a sliding window, and the quantiser follows the bits of the last group. A plain decoder reads all of it.
+"""
+
+import copy
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fapengine.codec.choices import MAX_QUANT, coarsest_quant, fit_ranges, guaranteed_quant, moving, quantise
+from fapengine.codec.choices import table_ranges as table_as_sent
+from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, rows_of
+from fapengine.codec.header import FrameRate, IntraHeader, mask_types_of
+from fapengine.codec.planes import PlaneState
+from fapengine.codec.ranges import SentRanges
+from fapengine.codec.writer import StreamWriter, check_selects
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.track import FapTrack
+
+BLENDS = (2, 4, 6)
+SECONDS_A_GROUP = 5.0
+"""I plane period for rate control where none is given: short enough to react, long enough for the models to learn."""
+WINDOW_S = 4.0
+"""Live ranges hold what these last seconds would have needed,"""
+MARGIN = 1.5
+"""times this."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderOptions:
+    """Choices of the encoder; the defaults are the plain one."""
+
+    quant: int = 1
+    """fap_quant, 0 (off) to 31."""
+    intra_every: int = 0
+    """Frames from I plane to I plane; 0: only where masks change."""
+    ranges: Literal["table", "fitted"] = "table"
+    """Fitted ranges are sent where they make a group shorter than the table's do."""
+    kbit_s: float | None = None
+    """Target rate; the quantiser is then chosen for each group, and ``quant`` is the finest one allowed."""
+    moving_only: bool = False
+    """Leave out FAPs that keep the value which the decoder shows."""
+    max_error_mm: float | None = None
+    """Choose the coarsest quantiser that keeps every feature point so near; needs ``fapu``. Goes before ``quant``."""
+    fapu: Fapu | None = None
+    """Face for which ``max_error_mm`` holds."""
+    plane_start_codes: Literal["none", "intra", "all"] = "none"
+    """``all`` costs 40 bits a plane, but then each live frame is complete in its own bytes."""
+    unsent: Literal["keep", "interpolate"] = "keep"
+    """What decoders do with FAPs that are not sent: mask types 0 and 1, or 2."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.quant <= MAX_QUANT:
+            raise UsageError(f"quant: got {self.quant}, expected 0..{MAX_QUANT}")
+        if self.intra_every < 0:
+            raise UsageError(f"intra_every: got {self.intra_every}, expected 0 or more frames")
+        if self.kbit_s is not None and not (np.isfinite(self.kbit_s) and self.kbit_s > 0):
+            raise UsageError(f"kbit_s: got {self.kbit_s}, expected a positive rate")
+        if self.max_error_mm is not None and (self.fapu is None or not self.max_error_mm > 0):
+            raise UsageError(f"max_error_mm: got {self.max_error_mm} with fapu {self.fapu}, expected mm > 0 and a face")
+        if self.max_error_mm is not None and self.kbit_s is not None:
+            raise UsageError("max_error_mm and kbit_s: got both, expected one")
+
+    def group_frames(self, rate_hz: float) -> int:
+        """Frames from I plane to I plane, with the default of rate control."""
+        if self.intra_every == 0 and self.kbit_s is not None:
+            return max(1, round(SECONDS_A_GROUP * rate_hz))
+        return self.intra_every
+
+
+def encode(track: FapTrack, options: EncoderOptions | None = None) -> bytes:
+    """Encode a whole track.
+
+    Raises
+    ------
+    UsageError
+        If the track is empty, its rate cannot be sent, or a viseme does not exist.
+
+    Examples
+    --------
+    >>> still = FapTrack.of([[0] * 68] * 25, rate_hz=25.0)
+    >>> len(encode(still, EncoderOptions(moving_only=True)))
+    34
+    """
+    options = options or EncoderOptions()
+    if not len(track):
+        raise UsageError("track: got no frames, expected at least one")
+    values, flags = rows_of(track)
+    values[:, BLENDS] = np.clip(values[:, BLENDS], 0, 63)
+    check_selects(values[track.mask[:, 0]], True, False)
+    check_selects(values[track.mask[:, 1]], False, True)
+    skips = np.append(np.diff(track.frame_numbers) - 1, 0)
+    writer = StreamWriter(clamp=True)
+    rate = _Budget(options, track.rate_hz)
+    for first, behind in _groups(track.mask, options.group_frames(track.rate_hz)):
+        group = _Group(values[first:behind], flags[first:behind], skips[first:behind], track.mask[first], options)
+        frame_rate = FrameRate.nearest(track.rate_hz) if first == 0 else None
+        before = writer.bits
+        if options.plane_start_codes != "none" and first:
+            writer.plane_start_code()
+        group.code(writer, frame_rate, rate.bits_for(behind - first + int(skips[first:behind].sum())))
+        rate.spend(writer.bits - before)
+    writer.finish()
+    return writer.take()
+
+
+def _groups(mask: Bools, every: int) -> list[tuple[int, int]]:
+    """Cut where masks change, and every so many frames."""
+    changes = 1 + np.flatnonzero((mask[1:] != mask[:-1]).any(1))
+    cuts = [0, *changes.tolist(), len(mask)]
+    pieces = []
+    for start, end in itertools.pairwise(cuts):
+        marks = [*range(start, end, every or end - start), end]
+        pieces += list(itertools.pairwise(marks))
+    return pieces
+
+
+class _Budget:
+    """Stateful: bits that may be spent. What a group leaves over, the next one may use."""
+
+    def __init__(self, options: EncoderOptions, rate_hz: float) -> None:
+        self._bits_a_frame = None if options.kbit_s is None else 1000 * options.kbit_s / rate_hz
+        self._left = 0.0
+
+    def bits_for(self, frames: int) -> float | None:
+        if self._bits_a_frame is None:
+            return None
+        self._left += self._bits_a_frame * frames
+        return self._left
+
+    def spend(self, bits: int) -> None:
+        self._left -= bits
+
+
+class _Group:
+    """One I plane and its P planes, not yet coded."""
+
+    def __init__(self, values: Ints, flags: Ints, skips: Ints, mask: Bools, options: EncoderOptions) -> None:
+        self._values, self._flags, self._skips = values, flags, skips
+        self._mask, self._options = mask, options
+
+    def code(self, writer: StreamWriter, rate: FrameRate | None, budget: float | None) -> None:
+        options = self._options
+        mask = self._mask.copy()
+        if options.moving_only:
+            mask &= moving(self._values, writer.state.previous)
+        low_level = self._values[:, LOW_LEVEL_FIELDS]
+        if options.max_error_mm is not None and options.fapu is not None:
+            quant = coarsest_quant(low_level, mask[2:], options.fapu, options.max_error_mm)
+        else:
+            quant = options.quant
+        best = self._shortest(writer.state, mask, quant, rate)
+        if budget is not None and best[1] > budget:
+            low, high = max(quant, 1), MAX_QUANT
+            best = self._shortest(writer.state, mask, high, rate)
+            while high - low > 1:
+                middle = (low + high) // 2
+                trial = self._shortest(writer.state, mask, middle, rate)
+                if trial[1] <= budget:
+                    best, high = trial, middle
+                else:
+                    low = middle
+        self._write(writer, best[0])
+
+    def _shortest(self, state: PlaneState, mask: Bools, quant: int, rate: FrameRate | None) -> tuple[IntraHeader, int]:
+        """Try the ways to give ranges; those in which a value had to be clamped come last."""
+        types = mask_types_of(mask, 2 if self._options.unsent == "interpolate" else 1)
+        header = IntraHeader(quant, mask, types, rate=rate, skip=int(self._skips[0]))
+        known = state.ranges is None or (state.quant == quant and not _was_fitted(state))
+        choices = [SentRanges() if known else table_as_sent()]
+        if self._options.ranges == "fitted":
+            levels, _ = quantise(self._values[:, LOW_LEVEL_FIELDS], quant)
+            choices = [*choices, fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
+            if state.ranges is not None:
+                choices.append(SentRanges())
+        tried = []
+        for place, ranges in enumerate(choices):
+            candidate = replace(header, ranges=ranges)
+            for clamp in (False, True):
+                trial = StreamWriter(clamp=clamp)
+                trial.state = copy.deepcopy(state)
+                try:
+                    self._write(trial, candidate)
+                except UsageError:
+                    continue
+                tried.append((clamp, trial.bits, place, candidate))
+                break
+        _, bits, _, chosen = min(tried, key=lambda entry: entry[:3])
+        return chosen, bits
+
+    def _write(self, writer: StreamWriter, header: IntraHeader) -> None:
+        writer.intra(header, self._values[0], self._flags[0])
+        if self._options.plane_start_codes != "all":
+            writer.predicted(self._values[1:], self._flags[1:], self._skips[1:])
+            return
+        for t in range(1, len(self._values)):
+            writer.plane_start_code()
+            writer.predicted(self._values[t : t + 1], self._flags[t : t + 1], self._skips[t : t + 1])
+
+
+def _was_fitted(state: PlaneState) -> bool:
+    fresh = PlaneState()
+    fresh.begin_intra(IntraHeader(state.quant, state.mask, (0,) * 10))
+    return fresh.ranges is None or state.ranges is None or not np.array_equal(fresh.ranges, state.ranges)
+
+
+class Encoder:
+    """Stateful: live frames in, bytes out.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Frames a second.
+    faps : sequence of int
+        FAP numbers to send; all low-level ones by default.
+    options : EncoderOptions
+        ``kbit_s`` and fitted ranges act from the second I plane on: they need frames to look back at. Values that
+        leave fitted ranges are clamped, and caught up with in the next frames.
+
+    Examples
+    --------
+    >>> encoder = Encoder(rate_hz=25.0)
+    >>> stream = encoder.frame([0] * 68) + encoder.frame([0] * 68) + encoder.finish()
+    >>> stream[:4].hex(), stream[-4:].hex()
+    ('000001ba', '000001b1')
+    """
+
+    def __init__(
+        self, *, rate_hz: float, faps: Sequence[int] = tuple(range(3, 69)), options: EncoderOptions | None = None
+    ) -> None:
+        self.options = options or EncoderOptions()
+        self._rate: FrameRate | None = FrameRate.nearest(rate_hz)
+        self._rate_hz = rate_hz
+        self._mask = np.zeros(fap.FAP_COUNT, bool)
+        for number in faps:
+            self._mask[fap.column(number)] = True
+        self._writer = StreamWriter(clamp=True)
+        self._window: list[Ints] = []
+        self._group_bits = self._group_planes = self._spent_bits = self._spent_planes = 0
+        self._since_intra = 0
+        self._intra_wanted = True
+        self.quant = self.options.quant
+        if self.options.max_error_mm is not None and self.options.fapu is not None:
+            self.quant = guaranteed_quant(self._mask[2:], self.options.fapu, self.options.max_error_mm)
+
+    def request_intra(self) -> None:
+        """Make the next frame an I plane, so that a newcomer can begin there."""
+        self._intra_wanted = True
+
+    def frame(
+        self,
+        values: ArrayLike,
+        *,
+        viseme: Sequence[int] = (0, 0, 0, 0),
+        expression: Sequence[int] = (0, 0, 0, 0, 0, 0),
+        skip: int = 0,
+    ) -> bytes:
+        """Code one frame.
+
+        Parameters
+        ----------
+        values : (68,) array_like of int, FAPU
+            Columns of FAP 1 and 2 are ignored.
+        viseme, expression : sequence of 4 and of 6 int
+            As in :class:`FapTrack`; used where FAP 1 and 2 are sent.
+        skip : int
+            Frames left out behind this one.
+
+        Returns
+        -------
+        bytes
+            Whole bytes that are ready; up to 7 bits wait for the next call, unless start codes are set to "all".
+
+        Raises
+        ------
+        UsageError
+            For wrong shapes, and visemes or expressions that do not exist.
+        """
+        row, flags = self._lay_out(values, viseme, expression)
+        if skip < 0:
+            raise UsageError(f"skip: got {skip}, expected 0 or more")
+        every = self.options.group_frames(self._rate_hz)
+        intra = self._intra_wanted or (every > 0 and self._since_intra >= every)
+        begun = self._writer.state.ranges is not None
+        if begun and (self.options.plane_start_codes == "all" or (intra and self.options.plane_start_codes == "intra")):
+            self._writer.plane_start_code()
+        before = self._writer.bits
+        if intra:
+            self._writer.intra(self._header(row, skip), row, flags)
+            self._intra_wanted, self._since_intra = False, 0
+            self._group_bits = self._group_planes = 0
+        else:
+            self._writer.predicted(row[None], flags[None], np.array([skip], np.int64))
+        self._since_intra += 1
+        self._group_bits += self._writer.bits - before
+        self._group_planes += 1 + skip
+        self._spent_bits += self._writer.bits - before
+        self._spent_planes += 1 + skip
+        self._window = [*self._window, row][-max(2, round(WINDOW_S * self._rate_hz)) :]
+        if self.options.plane_start_codes == "all":
+            self._writer.align()
+        return self._writer.take()
+
+    def finish(self) -> bytes:
+        """End the stream; only if a frame was coded."""
+        self._writer.finish()
+        return self._writer.take()
+
+    def _lay_out(self, values: ArrayLike, viseme: Sequence[int], expression: Sequence[int]) -> tuple[Ints, Ints]:
+        array = np.asarray(values)
+        if array.shape != (fap.FAP_COUNT,) or array.dtype.kind not in "iu":
+            raise UsageError(f"values: got shape {array.shape} of {array.dtype}, expected (68,) of integers")
+        if len(viseme) != 4 or len(expression) != 6:
+            raise UsageError(f"viseme, expression: got {len(viseme)} and {len(expression)} numbers, expected 4 and 6")
+        row = np.zeros(FIELD_COUNT, np.int64)
+        row[:3], row[3:7], row[LOW_LEVEL_FIELDS] = viseme[:3], expression[:4], array[2:]
+        row[list(BLENDS)] = np.clip(row[list(BLENDS)], 0, 63)
+        check_selects(row[None], bool(self._mask[0]), bool(self._mask[1]))
+        return row, np.array([viseme[3], *expression[4:]], np.int64)
+
+    def _header(self, row: Ints, skip: int) -> IntraHeader:
+        options, state = self.options, self._writer.state
+        seen = np.array([*self._window, row])
+        mask = self._mask & moving(seen, state.previous) if options.moving_only and self._window else self._mask
+        quant = self._next_quant()
+        ranges = SentRanges()
+        if options.ranges == "fitted" and len(self._window) > 1:
+            levels, _ = quantise(seen[:, LOW_LEVEL_FIELDS], quant)
+            wide = table_as_sent()  # an I plane must hold any pose
+            ranges = replace(fit_ranges(levels, quant, margin=MARGIN), i_max=wide.i_max, i_min=wide.i_min)
+        elif state.ranges is not None and quant != state.quant:
+            ranges = table_as_sent()
+        self.quant = quant
+        rate, self._rate = self._rate, None
+        types = mask_types_of(mask, 2 if options.unsent == "interpolate" else 1)
+        return IntraHeader(quant, mask, types, ranges=ranges, rate=rate, skip=skip)
+
+    def _next_quant(self) -> int:
+        if self.options.kbit_s is None or not self._group_planes:
+            return self.quant
+        wanted = 1000 * self.options.kbit_s / self._rate_hz
+        debt = (self._spent_bits - wanted * self._spent_planes) / self._group_planes  # paid back over the next group
+        ratio = self._group_bits / self._group_planes / max(wanted - debt, wanted / 4)
+        return int(np.clip(round(max(self.quant, 1) * ratio**1.5), max(self.options.quant, 1), MAX_QUANT))
