@@ -111,11 +111,17 @@ def _build_skin(builder: MeshBuilder, shape: HeadShape) -> tuple[Indices, int, t
     keep = np.ones((len(rows) - 1, len(columns)), dtype=bool)
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
+    keep &= ~_under_hair(y, angle)
     builder.quads(grid, closed=True, keep=keep)
-    top = points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0]
-    crown = int(builder.add(top, albedo=colours.SKIN))
-    builder.fan(grid[-1], crown)
+    crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=colours.SKIN))
     return grid, crown, blocks
+
+
+def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
+    """(rows - 1, columns): cells of the grid that hair covers wholly; drawing them would be for nothing."""
+    covered = y > parts.hairline(angle) + 9.0
+    beside = np.roll(covered, -1, axis=1)
+    return covered[:-1] & covered[1:] & beside[:-1] & beside[1:]
 
 
 def _nostrils(points: Array) -> Array:
@@ -172,10 +178,10 @@ def _finish(builder: MeshBuilder, head: HeadParts) -> FaceMesh:
     jaw_weight, basis = build_basis(points, head, feature_points, fapu)
     on_jaw = jaw_weight > 0
 
-    # The grid's vertices inside the openings belong to no triangle: leave them out.
+    # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
-    used[head.pivot] = True
+    used[list(feature_points.values())] = True
     number = np.cumsum(used) - 1
     vertex_of_entry = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
     kept = used[vertex_of_entry]
