@@ -56,8 +56,7 @@ class GapModel:
 
     def scores(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
         """(T, K): most probable weights of each frame, in standard deviations; 0 where nothing is seen."""
-        data, mask = _checked(frames_mm, seen)
-        return _expect(np.where(mask[..., None], data - self.mean_mm, 0.0), mask, _state(self)).z
+        return self._scores(*_checked(frames_mm, seen))
 
     def rebuild(self, scores: ArrayLike) -> NDArray[np.float64]:
         """Faces of weights: (..., K) -> (..., M, 3), mm."""
@@ -67,9 +66,17 @@ class GapModel:
     def fill(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
         """(T, M, 3): the frames with their gaps filled; what was seen comes back bit by bit."""
         data, mask = _checked(frames_mm, seen)
-        filled = self.rebuild(self.scores(data, mask))
-        filled[mask] = np.asarray(frames_mm, dtype=np.float64)[mask]
+        filled = self.rebuild(self._scores(data, mask))
+        np.copyto(filled, data, where=mask[..., None])
         return filled
+
+    def _scores(self, data: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        state, z = _state(self), np.empty((len(data), len(self.modes_mm)))
+        for start in range(0, len(data), CHUNK):
+            rows = slice(start, start + CHUNK)
+            off = np.where(mask[rows, :, None], data[rows] - self.mean_mm, 0.0)
+            z[rows] = _solve(_normal(mask[rows], state), _project(off, mask[rows], state))
+        return z
 
     def doubt_mm(self, seen: ArrayLike) -> NDArray[np.float64]:
         """(T, M): expected distance error (root mean square) of each marker if it is filled from the others seen."""
@@ -119,7 +126,8 @@ def fit_gaps(
             where=f"marker {marker}",
         )
     centre = data.sum(axis=0) / sightings[:, None]
-    data -= np.where(mask[..., None], centre, 0.0)
+    data -= centre
+    data[~mask] = 0.0
     state, steps = _start(data, mask, rank), 0
     if not np.isfinite(tolerance_mm) or tolerance_mm <= 0:
         raise UsageError(f"tolerance_mm: got {tolerance_mm}, expected a positive length")
@@ -243,18 +251,28 @@ def _normal(mask: NDArray[np.bool_], state: _State) -> NDArray[np.float64]:
     return full
 
 
+def _project(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -> NDArray[np.float64]:
+    """(T, K): ``W^T (x - mean)`` over the markers seen; ``data`` is 0 in the gaps."""
+    shift = np.einsum("kja,ja->jk", state.modes, state.mean)
+    flat = state.modes.reshape(len(state.modes), -1)
+    right: NDArray[np.float64] = data.reshape(len(data), -1) @ flat.T - mask.astype(np.float64) @ shift
+    return right
+
+
+def _solve(normal: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
+
+
 def _expect(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -> _Expected:
     count, markers = mask.shape
     rank = len(state.modes)
-    flat = state.modes.reshape(rank, -1)
-    shift = np.einsum("kja,ja->jk", state.modes, state.mean)
     gaps = ~mask.all(axis=0)
     upper = np.triu_indices(rank + 1)
     z, packed, spread = np.empty((count, rank)), np.zeros((markers, len(upper[0]))), np.zeros((rank, rank))
     for start in range(0, count, CHUNK):
         rows = slice(start, start + CHUNK)
         shown = mask[rows].astype(np.float64)
-        right = data[rows].reshape(len(shown), -1) @ flat.T - shown @ shift
+        right = _project(data[rows], mask[rows], state)
         inverse = np.linalg.inv(_normal(mask[rows], state))
         z[rows] = (inverse @ right[..., None])[..., 0]
         spread += state.noise * inverse.sum(axis=0)
@@ -293,16 +311,18 @@ def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int) -> _St
     """Step 1 of the theory of operation."""
     always = mask.all(axis=0)
     if always.mean() >= FEW_ALWAYS_SEEN and 3 * always.sum() >= 2 * rank:
-        parts = data[:, always].reshape(len(data), -1)
-        vectors = _largest(parts.T @ parts / len(data), rank)[1]
-        z = parts @ vectors
+        flat = data.reshape(len(data), -1)
+        shown = np.repeat(always, 3)
+        vectors = np.zeros((len(shown), rank))
+        vectors[shown] = _largest((flat.T @ flat / len(data))[np.ix_(shown, shown)], rank)[1]
+        z = flat @ vectors
         z /= np.maximum(z.std(axis=0), np.finfo(float).tiny)
         ones = np.concatenate([z, np.ones((len(z), 1))], axis=1)
         gaps = np.flatnonzero(~always)
         normal = np.broadcast_to(ones.T @ ones, (mask.shape[1], rank + 1, rank + 1)).copy()
         for marker in gaps:
-            shown = ones[mask[:, marker]]
-            normal[marker] = shown.T @ shown
+            seen = ones[mask[:, marker]]
+            normal[marker] = seen.T @ seen
         return _maximise(data, mask, _Expected(z, normal, np.zeros((rank, rank))))
     flat = data.reshape(len(data), -1)
     together = mask.astype(np.float64).T @ mask
@@ -343,8 +363,11 @@ def _checked(frames_mm: ArrayLike, seen: ArrayLike) -> tuple[NDArray[np.float64]
     mask = np.asarray(seen, dtype=bool)
     if given.ndim != 3 or given.shape[2] != 3 or mask.shape != given.shape[:2]:
         raise UsageError(f"frames_mm: got shapes {given.shape} and {mask.shape}, expected (T, M, 3) and (T, M)")
-    data = np.where(mask[..., None], given, 0.0)
-    if not np.isfinite(data).all():
+    data = given.copy()
+    data[~mask] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = data.sum()  # quicker than asking each number
+    if not np.isfinite(total) and not np.isfinite(data).all():
         frame, marker, _ = np.argwhere(~np.isfinite(data))[0].tolist()
         raise DataError("marker: seen, but got a number that is not finite", where=f"frame {frame}, marker {marker}")
     return data, mask

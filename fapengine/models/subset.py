@@ -28,6 +28,9 @@ from fapengine.errors import DataError, UsageError
 ILL_CONDITIONED = 1e-6
 """R_kk / R_11 below which the Gram matrix has lost the column: sqrt of double precision, with a margin of 60."""
 
+BLOCK = 1024
+"""Frames of one block of a Gram matrix."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotedFactor:
@@ -106,9 +109,12 @@ def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
     DataError
         Where a number is not finite, naming frame and marker: fill gaps first (:mod:`fapengine.models.missing`).
     """
-    a = _tall(_displacements(displacements_mm))
-    product: NDArray[np.float64] = a.T @ a
-    return product
+    data = _displacements(displacements_mm)
+    total = np.zeros((data.shape[1], data.shape[1]))
+    for start in range(0, len(data), BLOCK):  # stays in the cache while its axes are stacked
+        a = _tall(data[start : start + BLOCK])
+        total += a.T @ a
+    return total
 
 
 def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
