@@ -30,7 +30,7 @@ from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.track import FapTrack
 
 BLENDS = (2, 4, 6)
-SECONDS_A_GROUP = 5.0
+SECONDS_A_GROUP = 10.0
 """I plane period for rate control where none is given: short enough to react, long enough for the models to learn."""
 WINDOW_S = 4.0
 """Live ranges hold what these last seconds would have needed,"""
@@ -179,12 +179,10 @@ class _Group:
         types = mask_types_of(mask, 2 if self._options.unsent == "interpolate" else 1)
         header = IntraHeader(quant, mask, types, rate=rate, skip=int(self._skips[0]))
         known = state.ranges is None or (state.quant == quant and not _was_fitted(state))
-        choices = [SentRanges() if known else table_as_sent()]
+        choices = [SentRanges()] if known else [SentRanges(), table_as_sent()]
         if self._options.ranges == "fitted":
             levels, _ = quantise(self._values[:, LOW_LEVEL_FIELDS], quant)
-            choices = [*choices, fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
-            if state.ranges is not None:
-                choices.append(SentRanges())
+            choices += [fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
         tried = []
         for place, ranges in enumerate(choices):
             candidate = replace(header, ranges=ranges)
@@ -252,8 +250,10 @@ class Encoder:
         self._since_intra = 0
         self._intra_wanted = True
         self.quant = self.options.quant
+        self._ranges_quant = self.quant
         if self.options.max_error_mm is not None and self.options.fapu is not None:
             self.quant = guaranteed_quant(self._mask[2:], self.options.fapu, self.options.max_error_mm)
+            self._ranges_quant = self.quant
 
     def request_intra(self) -> None:
         """Make the next frame an I plane, so that a newcomer can begin there."""
@@ -340,8 +340,8 @@ class Encoder:
             levels, _ = quantise(seen[:, LOW_LEVEL_FIELDS], quant)
             wide = table_as_sent()  # an I plane must hold any pose
             ranges = replace(fit_ranges(levels, quant, margin=MARGIN), i_max=wide.i_max, i_min=wide.i_min)
-        elif state.ranges is not None and quant != state.quant:
-            ranges = table_as_sent()
+        elif state.ranges is not None and quant != self._ranges_quant:
+            ranges, self._ranges_quant = table_as_sent(), quant
         self.quant = quant
         rate, self._rate = self._rate, None
         types = mask_types_of(mask, 2 if options.unsent == "interpolate" else 1)
@@ -353,4 +353,6 @@ class Encoder:
         wanted = 1000 * self.options.kbit_s / self._rate_hz
         debt = (self._spent_bits - wanted * self._spent_planes) / self._group_planes  # paid back over the next group
         ratio = self._group_bits / self._group_planes / max(wanted - debt, wanted / 4)
+        if 0.9 < ratio < 1.05:  # a change costs new ranges
+            return self.quant
         return int(np.clip(round(max(self.quant, 1) * ratio**1.5), max(self.options.quant, 1), MAX_QUANT))

@@ -47,13 +47,13 @@ def skip_preamble(data: bytes) -> int:
     at = 0
     while at < MAX_PREAMBLE:
         head = data[at : at + 4]
-        if not head.startswith(PREFIX[: len(head)]):
+        if len(head) < 4:
+            raise TruncatedError(f"start code: got {len(head)} bytes, expected 4", where=f"byte {at}, bit 0")
+        if not head.startswith(PREFIX):
             raise ConformanceError(
                 f"start code: got {head.hex(' ')}, expected 00 00 01 ba", where=f"byte {at}, bit 0",
                 clause="FBA section 1",
             )  # fmt: skip
-        if len(head) < 4:
-            raise TruncatedError(f"start code: got {len(head)} bytes, expected 4", where=f"byte {at}, bit 0")
         if head[3] in (OBJECT_START, OLD_OBJECT_START):
             return at + 4
         if head[3] not in (SEQUENCE_START, VISUAL_OBJECT, USER_DATA):

@@ -1,0 +1,45 @@
+"""``fapengine decode``: an FBA stream to a track of FAPs."""
+
+from pathlib import Path
+
+import typer
+
+
+def decode(
+    stream: Path = typer.Argument(..., help="FBA stream (.fba)."),
+    output: Path = typer.Option(..., "--output", "-o", help="FAPs as text (.fap)."),
+    resync: bool = typer.Option(False, "--resync", help="Go on behind damage, and say what was lost."),
+    exact_rate: bool = typer.Option(
+        False, "--exact-rate", help="Write rates such as 30000/1001 in full; otherwise as whole frames a second."
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Decode an MPEG-4 FBA stream into FAPs.
+
+    Example: fapengine decode talk.fba -o talk.fap
+    """
+    from dataclasses import asdict, replace
+
+    from fapengine.files.fap import save_fap
+    from fapengine.files.fba import load_fba
+
+    decoded = load_fba(stream, errors="resync" if resync else "strict")
+    track = decoded.track
+    rate = next((part.header.rate for part in decoded.planes if part.header.rate is not None), None)
+    if rate is not None and rate.whole and not exact_rate:  # what all readers of .fap understand
+        track = replace(track, rate_hz=float(rate.whole))
+        if rate.hz != rate.whole:
+            typer.echo(f"{stream}: {rate.hz:.6g} Hz is written as {rate.whole}; --exact-rate keeps it", err=True)
+    save_fap(output, track)
+    losses = [asdict(loss) for loss in decoded.losses]
+    if as_json:
+        import json
+
+        typer.echo(json.dumps({"output": str(output), "frames": len(track), "losses": losses}))
+        return
+    typer.echo(f"{output}: {len(track)} frames")
+    for loss in decoded.losses:
+        typer.echo(
+            f"lost: bits {loss.start_bit} to {loss.end_bit}, {loss.frames_dropped} frames dropped: {loss.reason}",
+            err=True,
+        )

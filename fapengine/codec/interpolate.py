@@ -1,0 +1,62 @@
+"""What a face shows for FAPs that are not sent: held, or filled from their partners (FBA section 9).
+
+Deviation: the standard's formula for mask type 2 is not known here. The rules are: inner and outer lips stand for each
+other, then left and right; what is left keeps its last value. The values of FIT tables are not used.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools, Ints
+
+LIP_PARTNERS = tuple(zip(range(4, 14), range(51, 61), strict=True))
+"""Inner and outer lip FAPs. Both ways."""
+SIDE_PARTNERS = (
+    (6, 7), (8, 9), (10, 11), (12, 13), (19, 20), (21, 22), (23, 24), (25, 26), (27, 28), (29, 30), (31, 32), (33, 34),
+    (35, 36), (37, 38), (39, 40), (41, 42), (53, 54), (55, 56), (57, 58), (59, 60), (61, 62), (65, 66), (67, 68),
+)  # fmt: skip
+"""The value is copied unchanged: units and positive directions of each pair are mirror images."""
+INTERPOLATED = 2
+"""Mask type of groups whose FAPs that are not sent are interpolated."""
+
+_PARTNERS: NDArray[np.int64] = np.full((2, LOW_LEVEL_COUNT), -1, np.int64)
+for _row, _pairs in enumerate((LIP_PARTNERS, SIDE_PARTNERS)):
+    for _one, _other in _pairs:
+        _PARTNERS[_row, _one - 3], _PARTNERS[_row, _other - 3] = _other - 3, _one - 3
+_GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if number in group) for number in range(3, 69)])
+
+
+class Filler:
+    """Stateful: keeps the last shown value of every low-level FAP; neutral at first."""
+
+    def __init__(self) -> None:
+        self._shown: Ints = np.zeros(LOW_LEVEL_COUNT, np.int64)
+
+    def fill(self, values: Ints, mask: Bools, mask_types: tuple[int, ...]) -> Ints:
+        """Fill one frame.
+
+        Parameters
+        ----------
+        values : (66,) int64, FAPU
+            FAP 3 to 68; only where ``mask`` is on do they count.
+        mask : (66,) bool
+            FAPs that were sent.
+        mask_types : (10,) int
+            Of the I plane in force.
+
+        Returns
+        -------
+        (66,) int64, FAPU
+        """
+        shown = np.where(mask, values, self._shown)
+        known = mask.copy()
+        wanted = ~mask & (np.array(mask_types)[_GROUP_OF] == INTERPOLATED)
+        for partners in (
+            *_PARTNERS,
+            _PARTNERS[0],
+        ):  # lips, sides, and lips once more: 7 may come from 6, then 54 from 7
+            take = wanted & ~known & (partners >= 0) & known[partners]
+            shown[take] = shown[partners[take]]
+            known |= take
+        self._shown = shown
+        return shown

@@ -1,0 +1,110 @@
+"""The verbs encode, decode and inspect: files in, files out, numbers as JSON."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.files.fap import load_fap, save_fap
+from fapengine.mpeg4.track import FapTrack
+
+CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.fixture
+def fap(tmp_path: Path) -> Path:
+    path = tmp_path / "in.fap"
+    values = [[0, 0, *[n * (k % 3) for k in range(66)]] for n in range(50)]
+    save_fap(path, FapTrack.of(values, rate_hz=25.0))
+    return path
+
+
+def test_there_and_back(fap: Path, tmp_path: Path) -> None:
+    stream, back = tmp_path / "a.fba", tmp_path / "back.fap"
+    result = json.loads(run("encode", fap, "-o", stream, "--quant", 0, "--json"))
+    assert result["frames"] == 50
+    assert result["bytes"] == stream.stat().st_size
+    assert result["kbit_s"] == pytest.approx(8 * stream.stat().st_size / 2 / 1000, abs=0.001)
+    run("decode", stream, "-o", back)
+    assert load_fap(back).equals(load_fap(fap))
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [("--kbps", 3), ("--fitted",), ("--max-error-mm", 0.5), ("--intra-every", 10), ("--moving-only", "--start-codes")],
+)
+def test_each_choice_shortens_or_marks(fap: Path, tmp_path: Path, choices: tuple[object, ...]) -> None:
+    run("encode", fap, "-o", tmp_path / "plain.fba")
+    assert "kbit/s" in run("encode", fap, "-o", tmp_path / "b.fba", *choices)
+    assert (tmp_path / "b.fba").read_bytes() != (tmp_path / "plain.fba").read_bytes()
+
+
+def test_a_parameter_file_rules_alone(fap: Path, tmp_path: Path) -> None:
+    epf = tmp_path / "a.epf"
+    epf.write_text("FBM 1 FFR 0 ISI 1 FMT 0 3 3 3 3 3 3 3 3 3 FBM 1 FFR 7 ISI 0")
+    run("encode", fap, "--epf", epf, "-o", tmp_path / "a.fba")
+    report = json.loads(run("inspect", tmp_path / "a.fba", "--json"))
+    assert (report["i_planes"], report["p_planes"]) == (1, 1)
+    with pytest.raises(UsageError, match="--epf"):
+        run("encode", fap, "--epf", epf, "--quant", 2, "-o", tmp_path / "a.fba")
+    epf.write_text("FBM 1 FFR")
+    with pytest.raises(DataError, match=r"a\.epf"):
+        run("encode", fap, "--epf", epf, "-o", tmp_path / "a.fba")
+
+
+def test_inspect_counts_every_bit(fap: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "a.fba"
+    run("encode", fap, "-o", stream, "--intra-every", 20)
+    report = json.loads(run("inspect", stream, "--json"))
+    assert [plane["frame"] for plane in report["planes"] if plane["kind"] == "I"] == [0, 20, 40]
+    total = 32 + sum(plane["bits"] for plane in report["planes"])
+    assert 0 <= 8 * (report["bytes"] - 4) - total <= 8
+    assert set(map(int, report["fap_bits"])) == set(range(3, 69))
+    assert sum(report["fap_bits"].values()) < total
+    text = run("inspect", stream)
+    assert "3 I and 47 P planes" in text
+    assert "and 10 more planes" in text
+    assert "open_jaw" in text
+    assert "more planes" not in run("inspect", stream, "--all")
+
+
+def test_inspect_reads_visemes_too() -> None:
+    assert "viseme" in run("inspect", CORPUS / "worked-example.fba")
+
+
+def test_damage_is_told(fap: Path, tmp_path: Path) -> None:
+    stream = tmp_path / "a.fba"
+    run("encode", fap, "-o", stream, "--intra-every", 10, "--start-codes")
+    data = bytearray(stream.read_bytes())
+    data[500:520] = b"\x55" * 20
+    stream.write_bytes(data)
+    with pytest.raises(DataError, match=r"a\.fba"):
+        run("decode", stream, "-o", tmp_path / "b.fap")
+    result = json.loads(run("decode", stream, "-o", tmp_path / "b.fap", "--resync", "--json"))
+    assert result["losses"]
+    assert 25 < result["frames"] < 50
+    run("decode", stream, "-o", tmp_path / "b.fap", "--resync")
+    assert "lost" in run("inspect", stream)
+
+
+def test_odd_rates_are_whole_in_the_text_unless_asked(tmp_path: Path) -> None:
+    back = tmp_path / "b.fap"
+    run("decode", CORPUS / "fields.fba", "-o", back)
+    assert load_fap(back).rate_hz == 30
+    run("decode", CORPUS / "fields.fba", "-o", back, "--exact-rate")
+    assert load_fap(back).rate_hz == pytest.approx(30000 / 1001)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(b"hello")
+    with pytest.raises(UnsupportedError):
+        run("inspect", tmp_path / "x")

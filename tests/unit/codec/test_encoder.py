@@ -1,0 +1,232 @@
+"""The encoder's choices: each keeps its promise, and a plain decoder reads all of them."""
+
+import numpy as np
+import pytest
+
+from fapengine.codec import kernels
+from fapengine.codec.batch import encode_all
+from fapengine.codec.choices import coarsest_quant, fit_ranges, guaranteed_quant, point_errors_mm, quantise
+from fapengine.codec.decoder import Decoder, decode
+from fapengine.codec.encoder import Encoder, EncoderOptions, encode
+from fapengine.codec.interpolate import Filler
+from fapengine.codec.kernels import SKIP_LIMIT
+from fapengine.codec.warmup import warm_up
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.track import FapTrack
+
+FACE = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
+RATE_HZ = 25.0
+
+
+def talking(seconds: float = 8.0, faps: tuple[int, ...] = (3, 4, 5, 6, 19, 20, 48, 51, 52)) -> FapTrack:
+    """Smooth motion of a few FAPs, all sent."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    values = np.zeros((len(t), 68))
+    for number in faps:
+        step = fap.spec(number).quantiser_step
+        values[:, fap.column(number)] = step * 60 * np.sin(t * (2 + number % 7)) * (1 + 0.3 * np.sin(t / 2))
+    return FapTrack.of(np.round(values).astype(int), rate_hz=RATE_HZ)
+
+
+def errors_of(track: FapTrack, stream: bytes) -> np.ndarray:
+    return np.abs(decode(stream).track.values - track.values)
+
+
+@pytest.mark.parametrize("quant", [0, 1, 2, 7, 15, 31])
+@pytest.mark.parametrize("ranges", ["table", "fitted"])
+def test_the_error_is_half_a_step_at_most(quant: int, ranges: str) -> None:
+    track = talking(4.0, faps=(3, 4, 5, 6, 19, 20, 51))
+    stream = encode(track, EncoderOptions(quant=quant, ranges=ranges, intra_every=30))
+    steps = np.array([0, 0] + [row.quantiser_step for row in fap.FAPS]) * quant if quant else np.zeros(68)
+    assert (errors_of(track, stream) <= steps // 2).all()
+
+
+def test_fitted_ranges_are_never_longer_and_here_much_shorter() -> None:
+    track = talking()
+    plain, fitted = (encode(track, EncoderOptions(ranges=ranges)) for ranges in ("table", "fitted"))
+    assert len(fitted) < 0.9 * len(plain)
+    short = talking(0.2)
+    assert len(encode(short, EncoderOptions(ranges="fitted"))) <= len(encode(short))
+
+
+@pytest.mark.parametrize(("ranges", "kbit_s"), [("table", 1.5), ("table", 2.5), ("fitted", 1.0), ("fitted", 1.5)])
+def test_rate_control_meets_its_target(ranges: str, kbit_s: float) -> None:
+    track = talking(20.0)
+    stream = encode(track, EncoderOptions(kbit_s=kbit_s, ranges=ranges))
+    assert 0.8 * kbit_s < 8 * len(stream) / 20 / 1000 <= kbit_s * 1.02
+    assert len(decode(stream).track) == len(track)
+
+
+def test_live_rate_control_comes_near_its_target() -> None:
+    track = talking(60.0)
+    encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(kbit_s=2.0, ranges="fitted"))
+    stream = b"".join(encoder.frame(row) for row in track.values) + encoder.finish()
+    assert 8 * len(stream) / 60 / 1000 == pytest.approx(2.0, rel=0.15)
+    assert len({part.header.quant for part in decode(stream).planes}) > 1
+
+
+def test_intra_refresh_comes_on_time_and_where_asked() -> None:
+    track = talking(2.0)
+    planes = decode(encode(track, EncoderOptions(intra_every=15))).planes
+    assert [int(part.numbers[0]) for part in planes if part.intra] == [0, 15, 30, 45]
+    encoder = Encoder(rate_hz=RATE_HZ)
+    stream = encoder.frame(track.values[0]) + encoder.frame(track.values[1])
+    encoder.request_intra()
+    stream += encoder.frame(track.values[2]) + encoder.finish()
+    assert [part.intra for part in decode(stream).planes] == [True, False, True]
+
+
+def test_faps_at_rest_are_left_out_and_come_back_when_they_move() -> None:
+    values = talking(4.0, faps=(3, 51)).values.copy()
+    values[50:, fap.column(31)] = np.arange(50) * 4
+    track = FapTrack.of(values, rate_hz=RATE_HZ)
+    stream = encode(track, EncoderOptions(moving_only=True, intra_every=50))
+    sent = [part.header.mask for part in decode(stream).planes if part.intra]
+    assert [np.flatnonzero(mask).tolist() for mask in sent] == [[2, 50], [2, 30, 50]]
+    assert (errors_of(track, stream) <= 2).all()
+    assert len(stream) < 0.8 * len(encode(track, EncoderOptions(intra_every=50)))
+
+
+@pytest.mark.parametrize("limit_mm", [0.2, 0.5, 2.0])
+def test_the_error_bound_holds_in_mm_and_the_next_quantiser_would_break_it(limit_mm: float) -> None:
+    track = talking()
+    stream = encode(track, EncoderOptions(max_error_mm=limit_mm, fapu=FACE))
+    assert point_errors_mm(errors_of(track, stream)[:, 2:].astype(float), FACE).max() <= limit_mm
+    quant = decode(stream).planes[0].header.quant
+    low_level = track.values[:, 2:].astype(np.int64)
+    assert quant == coarsest_quant(low_level, np.ones(66, bool), FACE, limit_mm)
+    if quant < 31:
+        coarser = low_level - quantise(low_level, quant + 1)[1]
+        assert point_errors_mm(coarser.astype(float), FACE).max() > limit_mm
+
+
+def test_a_bound_that_no_quantiser_keeps_switches_it_off() -> None:
+    assert coarsest_quant(talking().values[:, 2:].astype(np.int64), np.ones(66, bool), FACE, 1e-6) == 0
+    assert guaranteed_quant(np.ones(66, bool), FACE, 1e-6) == 0
+    assert guaranteed_quant(np.ones(66, bool), FACE, 0.5) < guaranteed_quant(np.ones(66, bool), FACE, 2.0)
+
+
+def test_a_head_turn_of_one_milliradian_moves_the_far_points_by_its_lever() -> None:
+    errors = np.zeros(66)
+    errors[48 - 3] = 100  # 1e-5 rad each
+    assert point_errors_mm(errors, FACE).max() == pytest.approx(0.12)
+
+
+def test_live_frames_are_complete_at_once_with_start_codes() -> None:
+    track = talking(2.0)
+    encoder, decoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(plane_start_codes="all")), Decoder()
+    for row in track.values:
+        assert len(decoder.feed(encoder.frame(row))) == 1
+    assert decoder.feed(encoder.finish()) == []
+    assert decoder.ended
+    whole = encode(track, EncoderOptions(plane_start_codes="all"))
+    assert decode(whole).track.equals(decode(encode(track)).track)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        EncoderOptions(ranges="fitted", intra_every=20),
+        EncoderOptions(moving_only=True, intra_every=20),
+        EncoderOptions(max_error_mm=0.5, fapu=FACE),
+        EncoderOptions(plane_start_codes="intra", intra_every=20, unsent="interpolate"),
+    ],
+)
+def test_live_streams_decode_with_every_choice(options: EncoderOptions) -> None:
+    track = talking(4.0)
+    encoder = Encoder(rate_hz=RATE_HZ, options=options)
+    stream = b"".join(encoder.frame(row) for row in track.values) + encoder.finish()
+    shown = decode(stream).track
+    assert len(shown) == len(track)
+    assert point_errors_mm(np.abs(shown.values - track.values)[:, 2:].astype(float), FACE)[:20].max() < 1.0
+
+
+def test_visemes_and_expressions_go_through() -> None:
+    encoder = Encoder(rate_hz=30.0, faps=(1, 2, 3))
+    stream = encoder.frame([0] * 68, viseme=(3, 4, 70, 1), expression=(1, 63, 2, 5, 0, 1), skip=2)
+    stream += encoder.frame([0] * 68, viseme=(14, 0, 0, 0), expression=(6, 0, 0, 63, 1, 0)) + encoder.finish()
+    frames = Decoder().feed(stream)
+    assert [frame.viseme for frame in frames] == [(3, 4, 63, 1), (14, 0, 0, 0)]
+    assert [frame.expression for frame in frames] == [(1, 63, 2, 5, 0, 1), (6, 0, 0, 63, 1, 0)]
+    assert [frame.number for frame in frames] == [0, 3]
+    assert frames[0].values.tolist() == [0] * 68
+    without = Decoder().feed(WORKED := encode(talking(0.1)))[0]
+    assert without.viseme == (0,) * 4
+    assert without.expression == (0,) * 6
+    assert len(WORKED) > 20
+    with pytest.raises(UsageError, match="FAP: got 2"):
+        without.fap(2)
+
+
+def test_masks_that_change_begin_a_group_and_gaps_are_skips() -> None:
+    track = talking(1.0)
+    mask = track.mask.copy()
+    mask[10:, 30:] = False
+    changed = FapTrack(
+        values=np.where(mask, track.values, 0), mask=mask, visemes=track.visemes, expressions=track.expressions,
+        frame_numbers=np.arange(25) * 3, rate_hz=RATE_HZ,
+    )  # fmt: skip
+    decoded = decode(encode(changed)).track
+    np.testing.assert_array_equal(decoded.mask, mask)
+    np.testing.assert_array_equal(decoded.frame_numbers, changed.frame_numbers)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"quant": 32}, {"quant": -1}, {"intra_every": -1}, {"kbit_s": 0.0}, {"kbit_s": float("nan")},
+        {"max_error_mm": 1.0}, {"max_error_mm": 0.0, "fapu": FACE}, {"max_error_mm": 1.0, "fapu": FACE, "kbit_s": 1.0},
+    ],
+)  # fmt: skip
+def test_choices_that_make_no_sense_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(UsageError):
+        EncoderOptions(**options)
+
+
+def test_bad_frames_are_refused() -> None:
+    encoder = Encoder(rate_hz=25.0, faps=(1, 3))
+    with pytest.raises(UsageError, match="shape"):
+        encoder.frame([0] * 66)
+    with pytest.raises(UsageError, match="of float64"):
+        encoder.frame([0.5] * 68)
+    with pytest.raises(UsageError, match="expected 4 and 6"):
+        encoder.frame([0] * 68, viseme=(1,))
+    with pytest.raises(UsageError, match="viseme_select"):
+        encoder.frame([0] * 68, viseme=(15, 0, 0, 0))
+    with pytest.raises(UsageError, match="skip"):
+        encoder.frame([0] * 68, skip=-1)
+    with pytest.raises(UsageError, match="no frames"):
+        encode(FapTrack.of(np.zeros((0, 68), int), rate_hz=25.0))
+
+
+def test_what_is_not_sent_is_held_or_taken_from_its_partner() -> None:
+    values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
+    for number, value in ((4, 11), (6, 22), (19, 33)):
+        values[number - 3], mask[number - 3] = value, True
+    filler = Filler()
+    shown = filler.fill(values, mask, (2,) * 10)
+    expected = {4: 11, 51: 11, 6: 22, 53: 22, 7: 22, 54: 22, 19: 33, 20: 33, 3: 0, 31: 0}
+    assert {number: int(shown[number - 3]) for number in expected} == expected
+    held = filler.fill(values * 0, mask, (1,) * 10)
+    assert held[51 - 3] == 11
+    assert held[4 - 3] == 0
+
+
+def test_ranges_never_say_zero_for_fap_4() -> None:
+    ranges = fit_ranges(np.zeros((2, 66), np.int64), 1)
+    assert ranges.i_max is not None
+    assert ranges.i_max[1] == 1
+    assert ranges.i_max.sum() == 1
+
+
+def test_many_tracks_keep_their_order() -> None:
+    tracks = [talking(0.4 * n) for n in range(1, 4)]
+    assert encode_all(tracks, workers=1) == [encode(track) for track in tracks]
+    assert encode_all(tracks, workers=2) == [encode(track) for track in tracks]
+
+
+def test_warm_up_says_whether_the_loops_are_compiled() -> None:
+    assert warm_up() is kernels.COMPILED
+    assert SKIP_LIMIT > 3600 * 25

@@ -1,0 +1,60 @@
+"""Damage costs as little as it can, is told, and never shows garbage."""
+
+import numpy as np
+import pytest
+
+from fapengine.codec.decoder import HELD, Decoder, decode
+from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.errors import DataError
+from fapengine.mpeg4.track import FapTrack
+
+
+def walk(frames: int = 200) -> FapTrack:
+    rng = np.random.default_rng(3)
+    values = np.zeros((frames, 68), int)
+    values[:, 2:] = np.clip(np.cumsum(rng.integers(-6, 7, (frames, 66)), axis=0), -300, 300)
+    return FapTrack.of(values, rate_hz=25.0)
+
+
+@pytest.mark.parametrize("start_codes", ["none", "intra"])
+@pytest.mark.parametrize("seed", range(6))
+def test_frames_after_damage_are_right_or_absent(start_codes: str, seed: int) -> None:
+    stream = encode(walk(), EncoderOptions(intra_every=25, plane_start_codes=start_codes))
+    good = decode(stream)
+    wanted = {row.tobytes() for part in good.planes for row in part.values}
+    rng = np.random.default_rng(seed)
+    at = int(rng.integers(200, len(stream) - 600))
+    hurt = stream[:at] + rng.bytes(12) + stream[at + 12 :]
+    rescued = decode(hurt, errors="resync")
+    shown = [row.tobytes() for part in rescued.planes for row in part.values]
+    assert all(row in wanted for row in shown)
+    assert len(shown) >= 200 - 2 * 25 - HELD  # what is left of one group, perhaps of two
+    assert rescued.losses
+    assert all(loss.end_bit is not None and loss.start_bit < loss.end_bit for loss in rescued.losses)
+    with pytest.raises(DataError):
+        decode(hurt)
+
+
+def test_live_resync_gives_what_whole_streams_give() -> None:
+    stream = encode(walk(), EncoderOptions(intra_every=25))
+    hurt = stream[:1000] + b"\x5a" * 20 + stream[1020:]
+    whole = decode(hurt, errors="resync")
+    decoder = Decoder(errors="resync")
+    frames = [frame for n in range(0, len(hurt), 7) for frame in decoder.feed(hurt[n : n + 7])] + decoder.close()
+    np.testing.assert_array_equal(
+        [frame.row for frame in frames], np.concatenate([part.values for part in whole.planes])
+    )
+    assert [loss.reason for loss in decoder.losses] == [loss.reason for loss in whole.losses]
+
+
+def test_a_lost_beginning_is_bridged() -> None:
+    stream = encode(walk(100), EncoderOptions(intra_every=25))
+    rescued = decode(stream[300:], errors="resync")
+    assert 0 < len(rescued.track) < 100
+    assert rescued.losses[0].start_bit == 0
+
+
+def test_noise_is_no_stream() -> None:
+    noise = np.random.default_rng(0).bytes(4000)
+    with pytest.raises(DataError, match="no frame"):
+        decode(noise, errors="resync")
