@@ -10,5 +10,5 @@ out vec4 o_colour;
 void main() {
     vec2 from_head = (v_place - vec2(0.5, 0.45)) * vec2(1.0, 0.9);
     float light = 1.25 - 1.5 * dot(from_head, from_head);
-    o_colour = vec4(pow(u_wall * light, vec3(1.0 / 2.2)), 1.0) * u_alpha;
+    o_colour = vec4(sqrt(max(u_wall * light, 0.0)), 1.0) * u_alpha;
 }

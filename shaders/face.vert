@@ -4,7 +4,7 @@
 in vec3 a_position;
 in vec3 a_normal;
 in vec3 a_albedo;
-in vec4 a_surface;  // specular strength, gloss, softness of the terminator, 1 on eyeballs
+in vec3 a_surface;  // specular strength, gloss, softness of the terminator
 in vec2 a_uv;
 in float a_occlusion;
 in vec3 a_bones;  // bone number, its weight, weight of the head
@@ -19,7 +19,7 @@ uniform mat4 u_clip_from_world;
 out vec3 v_position;
 out vec3 v_normal;
 out vec3 v_albedo;
-out vec4 v_surface;
+out vec3 v_surface;
 out vec2 v_uv;
 out float v_occlusion;
 

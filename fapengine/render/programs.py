@@ -14,26 +14,35 @@ FACE_ATTRIBUTES = {
     "a_position": "3f4",
     "a_normal": "3f4",
     "a_albedo": "3f4",
-    "a_surface": "4f4",
+    "a_surface": "3f4",
     "a_uv": "2f4",
     "a_occlusion": "1f4",
     "a_bones": "3f4",
     "a_entries": "2f4",
 }
 """Per-vertex attributes of ``face.vert`` in buffer order, with moderngl's format."""
-FACE_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_world", "u_eye_position", "u_iris")
+MOTION_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_world")
+"""Uniforms of ``face.vert``."""
+FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
+EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris")
 BACKDROP_UNIFORMS = ("u_wall", "u_alpha")
 SMOOTH_UNIFORMS = ("u_picture",)
 
 STAGES = {
-    "face": ("face.vert", "face.frag"),
-    "backdrop": ("backdrop.vert", "backdrop.frag"),
-    "smooth": ("backdrop.vert", "smooth.frag"),
+    "face": (("face.vert",), ("lights.glsl", "face.frag")),
+    "eye": (("face.vert",), ("lights.glsl", "eye.frag")),
+    "backdrop": (("backdrop.vert",), ("backdrop.frag",)),
+    "smooth": (("backdrop.vert",), ("smooth.frag",)),
 }
-"""Program to its vertex and fragment file."""
+"""Program to the files of its vertex and its fragment stage, joined in this order behind the header."""
+
+
+def stage_source(files: tuple[str, ...], header: str = CORE_HEADER) -> str:
+    """Text of one stage."""
+    return header + "\n".join(shader_source(name) for name in files)
 
 
 def build_program(context: moderngl.Context, name: str) -> moderngl.Program:
     """Compile and link one of :data:`STAGES`."""
-    vertex, fragment = (CORE_HEADER + shader_source(stage) for stage in STAGES[name])
+    vertex, fragment = (stage_source(files) for files in STAGES[name])
     return context.program(vertex_shader=vertex, fragment_shader=fragment)

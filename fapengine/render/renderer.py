@@ -27,18 +27,18 @@ from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS, build_progr
 
 Picture = NDArray[np.uint8]
 
-SURFACES: dict[Material, tuple[float, float, float, float]] = {
-    # specular strength, gloss, softness of the terminator, eyeball
-    Material.SKIN: (0.20, 18.0, 0.45, 0.0),
-    Material.LIP: (0.42, 42.0, 0.40, 0.0),
-    Material.EYE: (1.30, 420.0, 0.20, 1.0),
-    Material.TEETH: (0.50, 60.0, 0.30, 0.0),
-    Material.GUM: (0.50, 40.0, 0.40, 0.0),
-    Material.TONGUE: (0.35, 30.0, 0.45, 0.0),
-    Material.HAIR: (0.16, 14.0, 0.15, 0.0),
-    Material.LASH: (0.05, 10.0, 0.10, 0.0),
-    Material.MOUTH: (0.02, 10.0, 0.10, 0.0),
-    Material.CLOTH: (0.03, 6.0, 0.25, 0.0),
+SURFACES: dict[Material, tuple[float, float, float]] = {
+    # specular strength, gloss, softness of the terminator
+    Material.SKIN: (0.20, 18.0, 0.45),
+    Material.LIP: (0.42, 42.0, 0.40),
+    Material.EYE: (1.30, 420.0, 0.20),
+    Material.TEETH: (0.50, 60.0, 0.30),
+    Material.GUM: (0.50, 40.0, 0.40),
+    Material.TONGUE: (0.35, 30.0, 0.45),
+    Material.HAIR: (0.16, 14.0, 0.15),
+    Material.LASH: (0.05, 10.0, 0.10),
+    Material.MOUTH: (0.02, 10.0, 0.10),
+    Material.CLOTH: (0.03, 6.0, 0.25),
 }
 EYEBALL_RADIUS_MM = 14.2
 PUPIL_SHARE = 0.42
@@ -167,18 +167,34 @@ class FaceRenderer:
             [np.asarray(columns[name], dtype="f4").reshape(len(counts), -1) for name in FACE_ATTRIBUTES], axis=1
         )
         vertices = context.buffer(np.ascontiguousarray(packed))
-        indices = context.buffer(mesh.triangles.astype("i4"))
-        self._face, self._backdrop = build_program(context, "face"), build_program(context, "backdrop")
-        self._smooth = build_program(context, "smooth")
-        layout = " ".join(FACE_ATTRIBUTES.values())
-        self._faces = context.vertex_array(
-            self._face, [(vertices, layout, *FACE_ATTRIBUTES)], index_buffer=indices, index_element_size=4
-        )
+        self._resources.append(vertices)
+        self._backdrop, self._smooth = build_program(context, "backdrop"), build_program(context, "smooth")
+        on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
+        self._parts = [
+            self._part("face", vertices, mesh.triangles[~on_eye]),
+            self._part("eye", vertices, mesh.triangles[on_eye]),
+        ]
         self._wall = context.vertex_array(self._backdrop, [])
         self._whole = context.vertex_array(self._smooth, [])
         self._moves = self._texture(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1))
         self._turns = self._texture(np.pad(normal_turns(mesh), ((0, 0), (0, 1))))
-        self._resources += [vertices, indices, self._face, self._backdrop, self._smooth, self._moves, self._turns]
+        self._resources += [self._backdrop, self._smooth, self._moves, self._turns]
+
+    def _part(
+        self, name: str, vertices: moderngl.Buffer, triangles: NDArray[np.int32]
+    ) -> tuple[Any, moderngl.VertexArray]:
+        """Triangles that share a program; its uniforms' kinds are known to GLSL alone."""
+        program = build_program(self._context, name)
+        used = [attribute for attribute in FACE_ATTRIBUTES if attribute in program]
+        layout = " ".join(
+            form if attribute in used else f"{4 * int(form[0])}x" for attribute, form in FACE_ATTRIBUTES.items()
+        )
+        indices = self._context.buffer(triangles.astype("i4"))
+        array = self._context.vertex_array(
+            program, [(vertices, layout, *used)], index_buffer=indices, index_element_size=4
+        )
+        self._resources += [program, indices, array]
+        return program, array
 
     def _texture(self, entries: NDArray[np.floating]) -> moderngl.Texture:
         rows = max(1, -(-len(entries) // TEXTURE_WIDTH))
@@ -208,19 +224,21 @@ class FaceRenderer:
 
     def _draw(self, faps: NDArray[np.float64]) -> None:
         context, mesh = self._context, self.mesh
-        face: Any = self._face  # its members' kinds are known to GLSL alone
         weights = np.zeros(MAX_CHANNELS, dtype="f4")
         weights[: len(mesh.basis.channels)] = channel_weights(mesh.basis, faps)
-        face["u_channels"].write(weights.tobytes())
-        bones = bone_transforms(mesh, faps)
-        face["u_bones"].write(np.ascontiguousarray(bones.transpose(0, 2, 1), dtype="f4").tobytes())
-        clip = self.camera.clip_from_world(self.size[0] / self.size[1])
-        face["u_clip_from_world"].write(np.ascontiguousarray(clip.T, dtype="f4").tobytes())
-        face["u_eye_position"] = tuple(self.camera.position_mm)
+        bones = np.ascontiguousarray(bone_transforms(mesh, faps).transpose(0, 2, 1), dtype="f4")
+        clip = np.ascontiguousarray(self.camera.clip_from_world(self.size[0] / self.size[1]).T, dtype="f4")
         iris = mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
         dilation = faps[fap.column(29)] + faps[fap.column(30)]
-        face["u_iris"] = (iris, iris * float(np.clip(PUPIL_SHARE + dilation / 2 / 1024, 0.15, 0.85)))
-        face["u_moves"], face["u_turns"] = 0, 1
+        pupil = iris * float(np.clip(PUPIL_SHARE + dilation / 2 / 1024, 0.15, 0.85))
+        for program, _ in self._parts:
+            program["u_channels"].write(weights.tobytes())
+            program["u_bones"].write(bones.tobytes())
+            program["u_clip_from_world"].write(clip.tobytes())
+            program["u_eye_position"] = tuple(self.camera.position_mm)
+            program["u_moves"], program["u_turns"] = 0, 1
+            if "u_iris" in program:
+                program["u_iris"] = (iris, pupil)
         self._moves.use(0)
         self._turns.use(1)
 
@@ -228,7 +246,8 @@ class FaceRenderer:
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.front_face = "cw"  # the picture is drawn upside down
         self._canvas.clear(0.0, 0.0, 0.0, 0.0)
-        self._faces.render()
+        for _, array in self._parts:
+            array.render()
         context.disable(moderngl.CULL_FACE)
         if self._components == 3:
             self._backdrop["u_wall"], self._backdrop["u_alpha"] = WALL, 1.0

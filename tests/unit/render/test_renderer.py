@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine._resources import shader_source
 from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
@@ -44,25 +43,31 @@ def renderer(head: FaceMesh) -> Iterator[FaceRenderer]:
 
 
 def test_shaders_have_the_names_of_the_table() -> None:
+    uniforms = {
+        "face": programs.FACE_UNIFORMS,
+        "eye": programs.EYE_UNIFORMS,
+        "backdrop": programs.BACKDROP_UNIFORMS,
+        "smooth": programs.SMOOTH_UNIFORMS,
+    }
+    assert uniforms.keys() == programs.STAGES.keys()
+    seen: set[str] = set()
     with create_context() as context:
-        face = programs.build_program(context, "face")
-        attributes = {name for name in face if isinstance(face[name], moderngl.Attribute)}
-        uniforms = {name for name in face if isinstance(face[name], moderngl.Uniform)}
-        assert attributes == set(programs.FACE_ATTRIBUTES)
-        assert uniforms == set(programs.FACE_UNIFORMS)
-        assert face["u_channels"].array_length * 4 == programs.MAX_CHANNELS  # type: ignore[union-attr]
-        for name, expected in (("backdrop", programs.BACKDROP_UNIFORMS), ("smooth", programs.SMOOTH_UNIFORMS)):
+        for name, expected in uniforms.items():
             program = programs.build_program(context, name)
-            assert {name for name in program if isinstance(program[name], moderngl.Uniform)} == set(expected)
+            assert {key for key in program if isinstance(program[key], moderngl.Uniform)} == set(expected)
+            seen |= {key for key in program if key.startswith("a_")}
+        face = programs.build_program(context, "face")
+        assert face["u_channels"].array_length * 4 == programs.MAX_CHANNELS  # type: ignore[union-attr]
+    assert seen == set(programs.FACE_ATTRIBUTES)
 
 
 def test_shaders_are_glsl_es_too() -> None:
     """Mesa's desktop context compiles ES 3.00 sources (ARB_ES3_compatibility), with only the header changed."""
     with create_context() as context:
-        assert programs.STAGES.keys() == {"face", "backdrop", "smooth"}
-        for vertex, fragment in programs.STAGES.values():
-            sources = [programs.ES_HEADER + shader_source(stage) for stage in (vertex, fragment)]
-            context.program(vertex_shader=sources[0], fragment_shader=sources[1]).release()
+        assert len(programs.STAGES) == 4
+        for stages in programs.STAGES.values():
+            vertex, fragment = (programs.stage_source(files, programs.ES_HEADER) for files in stages)
+            context.program(vertex_shader=vertex, fragment_shader=fragment).release()
 
 
 def _positions(renderer: FaceRenderer, capture: moderngl.Program, head: FaceMesh) -> NDArray[np.float32]:
@@ -70,8 +75,8 @@ def _positions(renderer: FaceRenderer, capture: moderngl.Program, head: FaceMesh
     context = renderer._context
     names = [name for name in programs.FACE_ATTRIBUTES if name in capture]
     for name in capture:
-        if isinstance(capture[name], moderngl.Uniform) and name in renderer._face:
-            capture[name].value = renderer._face[name].value  # type: ignore[union-attr]
+        if isinstance(capture[name], moderngl.Uniform):
+            capture[name].value = renderer._parts[0][0][name].value  # type: ignore[union-attr]
     renderer._moves.use(0)
     vertices = context.buffer(head.vertices_mm.astype("f4"))
     columns = {
@@ -93,7 +98,7 @@ def test_the_gpu_moves_vertices_as_the_reference_does(head: FaceMesh) -> None:
     rng = np.random.default_rng(8)
     with FaceRenderer(head, size=(16, 16)) as renderer:
         context = renderer._context
-        source = programs.CORE_HEADER + shader_source("face.vert")
+        source = programs.stage_source(("face.vert",))
         with context:
             capture = context.program(vertex_shader=source, varyings=["v_position"])
         for _ in range(3):

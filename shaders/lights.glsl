@@ -1,0 +1,42 @@
+// The studio's lights, and what every surface does with them; joined in front of face.frag and eye.frag.
+
+const vec3 KEY_FROM = vec3(-0.42, 0.52, 0.745);
+const vec3 KEY_COLOUR = vec3(1.85, 1.72, 1.57);
+const vec3 FILL_FROM = vec3(0.80, 0.10, 0.59);
+const vec3 FILL_COLOUR = vec3(0.42, 0.47, 0.56);
+const vec3 RIM_FROM = vec3(0.62, 0.40, -0.68);
+const vec3 RIM_COLOUR = vec3(0.85, 0.90, 1.0);
+const vec3 SKY = vec3(0.46, 0.49, 0.55);
+const vec3 GROUND = vec3(0.30, 0.25, 0.22);
+
+float wrapped(float cosine, float softness) {
+    float light = clamp((cosine + softness) / (1.0 + softness), 0.0, 1.0);
+    return light * light * (1.0 + softness) * 0.5 + light * (1.0 - softness) * 0.5;
+}
+
+// Light on a surface, linear RGB: key with a terminator that reddens with softness, fill, sky and ground.
+vec3 lit(vec3 normal, float softness, float occlusion) {
+    float key = dot(normal, KEY_FROM);
+    vec3 terminator = mix(vec3(1.0), vec3(1.25, 0.72, 0.60), softness * smoothstep(0.45, -0.1, key));
+    vec3 light = KEY_COLOUR * wrapped(key, softness) * terminator * mix(0.35, 1.0, smoothstep(0.05, 0.6, occlusion));
+    light += FILL_COLOUR * wrapped(dot(normal, FILL_FROM), softness) * mix(0.5, 1.0, occlusion);
+    return light + mix(GROUND, SKY, 0.5 + 0.5 * normal.y) * occlusion;
+}
+
+// Highlights of key and fill, by Blinn and Phong, normalised; times the surface's specular strength.
+vec3 highlight(vec3 normal, vec3 view, float gloss) {
+    float facing = clamp(dot(normal, view), 0.0, 1.0);
+    float away = 1.0 - facing;
+    float fresnel = 0.04 + 0.55 * away * away * away * away * away;
+    float high = pow(clamp(dot(normal, normalize(KEY_FROM + view)), 0.0, 1.0), gloss);
+    high *= clamp(dot(normal, KEY_FROM) * 4.0, 0.0, 1.0);
+    high += 0.25 * pow(clamp(dot(normal, normalize(FILL_FROM + view)), 0.0, 1.0), gloss);
+    return (0.25 + fresnel) * (gloss + 8.0) / 25.0 * high * KEY_COLOUR;
+}
+
+// Linear RGB to sRGB, with a shoulder that keeps highlights. 2.0 stands in for 2.2: a root costs a tenth of a power.
+vec4 developed(vec3 colour) {
+    colour = colour * (1.0 + colour * 0.12) / (1.0 + colour * 0.42);
+    vec3 root = sqrt(max(colour, 0.0));
+    return vec4(mix(root, sqrt(root), 0.07), 1.0);
+}
