@@ -5,21 +5,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 # A run of fewer tests than this fails: raise it when tests are added.
 TESTS_AT_LEAST := 700
+# How long make fuzz searches.
+SECONDS := 600
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: help demo test check quick bench fresh-machine clean env dev
+.PHONY: help demo test check quick bench fuzz fresh-machine clean env dev
 
 help:
 	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
 	@echo "make test   everything that CI runs"
 	@echo "make quick  the unit tests alone"
 	@echo "make bench  speed, as ratios against named yardsticks"
+	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
 demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
+	@$(MAKE) --no-print-directory fuzz SECONDS=15
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff format --check --quiet .
@@ -32,6 +36,12 @@ quick: $(VENV)/.ready-dev
 
 bench: $(VENV)/.ready-dev
 	$(BIN)/python -m bench.say
+
+fuzz: $(VENV)/.ready-dev
+	@mkdir -p out/fuzz
+	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz tests/fuzz/corpus -max_total_time=$(SECONDS) \
+	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
+	@grep 'stat::' out/fuzz.log
 
 fresh-machine:
 	.ci/fresh-machine
