@@ -1,9 +1,9 @@
 """Many tracks on all cores."""
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import cpu_count, get_context
 
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.codec.warmup import warm_up
@@ -15,10 +15,12 @@ def encode_all(
 ) -> list[bytes]:
     """Encode many tracks, each by itself, in their order.
 
+    Compiled loops let other threads run beside them, so threads serve; uncompiled ones need processes.
+
     Parameters
     ----------
     workers : int or None
-        Processes; None: one a core. 1 stays in this process.
+        None: one a core. 1 stays in this thread.
 
     Raises
     ------
@@ -26,8 +28,12 @@ def encode_all(
         As :func:`fapengine.codec.encoder.encode`, for the first track that fails.
     """
     work = partial(encode, options=options)
-    if workers == 1 or len(tracks) < 2:
+    count = workers or cpu_count()
+    if count == 1 or len(tracks) < 2:
         return [work(track) for track in tracks]
-    warm_up()  # compiled once, loaded from disk by every worker
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(work, tracks, chunksize=max(1, len(tracks) // 64)))
+    with _pool(count, compiled=warm_up()) as pool:
+        return list(pool.map(work, tracks))
+
+
+def _pool(count: int, *, compiled: bool) -> Executor:
+    return ThreadPoolExecutor(count) if compiled else ProcessPoolExecutor(count, mp_context=get_context("spawn"))

@@ -282,6 +282,9 @@ class Decoder:
         return True
 
     def _take_times(self, header: IntraHeader) -> None:
+        # Deviation: a time code sets the clock at its plane and time goes on from there; a decoder of the reference
+        # family gives all later planes the same time. 1000/1001 is applied exactly, where that decoder gets rate 0.
+
         now_s = self._time_s(self._number)
         if header.time_code is not None:
             now_s = float(header.time_code.total_s)

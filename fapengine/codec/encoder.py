@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fapengine.codec import kernels as k
 from fapengine.codec.choices import MAX_QUANT, coarsest_quant, fit_ranges, guaranteed_quant, moving, quantise
 from fapengine.codec.choices import table_ranges as table_as_sent
 from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, rows_of
@@ -32,9 +33,15 @@ from fapengine.mpeg4.track import FapTrack
 BLENDS = (2, 4, 6)
 SECONDS_A_GROUP = 10.0
 """I plane period for rate control where none is given: short enough to react, long enough for the models to learn."""
-WINDOW_S = 4.0
+SOONEST_S, PATIENCE_S = 1.0, 3.0
+"""A live group may end early after so long, if it has spent the bits of so many seconds more than it had."""
+WINDOW_S = 20.0
 """Live ranges hold what these last seconds would have needed,"""
 MARGIN = 1.5
+FLOOR = 3
+"""Live ranges of P planes are at least the table's by this: nothing lags more than a few frames."""
+FAR = 10_000
+"""Beyond every symbol."""
 """times this."""
 
 
@@ -161,7 +168,7 @@ class _Group:
             quant = coarsest_quant(low_level, mask[2:], options.fapu, options.max_error_mm)
         else:
             quant = options.quant
-        best = self._shortest(writer.state, mask, quant, rate)
+        best = self._shortest(writer.state, mask, quant, rate, count=budget is not None)
         if budget is not None and best[1] > budget:
             low, high = max(quant, 1), MAX_QUANT
             best = self._shortest(writer.state, mask, high, rate)
@@ -174,7 +181,9 @@ class _Group:
                     low = middle
         self._write(writer, best[0])
 
-    def _shortest(self, state: PlaneState, mask: Bools, quant: int, rate: FrameRate | None) -> tuple[IntraHeader, int]:
+    def _shortest(
+        self, state: PlaneState, mask: Bools, quant: int, rate: FrameRate | None, *, count: bool = True
+    ) -> tuple[IntraHeader, int]:
         """Try the ways to give ranges; those in which a value had to be clamped come last."""
         types = mask_types_of(mask, 2 if self._options.unsent == "interpolate" else 1)
         header = IntraHeader(quant, mask, types, rate=rate, skip=int(self._skips[0]))
@@ -183,6 +192,8 @@ class _Group:
         if self._options.ranges == "fitted":
             levels, _ = quantise(self._values[:, LOW_LEVEL_FIELDS], quant)
             choices += [fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
+        if len(choices) == 1 and not count:
+            return header, 0
         tried = []
         for place, ranges in enumerate(choices):
             candidate = replace(header, ranges=ranges)
@@ -214,6 +225,15 @@ def _was_fitted(state: PlaneState) -> bool:
     return fresh.ranges is None or state.ranges is None or not np.array_equal(fresh.ranges, state.ranges)
 
 
+def _no_narrower(fitted: SentRanges, table: SentRanges) -> SentRanges:
+    """Keep the table's I ranges, which hold any pose, and a part of its P ranges."""
+    sides = [
+        None if mine is None or wide is None else np.maximum(mine, -(-wide // FLOOR))
+        for mine, wide in ((fitted.p_max, table.p_max), (fitted.p_min, table.p_min))
+    ]
+    return SentRanges(table.i_max, table.i_min, *sides)
+
+
 class Encoder:
     """Stateful: live frames in, bytes out.
 
@@ -224,8 +244,8 @@ class Encoder:
     faps : sequence of int
         FAP numbers to send; all low-level ones by default.
     options : EncoderOptions
-        ``kbit_s`` and fitted ranges act from the second I plane on: they need frames to look back at. Values that
-        leave fitted ranges are clamped, and caught up with in the next frames.
+        ``kbit_s`` and fitted ranges act from the second I plane on: they need frames to look back at. A FAP left out
+        that begins to move brings an I plane at once; a value that leaves a fitted range, after a second.
 
     Examples
     --------
@@ -294,6 +314,7 @@ class Encoder:
         every = self.options.group_frames(self._rate_hz)
         intra = self._intra_wanted or (every > 0 and self._since_intra >= every)
         begun = self._writer.state.ranges is not None
+        intra = intra or self._needs_intra(row) or self._overspent()
         if begun and (self.options.plane_start_codes == "all" or (intra and self.options.plane_start_codes == "intra")):
             self._writer.plane_start_code()
         before = self._writer.bits
@@ -339,13 +360,38 @@ class Encoder:
         if options.ranges == "fitted" and len(self._window) > 1:
             levels, _ = quantise(seen[:, LOW_LEVEL_FIELDS], quant)
             wide = table_as_sent()  # an I plane must hold any pose
-            ranges = replace(fit_ranges(levels, quant, margin=MARGIN), i_max=wide.i_max, i_min=wide.i_min)
+            ranges = _no_narrower(fit_ranges(levels, quant, margin=MARGIN), wide)
         elif state.ranges is not None and quant != self._ranges_quant:
             ranges, self._ranges_quant = table_as_sent(), quant
         self.quant = quant
         rate, self._rate = self._rate, None
         types = mask_types_of(mask, 2 if options.unsent == "interpolate" else 1)
         return IntraHeader(quant, mask, types, ranges=ranges, rate=rate, skip=skip)
+
+    def _needs_intra(self, row: Ints) -> bool:
+        """Tell whether P planes would lag behind: a fitted range is too narrow, or a FAP left out begins to move."""
+        state, fields = self._writer.state, self._writer.state.fields
+        if self.options.ranges == "table" and not self.options.moving_only:
+            return False
+        step, first, count = (fields[LOW_LEVEL_FIELDS, column] for column in (k.STEP, k.P_MIN, k.P_COUNT))
+        sent = fields[LOW_LEVEL_FIELDS, k.ON] != 0
+        wanted = (row - state.previous)[LOW_LEVEL_FIELDS]
+        half = step // 2
+        rationed = self.options.kbit_s is not None or self._since_intra < SOONEST_S * self._rate_hz
+        if rationed:  # a few frames of lag cost less than many I planes
+            first, count = first - FAR, count + 2 * FAR
+        late = (wanted < first * step - half) | (wanted > (first + count - 1) * step + half)
+        left_out = self._mask[2:] & ~sent & (np.abs(wanted) > half)
+        new_viseme = self._mask[:2] & ~self._writer.state.mask[:2]
+        moved = moving(row[None], state.previous)[:2]
+        return bool((late & sent).any() or left_out.any() or (new_viseme & moved).any())
+
+    def _overspent(self) -> bool:
+        """Tell whether this group must end early, for its quantiser is far too fine for the target rate."""
+        if self.options.kbit_s is None or self.quant >= MAX_QUANT or self._since_intra < SOONEST_S * self._rate_hz:
+            return False
+        allowed = 1000 * self.options.kbit_s * (self._group_planes / self._rate_hz + PATIENCE_S)
+        return self._group_bits > allowed
 
     def _next_quant(self) -> int:
         if self.options.kbit_s is None or not self._group_planes:

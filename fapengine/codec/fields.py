@@ -29,10 +29,7 @@ FIELD_NAMES: tuple[str, ...] = (
     *(row.name for row in fap.FAPS),
 )  # fmt: skip
 
-GROUPS: tuple[tuple[int, ...], ...] = tuple(
-    tuple(number for number in range(1, 69) if (1 if number < 3 else fap.FAPS[number - 3].group) == group)
-    for group in range(1, 11)
-)
+GROUPS = fap.GROUPS
 """FAP numbers of the ten groups in which masks are sent (FBA section 4)."""
 
 

@@ -54,6 +54,9 @@ class PlaneState:
 
     def begin_intra(self, header: IntraHeader) -> None:
         """Take over mask, quantiser and ranges, and forget the models (FBA sections 5 and 8)."""
+        # Deviation: a decoder of the reference family loads the table again when FAP 4's I range was set to 0..0; here
+        # ranges once set persist, and our encoder never sends 0..0 for FAP 4.
+
         if self.ranges is None:
             self.ranges = default_ranges(header.quant)
         apply_sent(self.ranges, header.ranges, header.mask[2:], header.quant)

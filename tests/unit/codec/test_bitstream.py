@@ -1,5 +1,7 @@
 """Hand-checked streams, and every way in which a stream can be wrong."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -255,3 +257,9 @@ def test_missing_stuffing_is_an_error_inside_a_segment_only() -> None:
 
 def test_start_codes_spell() -> None:
     assert startcodes.code(0xBA) == h("000001BA")
+
+
+def test_the_committed_corpus_still_reads() -> None:
+    corpus = sorted((Path(__file__).resolve().parents[2] / "fuzz" / "corpus").glob("*.fba"))
+    assert len(corpus) >= 7
+    assert [len(decode(path.read_bytes()).track) for path in corpus] == [6, 6, 6, 6, 3, 3, 3]

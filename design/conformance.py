@@ -1,0 +1,92 @@
+# ruff: noqa: E501
+"""Write docs/conformance.md: clause, module, vectors, status; every deviation and every unverified memory.
+
+Run ``python -m design.conformance``. Deviations and memories are collected from the sources: a comment or docstring
+that begins ``Deviation:`` or contains ``[MEM]``.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DOC = ROOT / "docs" / "conformance.md"
+SOURCES = ("fapengine/mpeg4", "fapengine/codec")
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """One row of the page."""
+
+    clause: str
+    """Of ISO/IEC 14496-2; from memory, a hint where to look."""
+    section: str
+    """Of the working description ("FBA section"), which the code cites."""
+    what: str
+    modules: str
+    proof: str
+    status: str = "done"
+
+
+# fmt: off
+CLAUSES: tuple[Clause, ...] = (
+    Clause("6.2.2",       "1",    "sequence and visual object headers before a face",   "codec/startcodes.py",             "test_headers_of_a_visual_stream_are_passed", "done; header fields [MEM]"),
+    Clause("6.2.10",      "1, 3", "start codes, stuffing, end code",                    "codec/startcodes.py, codec/writer.py", "t29, all"),
+    Clause("6.2.10",      "2",    "plane and temporal header",                          "codec/header.py",                 "t10, t11, t27"),
+    Clause("6.2.10",      "2",    "body parameters (object mask 2, 3)",                 "codec/header.py",                 "test_a_wrong_fixed_bit_is_named", "UnsupportedError; skipped up to the next I plane with errors=\"resync\""),
+    Clause("6.2.10",      "4",    "masks of types 0 to 3, fap_quant, gender",           "codec/header.py",                 "t02, t05, t06, t07, t09"),
+    Clause("6.3.10",      "5",    "symbol ranges: table, sent, persistent",             "codec/ranges.py, codec/planes.py", "t08, t14, t19, t21"),
+    Clause("7.12",        "6",    "quantiser and prediction",                           "codec/kernels.py",                "t01, t04, t15"),
+    Clause("7.12",        "7",    "arithmetic coder: models, stuffing, segment end",    "codec/kernels.py",                "t16, t17, t30"),
+    Clause("7.12",        "8",    "order of segments, visemes and expressions",         "codec/kernels.py, codec/fields.py", "t03, t20, t23, t25"),
+    Clause("7.12",        "9",    "FAPs that are not sent: held, interpolated",         "codec/interpolate.py",            "test_what_is_not_sent_is_held_or_taken_from_its_partner", "own rules, see deviations; FIT tables are not read"),
+    Clause("6.3.10",      "10",   "frame rate, time codes, skipped frames",             "codec/decoder.py, codec/header.py", "t10, t11, t27"),
+    Clause("-",           "11",   "worked example",                                     "-",                               "test_bitstream.py"),
+    Clause("7.12",        "13",   "DCT mode",                                           "codec/header.py",                 "test_a_wrong_fixed_bit_is_named", "UnsupportedError: its code tables are not known"),
+    Clause("Annex C, C.1", "-",   "68 FAPs",                                            "mpeg4/fap.py",                    "tests/vectors/fap_table.csv"),
+    Clause("Annex C, C.2", "-",   "FAPU",                                               "mpeg4/fapu.py",                   "tests/unit/mpeg4"),
+    Clause("Annex C",      "-",   "feature points",                                     "mpeg4/feature_points.py",         "tests/unit/mpeg4"),
+    Clause("Annex C, C.4, C.5", "-", "visemes, expressions",                            "mpeg4/visemes.py",                "tests/unit/mpeg4"),
+    Clause("-",           "-",    ".fap text",                                          "codec/fapfile.py",                "t01 to t30, test_fapfile.py"),
+    Clause("-",           "-",    ".epf parameter files",                               "codec/epf.py",                    "t01 to t30"),
+)
+# fmt: on
+
+HEAD = """<!-- Made by design/conformance.py; do not edit. -->
+# Conformance: the MPEG-4 face bitstream, predictive mode
+
+Clause numbers of ISO/IEC 14496-2 are from memory and only say where to look; "section" is the section of the working
+description of the format that error messages cite as "FBA section". Vectors t01 to t30 are streams of another encoder:
+each is encoded to the same bytes and decoded to the same values (tests/unit/codec/test_vectors.py).
+
+| clause | section | what | module | vectors or tests | status |
+|---|---|---|---|---|---|
+"""
+
+
+def remarks(mark: str) -> list[tuple[str, str]]:
+    """Find what sources say at ``mark``: module, and the text up to the end of its paragraph."""
+    found = []
+    for folder in SOURCES:
+        for path in sorted((ROOT / folder).glob("*.py")):
+            text = path.read_text()
+            for match in re.finditer(rf"[^\n]*{re.escape(mark)}.*?(?=\n\s*\n|\"\"\"|\Z)", text, re.S):
+                words = " ".join(re.sub(r"^\s*#?", "", match.group(), flags=re.M).replace('"""', "").split())
+                if "the source" not in words:
+                    found.append((str(path.relative_to(ROOT / "fapengine")), words.replace("|", "\\|")))
+    return found
+
+
+def page() -> str:
+    """Make the whole page."""
+    rows = [f"| {c.clause} | {c.section} | {c.what} | {c.modules} | {c.proof} | {c.status} |\n" for c in CLAUSES]
+    parts = [HEAD, *rows]
+    for title, mark in (("Deviations", "Deviation:"), ("From unverified memory", "[MEM]")):
+        parts.append(f"\n## {title}\n\n")
+        parts += [f"- `{module}`: {words.removeprefix(mark).strip()}\n" for module, words in remarks(mark)]
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    DOC.write_text(page())
+    print(f"{DOC.name}: {len(CLAUSES)} clauses")
