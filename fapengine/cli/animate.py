@@ -1,27 +1,28 @@
 """``fapengine animate``: phone timings, and the sound they belong to, to a talking face."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
+from fapengine.cli import options as shared
+
 
 def animate(
-    timings: Path = typer.Argument(..., help="Praat TextGrid or MBROLA .pho; found from the content."),
-    audio: Path | None = typer.Option(None, "--audio", "-a", help="The sound: WAV, MP3, FLAC, Ogg or any video."),
-    output: Path = typer.Option(
-        Path("out/talk.mp4"), "--output", "-o", help="Video (.mp4, .webm, .mkv), or .fap for the FAPs alone."
-    ),
-    tier: str | None = typer.Option(None, "--tier", help="TextGrid: the tier that holds the phones."),
-    expression: list[str] = typer.Option(
-        [], "--expression", "-e", help="joy, sadness, anger, fear, disgust or surprise, with a strength: joy:0.4."
-    ),
-    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking: a shipped name or a folder."),
-    camera: str = typer.Option("front", "--camera", help="front, three-quarter, profile or mouth."),
-    size: str = typer.Option("512x512", "--size", help="Width x height in pixels."),
-    fps: float = typer.Option(30.0, "--fps", help="Frames a second."),
-    articulation: float = typer.Option(1.0, "--articulation", help="Size of mouth movements; 1 is natural."),
-    seed: int = typer.Option(1, "--seed", help="Chance of blinks and head motion; the same seed, the same face."),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    timings: Annotated[Path, typer.Argument(help="Phone timings; their format is found from the content.")],
+    audio: Annotated[
+        Path | None, typer.Option("--audio", "-a", help="The sound: WAV, MP3, FLAC, Ogg or any video.")
+    ] = None,
+    output: shared.Output = Path("out/talk.mp4"),
+    tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: the tier that holds the phones.")] = None,
+    expression: shared.Expressions = [],  # noqa: B006  typer copies it
+    profile: shared.ProfileName = "grid_s1_en",
+    camera: shared.CameraName = "front",
+    size: shared.Size = "512x512",
+    fps: shared.Fps = 30.0,
+    articulation: shared.Articulation = 1.0,
+    seed: shared.Seed = 1,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Animate phone timings that another tool made.
 

@@ -1,27 +1,26 @@
 """``fapengine say``: a sentence to a talking face."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
+from fapengine.cli import options as shared
+
 
 def say(
-    text: str = typer.Argument(..., help="What to say; - reads it from standard input."),
-    output: Path = typer.Option(
-        Path("out/talk.mp4"), "--output", "-o", help="Video (.mp4, .webm, .mkv), or .fap for the FAPs alone."
-    ),
-    expression: list[str] = typer.Option(
-        [], "--expression", "-e", help="joy, sadness, anger, fear, disgust or surprise, with a strength: joy:0.4."
-    ),
-    voice: str = typer.Option("en-us", "--voice", "-v", help="Language of the voice, such as en-gb, de or fr-fr."),
-    rate: int = typer.Option(160, "--rate", help="Words a minute, 80 to 450."),
-    profile: str = typer.Option("grid_s1_en", "--profile", help="Whose way of speaking: a shipped name or a folder."),
-    camera: str = typer.Option("front", "--camera", help="front, three-quarter, profile or mouth."),
-    size: str = typer.Option("512x512", "--size", help="Width x height in pixels."),
-    fps: float = typer.Option(30.0, "--fps", help="Frames a second."),
-    articulation: float = typer.Option(1.0, "--articulation", help="Size of mouth movements; 1 is natural."),
-    seed: int = typer.Option(1, "--seed", help="Chance of blinks and head motion; the same seed, the same face."),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    text: Annotated[str, typer.Argument(help="What to say; - reads it from standard input.")],
+    output: shared.Output = Path("out/talk.mp4"),
+    expression: shared.Expressions = [],  # noqa: B006  typer copies it
+    voice: Annotated[str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.")] = "en-us",
+    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.")] = 160,
+    profile: shared.ProfileName = "grid_s1_en",
+    camera: shared.CameraName = "front",
+    size: shared.Size = "512x512",
+    fps: shared.Fps = 30.0,
+    articulation: shared.Articulation = 1.0,
+    seed: shared.Seed = 1,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
 

@@ -1,0 +1,21 @@
+"""Options that several verbs share, declared once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Output = Annotated[Path, typer.Option("--output", "-o", help="Video (.mp4, .webm, .mkv), or .fap for the FAPs alone.")]
+Expressions = Annotated[
+    list[str],
+    typer.Option(
+        "--expression", "-e", help="joy, sadness, anger, fear, disgust or surprise, with a strength: joy:0.4."
+    ),
+]
+ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
+CameraName = Annotated[str, typer.Option("--camera", help="front, three-quarter, profile or mouth.")]
+Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
+Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]
+Articulation = Annotated[float, typer.Option("--articulation", help="Size of mouth movements; 1 is natural.")]
+Seed = Annotated[int, typer.Option("--seed", help="Chance of blinks and head motion; the same seed, the same face.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
