@@ -11,7 +11,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours, parts
 from fapengine.mesh.basis import build_basis
 from fapengine.mesh.eyes import build_lids
-from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh
+from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
 from fapengine.mesh.head_parts import HeadParts
 from fapengine.mesh.mouth import build_mouth
 from fapengine.mesh.patch import MeshBuilder, bake_occlusion, smooth_over_mesh, vertex_normals
@@ -130,7 +130,7 @@ def _nostrils(points: Array) -> Array:
     front = z > 80
     wing = np.exp(-(((x - 14.5) / 4.0) ** 2) - (((y + 3.5) / 6.5) ** 2)) * front
     crease = np.exp(-(((x - 20.0) / 2.4) ** 2) - (((y + 2.0) / 9.0) ** 2)) * front
-    hole = np.exp(-(((x - 7.0) / 3.8) ** 2) - (((y + 8.8) / 2.9) ** 2)) * front
+    hole = np.exp(-(((x - 7.0) / 3.4) ** 2) - (((y + 6.6) / 2.6) ** 2)) * front
     out = points.copy()
     out[..., 0] += np.sign(points[..., 0]) * (2.6 * wing)
     out[..., 2] += 1.8 * wing - 1.2 * crease - 3.5 * hole
@@ -141,7 +141,7 @@ def _nostrils(points: Array) -> Array:
 def _skin_shade(points: Array) -> Array:
     x, y = np.abs(points[..., 0]), points[..., 1]
     front = points[..., 2] > 80
-    hole = np.exp(-(((x - 7.0) / 3.9) ** 2) - (((y + 7.8) / 2.6) ** 2)) * front
+    hole = np.exp(-(((x - 7.2) / 3.0) ** 2) - (((y + 5.4) / 1.9) ** 2)) * front
     shade: Array = 1 - 0.85 * hole
     return shade
 
@@ -172,6 +172,9 @@ def _finish(builder: MeshBuilder, head: HeadParts) -> FaceMesh:
     points = _soften(builder.column("points_mm"), triangles, head)
     normals = vertex_normals(points, triangles)
     occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
+    # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.
+    lit = builder.column("material") == Material.TEETH
+    occlusion = np.where(lit, np.maximum(occlusion, 0.72), occlusion)
     feature_points = locate(points, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
