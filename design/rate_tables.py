@@ -27,7 +27,10 @@ HEAD = """<!-- Made by design/rate_tables.py; do not edit. -->
 # Rate and error
 
 What a stream costs, and how far the decoded values are off. Errors are in quantiser steps at q = 1 (QP of each FAP):
-RMS is the mean over the FAPs sent, the maximum is over everything. Every stream was decoded by the plain decoder.
+RMS is the mean over the FAPs sent, the maximum is over everything. With the table's ranges a blink or a jump of the
+eyes leaves the range of one P plane and is caught up with in the next, so the maximum is more than half a step. A
+target below what q 31 costs cannot be met. Live rate control cannot look ahead, and every group learns anew. Every
+stream was decoded by the plain decoder.
 
 ![kbit/s against error](pictures/rate.svg)
 """

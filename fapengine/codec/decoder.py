@@ -34,6 +34,9 @@ HELD = 4
 DEFAULT_RATE = FrameRate(30)
 """Before any rate was sent (FBA section 10)."""
 AT_ONCE = 256
+CODE_BITS = 32
+SEARCHED_BITS = 1 << 20
+"""So much of a live stream is searched for an I plane at most, again with every piece that is fed."""
 CLAUSES = {
     k.BAD_MASK: "FBA section 2", k.NOT_FACE: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
     k.BAD_VALUE: "FBA section 9", k.BAD_SKIP: "FBA section 10",
@@ -111,7 +114,10 @@ class Decoder:
         if not self.ended and data:
             self._bits = np.concatenate([self._bits, unpack(data)])
             self._run(final=False)
-        return self._hand_out(everything=self.ended or not self._resync)
+        ready = self._hand_out(everything=self.ended or not self._resync)
+        if self._resync:
+            self._trim()
+        return ready
 
     def close_planes(self) -> list[Planes]:
         """Do as :meth:`close`, with frames in blocks of arrays."""
@@ -128,6 +134,11 @@ class Decoder:
     def trouble(self) -> DataError | None:
         """The error that the next call will raise."""
         return self._trouble
+
+    @property
+    def waiting_bits(self) -> int:
+        """Bits kept for later: what is not yet decoded, and what may have to be searched again."""
+        return len(self._bits)
 
     @property
     def rate_hz(self) -> float:
@@ -225,7 +236,8 @@ class Decoder:
             extents[:, :2] += self._origin
             self._emit(values[:count].copy(), flags[:count].copy(), extents[:count].copy(), intra=False)
         if status == k.NEED_MORE:
-            self._trim()
+            if not self._resync:
+                self._trim()
             if final:
                 raise TruncatedError("stream: ends without its end code", where=self._where(), clause="FBA section 1")
             return False
@@ -235,7 +247,8 @@ class Decoder:
             self._start_code(detail)
         elif status != k.FULL:
             raise self._error(status, detail)
-        self._trim()
+        if not self._resync:
+            self._trim()
         return True
 
     def _start_code(self, code: int) -> None:
@@ -337,11 +350,19 @@ class Decoder:
         return True
 
     def _trim(self) -> None:
-        whole = self._at // 8 * 8
-        if self._searching_from is None and whole and not self._resync:
+        """Forget what has been decoded; where resynchronising is on, only what can no longer be searched."""
+        done = self._at
+        if self._searching_from is not None:
+            done = self._searching_from = max(self._searching_from, len(self._bits) - SEARCHED_BITS)
+        elif self._resync:
+            done = min([done, *(int(part.extents[0, 0]) - self._origin for part in self._out[:1])])
+        whole = max(done - CODE_BITS if self._resync else done, 0) // 8 * 8
+        if whole:
             self._bits = self._bits[whole:]
             self._origin += whole
-            self._at -= whole
+            self._at = max(self._at - whole, 0)
+            if self._searching_from is not None:
+                self._searching_from -= whole
 
     def _where(self) -> str:
         return place(self._origin + self._at)

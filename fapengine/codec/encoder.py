@@ -38,6 +38,8 @@ SOONEST_S, PATIENCE_S = 1.0, 3.0
 WINDOW_S = 20.0
 """Live ranges hold what these last seconds would have needed,"""
 MARGIN = 1.5
+FIRST_QUANT = 12
+"""Quantiser of the first live group under rate control, before anything is known."""
 FLOOR = 3
 """Live ranges of P planes are at least the table's by this: nothing lags more than a few frames."""
 FAR = 10_000
@@ -269,7 +271,7 @@ class Encoder:
         self._group_bits = self._group_planes = self._spent_bits = self._spent_planes = 0
         self._since_intra = 0
         self._intra_wanted = True
-        self.quant = self.options.quant
+        self.quant = self.options.quant if self.options.kbit_s is None else max(self.options.quant, FIRST_QUANT)
         self._ranges_quant = self.quant
         if self.options.max_error_mm is not None and self.options.fapu is not None:
             self.quant = guaranteed_quant(self._mask[2:], self.options.fapu, self.options.max_error_mm)

@@ -248,11 +248,20 @@ def test_orders_that_cannot_be_carried_out() -> None:
         encode_orders(orders, parse_fap(EXAMPLE_FAP.replace(b"1 10 1 40 0", b"1 15 1 40 0")))
 
 
-def test_missing_stuffing_is_an_error_inside_a_segment_only() -> None:
-    """FAP 4 alone, ranges 31 x 60: a P plane of zeros in its arithmetic data cannot be."""
-    zeros = WORKED_EXAMPLE[:14] + bytes(12) + WORKED_EXAMPLE[-5:]
-    with pytest.raises(ConformanceError):
-        decode(zeros)
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("000001bab19001b58000924b2480000000000000006c752852d17d7005a17f000001b1", "arithmetic data: got 23 zeros"),
+        (
+            "000001bab19001b58000924b248029883e848614006c7d2852010000000000000001b1",
+            r"FAP 1 \(viseme_select1\): got a val",
+        ),
+        ("000001bab19001b58000924b248229883e848614006c7d2852d17d7004a37f000001b1", "ranges at FAP 3: got marker bit 0"),
+    ],
+)
+def test_arithmetic_data_and_ranges_that_cannot_be(data: str, message: str) -> None:
+    with pytest.raises(ConformanceError, match=message):
+        decode(h(data))
 
 
 def test_start_codes_spell() -> None:

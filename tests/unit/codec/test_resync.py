@@ -58,3 +58,15 @@ def test_noise_is_no_stream() -> None:
     noise = np.random.default_rng(0).bytes(4000)
     with pytest.raises(DataError, match="no frame"):
         decode(noise, errors="resync")
+
+
+@pytest.mark.parametrize("errors", ["strict", "resync"])
+def test_a_long_live_stream_needs_no_more_memory(errors: str) -> None:
+    stream = encode(walk(1500), EncoderOptions(intra_every=50))
+    decoder = Decoder(errors=errors)
+    longest = frames = 0
+    for at in range(0, len(stream), 50):
+        frames += len(decoder.feed(stream[at : at + 50]))
+        longest = max(longest, decoder.waiting_bits)
+    assert frames + len(decoder.close()) == 1500
+    assert longest < 8 * 2000  # an I plane, the frames held back, a piece

@@ -1,0 +1,35 @@
+"""The inner loops give the same bytes with and without the compiler, and importing the package does not load it."""
+
+import subprocess
+import sys
+from hashlib import sha256
+
+from fapengine.codec.decoder import decode
+from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.mpeg4.track import FapTrack
+
+PROGRAM = """
+from tests.unit.codec.test_uncompiled import digest
+from fapengine.codec import kernels
+print(type(kernels.encode_plane).__name__, digest())
+"""
+
+
+def digest() -> str:
+    values = [[0, 0, *[(7 * n * k) % 61 - 30 for k in range(66)]] for n in range(12)]
+    stream = encode(FapTrack.of(values, rate_hz=25.0), EncoderOptions(intra_every=5, ranges="fitted"))
+    return sha256(stream + decode(stream).track.values.tobytes()).hexdigest()
+
+
+def test_uncompiled_loops_give_the_same_bytes() -> None:
+    import os
+
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, check=True
+    )
+    assert done.stdout.decode().split() == ["function", digest()]
+
+
+def test_importing_the_package_loads_no_compiler() -> None:
+    program = "import sys, fapengine, fapengine.codec, fapengine.codec.fapfile; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
