@@ -213,7 +213,6 @@ def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100
             own = np.diag(schur)
             able = own > ILL_CONDITIONED**2 * a.trace()
             gain = np.where(able, (schur**2).sum(0) / np.where(able, own, 1.0), -np.inf)
-            gain[others] = -np.inf
             successor = int(gain.argmax())
             best = min(best, (float(own.sum() - gain[successor]), place, successor))
         if best[0] >= left * (1 - 1e-9):

@@ -90,3 +90,9 @@ def test_bad_input_is_refused(case):
     few = GapModel(np.random.default_rng(0).normal(0, 30, (4, 3)), np.ones((5, 4, 3)), 0.1, 0)
     with pytest.raises(DataError, match="points that find it"):
         fit_scan(few, shred, [0, 1, 2], few.mean_mm[:3])
+
+
+def test_weights_that_the_scan_cannot_tell_stay_near_the_mean_face(case):
+    model, scan, _, scores, truth = case(3)
+    vague = fit_scan(model, scan, CORNERS, truth[CORNERS], noise_mm=100.0, landmark_noise_mm=100.0)
+    assert np.linalg.norm(vague.scores) < 0.3 * np.linalg.norm(scores)

@@ -229,3 +229,9 @@ def test_the_full_map_wants_different_markers(primary):
         fit_full_map(np.eye(12), primary)
     with pytest.raises(UsageError, match="got 4 rows"):
         fit_full_map(np.eye(4), [0])
+
+
+def test_no_marker_is_taken_twice_where_nothing_is_left_to_gain():
+    data = np.zeros((60, 5, 3))
+    data[:, 3] = motion(8, markers=1)[:, 0]  # one marker moves, and explains itself
+    assert len(set(search_full_swaps(coordinate_gram(data), [3, 1, 2]).tolist())) == 3
