@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+collect_ignore = ["fuzz"]  # programs; importing one switches the compiler off for the whole process
 NO_SHARED = "measurement data absent"
 """The one reason for which a test may be skipped."""
 

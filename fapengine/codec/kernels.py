@@ -413,7 +413,7 @@ def code_behind(bits: Any, at: int) -> int:
         return -2
     code = 0
     for k in range(24, 32):
-        code = 2 * code + bits[start + k]
+        code = 2 * code + int(bits[start + k])
     return code
 
 
@@ -485,7 +485,7 @@ def decode_predicted(
                 return count, at, NEED_MORE, at
             part = 8 * bits[data] + 4 * bits[data + 1] + 2 * bits[data + 2] + bits[data + 3]
             data += 4
-            skip += part
+            skip += int(part)
             more = part == 15
             if skip > SKIP_LIMIT:
                 return count, at, BAD_SKIP, skip
