@@ -10,6 +10,7 @@ import numpy as np
 from fapengine.codec.decoder import Decoded
 from fapengine.codec.fields import FIELD_FAPS
 from fapengine.files.fba import load_fba
+from fapengine.files.pictures import Picture, bar_chart, save_png, under_each_other
 from fapengine.mpeg4 import fap
 
 PLANES_SHOWN = 40
@@ -17,7 +18,7 @@ BAR = 28
 """Letters of the longest bar."""
 
 
-def inspect_fba(path: Path, *, as_json: bool, everything: bool = False) -> None:
+def inspect_fba(path: Path, *, as_json: bool, everything: bool = False, plot: Path | None = None) -> None:
     """Print the report of a stream; damage is shown, not refused.
 
     Raises
@@ -27,6 +28,8 @@ def inspect_fba(path: Path, *, as_json: bool, everything: bool = False) -> None:
     """
     decoded = load_fba(path, errors="resync", with_costs=True)
     report = describe(decoded, path.stat().st_size)
+    if plot is not None:
+        save_png(plot, _draw(report))
     if as_json:
         import json
 
@@ -72,6 +75,31 @@ def describe(decoded: Decoded, size: int) -> dict[str, Any]:
     }
 
 
+def _fap_name(number: int) -> str:
+    return ("viseme", "expression")[number - 1] if number < 3 else fap.spec(number).name
+
+
+def _draw(report: dict[str, Any]) -> Picture:
+    """Bits of each plane, intra planes marked, and bits of each FAP."""
+    planes: Sequence[dict[str, Any]] = report["planes"]
+    by_time = bar_chart(
+        [plane["bits"] for plane in planes],
+        title=f"Bits a plane: {report['kbit_s']:.2f} kbit/s, I planes marked",
+        marked=[plane["kind"] == "I" for plane in planes],
+        first=f"{planes[0]['time_s']:.2f} s",
+        last=f"{planes[-1]['time_s']:.2f} s",
+    )
+    costs: dict[int, float] = report["fap_bits"]
+    by_fap = bar_chart(
+        [costs.get(number, 0.0) for number in range(1, 69)],
+        title="Bits a FAP, all planes",
+        marked=[number in (1, 2) for number in range(1, 69)],
+        first="FAP 1",
+        last="FAP 68",
+    )
+    return under_each_other([by_time, by_fap])
+
+
 def _print(report: dict[str, Any], *, everything: bool) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -95,9 +123,8 @@ def _print(report: dict[str, Any], *, everything: bool) -> None:
     costs: dict[int, float] = report["fap_bits"]
     table = Table("FAP", "name", "bits", "bits/plane", "", box=None, pad_edge=False)
     for number, bits in sorted(costs.items(), key=lambda item: -item[1]):
-        name = ("viseme", "expression")[number - 1] if number < 3 else fap.spec(number).name
         bar = "█" * max(1, round(BAR * bits / max(costs.values())))
-        table.add_row(str(number), name, f"{bits:.0f}", f"{bits / len(planes):.2f}", bar)
+        table.add_row(str(number), _fap_name(number), f"{bits:.0f}", f"{bits / len(planes):.2f}", bar)
     console.print(table)
     for loss in report["losses"]:
         console.print(f"[red]lost[/] bits {loss['start_bit']} to {loss['end_bit']}: {loss['reason']}")

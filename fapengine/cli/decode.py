@@ -12,6 +12,12 @@ def decode(
     exact_rate: bool = typer.Option(
         False, "--exact-rate", help="Write rates such as 30000/1001 in full; otherwise as whole frames a second."
     ),
+    fill: bool = typer.Option(
+        False, "--fill", help="Write what a face shows: FAPs that were not sent are held, or taken from their partners."
+    ),
+    single_numbers: bool = typer.Option(
+        False, "--single-numbers", help="Write FAP 1 and 2 as one number each, as Greta reads them."
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
 ) -> None:
     """Decode an MPEG-4 FBA stream into FAPs.
@@ -20,17 +26,18 @@ def decode(
     """
     from dataclasses import asdict, replace
 
+    from fapengine.codec.interpolate import fill_track
     from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
 
     decoded = load_fba(stream, errors="resync" if resync else "strict")
-    track = decoded.track
+    track = fill_track(decoded) if fill else decoded.track
     rate = next((part.header.rate for part in decoded.planes if part.header.rate is not None), None)
     if rate is not None and rate.whole and not exact_rate:  # what all readers of .fap understand
         track = replace(track, rate_hz=float(rate.whole))
         if rate.hz != rate.whole:
             typer.echo(f"{stream}: {rate.hz:.6g} Hz is written as {rate.whole}; --exact-rate keeps it", err=True)
-    save_fap(output, track)
+    save_fap(output, track, single_numbers=single_numbers)
     losses = [asdict(loss) for loss in decoded.losses]
     if as_json:
         import json

@@ -10,6 +10,7 @@ FBA_STARTS = (b"\x00\x00\x01",)
 def inspect(
     path: Path = typer.Argument(..., help="File to look into: an FBA stream (.fba)."),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
+    plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
 ) -> None:
     """Say what is in a file; what it is, its bytes decide.
@@ -23,6 +24,6 @@ def inspect(
     if head.startswith(FBA_STARTS):
         from fapengine.cli._inspect_fba import inspect_fba
 
-        inspect_fba(path, as_json=as_json, everything=everything)
+        inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
     else:
         raise UnsupportedError(f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..)", where="byte 0")

@@ -19,8 +19,11 @@ VISEME_NUMBERS, EXPRESSION_NUMBERS = 4, 6
 MAX_VALUE = 2**31 - 1
 
 
-def format_fap(track: FapTrack) -> str:
-    """Write a track: version 2.1, LF, single blanks, FAP 1 and 2 in their standard form.
+def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
+    """Write a track: version 2.1, LF, single blanks.
+
+    FAP 1 and 2 are written in their standard form, as four and six numbers. With ``single_numbers`` each is one, the
+    first select, as Greta writes them: the rest of a viseme or expression is lost.
 
     Examples
     --------
@@ -35,9 +38,9 @@ def format_fap(track: FapTrack) -> str:
         lines.append(" ".join("1" if bit else "0" for bit in mask))
         numbers: list[int] = [int(track.frame_numbers[index])]
         if mask[fap.column(fap.VISEME_FAP)]:
-            numbers += track.visemes[index].tolist()
+            numbers += track.visemes[index].tolist()[: 1 if single_numbers else None]
         if mask[fap.column(fap.EXPRESSION_FAP)]:
-            numbers += track.expressions[index].tolist()
+            numbers += track.expressions[index].tolist()[: 1 if single_numbers else None]
         low_level = mask.copy()
         low_level[: fap.column(3)] = False
         numbers += track.values[index][low_level].tolist()

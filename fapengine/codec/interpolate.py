@@ -4,10 +4,15 @@ Deviation: the standard's formula for mask type 2 is not known here. The rules a
 other, then left and right; what is left keeps its last value. The values of FIT tables are not used.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools, Ints
+from fapengine.codec.decoder import Decoded
+from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, LOW_LEVEL_FIELDS, Bools, Ints
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
 
 LIP_PARTNERS = tuple(zip(range(4, 14), range(51, 61), strict=True))
 """Inner and outer lip FAPs. Both ways."""
@@ -60,3 +65,17 @@ class Filler:
             known |= take
         self._shown = shown
         return shown
+
+
+def fill_track(decoded: Decoded) -> FapTrack:
+    """Make the track that a face shows: every low-level FAP of every frame, held or filled where it was not sent."""
+    filler = Filler()
+    low_level = slice(fap.column(3), None)
+    shown = [
+        filler.fill(row[LOW_LEVEL_FIELDS], part.header.mask[low_level], part.header.mask_types)
+        for part in decoded.planes
+        for row in part.values
+    ]
+    values, mask = decoded.track.values.copy(), decoded.track.mask.copy()
+    values[:, low_level], mask[:, low_level] = shown, True
+    return replace(decoded.track, values=values, mask=mask)

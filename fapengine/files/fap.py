@@ -24,12 +24,12 @@ def load_fap(path: Path) -> FapTrack:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
 
 
-def save_fap(path: Path, track: FapTrack) -> None:
-    """Write ``.fap`` text, version 2.1.
+def save_fap(path: Path, track: FapTrack, *, single_numbers: bool = False) -> None:
+    """Write ``.fap`` text, version 2.1; see :func:`fapengine.codec.fapfile.format_fap`.
 
     Raises
     ------
     ResourceError
         If it cannot be written.
     """
-    write_bytes(path, format_fap(track).encode())
+    write_bytes(path, format_fap(track, single_numbers=single_numbers).encode())

@@ -85,6 +85,44 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
     return np.asarray(sheet)
 
 
+CHART = (960, 300)
+BAR_INK, MARKED_INK, GRID_INK = (86, 128, 176), (200, 84, 60), (222, 222, 218)
+
+
+def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], first: str, last: str) -> Picture:
+    """Draw one bar a value from 0 up, marked ones in another colour, with the labels of the first and last below.
+
+    Raises
+    ------
+    UsageError
+        If there is no value, or not one mark a value.
+    """
+    if not values or len(values) != len(marked):
+        raise UsageError(f"bar chart: got {len(values)} values and {len(marked)} marks, expected one each")
+    chart = Image.new("RGB", CHART, PAPER)
+    pen = ImageDraw.Draw(chart)
+    left, right, top, bottom = 64, CHART[0] - 24, 48, CHART[1] - 34
+    highest = max(*values, 1e-9)
+    pen.text((MARGIN, 10), title, INK, font=_font(19))
+    for share in (0.0, 0.5, 1.0):
+        y = bottom - share * (bottom - top)
+        pen.line((left, y, right, y), fill=GRID_INK)
+        pen.text((left - 8, y), f"{share * highest:.0f}", FAINT, font=_font(13), anchor="rm")
+    width = (right - left) / len(values)
+    for index, (value, is_marked) in enumerate(zip(values, marked, strict=True)):
+        x = left + index * width
+        box = (x, bottom - value / highest * (bottom - top), max(x + width * 0.85, x + 1), bottom)
+        pen.rectangle(box, fill=MARKED_INK if is_marked else BAR_INK)
+    pen.text((left, bottom + 6), first, FAINT, font=_font(13))
+    pen.text((right, bottom + 6), last, FAINT, font=_font(13), anchor="ra")
+    return np.asarray(chart)
+
+
+def under_each_other(pictures: Sequence[Picture]) -> Picture:
+    """Join pictures of one width, the first on top."""
+    return np.concatenate(pictures, axis=0)
+
+
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
     from font_source_sans_pro import SourceSansProSemibold

@@ -1,14 +1,18 @@
 """The verbs encode, decode and inspect: files in, files out, numbers as JSON."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
+from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.fap import load_fap, save_fap
+from fapengine.files.pictures import load_picture
+from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
@@ -21,49 +25,49 @@ def run(*words: object) -> str:
 
 
 @pytest.fixture
-def fap(tmp_path: Path) -> Path:
+def fap_file(tmp_path: Path) -> Path:
     path = tmp_path / "in.fap"
     values = [[0, 0, *[n * (k % 3) for k in range(66)]] for n in range(50)]
     save_fap(path, FapTrack.of(values, rate_hz=25.0))
     return path
 
 
-def test_there_and_back(fap: Path, tmp_path: Path) -> None:
+def test_there_and_back(fap_file: Path, tmp_path: Path) -> None:
     stream, back = tmp_path / "a.fba", tmp_path / "back.fap"
-    result = json.loads(run("encode", fap, "-o", stream, "--quant", 0, "--json"))
+    result = json.loads(run("encode", fap_file, "-o", stream, "--quant", 0, "--json"))
     assert result["frames"] == 50
     assert result["bytes"] == stream.stat().st_size
     assert result["kbit_s"] == pytest.approx(8 * stream.stat().st_size / 2 / 1000, abs=0.001)
     run("decode", stream, "-o", back)
-    assert load_fap(back).equals(load_fap(fap))
+    assert load_fap(back).equals(load_fap(fap_file))
 
 
 @pytest.mark.parametrize(
     "choices",
     [("--kbps", 3), ("--fitted",), ("--max-error-mm", 0.5), ("--intra-every", 10), ("--moving-only", "--start-codes")],
 )
-def test_each_choice_shortens_or_marks(fap: Path, tmp_path: Path, choices: tuple[object, ...]) -> None:
-    run("encode", fap, "-o", tmp_path / "plain.fba")
-    assert "kbit/s" in run("encode", fap, "-o", tmp_path / "b.fba", *choices)
+def test_each_choice_shortens_or_marks(fap_file: Path, tmp_path: Path, choices: tuple[object, ...]) -> None:
+    run("encode", fap_file, "-o", tmp_path / "plain.fba")
+    assert "kbit/s" in run("encode", fap_file, "-o", tmp_path / "b.fba", *choices)
     assert (tmp_path / "b.fba").read_bytes() != (tmp_path / "plain.fba").read_bytes()
 
 
-def test_a_parameter_file_rules_alone(fap: Path, tmp_path: Path) -> None:
+def test_a_parameter_file_rules_alone(fap_file: Path, tmp_path: Path) -> None:
     epf = tmp_path / "a.epf"
     epf.write_text("FBM 1 FFR 0 ISI 1 FMT 0 3 3 3 3 3 3 3 3 3 FBM 1 FFR 7 ISI 0")
-    run("encode", fap, "--epf", epf, "-o", tmp_path / "a.fba")
+    run("encode", fap_file, "--epf", epf, "-o", tmp_path / "a.fba")
     report = json.loads(run("inspect", tmp_path / "a.fba", "--json"))
     assert (report["i_planes"], report["p_planes"]) == (1, 1)
     with pytest.raises(UsageError, match="--epf"):
-        run("encode", fap, "--epf", epf, "--quant", 2, "-o", tmp_path / "a.fba")
+        run("encode", fap_file, "--epf", epf, "--quant", 2, "-o", tmp_path / "a.fba")
     epf.write_text("FBM 1 FFR")
     with pytest.raises(DataError, match=r"a\.epf"):
-        run("encode", fap, "--epf", epf, "-o", tmp_path / "a.fba")
+        run("encode", fap_file, "--epf", epf, "-o", tmp_path / "a.fba")
 
 
-def test_inspect_counts_every_bit(fap: Path, tmp_path: Path) -> None:
+def test_inspect_counts_every_bit(fap_file: Path, tmp_path: Path) -> None:
     stream = tmp_path / "a.fba"
-    run("encode", fap, "-o", stream, "--intra-every", 20)
+    run("encode", fap_file, "-o", stream, "--intra-every", 20)
     report = json.loads(run("inspect", stream, "--json"))
     assert [plane["frame"] for plane in report["planes"] if plane["kind"] == "I"] == [0, 20, 40]
     total = 32 + sum(plane["bits"] for plane in report["planes"])
@@ -81,9 +85,9 @@ def test_inspect_reads_visemes_too() -> None:
     assert "viseme" in run("inspect", CORPUS / "worked-example.fba")
 
 
-def test_damage_is_told(fap: Path, tmp_path: Path) -> None:
+def test_damage_is_told(fap_file: Path, tmp_path: Path) -> None:
     stream = tmp_path / "a.fba"
-    run("encode", fap, "-o", stream, "--intra-every", 10, "--start-codes")
+    run("encode", fap_file, "-o", stream, "--intra-every", 10, "--start-codes")
     data = bytearray(stream.read_bytes())
     data[500:520] = b"\x55" * 20
     stream.write_bytes(data)
@@ -108,3 +112,26 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x").write_bytes(b"hello")
     with pytest.raises(UnsupportedError):
         run("inspect", tmp_path / "x")
+
+
+def test_fill_writes_what_a_face_shows(tmp_path: Path) -> None:
+    """Left lids and lips alone are sent, with a mask that asks for interpolation: the right side follows."""
+    track = FapTrack.of([[0, 0, *[60] * 66]] * 3, rate_hz=25.0)
+    mask = track.mask.copy()
+    mask[:, [fap.column(number) for number in (7, 20, 51, 53, 54)]] = False
+    stream = encode(replace(track, mask=mask, values=track.values * mask), EncoderOptions(quant=1, unsent="interpolate"))
+    (tmp_path / "some.fba").write_bytes(stream)
+    run("decode", tmp_path / "some.fba", "-o", tmp_path / "sent.fap")
+    run("decode", tmp_path / "some.fba", "-o", tmp_path / "shown.fap", "--fill")
+    sent, shown = load_fap(tmp_path / "sent.fap"), load_fap(tmp_path / "shown.fap")
+    for number in (7, 20, 51, 53, 54):
+        assert not sent.mask[:, fap.column(number)].any()
+        assert (shown.values[:, fap.column(number)] == 60).all(), number
+    assert shown.mask[:, fap.column(3) :].all()
+
+
+def test_plot_is_a_picture(fap_file: Path, tmp_path: Path) -> None:
+    stream, plot = tmp_path / "a.fba", tmp_path / "a.png"
+    run("encode", fap_file, "-o", stream)
+    run("inspect", stream, "--plot", plot)
+    assert load_picture(plot).shape == (600, 960, 3)

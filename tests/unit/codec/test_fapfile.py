@@ -72,6 +72,13 @@ def test_visemes_and_expressions_in_both_forms() -> None:
     assert single.values[0, 2] == standard.values[0, 2] == 99
 
 
+def test_the_single_number_form_keeps_the_first_select() -> None:
+    mask = "1 1 1 " + "0 " * 64 + "0"
+    text = f"2.1 a 25 1\n{mask}\n7 3 4 40 1 1 50 2 20 0 1 99\n"
+    single = format_fap(parse_fap(text.encode()), single_numbers=True)
+    assert single.splitlines()[2] == "7 3 1 99"
+
+
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [

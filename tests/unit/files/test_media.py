@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import write_bytes
-from fapengine.files.pictures import contact_sheet, load_picture, save_png
+from fapengine.files.pictures import bar_chart, contact_sheet, load_picture, save_png
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.video import load_video, write_video
 
@@ -60,6 +60,15 @@ def test_contact_sheet_shows_every_frame_and_ipa_labels() -> None:
     boxes = contact_sheet(frames(5), [("\ufffe", "0.1 s")] * 5, title="Hello")
     assert not np.array_equal(other, boxes)  # a missing glyph would be the same box
     assert contact_sheet(frames(23), [("a", "")] * 23).shape[0] > one.shape[0]
+
+
+def test_bars_are_as_high_as_their_values() -> None:
+    chart = bar_chart([1.0, 2.0, 4.0], title="x", marked=[False, False, True], first="a", last="c").astype(int)
+    blue = (np.abs(chart - [86, 128, 176]).max(axis=-1) == 0).sum()
+    red = (np.abs(chart - [200, 84, 60]).max(axis=-1) == 0).sum()
+    assert red == pytest.approx(4 / 3 * blue, rel=0.02)
+    with pytest.raises(UsageError, match="3 values and 1 marks"):
+        bar_chart([1, 2, 3], title="", marked=[True], first="", last="")
 
 
 def test_refuses(tmp_path: Path) -> None:
