@@ -194,7 +194,7 @@ def _render(
         mesh = build_head()
     with report.stage("upload"):
         renderer = FaceRenderer(mesh, size=parse_size(options.size), camera=preset(options.camera))
-    with renderer, _progress("drawing", len(track)) as advance:
+    with renderer, progress("drawing", len(track)) as advance:
 
         def frames() -> Iterator[Picture]:
             pictures = renderer.frames(track.values)
@@ -229,7 +229,8 @@ def _shown_phones(phones: PhoneTrack, track: FapTrack) -> dict[int, Phone]:
 
 
 @contextmanager
-def _progress(what: str, total: int) -> Iterator["_Advance"]:
+def progress(what: str, total: int) -> Iterator["_Advance"]:
+    """Show a progress bar, on a terminal only; call what it gives after each step."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

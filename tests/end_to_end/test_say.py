@@ -126,6 +126,20 @@ def test_animate_without_sound(tmp_path: Path) -> None:
     assert "FAPs" in done.stdout
 
 
+def test_a_stream_renders_as_its_faps_do(tmp_path: Path, folder: Path, video: Video) -> None:
+    stream, out, still = tmp_path / "demo.fba", tmp_path / "again.mp4", tmp_path / "still.png"
+    run("encode", str(folder / "demo.fap"), "--fitted", "-o", str(stream))
+    run("render", str(stream), "-a", str(folder / "demo.wav"), "-o", str(out))
+    again = load_video(out)
+    assert len(again.frames) == len(video.frames)
+    assert again.sound_duration_s == pytest.approx(video.sound_duration_s, abs=0.03)
+    assert np.abs(again.frames.astype(int) - video.frames).mean() < 2  # q 1 and two passes of H.264
+    run("render", str(folder / "demo.fap"), "--at", "1.0", "-o", str(still))
+    assert np.abs(load_picture(still).astype(int) - video.frames[30]).mean() < 4
+    run("render", str(still), code=1)
+    assert "lasts" in run("render", str(folder / "demo.fap"), "--at", "99", "-o", str(still), code=2).stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
@@ -140,12 +154,14 @@ def test_animate_without_sound(tmp_path: Path) -> None:
         (["say", "Hello", "--rate", "5"], 2, "80..450"),
         (["say", "Hello", "--profile", "nobody"], 2, "grid_s1_en"),
         (["animate", "none.TextGrid"], 2, "cannot be read"),
+        (["render", "none.fap", "-o", "x.gif"], 2, ".png"),
+        (["render", "none.fap"], 2, "cannot be read"),
         (["say", "Hello", "-o", "/dev/null/x.fap"], 3, "cannot be written"),
     ],
 )
 def test_errors_are_one_line_with_the_right_code(arguments: list[str], code: int, message: str, tmp_path: Path) -> None:
     if "-o" not in arguments:
-        arguments = [*arguments, "-o", str(tmp_path / "x.fap")]
+        arguments = [*arguments, "-o", str(tmp_path / ("x.mp4" if arguments[0] == "render" else "x.fap"))]
     done = run(*arguments, code=code)
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

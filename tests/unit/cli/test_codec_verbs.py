@@ -119,7 +119,8 @@ def test_fill_writes_what_a_face_shows(tmp_path: Path) -> None:
     track = FapTrack.of([[0, 0, *[60] * 66]] * 3, rate_hz=25.0)
     mask = track.mask.copy()
     mask[:, [fap.column(number) for number in (7, 20, 51, 53, 54)]] = False
-    stream = encode(replace(track, mask=mask, values=track.values * mask), EncoderOptions(quant=1, unsent="interpolate"))
+    options = EncoderOptions(quant=1, unsent="interpolate")
+    stream = encode(replace(track, mask=mask, values=track.values * mask), options)
     (tmp_path / "some.fba").write_bytes(stream)
     run("decode", tmp_path / "some.fba", "-o", tmp_path / "sent.fap")
     run("decode", tmp_path / "some.fba", "-o", tmp_path / "shown.fap", "--fill")

@@ -1,0 +1,57 @@
+"""``fapengine render``: FAPs, as text or as a stream, to a video or a picture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fapengine.cli import options as shared
+
+
+def render(
+    track: Annotated[Path, typer.Argument(help="FAPs: .fap text or an .fba stream; its bytes decide.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Video (.mp4, .webm, .mkv), or .png for one frame.")
+    ] = Path("out/render.mp4"),
+    audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video, from its start.")] = None,
+    at: Annotated[float, typer.Option("--at", help="With .png: which second to draw.")] = 0.0,
+    camera: shared.CameraName = "front",
+    size: shared.Size = "512x512",
+) -> None:
+    """Draw FAPs that are there already.
+
+    Example: fapengine render talk.fba --audio talk.wav -o out/talk.mp4
+    """
+    import numpy as np
+
+    from fapengine.cli.talk import parse_size, progress
+    from fapengine.codec.interpolate import fill_track
+    from fapengine.errors import UsageError
+    from fapengine.files.fap import load_fap
+    from fapengine.files.fba import load_fba
+    from fapengine.files.paths import read_bytes
+    from fapengine.files.pictures import save_png
+    from fapengine.files.sound import load_sound
+    from fapengine.files.video import CODECS, write_video
+    from fapengine.mesh.head import build_head
+    from fapengine.render.camera import preset
+    from fapengine.render.renderer import FaceRenderer
+
+    if output.suffix not in (*CODECS, ".png"):
+        raise UsageError(f"--output: got {output}, expected a name that ends with {', '.join(CODECS)} or .png")
+    is_stream = read_bytes(track)[:3] == b"\x00\x00\x01"
+    faps = fill_track(load_fba(track)) if is_stream else load_fap(track)
+    sound = load_sound(audio) if audio else None
+    with FaceRenderer(build_head(), size=parse_size(size), camera=preset(camera)) as renderer:
+        if output.suffix == ".png":
+            if not 0 <= at <= faps.times_s[-1] - faps.times_s[0]:
+                raise UsageError(f"--at: got {at} s, the track lasts {faps.times_s[-1] - faps.times_s[0]:.2f} s")
+            save_png(output, renderer.draw(faps.values[np.searchsorted(faps.times_s, faps.times_s[0] + at)]))
+        else:
+            # Skipped frames show what was there before.
+            shown = np.arange(faps.frame_numbers[0], faps.frame_numbers[-1] + 1)
+            rows = faps.values[np.searchsorted(faps.frame_numbers, shown, side="right") - 1]
+            with progress("drawing", len(rows)) as advance:
+                frames = renderer.frames(rows)
+                write_video(output, frames, rate_hz=faps.rate_hz, sound=sound, on_frame=advance)
+    typer.echo(f"{output}: {len(faps)} frames at {faps.rate_hz:g} Hz")
