@@ -40,6 +40,7 @@ def main() -> None:
         "orders.fba": encode_orders(orders, track, clamp=True),
         "fitted.fba": encode(track, EncoderOptions(ranges="fitted", quant=2)),
         "moving.fba": encode(track, EncoderOptions(moving_only=True, plane_start_codes="all", quant=0)),
+        "intra.fba": _damaged(encode(track, EncoderOptions(intra_every=1))),
         "near.fba": encode(track, EncoderOptions(max_error_mm=0.5, fapu=FACE)),
         "track.fap": format_fap(track).encode(),
         "orders.epf": format_epf(orders).encode(),
@@ -49,6 +50,14 @@ def main() -> None:
     for name, data in streams.items():
         (corpus / name).write_bytes(data)
         print(f"{name}: {len(data)} bytes")
+
+
+def _damaged(stream: bytes) -> bytes:
+    """Three hits, so that finding the way back is in the corpus too."""
+    hurt = bytearray(stream)
+    for at in range(len(hurt) // 4, len(hurt), len(hurt) // 4):
+        hurt[at] ^= 0x55
+    return bytes(hurt)
 
 
 if __name__ == "__main__":

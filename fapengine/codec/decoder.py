@@ -9,7 +9,8 @@ memory grow with the length of the data alone.
 With ``errors="resync"`` an error is noted as a :class:`Loss`, and decoding goes on at the next I plane that proves
 itself (:mod:`fapengine.codec.resync`). Damage is seen a few planes late: each wrong plane header passes for a right one
 with a chance of 1/8. So the last :data:`HELD` frames are held back until what follows them has been decoded, and thrown
-away if it cannot be.
+away if it cannot be; the search then begins behind the first of them. Frames from before the damage stay what they
+are, so each damage costs a bounded number of new beginnings.
 """
 
 from dataclasses import dataclass, field
@@ -84,6 +85,10 @@ class Decoder:
         self._anchor = (0, 0.0)
         self._rate_hz = DEFAULT_RATE.hz
         self._out: list[Planes] = []
+        self._safe: list[Planes] = []
+        """Decoded before the last damage, and far enough from it: nothing takes these back."""
+        self._dropped_to = 0
+        """Bit behind the last plane that was thrown away; planes before it were counted as lost already."""
         self._found: Ints = np.zeros((4, FIELD_COUNT), np.int64)
         self._flags: Ints = np.zeros(3, np.int64)
 
@@ -125,7 +130,7 @@ class Decoder:
             raise self._trouble
         if not self.ended:
             self._run(final=True)
-            if self._trouble is not None and not self._out:
+            if self._trouble is not None and not (self._out or self._safe):
                 raise self._trouble
         self.ended = True
         return self._hand_out(everything=True)
@@ -146,9 +151,10 @@ class Decoder:
         return (self.rate or DEFAULT_RATE).hz
 
     def _hand_out(self, *, everything: bool) -> list[Planes]:
+        safe, self._safe = self._safe, []
         if everything:
             ready, self._out = self._out, []
-            return ready
+            return safe + ready
         kept: list[Planes] = []
         room = HELD
         while self._out and room:
@@ -159,7 +165,7 @@ class Decoder:
             if len(head):
                 self._out.append(head)
         ready, self._out = self._out, kept
-        return ready
+        return safe + ready
 
     def _run(self, *, final: bool) -> None:
         while not self.ended and self._trouble is None:
@@ -180,12 +186,18 @@ class Decoder:
             self.losses.append(Loss(start_bit=start, end_bit=end, frames_dropped=0, reason=str(error)))
             self.ended = True
             return
-        ready = self._hand_out(everything=False)
-        held = sum(len(planes) for planes in self._out)
-        if held:
-            start = int(self._out[0].extents[0, 0])
-        self.losses.append(Loss(start_bit=start, end_bit=None, frames_dropped=held, reason=str(error)))
-        self._out = ready
+        self._safe = self._hand_out(everything=False)
+        held, self._out = self._out, []
+        extents = np.concatenate([np.zeros((0, 3), np.int64), *(planes.extents for planes in held)])
+        dropped = int((extents[:, 0] >= self._dropped_to).sum())
+        if len(extents):
+            start = int(extents[0, 0])
+            self._dropped_to = max(self._dropped_to, int(extents[-1, 1]))
+        last = self.losses[-1] if self.losses else None
+        if last is not None and last.end_bit is not None and start <= last.end_bit:  # the same damage, met again
+            last.end_bit, last.frames_dropped = None, last.frames_dropped + dropped
+        else:
+            self.losses.append(Loss(start_bit=start, end_bit=None, frames_dropped=dropped, reason=str(error)))
         self._searching_from = max(start + 1 - self._origin, 0)
 
     def _step(self, *, final: bool) -> bool:

@@ -54,6 +54,27 @@ def test_a_lost_beginning_is_bridged() -> None:
     assert rescued.losses[0].start_bit == 0
 
 
+def test_many_hits_on_a_stream_of_i_planes_cost_a_bounded_number_of_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = encode(walk(150), EncoderOptions(intra_every=1))
+    hurt = bytearray(stream)
+    hits = 16
+    for at in np.linspace(200, len(stream) - 100, hits).astype(int):
+        hurt[at] ^= 0x55
+    searches = 0
+
+    def lose(self: Decoder, *arguments: object, **named: object) -> None:
+        nonlocal searches
+        searches += 1
+        assert searches <= 2 * HELD * hits, "each damage is searched for again and again"
+        first_lose(self, *arguments, **named)  # type: ignore[arg-type]
+
+    first_lose = Decoder._lose
+    monkeypatch.setattr(Decoder, "_lose", lose)
+    rescued = decode(bytes(hurt), errors="resync")
+    assert searches >= len(rescued.losses) > 1
+    assert sum(len(part) for part in rescued.planes) >= 150 - hits * (HELD + 1)
+
+
 def test_noise_is_no_stream() -> None:
     noise = np.random.default_rng(1).bytes(60_000)  # holds an I plane by chance; nothing proves it
     with pytest.raises(DataError, match="no frame"):
