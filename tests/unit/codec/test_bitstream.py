@@ -270,5 +270,6 @@ def test_start_codes_spell() -> None:
 
 def test_the_committed_corpus_still_reads() -> None:
     corpus = sorted((Path(__file__).resolve().parents[2] / "fuzz" / "corpus").glob("*.fba"))
-    assert len(corpus) >= 7
-    assert [len(decode(path.read_bytes()).track) for path in corpus] == [6, 6, 6, 6, 3, 3, 3]
+    whole = [path for path in corpus if path.name != "intra.fba"]  # three hits in that one
+    assert [len(decode(path.read_bytes()).track) for path in whole] == [6, 6, 6, 6, 3, 3, 3]
+    assert len(decode((corpus[0].parent / "intra.fba").read_bytes(), errors="resync").track) == 2
