@@ -7,17 +7,18 @@ speaker of the GRID corpus (markers tracked in video, 25 fps) and the dense face
 """
 
 import csv
-import hashlib
-import io
 import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from fapengine.files.profiles import save_profile
 from fapengine.models.viseme_space import MARKERS, fit_viseme_space, sample_phones
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import ExpressionTarget, PhoneTarget, Profile
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
@@ -219,7 +220,7 @@ def expressions(space, data, layout):
         moved = {name: field[vertex] for name, vertex in at.items()}
         target = space.to_space(np.stack([moved[name] for name in space.points[: space.marker_count]]))
         carried = dict(zip(space.points, space.to_points_mm(target), strict=True))
-        faps = {}
+        faps = np.zeros(fap.FAP_COUNT)
         for row in fap.FAPS:
             axis = fap.HEAD_AXES.get(row.positive)
             if axis is None or row.point not in moved or row.unit is fap.FapUnit.AU or 27 <= row.number <= 30:
@@ -227,66 +228,42 @@ def expressions(space, data, layout):
             beyond = moved[row.point] - (carried[row.point] if row.number in SPACE_FAPS else 0)
             if row.number == 18:  # the chin boss against the jaw, as in trajectory/faps.py
                 beyond = beyond - (moved["2.1"] - carried["2.1"])
-            value = round(float(beyond @ np.array(axis)) / fapu.unit(row.unit), 1)
-            if abs(value) >= 1:
-                faps[row.name] = value
+            value = float(beyond @ np.array(axis)) / fapu.unit(row.unit)
+            faps[fap.column(row.number)] = value if abs(value) >= 1 else 0.0
         found[expression] = (target, faps)
     return found
 
 
 def write(space, targets, faces, face, held_out_score, share) -> None:
-    PROFILE.mkdir(parents=True, exist_ok=True)
-    buffer = io.BytesIO()
-    np.savez(buffer, modes_mm=space.modes_mm.astype(np.float32))
-    arrays = buffer.getvalue()
-    (PROFILE / "modes.npz").write_bytes(arrays)
-
-    def row(values) -> str:
-        return "[" + ", ".join(f"{value:.3f}" for value in values) + "]"
-
-    lines = [
-        "# Written by design/fit_profile.py; do not edit.",
-        "schema = 1",
-        'id = "grid_s1_en"',
-        'language = "en-GB"',
-        'licence = "See origin.attribution; the corpus is to our knowledge CC BY 4.0."',
-        "",
-        "[origin]",
-        'source = "520 sentences (39,000 frames, 25 fps) of speaker s1 of the GRID corpus; markers by a video tracker"',
-        'command = "python design/fit_profile.py ../shared/data"',
-        f'variance = "{MODES} modes carry {100 * share[MODES - 1]:.2f} % of the variance of the 14 markers"',
-        f'held_out = "100 sentences, clamped cubic spline through phone medians: {held_out_score}"',
-        'uncertainty = "points come from a video tracker: about 0.7 mm on the lips; depth is inferred"',
-        'never_heard = "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in"',
-        'expressions = "sums of expression fields of the ICT-FaceKit head, as the standard words them; not acted"',
-        'attribution = "Cooke, Barker, Cunningham, Shao: An audio-visual corpus for speech perception and automatic'
-        " speech recognition, JASA 120 (2006); freely available for research use. ICT-FaceKit: Copyright (c) 2020 USC"
-        ' Institute for Creative Technologies, MIT licence."',
-        "",
-        "[fapu_mm]",
-        *(f"{name} = {getattr(face, name + '_mm'):.3f}" for name in ("irisd0", "es0", "ens0", "mns0", "mw0")),
-        "",
-        "[modes]",
-        'file = "modes.npz"',
-        f'sha256 = "{hashlib.sha256(arrays).hexdigest()}"',
-        f"count = {space.mode_count}",
-        f"markers = {space.marker_count}",
-        "points = [" + ", ".join(f'"{name}"' for name in space.points) + "]",
-    ]
-    for name, (weights, fractions, contact, origin) in targets.items():
-        lines += [
-            "",
-            "[[phone]]",
-            f'ipa = "{name}"',
-            f"fractions = {list(fractions)}",
-            f"targets = [{', '.join(row(key) for key in weights)}]",
-            f'contact = "{contact}"',
-            f'origin = "{origin}"',
-        ]
-    for name, (target, faps) in faces.items():
-        inner = ", ".join(f"{key} = {value}" for key, value in faps.items())
-        lines += ["", "[[expression]]", f'name = "{name}"', f"target = {row(target)}", f"fap = {{ {inner} }}"]
-    (PROFILE / "profile.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    profile = Profile(
+        id=PROFILE.name,
+        language="en-GB",
+        licence="See origin.attribution; the corpus is to our knowledge CC BY 4.0.",
+        origin={
+            "source": "520 sentences (39,000 frames, 25 fps) of speaker s1 of the GRID corpus;"
+            " markers by a video tracker",
+            "command": "python design/fit_profile.py ../shared/data",
+            "variance": f"{MODES} modes carry {100 * share[MODES - 1]:.2f} % of the variance of the 14 markers",
+            "held_out": f"100 sentences, clamped cubic spline through phone medians: {held_out_score}",
+            "uncertainty": "points come from a video tracker: about 0.7 mm on the lips; depth is inferred",
+            "never_heard": "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in",
+            "expressions": "sums of expression fields of the ICT-FaceKit head, as the standard words them; not acted",
+            "attribution": "Cooke, Barker, Cunningham, Shao: An audio-visual corpus for speech perception and automatic"
+            " speech recognition, JASA 120 (2006); freely available for research use. ICT-FaceKit: Copyright (c) 2020"
+            " USC Institute for Creative Technologies, MIT licence.",
+        },
+        fapu=face,
+        space=space,
+        phones={
+            name: PhoneTarget(ipa=name, fractions=fractions, targets=weights, contact=contact, origin=origin)
+            for name, (weights, fractions, contact, origin) in targets.items()
+        },
+        expressions={
+            Expression[name.upper()]: ExpressionTarget(target=target, fap=faps)
+            for name, (target, faps) in faces.items()
+        },
+    )
+    save_profile(PROFILE, profile)
     print(f"wrote {PROFILE.name}: {len(targets)} phones, {len(faces)} expressions")
 
 

@@ -6,17 +6,17 @@ any other.
 
 import hashlib
 import io
-import tomllib
+import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
+from fapengine._toml import TomlTable, parse_toml
 from fapengine.errors import ProfileError, UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
@@ -26,7 +26,9 @@ from fapengine.mpeg4.visemes import Expression
 from fapengine.speech import ipa
 
 SCHEMA = 1
-TOML_NAME = "profile.toml"
+TOML_NAME, ARRAYS_NAME = "profile.toml", "modes.npz"
+ORIGIN_NEEDED = ("source", "command")
+FAPU_NAMES = ("irisd0", "es0", "ens0", "mns0", "mw0")
 CONTACTS = ("none", "lips", "teeth")
 """What a phone must touch: nothing, lip on lip (p b m), lower lip on upper teeth (f v)."""
 
@@ -72,42 +74,69 @@ class Profile:
     expressions: Mapping[Expression, ExpressionTarget]
 
 
-class _Table:
-    """Stateful: one TOML table, read key by key; what is left over is an error."""
+def format_profile(profile: Profile) -> dict[str, bytes]:
+    """Write a profile's files; :func:`parse_profile` reads them back.
 
-    def __init__(self, values: object, where: str) -> None:
-        if not isinstance(values, dict):
-            raise ProfileError(f"got {type(values).__name__}, expected a table", where=where)
-        self._values = dict(values)
-        self._where = where
+    Modes are kept as float32, targets to a thousandth of a weight, FAPs of expressions to a tenth.
 
-    def where(self, key: str) -> str:
-        return f"{self._where}{key}"
+    Raises
+    ------
+    UsageError
+        If ``origin`` lacks source or command: no numbers without a birthplace.
+    """
+    missing = [key for key in ORIGIN_NEEDED if key not in profile.origin]
+    if missing:
+        raise UsageError(f"origin: got {sorted(profile.origin)}, expected {missing[0]!r} among them")
+    buffer = io.BytesIO()
+    np.savez(buffer, modes_mm=profile.space.modes_mm.astype(np.float32))
+    arrays = buffer.getvalue()
+    lines = [
+        f"schema = {SCHEMA}",
+        *(f"{key} = {_quoted(getattr(profile, key))}" for key in ("id", "language", "licence")),
+        "",
+        "[origin]",
+        *(f"{key} = {_quoted(text)}" for key, text in profile.origin.items()),
+        "",
+        "[fapu_mm]",
+        *(f"{name} = {getattr(profile.fapu, f'{name}_mm'):.3f}" for name in FAPU_NAMES),
+        "",
+        "[modes]",
+        f"file = {_quoted(ARRAYS_NAME)}",
+        f"sha256 = {_quoted(hashlib.sha256(arrays).hexdigest())}",
+        f"count = {profile.space.mode_count}",
+        f"markers = {profile.space.marker_count}",
+        f"points = [{', '.join(map(_quoted, profile.space.points))}]",
+    ]
+    for name, phone in profile.phones.items():
+        lines += [
+            "",
+            "[[phone]]",
+            f"ipa = {_quoted(name)}",
+            f"fractions = {list(phone.fractions)}",
+            f"targets = [{', '.join(map(_row, phone.targets))}]",
+            f"contact = {_quoted(phone.contact)}",
+            f"origin = {_quoted(phone.origin)}",
+        ]
+    for expression, face in profile.expressions.items():
+        values = {row.name: round(float(face.fap[fap.column(row.number)]), 1) for row in fap.FAPS}
+        faps = ", ".join(f"{name} = {value}" for name, value in values.items() if value)
+        lines += [
+            "",
+            "[[expression]]",
+            f"name = {_quoted(expression.name.lower())}",
+            f"target = {_row(face.target)}",
+            f"fap = {{ {faps} }}",
+        ]
+    return {TOML_NAME: ("\n".join(lines) + "\n").encode(), ARRAYS_NAME: arrays}
 
-    def take(self, key: str, kind: type) -> Any:
-        if key not in self._values:
-            raise ProfileError(f"key {key!r} is missing", where=self.where(key))
-        value = self._values.pop(key)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise ProfileError(f"got {value!r:.60}, expected a {kind.__name__}", where=self.where(key))
-        return value
 
-    def numbers(self, key: str, shape: tuple[str | int, ...]) -> NDArray[np.float64]:
-        try:
-            return frozen(self.take(key, list), key, shape, np.float64)
-        except UsageError as error:
-            raise ProfileError(str(error), where=self.where(key)) from error
+def _row(values: NDArray[np.float64]) -> str:
+    return f"[{', '.join(f'{value:.3f}' for value in values)}]"
 
-    def rest(self) -> dict[str, Any]:
-        values, self._values = self._values, {}
-        return values
 
-    def finish(self) -> None:
-        if self._values:
-            key = next(iter(self._values))
-            raise ProfileError(f"key {key!r} is unknown", where=self.where(key))
+def _quoted(text: str) -> str:
+    """Spell a TOML basic string; JSON's escapes are among TOML's, DEL alone must be added."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def parse_profile(files: Mapping[str, bytes]) -> Profile:
@@ -125,44 +154,35 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
     """
     if TOML_NAME not in files:
         raise ProfileError(f"got files {sorted(files)}, expected {TOML_NAME} among them", where=TOML_NAME)
-    try:
-        document = tomllib.loads(files[TOML_NAME].decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ProfileError(f"is not TOML: {error}", where=TOML_NAME) from error
-    table = _Table(document, f"{TOML_NAME}, ")
+    table = parse_toml(files[TOML_NAME], TOML_NAME, ProfileError)
     if (schema := table.take("schema", int)) != SCHEMA:
         raise ProfileError(f"schema: got {schema}, expected {SCHEMA}", where=table.where("schema"))
-    origin = _origin(_Table(table.take("origin", dict), table.where("origin.")))
-    space = _space(_Table(table.take("modes", dict), table.where("modes.")), files)
+    origin = _origin(table.table("origin"))
+    space = _space(table.table("modes"), files)
     profile = Profile(
         id=table.take("id", str),
         language=table.take("language", str),
         licence=table.take("licence", str),
         origin=MappingProxyType(origin),
-        fapu=_fapu(_Table(table.take("fapu_mm", dict), table.where("fapu_mm."))),
+        fapu=_fapu(table.table("fapu_mm")),
         space=space,
-        phones=MappingProxyType(_phones(table.take("phone", list), table.where("phone"), space.mode_count)),
-        expressions=MappingProxyType(
-            _expressions(table.take("expression", list), table.where("expression"), space.mode_count)
-        ),
+        phones=MappingProxyType(_phones(table.tables("phone"), table.where("phone"), space.mode_count)),
+        expressions=MappingProxyType(_expressions(table.tables("expression"), space.mode_count)),
     )
     table.finish()
     return profile
 
 
-def _origin(table: _Table) -> dict[str, str]:
-    origin = table.rest()
-    for key, value in origin.items():
-        if not isinstance(value, str):
-            raise ProfileError(f"got {value!r}, expected text", where=table.where(key))
-    for key in ("source", "command"):
+def _origin(table: TomlTable) -> dict[str, str]:
+    origin = {key: table.take(key, str) for key in table}
+    for key in ORIGIN_NEEDED:
         if key not in origin:
             raise ProfileError(f"key {key!r} is missing: no numbers without a birthplace", where=table.where(key))
     return origin
 
 
-def _fapu(table: _Table) -> Fapu:
-    lengths = {f"{name}_mm": table.take(name, float) for name in ("irisd0", "es0", "ens0", "mns0", "mw0")}
+def _fapu(table: TomlTable) -> Fapu:
+    lengths = {f"{name}_mm": table.take(name, float) for name in FAPU_NAMES}
     table.finish()
     try:
         return Fapu(**lengths)
@@ -170,7 +190,7 @@ def _fapu(table: _Table) -> Fapu:
         raise ProfileError(str(error), where=table.where("")) from error
 
 
-def _space(table: _Table, files: Mapping[str, bytes]) -> VisemeSpace:
+def _space(table: TomlTable, files: Mapping[str, bytes]) -> VisemeSpace:
     name, digest, count = table.take("file", str), table.take("sha256", str), table.take("count", int)
     points = tuple(table.take("points", list))
     marker_count = table.take("markers", int)
@@ -190,10 +210,9 @@ def _space(table: _Table, files: Mapping[str, bytes]) -> VisemeSpace:
         raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
 
 
-def _phones(rows: list[Any], where: str, count: int) -> dict[str, PhoneTarget]:
+def _phones(rows: list[TomlTable], where: str, count: int) -> dict[str, PhoneTarget]:
     phones: dict[str, PhoneTarget] = {}
-    for index, row in enumerate(rows):
-        table = _Table(row, f"{where}[{index}].")
+    for table in rows:
         name = table.take("ipa", str)
         letters = ipa.letters(name)
         if "".join(letters) != name or not letters or name in phones:
@@ -217,17 +236,16 @@ def _phones(rows: list[Any], where: str, count: int) -> dict[str, PhoneTarget]:
     return phones
 
 
-def _expressions(rows: list[Any], where: str, count: int) -> dict[Expression, ExpressionTarget]:
+def _expressions(rows: list[TomlTable], count: int) -> dict[Expression, ExpressionTarget]:
     expressions: dict[Expression, ExpressionTarget] = {}
-    for index, row in enumerate(rows):
-        table = _Table(row, f"{where}[{index}].")
+    for table in rows:
         name = table.take("name", str)
         if name.upper() not in Expression.__members__ or name == "neutral":
             raise ProfileError(f"got {name!r}, expected one of the six expressions", where=table.where("name"))
         target = table.numbers("target", (count,))
         beyond = np.zeros(fap.FAP_COUNT)
-        faps = _Table(table.take("fap", dict), table.where("fap."))
-        for fap_name in list(faps._values):
+        faps = table.table("fap")
+        for fap_name in faps:
             try:
                 beyond[fap.column(fap.by_name(fap_name).number)] = faps.take(fap_name, float)
             except UsageError as error:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from fapengine._resources import profile_files, profile_ids
 from fapengine.errors import ProfileError
-from fapengine.files.paths import read_bytes
-from fapengine.profiles import TOML_NAME, Profile, parse_profile
+from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.profiles import TOML_NAME, Profile, format_profile, parse_profile
 
 
 def load_profile(name: str | Path) -> Profile:
@@ -25,3 +25,15 @@ def load_profile(name: str | Path) -> Profile:
         return parse_profile({path.name: read_bytes(path) for path in folder.iterdir() if path.is_file()})
     except ProfileError as error:
         raise ProfileError(error.message, where=f"{folder}/{error.where}") from error
+
+
+def save_profile(folder: Path, profile: Profile) -> None:
+    """Write a profile's files into a folder, which is made.
+
+    Raises
+    ------
+    ResourceError
+        If it cannot be written.
+    """
+    for name, data in format_profile(profile).items():
+        write_bytes(folder / name, data)

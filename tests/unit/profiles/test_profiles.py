@@ -2,15 +2,16 @@
 
 import hashlib
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fapengine._resources import profile_files, profile_ids
-from fapengine.errors import ProfileError
+from fapengine.errors import ProfileError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import TOML_NAME, Profile, parse_profile
+from fapengine.profiles import TOML_NAME, Profile, format_profile, parse_profile
 
 FILES = profile_files("grid_s1_en")
 
@@ -47,6 +48,34 @@ def opening_mm(profile: Profile, phone: str) -> float:
     points = profile.space.to_points_mm(profile.phones[phone].targets[0])
     upper, lower = (points[profile.space.points.index(name), 1] for name in ("2.2", "2.3"))
     return float(upper - lower)
+
+
+def test_what_is_written_reads_back(profile: Profile) -> None:
+    back = parse_profile(format_profile(profile))
+    assert (back.id, back.language, back.licence, back.fapu) == (
+        profile.id,
+        profile.language,
+        profile.licence,
+        profile.fapu,
+    )
+    assert dict(back.origin) == dict(profile.origin)
+    assert back.space.points == profile.space.points
+    assert back.space.modes_mm == pytest.approx(profile.space.modes_mm, abs=1e-6)
+    assert list(back.phones) == list(profile.phones)
+    for name, phone in profile.phones.items():
+        assert back.phones[name].targets == pytest.approx(phone.targets, abs=1e-3)
+        assert (back.phones[name].fractions, back.phones[name].contact) == (phone.fractions, phone.contact)
+    for expression, face in profile.expressions.items():
+        assert back.expressions[expression].fap == pytest.approx(face.fap, abs=0.051)
+        assert back.expressions[expression].target == pytest.approx(face.target, abs=1e-3)
+
+
+def test_odd_words_survive_and_a_birthplace_is_needed(profile: Profile) -> None:
+    odd = 'say "aː" \\ and\n\x7f that'
+    back = parse_profile(format_profile(replace(profile, origin={"source": odd, "command": "none"})))
+    assert back.origin["source"] == odd
+    with pytest.raises(UsageError, match="'command' among them"):
+        format_profile(replace(profile, origin={"source": "here"}))
 
 
 def test_phones_look_as_they_sound(profile: Profile) -> None:
@@ -90,7 +119,7 @@ def test_expressions_do_what_the_standard_says(profile: Profile) -> None:
         ("schema = 1", "schema = 1\nspeed = 3", "'speed' is unknown"),
         ('id = "grid_s1_en"', "id = 5", "expected a str"),
         ('source = "520', 'sauce = "520', "'source' is missing: no numbers without"),
-        ('command = "python', "command = 3 #", "expected text"),
+        ('command = "python', "command = 3 #", "expected a str"),
         ("es0 = ", "es0 = -", "es0_mm"),
         ("es0 = ", "es1 = 5.0\nes0 = ", "'es1' is unknown"),
         ('sha256 = "', 'sha256 = "0', "sha256 of modes.npz"),
