@@ -1,4 +1,4 @@
-"""``fapengine inspect``: say what is in a file, whatever it is."""
+"""``fapengine inspect``: say what is in a file or a profile, whatever it is."""
 
 from pathlib import Path
 
@@ -8,22 +8,30 @@ FBA_STARTS = (b"\x00\x00\x01",)
 
 
 def inspect(
-    path: Path = typer.Argument(..., help="File to look into: an FBA stream (.fba)."),
+    path: Path = typer.Argument(..., help="What to look into: an FBA stream (.fba), or a profile: its folder or name."),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
 ) -> None:
-    """Say what is in a file; what it is, its bytes decide.
+    """Say what is in a file or profile; what it is, its bytes decide.
 
-    Example: fapengine inspect talk.fba
+    Example: fapengine inspect talk.fba; fapengine inspect grid_s1_en --plot faces.png
     """
+    from fapengine._resources import profile_ids
     from fapengine.errors import UnsupportedError
     from fapengine.files.paths import read_bytes
 
+    if (path / "profile.toml").is_file() or str(path) in profile_ids():
+        from fapengine.cli._inspect_profile import inspect_profile
+
+        inspect_profile(str(path), as_json=as_json, plot=plot)
+        return
     head = read_bytes(path)[:4]
     if head.startswith(FBA_STARTS):
         from fapengine.cli._inspect_fba import inspect_fba
 
         inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
     else:
-        raise UnsupportedError(f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..)", where="byte 0")
+        raise UnsupportedError(
+            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..) or a profile's folder", where="byte 0"
+        )

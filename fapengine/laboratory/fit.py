@@ -1,0 +1,285 @@
+"""The whole chain: a session to a profile, with everything that was learned about it on the way."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.capture.session import Session
+from fapengine.errors import DataError, UsageError
+from fapengine.laboratory.densify import DenseStudy, densify
+from fapengine.laboratory.faces import find_expressions, measure_fapu
+from fapengine.laboratory.phones import PhoneStudy, study_phones
+from fapengine.laboratory.prepare import Displacements, Prepared, prepare
+from fapengine.laboratory.selection import Selection, study_selection
+from fapengine.laboratory.setup import Setup
+from fapengine.laboratory.space import SpaceStudy, pick, study_space
+from fapengine.models.viseme_space import VisemeSpace
+from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.via_points import Reduction, low_pass, reduction_curve
+
+Array = NDArray[np.float64]
+
+TAKES_TO_SPLIT = 5
+"""Fewer takes leave none to judge by."""
+VIA_TOLERANCES_MM = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+VIA_FRAMES = 600
+LIPS = (*(f"8.{n}" for n in range(1, 9)), *(f"2.{n}" for n in range(2, 10)))
+
+STEPS = (
+    "head motion and gaps",
+    "marker subset",
+    "viseme space",
+    "phones",
+    "prediction of held-out takes",
+    "via points",
+    "scans",
+    "profile",
+)
+"""Of :func:`fit_session`, in order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitOptions:
+    """Choices of a fit; the defaults suit a first try."""
+
+    modes: int | None = None
+    """Components of the space; by default as many as carry ``variance``."""
+    variance: float = 0.99
+    held_out: float = 0.2
+    """Share of takes to judge by."""
+    k: int | None = None
+    """Size of the marker subset; by default the cross-validated curve decides."""
+    tolerance_mm: float = 0.35
+    """Mean error that the subset may leave: half of what points from a video tracker are uncertain by."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.variance < 1:
+            raise UsageError(f"variance: got {self.variance}, expected 0 < variance < 1")
+        if not 0 <= self.held_out <= 0.5:
+            raise UsageError(f"held_out: got {self.held_out}, expected 0..0.5")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Held-out takes from their phones alone, with a profile of the other takes."""
+
+    lips_mm: float
+    """Mean distance of the recorded lip points."""
+    mean_pose_mm: float
+    """The same for the mean pose: what a face that stands still scores."""
+    opening_r: float
+    opening_slope: float
+    opening_mm: tuple[Array, Array]
+    """Captured and predicted opening of the first take."""
+    take: str
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fitted:
+    """A profile, and the evidence for it."""
+
+    prepared: Prepared
+    options: FitOptions
+    training: tuple[str, ...]
+    held_out: tuple[str, ...]
+    selection: Selection | None
+    space: SpaceStudy
+    phones: Mapping[str, PhoneStudy]
+    prediction: Prediction | None
+    reduction: tuple[Reduction, ...]
+    dense: DenseStudy | None
+    borrowed: tuple[Expression, ...]
+    """Expressions that come from the standard profile."""
+    profile: Profile
+    warnings: tuple[str, ...]
+
+
+def fit_session(
+    session: Session,
+    setup: Setup,
+    *,
+    profile_id: str,
+    origin: Mapping[str, str],
+    standard: Profile,
+    face_mm: Mapping[str, Array],
+    face_fapu: Fapu,
+    options: FitOptions,
+    rng: np.random.Generator,
+    on_step: Callable[[str], None] = lambda step: None,
+    warnings: tuple[str, ...] = (),
+) -> Fitted:
+    """Learn a profile from a session.
+
+    Parameters
+    ----------
+    session : Session
+    setup : Setup
+        What the laboratory says about it.
+    profile_id : str
+        Name of the new profile.
+    origin : mapping of str to str
+        Provenance: at least ``source`` and ``command``.
+    standard : Profile
+        Lends the expressions that the session lacks.
+    face_mm, face_fapu
+        A standard face: feature points, (3,) mm each in head axes, and its units.
+    options : FitOptions
+    rng : numpy.random.Generator
+        Splits takes, hides entries, draws random subsets.
+    on_step : callable
+        Told each of :data:`STEPS` as it begins.
+    warnings : tuple of str
+        From reading; those of the fit are added.
+
+    Raises
+    ------
+    DataError, UsageError
+        As the steps say; ``where`` names take, marker or scan.
+    """
+    on_step(STEPS[0])
+    prepared = prepare(session, setup, dict(face_mm), rng=rng)
+    told = [*warnings, *prepared.warnings]
+    training, held_out = _split(prepared, options, rng, told)
+    on_step(STEPS[1])
+    selection = study_selection(prepared, training, held_out, k=options.k, tolerance_mm=options.tolerance_mm, rng=rng)
+    if selection is None:
+        told.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
+    on_step(STEPS[2])
+    judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
+    kept = judged.space.mode_count
+    space = replace(study_space(prepared, prepared.takes, (), modes=kept, variance=1.0), error_mm=judged.error_mm)
+    told += [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
+    fapu, guessed = measure_fapu(prepared, setup, face_fapu)
+    if guessed:
+        told.append(
+            f"FAPU {', '.join(guessed)}: not to be measured from these markers, a standard face's at this size"
+            " ([fapu_mm] in session.toml gives them)"
+        )
+    on_step(STEPS[3])
+    phones, strange = study_phones(prepared.takes, prepared, space.space)
+    for label in strange:
+        told.append(f"phone {label!r} is no IPA: left out")
+    rare = [f"{name} (with {' '.join(study.like)})" for name, study in phones.items() if study.like]
+    if rare:
+        told.append(f"phones {', '.join(rare)}: too rare alone")
+    expressions, borrowed = find_expressions(prepared, setup, space.space, fapu, standard)
+    if borrowed:
+        names = ", ".join(one.name.lower() for one in borrowed)
+        told.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
+
+    def build(shape: VisemeSpace, found: Mapping[str, PhoneStudy], birth: Mapping[str, str]) -> Profile:
+        return Profile(
+            id=profile_id,
+            language=setup.language,
+            licence=setup.licence,
+            origin=MappingProxyType(dict(birth)),
+            fapu=fapu,
+            space=shape,
+            phones=MappingProxyType({name: study.target for name, study in found.items()}),
+            expressions=MappingProxyType(dict(expressions)),
+        )
+
+    on_step(STEPS[4])
+    prediction = None
+    if held_out and any(take.phones for take in held_out):
+        apart, _ = study_phones(training, prepared, judged.space)
+        prediction = _predict(held_out, prepared, build(judged.space, apart, origin))
+    on_step(STEPS[5])
+    reduction = _reduce(held_out or training, prepared)
+    on_step(STEPS[6])
+    dense = densify(prepared, setup, modes=min(8, space.space.mode_count)) if setup.scans else None
+    on_step(STEPS[7])
+    birth = dict(origin) | _evidence(prepared, space, prediction, training, held_out)
+    return Fitted(
+        prepared=prepared, options=options, training=tuple(take.name for take in training),
+        held_out=tuple(take.name for take in held_out), selection=selection, space=space, phones=phones,
+        prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
+        profile=build(space.space, phones, birth), warnings=tuple(told),
+    )  # fmt: skip
+
+
+Takes = tuple[Displacements, ...]
+
+
+def _split(
+    prepared: Prepared, options: FitOptions, rng: np.random.Generator, warnings: list[str]
+) -> tuple[Takes, Takes]:
+    """Choose takes to learn from and to judge by; whole ones, because neighbouring frames are nearly equal."""
+    count = len(prepared.takes)
+    if count < TAKES_TO_SPLIT or not options.held_out:
+        warnings.append(f"no take was held out ({count} takes): errors are those of the training data, and flatter")
+        return prepared.takes, ()
+    out = set(rng.permutation(count)[: max(1, round(options.held_out * count))].tolist())
+    return (
+        tuple(take for index, take in enumerate(prepared.takes) if index not in out),
+        tuple(take for index, take in enumerate(prepared.takes) if index in out),
+    )
+
+
+def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
+    lips = tuple(point for point in LIPS if point in prepared.named)
+    columns = [profile.space.points.index(point) for point in lips]
+    guesses, truths = [], []
+    for take in takes:
+        times = np.arange(len(take.moved_mm)) / prepared.rate_hz
+        phones = PhoneTrack.of([Phone(p.label, p.start_s, p.end_s) for p in take.phones], tolerance_s=0.01)
+        resolved, _ = resolve(phones, profile)
+        keys = place_keyframes(phones, resolved, profile.space.mode_count, float(times[-1]))
+        guesses.append(profile.space.to_points_mm(keys.sample(times))[:, columns])
+        truths.append(pick((take,), prepared, lips))
+    guess, truth = np.concatenate(guesses), np.concatenate(truths)
+    upper, lower = _opening_points(lips)
+    captured, predicted = (a[:, upper, 1] - a[:, lower, 1] for a in (truth, guess))
+    first = len(truths[0])
+    moves = np.ptp(captured) > 0 and np.ptp(predicted) > 0
+    return Prediction(
+        lips_mm=float(np.linalg.norm(guess - truth, axis=-1).mean()),
+        mean_pose_mm=float(np.linalg.norm(truth - truth.mean(axis=0), axis=-1).mean()),
+        opening_r=float(np.corrcoef(captured, predicted)[0, 1]) if moves else 0.0,
+        opening_slope=float(np.polyfit(captured, predicted, 1)[0]) if moves else 0.0,
+        opening_mm=(captured[:first], predicted[:first]),
+        take=takes[0].name,
+    )
+
+
+def _opening_points(lips: tuple[str, ...]) -> tuple[int, int]:
+    """Middle of upper and lower lip, the inner contour if it was recorded."""
+    for upper, lower in (("2.2", "2.3"), ("8.1", "8.2")):
+        if upper in lips and lower in lips:
+            return lips.index(upper), lips.index(lower)
+    raise DataError("lips: got no pair of middle points, expected 8.1 and 8.2 or 2.2 and 2.3 among the markers")
+
+
+def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
+    longest = max(takes, key=lambda take: len(take.moved_mm))
+    frames = longest.moved_mm[:VIA_FRAMES]
+    if len(frames) < 16:
+        return ()
+    smooth = low_pass(frames, prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
+    return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
+
+
+def _evidence(
+    prepared: Prepared, space: SpaceStudy, prediction: Prediction | None, training: Takes, held_out: Takes
+) -> dict[str, str]:
+    """Say what the profile tells of its birth."""
+    frames = sum(len(take.moved_mm) for take in prepared.takes)
+    told = {
+        "takes": f"{len(prepared.takes)} takes, {frames} frames at {prepared.rate_hz:g} Hz,"
+        f" {len(prepared.labels)} markers; learned from {len(training)}, judged on {len(held_out)}",
+        "variance": f"{space.space.mode_count} modes carry {100 * space.share[space.space.mode_count - 1]:.2f} % of the"
+        f" variance of {space.space.marker_count} markers",
+    }
+    if prediction is not None:
+        told["held_out"] = (
+            f"lips {prediction.lips_mm:.2f} mm (mean pose {prediction.mean_pose_mm:.2f}),"
+            f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f}"
+        )
+    return told

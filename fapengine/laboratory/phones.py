@@ -1,0 +1,120 @@
+"""Phones as points of the space, with error bars: paper 001, section 5.1."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError
+from fapengine.laboratory.prepare import Displacements, Prepared
+from fapengine.laboratory.space import pick
+from fapengine.models.viseme_space import VisemeSpace, sample_phones
+from fapengine.profiles import PhoneTarget
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE
+
+Array = NDArray[np.float64]
+
+KEY, LATE = 0.3, 0.8
+"""Where a phone's keyframe stands (the paper), and the second one of a diphthong or affricate."""
+RARE = 8
+"""Tokens; below it a median is luck, and the tokens of the most similar frequent phone are taken in."""
+CONTACTS = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
+MEDIAN_OF_MEAN = 1.2533 * 1.4826
+"""Standard error of a median over MAD / sqrt(n), for normal data: sqrt(pi / 2), times 1.4826 from MAD to deviation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhoneStudy:
+    """What was found about one phone."""
+
+    target: PhoneTarget
+    tokens: int
+    """Of the phone itself."""
+    like: tuple[str, ...]
+    """Other phones whose tokens were taken in, because it is rare."""
+    error: Array
+    """(keyframes, K): standard error of each weight."""
+
+
+def study_phones(
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace
+) -> tuple[Mapping[str, PhoneStudy], tuple[str, ...]]:
+    """Find every phone's median point.
+
+    Returns
+    -------
+    phones : mapping of IPA to PhoneStudy
+    strange : tuple of str
+        Labels that are no IPA.
+
+    Raises
+    ------
+    DataError
+        If no take has phones.
+    """
+    tokens, strange = _tokens(takes, prepared, space)
+    if not tokens:
+        raise DataError("phones: got none in any take, expected timings beside the recordings", where=prepared.subject)
+    frequent = [name for name, found in tokens.items() if len(found) >= RARE]
+    studies = {}
+    for name in sorted(tokens):
+        used = [name]
+        group = next((list(members) for members in CONTACTS.values() if name in members), [])
+        used += [other for other in group if other != name and other in tokens]
+        own = tuple(used)
+        if sum(len(tokens[one]) for one in used) < RARE:
+            like = [other for other in frequent if other not in used and _comparable(name, other)]
+            used += [min(like, key=lambda other: _difference(name, other))] if like else []
+        values = np.concatenate([tokens[one] for one in used])  # (N, 2, K)
+        values = values if len(ipa.letters(name)) > 1 else values[:, :1]
+        target = np.median(values, axis=0)
+        spread = np.median(np.abs(values - target), axis=0)
+        contact = next((kind for kind, members in CONTACTS.items() if name in members), "none")
+        studies[name] = PhoneStudy(
+            PhoneTarget(
+                ipa=name,
+                fractions=(KEY, LATE)[: len(target)],
+                targets=target,
+                contact=contact,
+                origin=f"median of {len(values)} tokens of {' '.join(used)}",
+            ),
+            len(tokens[name]),
+            tuple(one for one in used if one not in own),
+            MEDIAN_OF_MEAN * spread / np.sqrt(len(values)),
+        )
+    return studies, strange
+
+
+def _comparable(one: str, other: str) -> bool:
+    """Of as many letters, vowels where the other has vowels."""
+    a, b = ([ipa.SOUNDS[letter].vowel for letter in ipa.letters(name)] for name in (one, other))
+    return a == b
+
+
+def _difference(one: str, other: str) -> float:
+    return sum(ipa.distance(a, b) for a, b in zip(ipa.letters(one), ipa.letters(other), strict=True))
+
+
+def _tokens(
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Weights of each phone's tokens at both fractions: (N, 2, K)."""
+    found: dict[str, list[Array]] = {}
+    strange: dict[str, None] = {}
+    markers = space.points[: space.marker_count]
+    for take in takes:
+        weights = space.to_space(pick((take,), prepared, markers))
+        spoken = [phone for phone in take.phones if phone.label != SILENCE]
+        if not spoken:
+            continue
+        starts, ends = [p.start_s for p in spoken], [p.end_s for p in spoken]
+        both = np.stack([sample_phones(weights, prepared.rate_hz, starts, ends, f) for f in (KEY, LATE)], axis=1)
+        for phone, values in zip(spoken, both, strict=True):
+            letters = ipa.letters(phone.label)
+            if letters:
+                found.setdefault("".join(letters), []).append(values)
+            else:
+                strange[phone.label] = None
+    return {name: np.stack(values) for name, values in found.items()}, tuple(strange)

@@ -1,0 +1,158 @@
+"""The marker subset study of a session: every experiment of paper 000, on one recording."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.laboratory.prepare import Displacements, Prepared
+from fapengine.models.full_map import coordinate_gram, fit_full_map
+from fapengine.models.kinematic_regions import KinematicRegions, interpolate_regions
+from fapengine.models.subset import MarkerSubset, PivotedFactor, factorise_gram, fit_weights, search_swaps, select
+from fapengine.models.subset_study import (
+    ErrorCurve,
+    diagonals_by_amount,
+    error_curve,
+    pivots_of_trials,
+    sentence_grams,
+    stability,
+)
+
+Array = NDArray[np.float64]
+
+LEAST_MARKERS = 5
+LARGEST_K = 15
+TRIALS, TRAINING_SHARE, LISTED = 10, 0.75, 12
+"""Of table 1: ten trials with 30 of 40 sentences, twelve markers listed."""
+RANDOM_SUBSETS = 20
+GRID = (96, 112)
+PIECES = 12
+"""A recording of fewer takes is cut into so many sentences."""
+SHORTEST_PIECE = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Selection:
+    """Which markers matter, and how far that can be trusted."""
+
+    factor: PivotedFactor
+    curve: ErrorCurve
+    k: int
+    reason: str
+    """How k was chosen."""
+    plain: MarkerSubset
+    """The first k pivots."""
+    swapped: MarkerSubset
+    """After exchanging single markers."""
+    trials: NDArray[np.intp]
+    """(trials, listed) markers of random splits, as table 1."""
+    stability: float
+    by_amount: Array
+    """(S, 10): R_kk over the norm for the first 1, 2, ... sentences, as figure 3."""
+    held_out_mm: dict[str, float]
+    """Mean error of the driven markers: plain, swapped, full map, random subsets (mean and best)."""
+    regions: KinematicRegions
+    grid_mm: tuple[Array, Array]
+    """Columns and rows of the picture of the regions."""
+
+
+def study_selection(
+    prepared: Prepared,
+    training: tuple[Displacements, ...],
+    held_out: tuple[Displacements, ...],
+    *,
+    k: int | None,
+    tolerance_mm: float,
+    rng: np.random.Generator,
+) -> Selection | None:
+    """Run the study; ``None`` for fewer than five markers.
+
+    Parameters
+    ----------
+    k : int, optional
+        Size of the subset; without it the error curve decides.
+    tolerance_mm : float
+        Error that the choice of k may leave.
+
+    Raises
+    ------
+    UsageError
+        If k is not below the number of markers.
+    """
+    count = len(prepared.labels)
+    if count < LEAST_MARKERS:
+        return None
+    if k is not None and not 1 <= k < count:
+        raise UsageError(f"k: got {k}, expected 1..{count - 1}, fewer than the markers")
+    sentences = _sentences(training)
+    judged = np.concatenate([take.moved_mm for take in held_out]) if held_out else np.concatenate(sentences)
+    grams = sentence_grams(sentences)
+    whole = grams.sum(axis=0)
+    factor = factorise_gram(whole)
+    largest = min(LARGEST_K, count - 1, factor.rank())
+    curve = error_curve(sentences, range(1, largest + 1), folds=min(10, len(sentences)), rng=rng)
+    chosen, reason = _choose(curve, k, tolerance_mm)
+    plain = select(factor, chosen)
+    swapped = search_swaps(whole, plain)
+    full = fit_full_map(np.sum([coordinate_gram(one) for one in sentences], axis=0), swapped.primary)
+    rest = np.setdiff1d(np.arange(count), full.primary)
+    off = full.synthesise(judged[:, full.primary])[:, rest] - judged[:, rest]
+    luck = [
+        fit_weights(whole, rng.choice(count, chosen, replace=False)).error_mm(judged) for _ in range(RANDOM_SUBSETS)
+    ]
+    trials = pivots_of_trials(
+        grams,
+        training=max(1, round(TRAINING_SHARE * len(grams))),
+        count=min(LISTED, count),
+        trials=TRIALS,
+        rng=rng,
+    )
+    columns, rows = _grid(prepared.neutral_mm)
+    places = np.stack([*(a.ravel() for a in np.meshgrid(columns, rows)), np.zeros(columns.size * rows.size)], axis=1)
+    return Selection(
+        factor=factor,
+        curve=curve,
+        k=chosen,
+        reason=reason,
+        plain=plain,
+        swapped=swapped,
+        trials=trials,
+        stability=stability(trials, min(chosen, trials.shape[1])),
+        by_amount=diagonals_by_amount(grams, min(10, count)),
+        held_out_mm={
+            "QR pivots, one weight for each pair": plain.error_mm(judged),
+            "after swaps, one weight for each pair": swapped.error_mm(judged),
+            "after swaps, a matrix for each pair": float(np.linalg.norm(off, axis=-1).mean()),
+            f"{RANDOM_SUBSETS} random subsets, mean": float(np.mean(luck)),
+            f"{RANDOM_SUBSETS} random subsets, best": float(np.min(luck)),
+        },
+        regions=interpolate_regions(swapped, prepared.neutral_mm, places),
+        grid_mm=(columns, rows),
+    )
+
+
+def _choose(curve: ErrorCurve, k: int | None, tolerance_mm: float) -> tuple[int, str]:
+    if k is not None:
+        return k, "asked for"
+    if (curve.mean_mm + curve.standard_error_mm).min() <= tolerance_mm:
+        chosen = curve.choose(tolerance_mm)
+        return chosen, f"the first whose error, one standard error added, is within {tolerance_mm:g} mm"
+    return curve.choose(), f"none comes within {tolerance_mm:g} mm: the first within one standard error of the least"
+
+
+def _sentences(takes: tuple[Displacements, ...]) -> list[Array]:
+    if len(takes) >= PIECES:
+        return [take.moved_mm for take in takes]
+    each = -(-PIECES // len(takes))
+    pieces = [
+        piece
+        for take in takes
+        for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // SHORTEST_PIECE)))
+    ]
+    return pieces if len(pieces) >= 2 else [half for piece in pieces for half in np.array_split(piece, 2)]
+
+
+def _grid(neutral: Array) -> tuple[Array, Array]:
+    low, high = neutral[:, :2].min(axis=0), neutral[:, :2].max(axis=0)
+    return np.linspace(low[0], high[0], GRID[0]), np.linspace(low[1], high[1], GRID[1])

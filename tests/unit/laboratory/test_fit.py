@@ -1,0 +1,216 @@
+"""The whole chain on a session whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.surface import Surface
+from fapengine.laboratory.fit import STEPS, FitOptions, fit_session
+from fapengine.laboratory.playback import captured_faps
+from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import format_profile, parse_profile
+
+from .conftest import SKULL, edited
+
+HEAD = Setup(head=tuple(SKULL), language="en-GB", licence="none")
+ORIGIN = {"source": "a test", "command": "pytest"}
+
+
+@pytest.fixture(scope="module")
+def run(standard, face, face_mm):
+    def fit(session, setup=HEAD, options=None, **named):
+        return fit_session(
+            session, setup, profile_id="tried", origin=ORIGIN, standard=standard, face_mm=face_mm, face_fapu=face.fapu,
+            options=options or FitOptions(), rng=np.random.default_rng(2), **named,
+        )  # fmt: skip
+
+    return fit
+
+
+@pytest.fixture(scope="module")
+def fitted(make, run):
+    steps: list[str] = []
+    made = make(14, noise_mm=0.1)
+    found = run(made.session, on_step=steps.append)
+    assert tuple(steps) == STEPS
+    return found, made
+
+
+def test_the_profile_moves_the_lips_as_the_true_one_does(fitted):
+    found, made = fitted
+    assert len(found.training) == 11
+    assert len(found.held_out) == 3
+    markers = made.profile.space.points[:14]
+    for name, study in found.phones.items():
+        truth = made.profile.space.to_points_mm(made.profile.phones[name].targets[0])[:14]
+        columns = [found.space.space.points.index(point) for point in markers]
+        learned = found.space.space.to_points_mm(study.target.targets[0])[columns]
+        assert np.linalg.norm(learned - truth, axis=1).mean() < 1.0, name
+    assert found.phones["p"].target.contact == "lips"
+    assert found.phones["v"].target.contact == "teeth"
+    assert found.phones["aɪ"].target.fractions == (0.3, 0.8)
+    assert found.phones["p"].target.origin.endswith("of p b m")
+
+
+def test_it_is_a_profile_like_any_other(fitted):
+    found, _ = fitted
+    back = parse_profile(format_profile(found.profile))
+    assert back.id == "tried"
+    assert back.origin["takes"].startswith("14 takes")
+    assert "modes carry" in back.origin["variance"]
+    assert set(back.expressions) == set(found.borrowed)
+    assert any("borrowed from profile 'grid_s1_en'" in text for text in found.warnings)
+
+
+def test_the_errors_are_those_of_takes_that_were_held_out(fitted):
+    found, _ = fitted
+    assert found.prediction is not None
+    assert found.prediction.lips_mm < 0.5 * found.prediction.mean_pose_mm
+    assert found.prediction.opening_r > 0.95
+    kept = found.space.space.mode_count
+    assert 0.1 < found.space.error_mm[kept - 1] < 0.35  # 0.1 mm of noise in three coordinates, and the last modes
+    assert (np.diff(found.space.error_mm) < 0).all()
+    assert found.space.dimensions == 42  # noise fills them
+
+
+def test_the_subset_beats_luck(fitted):
+    found, _ = fitted
+    study = found.selection
+    assert study is not None
+    plain, swapped, full, mean, best = study.held_out_mm.values()
+    assert swapped <= plain * 1.02
+    assert full < swapped < best < mean
+    assert study.reason.startswith("the first whose error")
+    assert study.curve.mean_mm[study.k - 1] <= 0.35 < study.curve.mean_mm[study.k - 2]
+
+
+def test_captured_takes_play_back_as_faps(fitted):
+    found, made = fitted
+    take, truth = found.prepared.takes[0], made.truth_mm[0]
+    track = captured_faps(take, found.prepared, found.profile)
+    assert len(track) == len(truth)
+    unit = found.profile.fapu.unit(fap.FapUnit.MNS)
+    jaw = track.values[:, fap.column(3)] * unit
+    down = -truth[:, list(found.prepared.points).index("2.1"), 1]
+    assert np.abs(jaw - np.maximum(down, 0)).max() < 0.8
+    yaw = track.values[:, fap.column(49)]
+    assert np.ptp(yaw) * 1e-5 > 0.1  # the head was turned by 0.2 rad to and fro
+
+
+def test_poses_are_measured_and_the_others_borrowed(make, run, standard):
+    made = make(6)
+    joy = standard.space.to_points_mm(standard.expressions[Expression.JOY].target)
+    columns = [standard.space.points.index(name) for name in made.session.labels if name not in SKULL]
+
+    def smile(take):
+        positions = take.markers.positions_mm.copy()
+        if take.name == "take2":
+            plain = make(6, head=False, room=False).session.takes[2].markers.positions_mm[:1, : len(columns)]
+            positions[:, : len(columns)] = plain + joy[columns]
+            positions[:, len(columns) :] = np.array([*SKULL.values()], float)
+        return replace(take.markers, positions_mm=positions)
+
+    session = edited(make(6, head=False, room=False).session, smile)
+    mute = tuple(replace(take, phones=() if take.name == "take2" else take.phones) for take in session.takes)
+    setup = replace(HEAD, poses=(Pose(Expression.JOY, Moment("take2", 0.5, 1.0)),))
+    found = run(replace(session, takes=mute), setup)
+    assert Expression.JOY not in found.borrowed
+    points = found.space.space.to_points_mm(found.profile.expressions[Expression.JOY].target)
+    corner = found.space.space.points.index("8.3")
+    np.testing.assert_allclose(points[corner], joy[standard.space.points.index("8.3")], atol=0.8)
+
+
+def test_scans_become_a_dense_face(make, run, face, face_mm, standard):
+    made = make(6, head=False, room=False)
+    skin = face.vertices_mm.astype(float)
+    near = np.linalg.norm(skin[:, None, :2] - [0.0, -35.0], axis=-1)[:, 0] < 60
+    front = near & (skin[:, 2] > 30)
+    triangles = face.triangles[front[face.triangles].all(axis=1)]
+    used, triangles = np.unique(triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    names = standard.space.points[:14]
+    places = np.stack([face_mm[name] for name in names])
+    scans = []
+    for phone in ("p", "æ", "u", "s"):
+        moved = standard.space.to_points_mm(standard.phones[phone].targets[0])[:14]
+        weight = np.exp(-(np.linalg.norm(skin[used][:, None] - places[None], axis=-1) ** 2) / 400)
+        vertices = skin[used] + weight @ moved / np.maximum(weight.sum(axis=1), 1.0)[:, None]
+        marks = {name: tuple(place + shift) for name, place, shift in zip(names, places, moved, strict=True)}
+        scans.append(Scan(phone, Surface(vertices, triangles), marks))
+    found = run(made.session, replace(HEAD, scans=tuple(scans)))
+    assert found.dense is not None
+    assert [name for name, *_ in found.dense.fits] == ["p", "æ", "u", "s"]
+    assert all(fit.landmark_rms_mm < 2.0 for _, fit, _ in found.dense.fits)
+    assert found.dense.modes.modes_mm.shape[1] == len(used)
+    for change, message in (
+        (scans[:2], "expected at least 3 postures"),
+        ([replace(scans[0], landmarks={"9.99": (0, 0, 0)}), *scans[1:]], "is no marker and no recorded feature point"),
+        ([replace(scans[0], landmarks={}), *scans[1:]], "landmarks: got 0"),
+    ):
+        with pytest.raises(DataError, match=message):
+            run(made.session, replace(HEAD, scans=tuple(change)))
+
+
+def test_fewer_points_are_stood_in_for_and_told(make, run):
+    made = make(6)
+    outer = [name for name in made.session.labels if not name.startswith("2.") or name in ("2.1", "2.10")]
+    session = edited(made.session, lambda take: take.markers.select(outer))
+    found = run(session)
+    assert found.space.borrowed["2.6"] == "8.5"
+    assert any("2.6 was not recorded: it follows 8.5" in text for text in found.warnings)
+    modes = dict(zip(found.space.space.points, np.moveaxis(found.space.space.modes_mm, 1, 0), strict=True))
+    np.testing.assert_array_equal(modes["2.6"], modes["8.5"])
+    lips = [name for name in outer if name[:2] in ("8.", "5.") or name in SKULL]
+    with pytest.raises(DataError, match=r"2\.1: was not recorded, nor was 2\.10"):
+        run(edited(made.session, lambda take: take.markers.select(lips)))
+
+
+def test_few_takes_flatter_and_say_so(make, run):
+    found = run(make(3).session)
+    assert found.held_out == ()
+    assert found.prediction is None
+    assert any("errors are those of the training data" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"modes": 99}, DataError),
+        ({"k": 40}, UsageError),
+    ],
+)
+def test_choices_out_of_range_are_refused(make, run, options, error):
+    with pytest.raises(error, match="expected 1"):
+        run(make(6).session, options=FitOptions(**options))
+
+
+@pytest.mark.parametrize("options", [{"variance": 1.0}, {"held_out": 0.6}])
+def test_shares_out_of_range_are_refused(options):
+    with pytest.raises(UsageError, match=next(iter(options))):
+        FitOptions(**options)
+
+
+def test_units_of_the_face_can_be_given(make, run):
+    found = run(make(6).session, replace(HEAD, fapu_mm={"es0": 64.0}))
+    assert found.profile.fapu.es0_mm == 64.0
+    assert any("FAPU irisd0, ens0, mns0: not to be measured" in text for text in found.warnings)
+    with pytest.raises(DataError, match="'es1', expected irisd0"):
+        run(make(6).session, replace(HEAD, fapu_mm={"es1": 64.0}))
+    with pytest.raises(DataError, match="es0_mm"):
+        run(make(6).session, replace(HEAD, fapu_mm={"es0": -1.0}))
+
+
+def test_phones_are_needed_and_strange_ones_told(make, run):
+    session = make(6).session
+    mute = tuple(replace(take, phones=tuple(p for p in take.phones if p.label == "_")) for take in session.takes)
+    with pytest.raises(DataError, match="got none in any take"):
+        run(replace(session, takes=mute))
+    odd = replace(
+        session.takes[0], phones=(*session.takes[0].phones[:-1], replace(session.takes[0].phones[-2], label="%"))
+    )
+    found = run(replace(session, takes=(odd, *session.takes[1:])))
+    assert any("phone '%' is no IPA" in text for text in found.warnings)
