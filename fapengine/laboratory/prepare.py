@@ -304,8 +304,8 @@ def _warn_of_shared_turns(moved: list[Array], neutral: Array, session: Session, 
         angle = 2 * np.linalg.norm(turn.quaternions()[:, 2:], axis=1)  # yaw and roll: the jaw looks like pitch
         if np.median(angle) > SHARED_TURN_RAD:
             warnings.append(
-                f"take {take.name}: the face turns sideways as a whole by {np.degrees(np.median(angle)):.1f} degrees; name the"
-                " skull's markers (head = [...] in session.toml)"
+                f"take {take.name}: the face turns sideways as a whole by {np.degrees(np.median(angle)):.1f} degrees;"
+                " name the skull's markers (head = [...] in session.toml)"
             )
 
 

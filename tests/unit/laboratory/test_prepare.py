@@ -131,7 +131,7 @@ def renamed(take):
 def headless(take):
     positions = take.markers.positions_mm.copy()
     positions[::2, -3:] = np.nan
-    positions[1::2, -5:-2] = np.nan
+    positions[1::2, -5:-3] = np.nan
     return replace(take.markers, positions_mm=positions)
 
 

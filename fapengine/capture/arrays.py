@@ -1,0 +1,93 @@
+"""Recordings as NumPy archives: ``positions`` (T, M, 3), ``labels``; if known ``rate_hz``, ``units``, ``valid``."""
+
+import io
+import struct
+import zipfile
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.raw import RawTrack
+from fapengine.errors import DataError
+
+POSITION_NAMES = ("positions", "positions_mm", "markers", "points")
+DAMAGE = (
+    ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
+)  # fmt: skip
+"""What zipfile and NumPy raise on archives that are cut or spoiled."""
+LARGEST_BYTES = 1 << 32
+"""Of an array, unpacked; a small archive cannot ask for more."""
+
+
+def parse_npz(data: bytes) -> RawTrack:
+    """Read a recording.
+
+    Raises
+    ------
+    DataError
+        If the archive is damaged, lacks positions or labels, or their shapes do not fit; ``where`` is the array.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST_BYTES:
+            raise DataError(f"NPZ: got {size} bytes unpacked, expected at most {LARGEST_BYTES}")
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except DataError:
+        raise
+    except DAMAGE as error:
+        raise DataError(f"NPZ: is damaged, or holds Python objects: {error}") from error
+    name = next((name for name in POSITION_NAMES if name in found), None)
+    if name is None:
+        raise DataError(f"NPZ: got arrays {sorted(found)}, expected one of {', '.join(POSITION_NAMES)}")
+    positions = found[name]
+    if positions.ndim != 3 or positions.shape[2] != 3 or not positions.size or positions.dtype.kind not in "fiu":
+        raise DataError(
+            f"NPZ: got {positions.dtype} of shape {positions.shape}, expected numbers (T, M, 3)", where=name
+        )
+    positions = positions.astype(np.float64)
+    labels = found.get("labels", np.zeros(0, "U1"))
+    if labels.dtype.kind not in "US" or labels.shape != positions.shape[1:2]:
+        raise DataError(
+            f"NPZ: got {labels.dtype} of shape {labels.shape}, expected {positions.shape[1]} strings", where="labels"
+        )
+    valid = found.get("valid")
+    if valid is not None:
+        if valid.shape != positions.shape[:2]:
+            raise DataError(f"NPZ: got shape {valid.shape}, expected {positions.shape[:2]}", where="valid")
+        positions[~valid.astype(bool)] = np.nan
+    positions[~np.isfinite(positions).all(axis=-1)] = np.nan
+    units = found.get("units")
+    return RawTrack(
+        positions=positions,
+        labels=tuple(str(label) for label in labels.astype(str)),
+        rate_hz=_rate(found),
+        units="mm"
+        if name.endswith("_mm")
+        else (str(units) if units is not None and units.dtype.kind in "US" else None),
+    )
+
+
+def _rate(found: dict[str, NDArray[Any]]) -> float | None:
+    rate = found.get("rate_hz", found.get("fps"))
+    if rate is None:
+        return None
+    if rate.size != 1 or rate.dtype.kind not in "fiu" or not (np.isfinite(rate).all() and float(rate.ravel()[0]) > 0):
+        raise DataError(f"NPZ: got {rate!r:.40}, expected one positive number", where="rate_hz")
+    return float(rate.ravel()[0])
+
+
+def format_npz(track: MarkerTrack) -> bytes:
+    """Write a recording."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        positions_mm=track.positions_mm,
+        labels=np.array(track.labels),
+        rate_hz=track.rate_hz,
+    )
+    return buffer.getvalue()

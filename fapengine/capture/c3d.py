@@ -1,0 +1,266 @@
+"""C3D, the recording format of marker systems: reader and writer.
+
+Theory of operation
+-------------------
+Blocks of 512 bytes: a header, parameters in groups, data. Each frame holds four numbers for every point (x, y, z and a
+word whose sign says whether the point was seen) and the analog samples, which are stepped over. Numbers are floats, or
+integers times POINT:SCALE, in the byte order of one of three processors; DEC floats are IEEE floats with their halves
+exchanged, times four. Float data of this machine's byte order are viewed where they lie, so a memory map is read frame
+by frame only where it is asked for.
+
+Layout: the C3D user guide, sections on header, parameters and 3D data. The frame count has four homes, because the
+first two are 16 bits wide; the largest that the data can hold is believed.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.raw import RawTrack
+from fapengine.errors import DataError, TruncatedError
+
+Buffer = bytes | memoryview
+
+BLOCK = 512
+KEY = 0x50
+INTEL, DEC, MIPS = 84, 85, 86
+POINT_WORDS = 4
+MAX_POINTS = 20_000
+PAGES = 64
+"""LABELS, LABELS2, ... are followed so far."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Processor:
+    order: str
+    dec: bool
+
+    def floats(self, data: Buffer, count: int, offset: int) -> NDArray[np.float32]:
+        if not self.dec:
+            return np.frombuffer(data, f"{self.order}f4", count, offset)
+        halves = np.frombuffer(data, "<u2", 2 * count, offset).reshape(-1, 2)
+        swapped = np.ascontiguousarray(halves[:, ::-1])
+        return np.asarray(swapped.view("<f4")[:, 0] / np.float32(4), np.float32)
+
+    def integers(self, data: Buffer, count: int, offset: int) -> NDArray[np.int16]:
+        return np.frombuffer(data, f"{self.order}i2", count, offset)
+
+
+Parameters = dict[str, dict[str, NDArray[np.float64] | list[str]]]
+
+
+def parse_c3d(data: Buffer) -> RawTrack:
+    """Read a recording.
+
+    Parameters
+    ----------
+    data : bytes or memoryview
+        The whole file; a memory map serves.
+
+    Raises
+    ------
+    TruncatedError
+        If it ends before its data do.
+    DataError
+        If it is no C3D, or its header contradicts itself; ``where`` is the byte.
+    """
+    if len(data) < BLOCK:
+        raise TruncatedError(f"C3D: got {len(data)} bytes, expected at least a header of {BLOCK}", where="byte 0")
+    if data[1] != KEY or not data[0]:
+        raise DataError(f"C3D: got {bytes(data[:2]).hex(' ')}, expected a parameter block and 50", where="byte 0")
+    start = (data[0] - 1) * BLOCK
+    if len(data) < start + 4:
+        raise TruncatedError("C3D: ends before its parameters", where=f"byte {start}")
+    processor = {INTEL: _Processor("<", False), DEC: _Processor("<", True), MIPS: _Processor(">", False)}.get(
+        data[start + 3]
+    )
+    if processor is None:
+        raise DataError(f"C3D: got processor {data[start + 3]}, expected 84, 85 or 86", where=f"byte {start + 3}")
+    header = processor.integers(data, 10, 0).view(np.uint16 if processor.order == "<" else ">u2").astype(int)
+    scale, rate = float(processor.floats(data, 1, 12)[0]), float(processor.floats(data, 1, 20)[0])
+    parameters = _parameters(data, start, processor)
+    point = parameters.get("POINT", {})
+    count = int(_number(point, "USED", header[1]))
+    if not 0 < count <= MAX_POINTS:
+        raise DataError(f"C3D: got {count} points, expected 1..{MAX_POINTS}", where="byte 2, or POINT:USED")
+    scale, rate = _number(point, "SCALE", scale), _number(point, "RATE", rate)
+    begin = (int(_number(point, "DATA_START", header[8])) - 1) * BLOCK
+    if not start < begin < len(data):
+        raise DataError(f"C3D: got data from byte {begin}, expected them behind the parameters", where="byte 16")
+    real = scale < 0
+    words = POINT_WORDS * count + int(header[2])
+    width = words * (4 if real else 2)
+    frames, notes = _frame_count(parameters, header, (len(data) - begin) // width)
+    values = (processor.floats if real else processor.integers)(data, frames * words, begin)
+    table = values.reshape(frames, words)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
+    positions = np.array(table[..., :3], np.float64)
+    if not real:
+        positions *= scale
+    positions[~(table[..., 3] >= 0)] = np.nan
+    positions[~np.isfinite(positions).all(axis=-1)] = np.nan
+    return RawTrack(
+        positions=positions,
+        labels=_labels(point, count),
+        rate_hz=rate if np.isfinite(rate) and rate > 0 else None,
+        units=_text(point, "UNITS"),
+        up=_text(point, "Y_SCREEN"),
+        notes=notes,
+    )
+
+
+def _parameters(data: Buffer, start: int, processor: _Processor) -> Parameters:
+    """Walk the chain of groups and parameters; each record says where the next one begins."""
+    groups: dict[int, str] = {}
+    found: dict[int, dict[str, NDArray[np.float64] | list[str]]] = {}
+    at = start + 4
+    try:
+        while True:
+            letters, group = struct.unpack_from("bb", data, at)
+            letters = abs(letters)
+            if not letters or not group:
+                break
+            name = bytes(data[at + 2 : at + 2 + letters]).decode("latin-1").strip().upper()
+            place = at + 2 + letters
+            (step,) = struct.unpack_from(f"{processor.order}h", data, place)
+            if group < 0:
+                groups[-group] = name
+            else:
+                found.setdefault(group, {})[name] = _value(data, place + 2, processor)
+            if step <= 0:
+                break
+            at = place + step
+    except (struct.error, IndexError, ValueError) as error:
+        raise TruncatedError("C3D: a parameter runs past the end", where=f"byte {at}") from error
+    parameters: Parameters = {}
+    for number, values in found.items():
+        parameters.setdefault(groups.get(number, str(number)), {}).update(values)
+    return parameters
+
+
+def _value(data: Buffer, at: int, processor: _Processor) -> NDArray[np.float64] | list[str]:
+    kind, dimensions = struct.unpack_from("bB", data, at)
+    shape = [data[at + 2 + index] for index in range(dimensions)]
+    place, count = at + 2 + dimensions, int(np.prod(shape)) if shape else 1
+    if place + count * abs(kind) > len(data):
+        raise IndexError
+    if kind == -1:
+        width = shape[0] if shape else 1
+        text = bytes(data[place : place + count]).decode("latin-1")
+        return [text[n : n + width].strip("\0 ") for n in range(0, count, width)] if width else []
+    if kind == 1:
+        return np.frombuffer(data, np.uint8, count, place).astype(np.float64)
+    if kind == 2:
+        return processor.integers(data, count, place).astype(np.float64)
+    if kind == 4:
+        return processor.floats(data, count, place).astype(np.float64)
+    return np.zeros(0)
+
+
+def _number(group: dict[str, NDArray[np.float64] | list[str]], name: str, default: float) -> float:
+    value = group.get(name)
+    if not isinstance(value, np.ndarray) or not value.size or not np.isfinite(value[0]):
+        return default
+    number = float(value[0])
+    return number + 65536 if name in ("USED", "DATA_START") and number < 0 else number
+
+
+def _text(group: dict[str, NDArray[np.float64] | list[str]], name: str) -> str | None:
+    value = group.get(name)
+    return value[0] or None if isinstance(value, list) and value else None
+
+
+def _labels(point: dict[str, NDArray[np.float64] | list[str]], count: int) -> tuple[str, ...]:
+    labels: list[str] = []
+    for page in range(1, PAGES):
+        more = point.get("LABELS" if page == 1 else f"LABELS{page}")
+        if not isinstance(more, list):
+            break
+        labels += more
+    return tuple((labels + [""] * count)[:count])
+
+
+def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) -> tuple[int, tuple[str, ...]]:
+    """Believe the largest count that the data can hold; without any, all that they hold."""
+    claims = [int(header[4]) - int(header[3]) + 1]
+    point, trial = parameters.get("POINT", {}), parameters.get("TRIAL", {})
+    claims += [int(_number(point, name, 0)) % 65536 if name == "FRAMES" else int(_number(point, name, 0))
+               for name in ("FRAMES", "LONG_FRAMES")]  # fmt: skip
+    ends = [trial.get(name) for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
+    if all(isinstance(end, np.ndarray) and end.size == 2 for end in ends):
+        first, last = (int(end[0]) % 65536 + 65536 * int(end[1]) for end in ends if isinstance(end, np.ndarray))
+        claims.append(last - first + 1)
+    claimed = max(claims)
+    if room < 1:
+        raise TruncatedError("C3D: ends before its first frame", where="data")
+    if claimed < 1:
+        return room, (f"no frame count: the {room} frames that the file holds",)
+    held = [claim for claim in claims if claim <= room]
+    if not held:
+        raise TruncatedError(f"C3D: got room for {room} frames, expected {claimed}", where="data")
+    return max(held), ()
+
+
+def format_c3d(track: MarkerTrack) -> bytes:
+    """Write a recording: Intel floats, mm, gaps with residual -1 at the origin.
+
+    Labels of more than 255 markers go on in LABELS2 and so on; more than 65,535 frames are told by
+    TRIAL:ACTUAL_END_FIELD and POINT:LONG_FRAMES.
+    """
+    frames, count = track.positions_mm.shape[:2]
+    parameters, blocks = _written_parameters(track, 0)
+    parameters, _ = _written_parameters(track, 2 + blocks)
+    header = struct.pack("<BBHHHHHfHHf", 2, KEY, count, 0, 1, min(frames, 65535), 0, -1.0, 2 + blocks, 0, track.rate_hz)
+    table = np.zeros((frames, count, POINT_WORDS), "<f4")
+    table[..., :3] = np.nan_to_num(track.positions_mm)
+    table[..., 3] = np.where(track.valid, 0.0, -1.0)
+    return header.ljust(BLOCK, b"\0") + parameters + table.tobytes()
+
+
+def _written_parameters(track: MarkerTrack, data_block: int) -> tuple[bytes, int]:
+    frames, count = track.positions_mm.shape[:2]
+    records = [_group(1, "POINT"), _group(2, "TRIAL"), _group(3, "ANALOG")]
+    records += [
+        _integers(1, "USED", [count]),
+        _floats(1, "SCALE", [-1.0]),
+        _floats(1, "RATE", [track.rate_hz]),
+        _integers(1, "DATA_START", [data_block]),
+        _integers(1, "FRAMES", [min(frames, 65535)]),
+        _floats(1, "LONG_FRAMES", [frames]),
+        _strings(1, "UNITS", ["mm"]),
+        _strings(1, "Y_SCREEN", ["+Y"]),
+        _integers(2, "ACTUAL_START_FIELD", [1, 0]),
+        _integers(2, "ACTUAL_END_FIELD", [frames % 65536, frames // 65536]),
+        _integers(3, "USED", [0]),
+    ]
+    for page, first in enumerate(range(0, count, 255), 1):
+        records.append(_strings(1, "LABELS" + (str(page) if page > 1 else ""), track.labels[first : first + 255]))
+    body = b"".join(records) + b"\0\0"
+    blocks = -(-(len(body) + 4) // BLOCK)
+    return (struct.pack("<BBBB", 1, KEY, blocks & 0xFF, INTEL) + body).ljust(blocks * BLOCK, b"\0"), blocks
+
+
+def _group(number: int, name: str) -> bytes:
+    return struct.pack("<bb", len(name), -number) + name.encode() + struct.pack("<hB", 3, 0)
+
+
+def _record(group: int, name: str, body: bytes) -> bytes:
+    return struct.pack("<bb", len(name), group) + name.encode() + struct.pack("<h", len(body) + 3) + body + b"\0"
+
+
+def _integers(group: int, name: str, values: list[int]) -> bytes:
+    data = np.array(values).astype("<u2").tobytes()
+    return _record(group, name, struct.pack("<bBB", 2, 1, len(values)) + data)
+
+
+def _floats(group: int, name: str, values: ArrayLike) -> bytes:
+    data = np.asarray(values, "<f4")
+    return _record(group, name, struct.pack("<bBB", 4, 1, data.size) + data.tobytes())
+
+
+def _strings(group: int, name: str, values: tuple[str, ...] | list[str]) -> bytes:
+    width = max(len(value) for value in values)
+    data = b"".join(value.ljust(width).encode("latin-1", "replace") for value in values)
+    return _record(group, name, struct.pack("<bBBB", -1, 2, width, len(values)) + data)

@@ -1,0 +1,172 @@
+"""From what a file says to what it means: missing markers, units, axes, names.
+
+Nothing here is silent: whatever is changed on a suspicion comes back as a note.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.raw import RawTrack
+from fapengine.errors import DataError, UsageError
+
+Array = NDArray[np.float64]
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
+"""Length of one unit in mm."""
+SENTINELS = (-16512.0, 16512.0, 9999.0, -9999.0, 99999.0, -99999.0, 999999.0, -999999.0, 9999999.0, -9999999.0)
+"""Numbers that stand for "not seen" in exports of several systems."""
+ABSURD = 1e6
+"""In mm, 1 km: no marker is there."""
+FACE_MM = (40.0, 700.0)
+"""Diagonal of the box around a face's markers, from lips alone to a whole head."""
+UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
+POINT_NAME = re.compile(r"^(?:fdp|fp|p)?[ _-]?(\d{1,2})[._-](\d{1,2})$", re.IGNORECASE)
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+LEAST_ZEROS = 3
+"""So many zeros in one marker are "not seen"; fewer may be its place."""
+
+
+def understand(
+    raw: RawTrack, *, units: str | None = None, up: str | None = None, rate_hz: float | None = None
+) -> tuple[MarkerTrack, tuple[str, ...]]:
+    """Make a MarkerTrack, mm, +y up.
+
+    Parameters
+    ----------
+    raw : RawTrack
+    units : str, optional
+        One of :data:`UNITS_MM`; overrides the file's.
+    up : str, optional
+        One of :data:`AXES`; overrides the file's. Without either, +y.
+    rate_hz : float, optional
+        Overrides the file's.
+
+    Returns
+    -------
+    track : MarkerTrack
+    notes : tuple of str
+        What was guessed, dropped or looks wrong.
+
+    Raises
+    ------
+    UsageError
+        If ``units`` or ``up`` is unknown.
+    DataError
+        If there is no frame, no labelled marker, a label twice, no rate, or no way to know the units.
+    """
+    notes = list(raw.notes)
+    if not raw.positions.size:
+        raise DataError(f"recording: got shape {raw.positions.shape}, expected frames and markers")
+    rate = rate_hz if rate_hz is not None else raw.rate_hz
+    if rate is None:
+        raise DataError("recording: got no rate and no rising times, expected frames a second")
+    labels, kept = _names(raw.labels, notes)
+    positions = _without_sentinels(raw.positions[:, kept], labels, notes)
+    positions = positions * _scale(positions, raw.units, units, notes)
+    positions = _without_absurd(positions, labels, notes)
+    positions = _turned(positions, up or raw.up)
+    try:
+        return MarkerTrack(positions_mm=positions, labels=labels, rate_hz=rate), tuple(notes)
+    except UsageError as error:
+        raise DataError(str(error)) from error
+
+
+def _names(given: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], list[int]]:
+    """Bare labels, and the columns that have one."""
+    names = [name.strip() for name in given]
+    kept = [index for index, name in enumerate(names) if name and not UNLABELLED.match(name.split(":")[-1])]
+    if len(kept) < len(names):
+        notes.append(f"{len(names) - len(kept)} trajectories without a name are left out")
+    if not kept:
+        raise DataError(f"recording: got {len(names)} trajectories and no name, expected labelled markers")
+    prefixes = {names[index].rpartition(":")[0] for index in kept}
+    labels = [names[index].rpartition(":")[2] if len(prefixes) == 1 else names[index] for index in kept]
+    labels = [f"{int(m[1])}.{int(m[2])}" if (m := POINT_NAME.match(label)) else label for label in labels]
+    twice = [label for label, count in Counter(labels).items() if count > 1]
+    if twice:
+        raise DataError(f"label {twice[0]!r}: got it {Counter(labels)[twice[0]]} times, expected once")
+    return tuple(labels), kept
+
+
+def _without_sentinels(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
+    """Zeros and numbers that stand for "not seen" become gaps."""
+    positions = positions.copy()
+    for value in SENTINELS:
+        hits = np.any(positions == value, axis=-1)
+        if hits.any():
+            notes.append(f"{hits.sum()} places of {value:g} are taken as not seen ({_most(hits, labels)})")
+            positions[hits] = np.nan
+    zeros = np.all(positions == 0.0, axis=-1)
+    zeros = zeros & (zeros.sum(axis=0) >= min(LEAST_ZEROS, len(positions)))
+    if zeros.any():
+        notes.append(f"{zeros.sum()} places at the origin are taken as not seen ({_most(zeros, labels)})")
+        positions[zeros] = np.nan
+    return positions
+
+
+def _without_absurd(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
+    far = np.any(np.abs(np.nan_to_num(positions)) > ABSURD, axis=-1)
+    if far.any():
+        notes.append(f"{far.sum()} places farther than a kilometre are taken as not seen ({_most(far, labels)})")
+        positions = np.where(far[..., None], np.nan, positions)
+    return positions
+
+
+def _most(hits: NDArray[np.bool_], labels: Sequence[str]) -> str:
+    counts = hits.sum(axis=0)
+    worst = np.argsort(-counts, kind="stable")[:3]
+    return ", ".join(f"{labels[index]} {counts[index]}x" for index in worst if counts[index])
+
+
+def _scale(positions: Array, stated: str | None, units: str | None, notes: list[str]) -> float:
+    """Factor to mm: as asked for, as the file says, else mm where that gives a face."""
+    if units is not None and units.lower() not in UNITS_MM:
+        raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
+    known = (units or stated or "").lower()
+    if known and known not in UNITS_MM:
+        notes.append(f"the file's unit {known!r} is unknown")
+        known = ""
+    size = _diagonal(positions)
+    factor = UNITS_MM.get(known, 1.0)
+    fits = size is None or FACE_MM[0] <= size * factor <= FACE_MM[1]
+    others = [
+        f"{name} would make it {size * length:.0f} mm"
+        for name, length in UNITS_MM.items()
+        if size is not None and FACE_MM[0] <= size * length <= FACE_MM[1] and name not in ("dm", "inch")
+    ]
+    hint = f" ({'; '.join(others)})" if others else ""
+    if known and not fits:
+        notes.append(f"the markers span {(size or 0) * factor:.4g} mm, which is no face: wrong units?{hint}")
+    elif not known and not fits:
+        raise DataError(f"units: not stated, and the markers span {size:.4g} of them, expected mm{hint}; say --units")
+    elif not known:
+        notes.append(f"units are not stated: taken as mm{'' if size is None else f', the markers span {size:.0f}'}")
+    return factor
+
+
+def _diagonal(positions: Array) -> float | None:
+    """Of the box around the median places; None where fewer than three markers are seen."""
+    seen = ~np.isnan(positions[..., 0]).all(axis=0)
+    if seen.sum() < 3:
+        return None
+    places = np.nanmedian(positions[:, seen], axis=0)
+    return float(np.linalg.norm(np.ptp(places, axis=0)))
+
+
+def _turned(positions: Array, up: str | None) -> Array:
+    """Turn so that ``up`` becomes +y, without mirroring."""
+    axis = (up or "+y").lower()
+    axis = axis if axis[:1] in "+-" else f"+{axis}"
+    if axis not in AXES:
+        raise UsageError(f"up: got {up!r}, expected one of {', '.join(AXES)}")
+    number, sign = "xyz".index(axis[1]), 1.0 if axis[0] == "+" else -1.0
+    rotation = np.zeros((3, 3))
+    rotation[1, number] = sign
+    rotation[0, 1 if number == 0 else 0] = 1.0
+    rotation[2] = np.cross(rotation[0], rotation[1])
+    return np.asarray(positions @ rotation.T)

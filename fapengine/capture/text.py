@@ -1,0 +1,85 @@
+"""Tables of numbers in text: decoding, delimiters, decimal commas, empty cells."""
+
+import csv
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError
+
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "."})
+LIMIT = 1 << 17
+"""Longest cell; a longer one is no table."""
+
+
+def decode_text(data: bytes, name: str) -> str:
+    """Decode UTF-8 (with or without mark), UTF-16 with mark, or Latin-1 as old systems write it.
+
+    Raises
+    ------
+    DataError
+        If there are NUL bytes.
+    """
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = data.decode("utf-16", "replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    if "\0" in text:
+        raise DataError(f"{name}: got NUL bytes, expected text", where=f"character {text.index(chr(0))}")
+    return text
+
+
+def split_rows(text: str) -> list[list[str]]:
+    """Cells of every line, stripped; the delimiter is the one of tab, ``;`` and ``,`` that the longest line has most.
+
+    Raises
+    ------
+    DataError
+        If a cell is too long to be one.
+    """
+    longest = max(text.splitlines(), key=len, default="")
+    delimiter = max("\t;,", key=longest.count)
+    csv.field_size_limit(LIMIT)
+    try:
+        return [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=delimiter)]
+    except csv.Error as error:
+        raise DataError(f"table: {error}") from error
+
+
+def numbers(rows: Sequence[Sequence[str]], width: int, first_line: int) -> NDArray[np.float64]:
+    """Cells as numbers: (rows, width); empty cells, missing ends of lines and NA are NaN, decimal commas points.
+
+    Raises
+    ------
+    DataError
+        For a cell that is no number; ``where`` is line and column.
+    """
+    table = np.full((len(rows), width), np.nan)
+    for index, row in enumerate(rows):
+        for column, cell in enumerate(row[:width]):
+            if cell.lower() in MISSING:
+                continue
+            try:
+                table[index, column] = float(cell.replace(",", "."))
+            except ValueError as error:
+                raise DataError(
+                    f"got {cell!r:.40}, expected a number", where=f"line {first_line + index}, column {column + 1}"
+                ) from error
+    table[~np.isfinite(table)] = np.nan
+    return table
+
+
+def whole(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where one coordinate of a marker is missing, the marker is: (T, M, 3) -> (T, M, 3)."""
+    return np.where(np.isnan(positions).any(axis=-1, keepdims=True), np.nan, positions)
+
+
+def rate_of(times_s: NDArray[np.float64]) -> float | None:
+    """Frames a second of rising times, to five digits; None where they are too few or do not rise."""
+    steps = np.diff(times_s[~np.isnan(times_s)])
+    return float(f"{1.0 / np.median(steps):.5g}") if len(steps) and np.median(steps) > 0 else None

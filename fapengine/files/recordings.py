@@ -1,0 +1,205 @@
+"""Recordings and scans from paths; the format is found from the ending, and the content must agree."""
+
+import mmap
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.capture.arrays import format_npz, parse_npz
+from fapengine.capture.c3d import format_c3d, parse_c3d
+from fapengine.capture.checks import check_track
+from fapengine.capture.conventions import UNITS_MM, understand
+from fapengine.capture.landmarks import Picture, parse_landmarks
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.raw import RawTrack
+from fapengine.capture.table import format_table, parse_table
+from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.geometry.surface import Surface
+
+RECORDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz", ".json", ".jsonl")
+"""Endings of recordings; a folder of meshes is one too."""
+MESHES = (".obj", ".ply", ".glb", ".gltf", ".stl")
+LANDMARK_ENDINGS = (".json", ".jsonl")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recording, and what was noticed about it."""
+
+    markers: MarkerTrack
+    warnings: tuple[str, ...]
+
+
+def load_markers(
+    path: Path,
+    *,
+    units: str | None = None,
+    up: str | None = None,
+    rate_hz: float | None = None,
+    picture: Picture | None = None,
+) -> Recording:
+    """Read a recording.
+
+    Parameters
+    ----------
+    path : Path
+        A file that ends as one of :data:`RECORDINGS`, or a folder of meshes (:data:`MESHES`), one a frame, in the order
+        of the numbers in their names.
+    units, up, rate_hz
+        As :func:`fapengine.capture.conventions.understand`; a folder of meshes needs ``rate_hz``.
+    picture : Picture, optional
+        What a track of face landmarks needs to become millimetres.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or its ending is unknown.
+    DataError
+        If its content is wrong; ``where`` begins with the path.
+    """
+    try:
+        raw = _meshes(path) if path.is_dir() else _parse(path, picture)
+        track, notes = understand(raw, units=units, up=up, rate_hz=rate_hz)
+    except DataError as error:
+        where = f"{path}, {error.where}" if error.where else str(path)
+        raise type(error)(error.message, where=where, clause=error.clause) from error
+    return Recording(track, (*notes, *check_track(track)))
+
+
+def _parse(path: Path, picture: Picture | None) -> RawTrack:
+    ending = path.suffix.lower()
+    if ending == ".c3d":
+        return _mapped_c3d(path)
+    if ending in LANDMARK_ENDINGS or (picture is not None and ending in (".csv", ".tsv")):
+        if picture is None:
+            raise DataError(
+                "landmarks: got no picture size and scale, expected [landmarks] in session.toml: landmarks are shares"
+                " of a picture, not millimetres"
+            )
+        return parse_landmarks(read_bytes(path), picture)
+    parsers = {".trc": parse_trc, ".csv": parse_table, ".tsv": parse_table, ".npz": parse_npz}
+    if ending not in parsers:
+        raise UsageError(f"{path}: got ending {ending!r}, expected one of {', '.join(RECORDINGS)}")
+    return parsers[ending](read_bytes(path))
+
+
+def _mapped_c3d(path: Path) -> RawTrack:
+    """Map the file: analog channels between the points are never read."""
+    try:
+        with path.open("rb") as file:
+            if not path.stat().st_size:
+                return parse_c3d(b"")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+                view = memoryview(mapped)
+                try:
+                    return parse_c3d(view)
+                finally:
+                    view.release()
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def save_markers(path: Path, track: MarkerTrack, *, long: bool = False) -> None:
+    """Write a recording; the ending says how: .c3d, .trc, .csv, .tsv or .npz.
+
+    Raises
+    ------
+    UsageError
+        For another ending.
+    ResourceError
+        If it cannot be written.
+    """
+    ending = path.suffix.lower()
+    if ending in (".csv", ".tsv"):
+        data = format_table(track, long=long, delimiter="\t" if ending == ".tsv" else ",")
+    else:
+        writers = {".c3d": format_c3d, ".trc": format_trc, ".npz": format_npz}
+        if ending not in writers:
+            raise UsageError(f"{path}: got ending {ending!r}, expected .c3d, .trc, .csv, .tsv or .npz")
+        data = writers[ending](track)
+    write_bytes(path, data)
+
+
+def _number(path: Path) -> tuple[int, str]:
+    digits = re.findall(r"\d+", path.stem)
+    return (int(digits[-1]) if digits else -1, path.name)
+
+
+def mesh_files(folder: Path) -> list[Path]:
+    """Meshes of a folder in the order of the last number in their names."""
+    return sorted((path for path in folder.iterdir() if path.suffix.lower() in MESHES), key=_number)
+
+
+def _meshes(folder: Path) -> RawTrack:
+    paths = mesh_files(folder)
+    if not paths:
+        raise DataError(f"mesh sequence: got no mesh, expected some of {', '.join(MESHES)}")
+    frames = [load_mesh(path)[0] for path in paths]
+    counts = [len(frame) for frame in frames]
+    odd = next((n for n, count in enumerate(counts) if count != counts[0]), None)
+    if odd is not None:
+        raise DataError(
+            f"mesh sequence: got {counts[odd]} vertices, expected {counts[0]} as in {paths[0].name}",
+            where=paths[odd].name,
+        )
+    return RawTrack(
+        positions=np.stack(frames),
+        labels=tuple(f"v{index}" for index in range(counts[0])),
+        notes=("every vertex counts as a marker: map some to feature points in session.toml",),
+    )
+
+
+def load_mesh(
+    path: Path,
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float64]], np.ndarray[tuple[int, ...], np.dtype[np.int64]]]:
+    """Vertices (V, 3), as the file has them and in its order, and triangles (F, 3).
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read.
+    DataError
+        If it holds no mesh.
+    ResourceError
+        If trimesh is not installed.
+    """
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ResourceError('meshes are read with trimesh: pip install "fapengine[lab]"') from error
+    read_bytes(path)  # our own error for a file that is not there
+    try:
+        mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
+        if isinstance(mesh, trimesh.Scene):
+            mesh = mesh.to_mesh()
+        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+    except Exception as error:  # whatever the library trips over, the file is at fault
+        raise DataError(f"mesh: cannot be understood ({type(error).__name__}: {error})", where=str(path)) from error
+    if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices) or not np.isfinite(vertices).all():
+        raise DataError(f"mesh: got vertices of shape {vertices.shape}, expected finite (V, 3)", where=str(path))
+    return vertices, triangles
+
+
+def load_surface(path: Path, *, units: str = "mm") -> Surface:
+    """Read a scan.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read or the unit is unknown.
+    DataError
+        If it holds no triangles.
+    ResourceError
+        If trimesh is not installed.
+    """
+    if units not in UNITS_MM:
+        raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
+    vertices, triangles = load_mesh(path)
+    try:
+        return Surface(vertices * UNITS_MM[units], triangles)
+    except UsageError as error:
+        raise DataError(str(error), where=str(path)) from error
