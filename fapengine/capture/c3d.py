@@ -197,7 +197,7 @@ def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) ->
         raise TruncatedError("C3D: ends before its first frame", where="data")
     if claimed < 1:
         return room, (f"no frame count: the {room} frames that the file holds",)
-    held = [claim for claim in claims if claim <= room]
+    held = [claim for claim in claims if 1 <= claim <= room]
     if not held:
         raise TruncatedError(f"C3D: got room for {room} frames, expected {claimed}", where="data")
     return max(held), ()

@@ -69,7 +69,7 @@ def understand(
     positions = _without_sentinels(raw.positions[:, kept], labels, notes)
     positions = positions * _scale(positions, raw.units, units, notes)
     positions = _without_absurd(positions, labels, notes)
-    positions = _turned(positions, up or raw.up)
+    positions = _turned(positions, _axis(up, raw.up, notes))
     try:
         return MarkerTrack(positions_mm=positions, labels=labels, rate_hz=rate), tuple(notes)
     except UsageError as error:
@@ -158,13 +158,21 @@ def _diagonal(positions: Array) -> float | None:
     return float(np.linalg.norm(np.ptp(places, axis=0)))
 
 
-def _turned(positions: Array, up: str | None) -> Array:
-    """Turn so that ``up`` becomes +y, without mirroring."""
-    axis = (up or "+y").lower()
-    axis = axis if axis[:1] in "+-" else f"+{axis}"
-    if axis not in AXES:
+def _axis(up: str | None, stated: str | None, notes: list[str]) -> str:
+    """Spell the axis that points up as one of :data:`AXES`."""
+    axis = (up or stated or "+y").strip().lower()
+    axis = axis if axis[:1] in ("+", "-") else f"+{axis}"
+    if axis in AXES:
+        return axis
+    if up:
         raise UsageError(f"up: got {up!r}, expected one of {', '.join(AXES)}")
-    number, sign = "xyz".index(axis[1]), 1.0 if axis[0] == "+" else -1.0
+    notes.append(f"the file's upward axis {stated!r} is unknown: taken as +y")
+    return "+y"
+
+
+def _turned(positions: Array, up: str) -> Array:
+    """Turn so that ``up`` becomes +y, without mirroring."""
+    number, sign = "xyz".index(up[1]), 1.0 if up[0] == "+" else -1.0
     rotation = np.zeros((3, 3))
     rotation[1, number] = sign
     rotation[0, 1 if number == 0 else 0] = 1.0

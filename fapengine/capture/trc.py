@@ -4,7 +4,7 @@ import numpy as np
 
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.raw import RawTrack
-from fapengine.capture.text import decode_text, numbers, rate_of, split_rows, whole
+from fapengine.capture.text import decode_text, numbers, rate_of, whole
 from fapengine.errors import DataError, TruncatedError
 
 FIRST_COLUMNS = 2
@@ -28,7 +28,7 @@ def parse_trc(data: bytes) -> RawTrack:
         raise TruncatedError(
             f"TRC: got {len(lines)} lines, expected a header of 5 and frames", where=f"line {len(lines)}"
         )
-    rows = split_rows("\n".join(line.replace(" ", "\t") if "\t" not in line else line for line in lines))
+    rows = [[cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in lines]
     fields = dict(zip((key.lower() for key in rows[1]), rows[2], strict=False))
     labels = tuple(name for name in rows[3][FIRST_COLUMNS:] if name)
     if not labels:

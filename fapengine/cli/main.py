@@ -9,7 +9,7 @@ import sys
 import typer
 
 from fapengine import __version__
-from fapengine.cli import animate, decode, doctor, encode, inspect, render, say
+from fapengine.cli import animate, decode, doctor, encode, fit, inspect, render, say
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -20,7 +20,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-VERBS = (say.say, animate.animate, render.render, encode.encode, decode.decode, inspect.inspect, doctor.doctor)
+VERBS = (
+    say.say,
+    animate.animate,
+    render.render,
+    encode.encode,
+    decode.decode,
+    inspect.inspect,
+    fit.fit,
+    doctor.doctor,
+)
 """In the order in which ``--help`` lists them. To add one: its own file, and its function here."""
 
 EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (UsageError, 2), (ResourceError, 3))

@@ -76,6 +76,9 @@ def test_axes_turn_without_mirroring(track, up):
 def test_an_axis_that_is_none_is_refused(track):
     with pytest.raises(UsageError, match=r"up: got 'w', expected one of \+x"):
         understand(raw(track), up="w")
+    found, notes = understand(raw(track, up="q"))
+    assert found.equals(track)
+    assert notes == ("the file's upward axis 'q' is unknown: taken as +y",)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,227 @@
+"""``fapengine fit`` and ``inspect`` of what it wrote, through the command line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.cli.main import app
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.fap import load_fap
+from fapengine.files.profiles import load_profile
+from fapengine.files.recordings import save_markers
+from fapengine.files.sessions import load_session
+from fapengine.mesh.head import build_head
+from fapengine.models.viseme_space import MARKERS
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+
+SKULL = {"LFHD": (55, 90, 70), "RFHD": (-55, 90, 70), "LBHD": (70, 70, -40), "RBHD": (-70, 70, -40)}
+SPOKEN = ["p", "b", "m", "f", "t", "s", "i", "u", "l"]
+TOML = 'subject = "S07"\nhead = ["LFHD", "RFHD", "LBHD", "RBHD"]\nlanguage = "en-GB"\nlicence = "CC0-1.0"\n'
+ENDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz")
+
+
+def run(*arguments: object):
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def textgrid(phones: PhoneTrack) -> str:
+    rows = "".join(f'{p.start_s}\n{p.end_s}\n"{"" if p.is_silence else p.label}"\n' for p in phones.phones)
+    end = phones.duration_s
+    return (
+        f'File type = "ooTextFile"\nObject class = "TextGrid"\n\n0\n{end}\n<exists>\n1\n'
+        f'"IntervalTier"\n"phones"\n0\n{end}\n'
+        f"{len(phones.phones)}\n{rows}"
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A folder as a laboratory has it: takes in five formats, TextGrids beside them, session.toml."""
+    folder = tmp_path_factory.mktemp("lab") / "S07"
+    folder.mkdir()
+    profile, head, rng = load_profile("grid_s1_en"), build_head(), np.random.default_rng(8)
+    columns = [profile.space.points.index(name) for name in MARKERS]
+    neutral = np.stack([head.point_mm(name) for name in MARKERS]).astype(float)
+    for index in range(10):
+        phones, now = [Phone("_", 0.0, 0.4)], 0.4
+        for label in rng.permutation(SPOKEN):
+            length = float(rng.uniform(0.08, 0.18))
+            phones.append(Phone(str(label), now, now + length))
+            now += length
+        track = PhoneTrack((*phones, Phone("_", now, now + 0.4)))
+        times = np.arange(round(track.duration_s * 100)) / 100
+        resolved, _ = resolve(track, profile)
+        keys = place_keyframes(track, resolved, profile.space.mode_count, track.duration_s)
+        moved = neutral + profile.space.to_points_mm(keys.sample(times))[:, columns]
+        points = np.concatenate([moved, np.tile(np.array([*SKULL.values()], float), (len(times), 1, 1))], axis=1)
+        points += rng.normal(0, 0.1, points.shape)
+        points[20:25, 3] = np.nan
+        take = MarkerTrack(positions_mm=points, labels=(*MARKERS, *SKULL), rate_hz=100.0)
+        save_markers(folder / f"take{index:02}{ENDINGS[index % 5]}", take, long=index == 2)
+        (folder / f"take{index:02}.TextGrid").write_text(textgrid(track))
+    (folder / "session.toml").write_text(TOML)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(recorded, tmp_path_factory) -> tuple[Path, dict]:
+    out = tmp_path_factory.mktemp("profiles") / "s07"
+    told = json.loads(run("fit", recorded, "-o", out, "--faps", "--json").stdout)
+    return out, told
+
+
+def test_a_session_becomes_a_profile_with_its_evidence(fitted):
+    out, told = fitted
+    profile = load_profile(out)
+    assert (profile.id, profile.language, profile.licence) == ("s07", "en-GB", "CC0-1.0")
+    assert profile.origin["source"] == "session S07"
+    assert profile.origin["command"] == "fapengine fit S07 -o s07 --seed 1"
+    assert set(told["phones"]) == set(SPOKEN)
+    assert (told["takes"], told["held_out_takes"], told["markers"]) == (10, 2, 14)
+    assert told["lips_mm"] < 1.0
+    assert told["opening_r"] > 0.9
+    assert any("units are not stated" not in text for text in told["warnings"])
+
+
+def test_the_report_holds_every_picture_and_nothing_from_outside(fitted):
+    out, _ = fitted
+    page = (out / "report.html").read_text()
+    assert page.count("<svg") == 9  # markers, gaps, subset, regions, space, components, phones, prediction, via points
+    for heading in (
+        "Gaps",
+        "Which markers matter",
+        "Viseme space",
+        "Phones",
+        "From phones back to motion",
+        "Via points",
+    ):
+        assert f"<h2>{heading}</h2>" in page
+    assert "<script" not in page
+    assert 'src="http' not in page
+
+
+def test_captured_takes_are_written_as_faps(fitted):
+    out, _ = fitted
+    takes = sorted((out / "takes").glob("*.fap"))
+    assert len(takes) == 10
+    assert load_fap(takes[0]).rate_hz == 100.0
+
+
+def test_the_profile_is_inspected_and_speaks(fitted, tmp_path):
+    out, _ = fitted
+    text = run("inspect", out).stdout
+    assert "jaw opening" in text
+    assert "lips" in text
+    told = json.loads(run("inspect", out, "--json").stdout)
+    assert told["id"] == "s07"
+    assert len(told["phones"]) == len(SPOKEN)
+    run("inspect", out, "--plot", tmp_path / "faces.png")
+    assert (tmp_path / "faces.png").stat().st_size > 50_000
+    assert json.loads(run("inspect", "grid_s1_en", "--json").stdout)["format"] == "profile"
+
+
+def test_a_second_fit_is_the_same_and_may_replace_the_first(recorded, fitted, tmp_path):
+    out, _ = fitted
+    again = tmp_path / "s07"
+    for _ in range(2):
+        text = run("fit", recorded, "-o", again, "--no-report", "--subset", "4", "--modes", "5").output
+    assert "4 markers drive the others" in text
+    assert not (again / "report.html").exists()
+    run("fit", recorded, "-o", again)
+    assert (again / "profile.toml").read_bytes() == (out / "profile.toml").read_bytes()
+    assert (again / "report.html").read_bytes() == (out / "report.html").read_bytes()
+
+
+def test_what_is_no_profile_is_not_overwritten(recorded, tmp_path):
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "dear.txt").write_text("x")
+    for target in (tmp_path / "letters", tmp_path / "letters" / "dear.txt"):
+        with pytest.raises(UsageError, match="no profile"):
+            run("fit", recorded, "-o", target)
+
+
+def test_without_matplotlib_nothing_is_written(recorded, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
+    with pytest.raises(ResourceError, match="--no-report"):
+        run("fit", recorded, "-o", tmp_path / "p")
+    assert not (tmp_path / "p").exists()
+
+
+def copy(recorded: Path, folder: Path, toml: str = TOML, keep: int = 2) -> Path:
+    folder.mkdir()
+    for path in sorted(recorded.iterdir())[: 2 * keep + 1]:
+        if path.name != "session.toml":
+            (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "session.toml").write_text(toml)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("toml", "message"),
+    [
+        (TOML + "speed = 3\n", "'speed' is unknown"),
+        (TOML + "[points]\nLFHD = '99.9'\n", "expected a feature point such as 8.2"),
+        (TOML + "[neutral]\ntake = 'take00'\n", "'start_s' is missing"),
+        (
+            TOML + "[[pose]]\nexpression = 'glee'\ntake = 'take00'\nstart_s = 0\nend_s = 1\n",
+            "one of the six expressions",
+        ),
+        (TOML + "[[pose]]\nexpression = 'joy'\ntake = 'none'\nstart_s = 0\nend_s = 1\n", "'none': got no such take"),
+        (TOML + "[fapu_mm]\nes0 = 'wide'\n", "expected a float"),
+        (TOML + "[landmarks]\nwidth_px = 640.0\n", "got no rate_hz"),
+        (TOML + "rate_hz = 25\n[landmarks]\nwidth_px = 640.0\n", "'height_px' is missing"),
+        (TOML + "rate_hz = 25\n[landmarks]\nwidth_px = 0\nheight_px = 1\neye_corners_mm = 90\n", "width_px: got 0"),
+        ("head = [3]\n", "expected strings"),
+        ("head = \n", "is not TOML"),
+        (TOML + "[[scan]]\nfile = 'none.ply'\nlandmarks = {}\n", "none.ply: cannot be read"),
+        (TOML + "points = 3\n", "expected a dict"),
+        (TOML + "[[pose]]\n[[pose]]\n", "'expression' is missing"),
+    ],
+)
+def test_session_toml_is_read_strictly(recorded, tmp_path, toml, message):
+    folder = copy(recorded, tmp_path / "S", toml)
+    with pytest.raises((DataError, UsageError), match=message):
+        run("fit", folder, "-o", tmp_path / "p")
+
+
+def test_folders_that_are_no_session(tmp_path):
+    with pytest.raises(UsageError, match="got no folder"):
+        load_session(tmp_path / "none")
+    with pytest.raises(UsageError, match="got no recording"):
+        load_session(tmp_path)
+
+
+def test_a_take_with_other_markers_is_named(recorded, tmp_path):
+    folder = copy(recorded, tmp_path / "S")
+    odd = MarkerTrack(positions_mm=np.ones((200, 3, 3)) * [[[1], [40], [90]]], labels=("a", "b", "c"), rate_hz=100.0)
+    save_markers(folder / "zz.c3d", odd)
+    with pytest.raises(DataError, match="take zz"):
+        load_session(folder)
+
+
+def test_phones_behind_the_recording_are_told(recorded, tmp_path):
+    folder = copy(recorded, tmp_path / "S")
+    long = PhoneTrack((Phone("_", 0.0, 0.4), Phone("a", 0.4, 50.0), Phone("p", 50.0, 51.0)))
+    (folder / "take00.TextGrid").write_text(textgrid(long))
+    loaded = load_session(folder)
+    assert any("2 phones end behind the recording" in text for text in loaded.warnings)
+
+
+def test_scans_in_their_folder_are_no_takes(recorded, tmp_path):
+    folder = copy(
+        recorded, tmp_path / "S", TOML + "[[scan]]\nfile = 'scans/a.obj'\nlandmarks = { '8.1' = [0, 1, 2] }\n"
+    )
+    (folder / "scans").mkdir()
+    (folder / "scans" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    loaded = load_session(folder)
+    assert len(loaded.session.takes) == 2
+    assert loaded.setup.scans[0].landmarks == {"8.1": (0.0, 1.0, 2.0)}
