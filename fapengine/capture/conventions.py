@@ -26,6 +26,7 @@ FACE_MM = (40.0, 700.0)
 """Diagonal of the box around a face's markers, from lips alone to a whole head."""
 UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
 POINT_NAME = re.compile(r"^(?:fdp|fp|p)?[ _-]?(\d{1,2})[._-](\d{1,2})$", re.IGNORECASE)
+FRAMES_FOR_SIZE = 500
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 LEAST_ZEROS = 3
 """So many zeros in one marker are "not seen"; fewer may be its place."""
@@ -66,8 +67,10 @@ def understand(
     if rate is None:
         raise DataError("recording: got no rate and no rising times, expected frames a second")
     labels, kept = _names(raw.labels, notes)
-    positions = _without_sentinels(raw.positions[:, kept], labels, notes)
-    positions = positions * _scale(positions, raw.units, units, notes)
+    positions = raw.positions if len(kept) == len(raw.labels) else raw.positions[:, kept]
+    positions = _without_sentinels(positions, labels, notes)
+    scale = _scale(positions, raw.units, units, notes)
+    positions = positions if scale == 1.0 else positions * scale
     positions = _without_absurd(positions, labels, notes)
     positions = _turned(positions, _axis(up, raw.up, notes))
     try:
@@ -95,23 +98,25 @@ def _names(given: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], lis
 
 def _without_sentinels(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
     """Zeros and numbers that stand for "not seen" become gaps."""
-    positions = positions.copy()
-    for value in SENTINELS:
+    large = np.abs(positions) >= min(map(abs, SENTINELS))
+    for value in SENTINELS if large.any() else ():
         hits = np.any(positions == value, axis=-1)
         if hits.any():
             notes.append(f"{hits.sum()} places of {value:g} are taken as not seen ({_most(hits, labels)})")
-            positions[hits] = np.nan
-    zeros = np.all(positions == 0.0, axis=-1)
+            positions = np.where(hits[..., None], np.nan, positions)
+    x, y, z = np.moveaxis(positions == 0.0, -1, 0)
+    zeros = x & y & z
     zeros = zeros & (zeros.sum(axis=0) >= min(LEAST_ZEROS, len(positions)))
     if zeros.any():
         notes.append(f"{zeros.sum()} places at the origin are taken as not seen ({_most(zeros, labels)})")
-        positions[zeros] = np.nan
+        positions = np.where(zeros[..., None], np.nan, positions)
     return positions
 
 
 def _without_absurd(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
-    far = np.any(np.abs(np.nan_to_num(positions)) > ABSURD, axis=-1)
-    if far.any():
+    beyond = np.abs(positions) > ABSURD
+    if beyond.any():
+        far = np.any(beyond, axis=-1)
         notes.append(f"{far.sum()} places farther than a kilometre are taken as not seen ({_most(far, labels)})")
         positions = np.where(far[..., None], np.nan, positions)
     return positions
@@ -150,7 +155,8 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
 
 
 def _diagonal(positions: Array) -> float | None:
-    """Of the box around the median places; None where fewer than three markers are seen."""
+    """Of the box around the median places of some frames; None where fewer than three markers are seen there."""
+    positions = positions[:: max(1, len(positions) // FRAMES_FOR_SIZE)]
     seen = ~np.isnan(positions[..., 0]).all(axis=0)
     if seen.sum() < 3:
         return None
@@ -173,6 +179,8 @@ def _axis(up: str | None, stated: str | None, notes: list[str]) -> str:
 def _turned(positions: Array, up: str) -> Array:
     """Turn so that ``up`` becomes +y, without mirroring."""
     number, sign = "xyz".index(up[1]), 1.0 if up[0] == "+" else -1.0
+    if up == "+y":
+        return positions
     rotation = np.zeros((3, 3))
     rotation[1, number] = sign
     rotation[0, 1 if number == 0 else 0] = 1.0

@@ -66,9 +66,11 @@ class GapModel:
     def fill(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
         """(T, M, 3): the frames with their gaps filled; what was seen comes back bit by bit."""
         data, mask = _checked(frames_mm, seen)
-        filled = self.rebuild(self._scores(data, mask))
-        np.copyto(filled, data, where=mask[..., None])
-        return filled
+        gaps = ~mask.all(axis=0)  # only these markers need to be rebuilt
+        flat = self.modes_mm[:, gaps].reshape(len(self.modes_mm), -1)
+        rebuilt = (self._scores(data, mask) @ flat).reshape(len(data), -1, 3) + self.mean_mm[gaps]
+        data[:, gaps] = np.where(mask[:, gaps, None], data[:, gaps], rebuilt)
+        return data
 
     def _scores(self, data: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
         state, z = _state(self), np.empty((len(data), len(self.modes_mm)))
