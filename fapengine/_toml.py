@@ -1,5 +1,6 @@
-"""Strict reading of TOML: a missing, unknown or wrongly typed key is an error that names it."""
+"""Strict reading of TOML, and its strings: a missing, unknown or wrongly typed key is an error that names it."""
 
+import json
 import tomllib
 from collections.abc import Iterator
 from typing import Any
@@ -31,6 +32,11 @@ def parse_toml(data: bytes, name: str, error: type[DataError] = DataError) -> "T
         return TomlTable(tomllib.loads(data.decode()), f"{name}, ", error)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
         raise error(f"is not TOML: {trouble}", where=name) from trouble
+
+
+def quoted(text: str) -> str:
+    """Spell a TOML basic string; JSON's escapes are among TOML's, DEL alone must be added."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 class TomlTable:

@@ -6,7 +6,6 @@ any other.
 
 import hashlib
 import io
-import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
-from fapengine._toml import TomlTable, parse_toml
+from fapengine._toml import TomlTable, parse_toml, quoted
 from fapengine.errors import ProfileError, UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
@@ -92,30 +91,30 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
     arrays = buffer.getvalue()
     lines = [
         f"schema = {SCHEMA}",
-        *(f"{key} = {_quoted(getattr(profile, key))}" for key in ("id", "language", "licence")),
+        *(f"{key} = {quoted(getattr(profile, key))}" for key in ("id", "language", "licence")),
         "",
         "[origin]",
-        *(f"{key} = {_quoted(text)}" for key, text in profile.origin.items()),
+        *(f"{key} = {quoted(text)}" for key, text in profile.origin.items()),
         "",
         "[fapu_mm]",
         *(f"{name} = {getattr(profile.fapu, f'{name}_mm'):.3f}" for name in FAPU_NAMES),
         "",
         "[modes]",
-        f"file = {_quoted(ARRAYS_NAME)}",
-        f"sha256 = {_quoted(hashlib.sha256(arrays).hexdigest())}",
+        f"file = {quoted(ARRAYS_NAME)}",
+        f"sha256 = {quoted(hashlib.sha256(arrays).hexdigest())}",
         f"count = {profile.space.mode_count}",
         f"markers = {profile.space.marker_count}",
-        f"points = [{', '.join(map(_quoted, profile.space.points))}]",
+        f"points = [{', '.join(map(quoted, profile.space.points))}]",
     ]
     for name, phone in profile.phones.items():
         lines += [
             "",
             "[[phone]]",
-            f"ipa = {_quoted(name)}",
+            f"ipa = {quoted(name)}",
             f"fractions = {list(phone.fractions)}",
             f"targets = [{', '.join(map(_row, phone.targets))}]",
-            f"contact = {_quoted(phone.contact)}",
-            f"origin = {_quoted(phone.origin)}",
+            f"contact = {quoted(phone.contact)}",
+            f"origin = {quoted(phone.origin)}",
         ]
     for expression, face in profile.expressions.items():
         values = {row.name: round(float(face.fap[fap.column(row.number)]), 1) for row in fap.FAPS}
@@ -123,7 +122,7 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
         lines += [
             "",
             "[[expression]]",
-            f"name = {_quoted(expression.name.lower())}",
+            f"name = {quoted(expression.name.lower())}",
             f"target = {_row(face.target)}",
             f"fap = {{ {faps} }}",
         ]
@@ -132,11 +131,6 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
 
 def _row(values: NDArray[np.float64]) -> str:
     return f"[{', '.join(f'{value:.3f}' for value in values)}]"
-
-
-def _quoted(text: str) -> str:
-    """Spell a TOML basic string; JSON's escapes are among TOML's, DEL alone must be added."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def parse_profile(files: Mapping[str, bytes]) -> Profile:

@@ -17,6 +17,7 @@ def animate(
     tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: the tier that holds the phones.")] = None,
     expression: shared.Expressions = [],  # noqa: B006  typer copies it
     profile: shared.ProfileName = "grid_s1_en",
+    head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
@@ -32,7 +33,7 @@ def animate(
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
-    options = Options(output, tuple(expression), profile, camera, size, fps, articulation, seed)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, articulation, seed)
     check(options)
     report = Report()
     with report.stage("read"):

@@ -9,7 +9,7 @@ import sys
 import typer
 
 from fapengine import __version__
-from fapengine.cli import animate, decode, doctor, encode, fit, inspect, render, say
+from fapengine.cli import animate, decode, doctor, encode, fit, head, inspect, render, say
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -50,6 +50,7 @@ def _options(
 
 for _verb in VERBS:
     app.command()(_verb)
+app.add_typer(head.head, name="head")
 
 
 def main() -> None:

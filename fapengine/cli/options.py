@@ -13,6 +13,7 @@ Expressions = Annotated[
     ),
 ]
 ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
+HeadName = Annotated[str, typer.Option("--head", help="Whose face: default, or a folder of `fapengine head import`.")]
 CameraName = Annotated[str, typer.Option("--camera", help="front, three-quarter, profile or mouth.")]
 Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
 Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]

@@ -15,6 +15,7 @@ def render(
     ] = Path("out/render.mp4"),
     audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video, from its start.")] = None,
     at: Annotated[float, typer.Option("--at", help="With .png: which second to draw.")] = 0.0,
+    head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     size: shared.Size = "512x512",
 ) -> None:
@@ -29,11 +30,11 @@ def render(
     from fapengine.errors import UsageError
     from fapengine.files.fap import load_fap
     from fapengine.files.fba import load_fba
+    from fapengine.files.heads import load_head
     from fapengine.files.paths import read_bytes
     from fapengine.files.pictures import save_png
     from fapengine.files.sound import load_sound
     from fapengine.files.video import CODECS, write_video
-    from fapengine.mesh.head import build_head
     from fapengine.render.camera import preset
     from fapengine.render.renderer import FaceRenderer
 
@@ -42,7 +43,7 @@ def render(
     is_stream = read_bytes(track)[:3] == b"\x00\x00\x01"
     faps = fill_track(load_fba(track)) if is_stream else load_fap(track)
     sound = load_sound(audio) if audio else None
-    with FaceRenderer(build_head(), size=parse_size(size), camera=preset(camera)) as renderer:
+    with FaceRenderer(load_head(head), size=parse_size(size), camera=preset(camera)) as renderer:
         if output.suffix == ".png":
             if not 0 <= at <= faps.times_s[-1] - faps.times_s[0]:
                 raise UsageError(f"--at: got {at} s, the track lasts {faps.times_s[-1] - faps.times_s[0]:.2f} s")

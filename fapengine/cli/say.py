@@ -15,6 +15,7 @@ def say(
     voice: Annotated[str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.")] = "en-us",
     rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.")] = 160,
     profile: shared.ProfileName = "grid_s1_en",
+    head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
@@ -33,7 +34,7 @@ def say(
     from fapengine.cli.talk import Options, Report, check, print_report, talk
     from fapengine.voices.espeak import EspeakVoice
 
-    options = Options(output, tuple(expression), profile, camera, size, fps, articulation, seed)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, articulation, seed)
     check(options)
     report = Report()
     spoken = sys.stdin.read() if text == "-" else text

@@ -13,11 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fapengine.errors import UsageError
 from fapengine.files.fap import save_fap
+from fapengine.files.heads import DEFAULT_HEAD, load_head
 from fapengine.files.pictures import Picture, contact_sheet, save_png
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import save_wav
 from fapengine.files.video import CODECS, write_video
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
@@ -42,6 +42,7 @@ class Options:
     out: Path = DEFAULT_OUT
     expressions: tuple[str, ...] = ()
     profile: str = DEFAULT_PROFILE
+    head: str = DEFAULT_HEAD
     camera: str = "front"
     size: str = "512x512"
     rate_hz: float = 30.0
@@ -191,7 +192,7 @@ def _render(
     shown = _shown_phones(phones, track)
     kept: dict[int, Picture] = {}
     with report.stage("head"):
-        mesh = build_head()
+        mesh = load_head(options.head)
     with report.stage("upload"):
         renderer = FaceRenderer(mesh, size=parse_size(options.size), camera=preset(options.camera))
     with renderer, progress("drawing", len(track)) as advance:

@@ -4,8 +4,10 @@ import mmap
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.capture.arrays import format_npz, parse_npz
 from fapengine.capture.c3d import format_c3d, parse_c3d
@@ -153,10 +155,8 @@ def _meshes(folder: Path) -> RawTrack:
     )
 
 
-def load_mesh(
-    path: Path,
-) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.float64]], np.ndarray[tuple[int, ...], np.dtype[np.int64]]]:
-    """Vertices (V, 3), as the file has them and in its order, and triangles (F, 3).
+def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
+    """Vertices (V, 3), as the file has them and in its order, triangles (F, 3), and trimesh's visuals.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def load_mesh(
         raise DataError(f"mesh: cannot be understood ({type(error).__name__}: {error})", where=str(path)) from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices) or not np.isfinite(vertices).all():
         raise DataError(f"mesh: got vertices of shape {vertices.shape}, expected finite (V, 3)", where=str(path))
-    return vertices, triangles
+    return vertices, triangles, mesh.visual
 
 
 def load_surface(path: Path, *, units: str = "mm") -> Surface:
@@ -198,7 +198,7 @@ def load_surface(path: Path, *, units: str = "mm") -> Surface:
     """
     if units not in UNITS_MM:
         raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
-    vertices, triangles = load_mesh(path)
+    vertices, triangles, _ = load_mesh(path)
     try:
         return Surface(vertices * UNITS_MM[units], triangles)
     except UsageError as error:

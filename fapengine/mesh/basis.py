@@ -34,7 +34,7 @@ LOWER_LID_KNOTS = (0.0, 200.0, 400.0, 600.0)
 WIDE_KNOTS = (0.0, -300.0, -600.0)
 
 
-class _Collector:
+class Collector:
     """Stateful: gathers channels and their displacements."""
 
     def __init__(self, vertex_count: int) -> None:
@@ -50,6 +50,7 @@ class _Collector:
         self._entries.append((vertices[kept], self._channels.index(channel), displacement_mm[kept]))
 
     def basis(self) -> DeformationBasis:
+        """Sort what was added by vertex."""
         vertices = np.concatenate([entry[0] for entry in self._entries])
         channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
         moves = np.concatenate([entry[2] for entry in self._entries])
@@ -67,7 +68,7 @@ def build_basis(
     points: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
 ) -> tuple[Array, DeformationBasis]:
     """Weight of the jaw bone on every vertex that is not all bone already, (V,), and the basis."""
-    collector = _Collector(len(points))
+    collector = Collector(len(points))
     skin = np.unique(
         np.concatenate(
             [head.grid.ravel(), head.mouth.indices[head.mouth.level >= 1].ravel()]
@@ -177,9 +178,7 @@ def _brows(points: Array, skin: Indices, feature_points: dict[str, int], linear:
         linear(37 + side, skin, (weights[0] + 0.5 * weights[1]) * vertical)
 
 
-def _lids(
-    points: Array, eye: Eye, side: int, feature_points: dict[str, int], fapu: Fapu, collector: _Collector
-) -> None:
+def _lids(points: Array, eye: Eye, side: int, feature_points: dict[str, int], fapu: Fapu, collector: Collector) -> None:
     rings = eye.lids
     neutral = points[rings.indices]
     margin = rings.indices[np.flatnonzero(rings.level == 1.0)[0]]
@@ -206,7 +205,7 @@ def _lids(
 
 
 def _tongue(
-    points: Array, head: HeadParts, feature_points: dict[str, int], linear: Linear, collector: _Collector
+    points: Array, head: HeadParts, feature_points: dict[str, int], linear: Linear, collector: Collector
 ) -> None:
     vertices = head.tongue
     tip = points[feature_points["6.1"]]

@@ -18,12 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay, cKDTree
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError, UsageError
+from fapengine.geometry.continuation import continue_smoothly
 from fapengine.geometry.surface import Surface, vertex_normals
 
 NEAR_FACETS = 12
@@ -192,40 +191,6 @@ def remesh(
     if met.sum() < 0.1 * max(binding.bound.sum(), 1):
         raise DataError(f"scan: got {met.sum()} of {binding.bound.sum()} vertices on it, expected most")
     return reference.vertices_mm + continue_smoothly(places - reference.vertices_mm, met, reference.triangles), met
-
-
-def continue_smoothly(
-    displacements_mm: ArrayLike, known: ArrayLike, triangles: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Continue (V, 3) displacements from known vertices over a mesh, with least bending (graph bilaplacian).
-
-    A part of the mesh without a known vertex takes the mean displacement.
-
-    Raises
-    ------
-    UsageError
-        If nothing is known.
-    """
-    given = frozen(displacements_mm, "displacements_mm", ("V", 3), np.float64)
-    mask = np.asarray(known, dtype=bool)
-    if not mask.any():
-        raise UsageError("known: got no vertex, expected at least one")
-    if mask.all():
-        return given.copy()
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    both = np.concatenate([edges, edges[:, ::-1]])
-    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(given), len(given)))
-    links.data[:] = 1.0
-    degree: NDArray[np.float64] = np.asarray(links.sum(axis=1)).ravel()
-    laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
-    # A trace of pull to the mean keeps parts without a known vertex solvable.
-    mean = given[mask].mean(axis=0)
-    free = np.flatnonzero(~mask)
-    energy = (laplacian.T @ laplacian + 1e-9 * diags_array(np.ones(len(given)))).tocsr()
-    right = -(energy[free] @ np.where(mask[:, None], given - mean, 0.0))
-    result = given.copy()
-    result[free] = mean + splu(energy[free][:, free].tocsc()).solve(np.ascontiguousarray(right))
-    return result
 
 
 def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | None = None) -> DenseModes:

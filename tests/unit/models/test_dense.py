@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
+from fapengine.geometry.continuation import continue_smoothly
 from fapengine.geometry.surface import Surface
-from fapengine.models.dense import bind, continue_smoothly, fit_dense_modes, remesh, sparse_facets
+from fapengine.models.dense import bind, fit_dense_modes, remesh, sparse_facets
 
 INNER = np.arange(41 * 41).reshape(41, 41)[2:-2:3, 2:-2:3].ravel()
 """Every third vertex of the mask each way is a marker."""

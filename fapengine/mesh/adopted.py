@@ -1,0 +1,425 @@
+"""Anybody's mesh as a head: a neutral surface and its feature points, moved by every FAP whose point is known.
+
+Theory of operation
+-------------------
+The mesh is laid onto the standard's face by its feature points (turn, shift, scale), so units and axes of the file do
+not matter, and cameras and shading fit. Vertices at one place count as one. The connected part that bears the lips is
+the skin, parts around the pupils are eyeballs, other parts below the mouth line inside of the head go with the jaw.
+
+On the skin each feature point has a field that is 1 there, 0 at every other point and far away, and bends least
+between (bilaplacian of the mesh). A slit mouth or lid stops it, because the mesh does. So each FAP moves its own point
+by exactly its step and no other point at all. Lids turn about the eyeball in piecewise-linear steps; the jaw is a bone
+whose weight is continued the same way from chin to lips.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay, cKDTree
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.continuation import continue_smoothly
+from fapengine.geometry.rigid import fit_rigid
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh import colours
+from fapengine.mesh.basis import Collector
+from fapengine.mesh.face_mesh import Bone, Channel, FaceMesh, Material
+from fapengine.mesh.patch import bake_occlusion, smooth_over_mesh, vertex_normals
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+NEEDED = ("8.1", "8.2", "8.3", "8.4", "2.1")
+LEAST_POINTS = 8
+MIRROR_RATIO = 0.6
+MERGED_MM, SAME_SIDE = 1e-3, 0.3
+"""Vertices nearer than this are one if the cosine between their normals exceeds the second number."""
+SMALLEST_SIZE = 1e-9
+REACH_MM = 34.0
+"""Skin farther than this from every feature point stands still."""
+SMALLEST = 0.004
+"""Field values below this move nothing that can be seen."""
+LIPS = (*(f"2.{n}" for n in range(2, 10)), *(f"8.{n}" for n in range(1, 9)))
+LIP_OUTLINE = ("8.3", "8.5", "8.1", "8.6", "8.4", "8.8", "8.2", "8.7")
+CHIN = ("2.1", "2.10", "2.11", "2.12")
+LIDS = {19: ("3.1", "3.5"), 20: ("3.2", "3.6"), 21: ("3.3", "3.5"), 22: ("3.4", "3.6")}
+LID_KNOTS = {19: (-400.0, 0.0, 200.0, 400.0, 600.0, 800.0, 1000.0, 1100.0), 21: (-400.0, 0.0, 300.0, 600.0)}
+CORNERS = {"3.5": ("3.7", "3.11"), "3.6": ("3.8", "3.12")}
+EYE_DEPTH_MM = 11.0
+"""From the middle of the eye's corners back to the ball's centre."""
+SHELL = 1.2
+"""Parts wholly within so many radii of an eyeball (cornea, tear film, the ball itself) are eye too."""
+BONE_FAPS = (3, 14, 15, 23, 24, 25, 26, 27, 28, 48, 49, 50)
+NECK_MM = (45.0, 75.0)
+"""Below the chin: where the head's motion begins to fade, and over which length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adopted:
+    """A head made of somebody's mesh."""
+
+    mesh: FaceMesh
+    moved: tuple[int, ...]
+    """FAPs that move it."""
+    missing: tuple[int, ...]
+    """Low-level FAPs that do not, because their point is unknown."""
+    scale: float
+    """Millimetres of the standard's face for one unit of the file."""
+    notes: tuple[str, ...]
+
+
+def adopt(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    points: Mapping[str, int],
+    standard: FaceMesh,
+    albedo: ArrayLike | None = None,
+) -> Adopted:
+    """Make a head of a neutral mesh.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like
+        In any unit and axes.
+    triangles : (F, 3) array_like of int
+        Counter-clockwise from outside.
+    points : mapping of str to int
+        Vertex of each feature point that is known.
+    standard : FaceMesh
+        Gives scale, axes and what a face without that point has.
+    albedo : (V, 3) array_like, optional
+        Linear RGB, 0..1; without it the skin is painted.
+
+    Raises
+    ------
+    DataError
+        If too few points are known, two are one vertex, one is no vertex, or left and right are exchanged.
+    """
+    given = frozen(vertices, "vertices", ("V", 3), np.float64)
+    faces = frozen(triangles, "triangles", ("F", 3), np.int64)
+    _check(points, len(given), faces)
+    used, numbered = np.unique(faces, return_inverse=True)  # renderers know vertices of triangles only
+    faces = numbered.reshape(-1, 3).astype(np.int64)
+    points = {name: int(np.searchsorted(used, index)) for name, index in points.items()}
+    painted = None if albedo is None else frozen(albedo, "albedo", (len(given), 3), np.float64)[used]
+    given = given[used]
+    placed, scale = _place(given, points, standard)
+    at = {name: placed[index] for name, index in points.items()}
+    node, part = _parts(placed, faces)
+    notes: list[str] = []
+    fapu = _fapu(at, standard, notes)
+    skin = np.flatnonzero(part == part[points["8.1"]])
+    eyes = _eyes(placed, part, points, at, skin)
+    on_skin = {name: index for name, index in points.items() if part[index] == part[points["8.1"]]}
+    fields = _fields(placed, faces, node, skin, on_skin)
+    collector = Collector(len(given))
+    moved = _move_points(collector, skin, fields, fapu)
+    moved += _move_lids(collector, placed, skin, fields, at, eyes, fapu)
+    moved += _move_tongue(collector, placed, part, points, at, fapu)
+    bone, weight = _bones(placed, part, points, skin, on_skin, at, eyes, faces, node)
+    reached = set(moved) | {number for number in BONE_FAPS if number not in _boneless(eyes)}
+    low = [row.number for row in fap.FAPS if row.number > 2]
+    normals = _normals(placed, faces, node)
+    occlusion = np.clip(smooth_over_mesh(bake_occlusion(placed, normals), faces, 2), 0.0, 1.0)
+    centres = [
+        eyes[name][1] if name in eyes else standard.eye_pivots_mm[index] for index, name in enumerate(("3.5", "3.6"))
+    ]
+    mesh = FaceMesh(
+        vertices_mm=placed.astype(np.float32),
+        normals=normals.astype(np.float32),
+        uv=_uv(placed, eyes),
+        albedo=_paint(placed, painted, at, skin),
+        material=_materials(placed, eyes),
+        occlusion=occlusion.astype(np.float32),
+        bone=bone,
+        bone_weight=weight.astype(np.float32),
+        head_weight=smoothstep((placed[:, 1] - at["2.1"][1] + sum(NECK_MM)) / NECK_MM[1]).astype(np.float32),
+        triangles=faces.astype(np.int32),
+        feature_points=dict(points),
+        jaw_pivot_mm=standard.jaw_pivot_mm,
+        head_pivot_mm=at.get("7.1", standard.head_pivot_mm),
+        eye_pivots_mm=np.stack(centres),
+        fapu=fapu,
+        basis=collector.basis(),
+    )
+    missing = tuple(number for number in low if number not in reached)
+    return Adopted(mesh, tuple(sorted(reached)), missing, scale, tuple(notes))
+
+
+def _check(points: Mapping[str, int], count: int, faces: Indices) -> None:
+    lacking = [name for name in NEEDED if name not in points]
+    if lacking or len(points) < LEAST_POINTS:
+        raise DataError(
+            f"feature points: got {len(points)} ({', '.join(sorted(points))}), expected at least {LEAST_POINTS} with"
+            f" {', '.join(NEEDED)} among them"
+        )
+    if not len(faces) or faces.min() < 0 or faces.max() >= count:
+        raise DataError(f"triangles: got {len(faces)}, expected vertices 0..{count - 1} in at least one")
+    for name, index in points.items():
+        if not 0 <= index < count or not (faces == index).any():
+            raise DataError(f"feature point {name}: got vertex {index}, expected one of a triangle, 0..{count - 1}")
+        other = next((one for one, same in points.items() if same == index and one != name), None)
+        if other is not None:
+            raise DataError(f"feature points {name} and {other}: got one vertex for both, {index}")
+
+
+def _place(given: Array, points: Mapping[str, int], standard: FaceMesh) -> tuple[Array, float]:
+    """Lay the mesh onto the standard's face."""
+    common = [name for name in points if name in standard.feature_points]
+    ours = given[[points[name] for name in common]]
+    theirs = np.stack([standard.point_mm(name) for name in common]).astype(np.float64)
+    centre, goal = ours.mean(axis=0), theirs.mean(axis=0)
+    ours, theirs = ours - centre, theirs - goal
+    size = float(np.sqrt((ours**2).sum()))
+    if not size > SMALLEST_SIZE:
+        raise DataError(f"feature points: got all within {size:.3g} units, expected a face")
+    scale = float(np.sqrt((theirs**2).sum())) / size
+
+    def fit(one: Array) -> tuple[Array, float]:
+        try:
+            motion = fit_rigid(scale * one, theirs)
+        except UsageError as error:
+            raise DataError(f"feature points: {error}") from error
+        return motion.rotation, float(np.linalg.norm(motion.apply(scale * one) - theirs))
+
+    rotation, off = fit(ours)
+    if fit(ours * [-1.0, 1.0, 1.0])[1] < MIRROR_RATIO * off:
+        raise DataError("feature points: left and right are exchanged (left is the subject's)")
+    return scale * (given - centre) @ rotation.T + goal, scale
+
+
+def _parts(placed: Array, faces: Indices) -> tuple[Indices, Indices]:
+    """For each vertex the number of its place, and of the connected part that it belongs to.
+
+    Copies along a seam are one place; lips or lids that touch are not, because they face each other.
+    """
+    _, first, spot = np.unique(
+        np.round(placed / MERGED_MM).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    normals = vertex_normals(placed, faces)
+    apart = (normals * normals[first[spot.ravel()]]).sum(axis=1) < SAME_SIDE
+    node = np.unique(2 * spot.ravel() + apart, return_inverse=True)[1].ravel()
+    corners = node[faces]
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
+    count = int(node.max()) + 1
+    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    return node, connected_components(links, directed=False)[1][node].astype(np.int64)
+
+
+def _fapu(at: Mapping[str, Array], standard: FaceMesh, notes: list[str]) -> Fapu:
+    try:
+        return Fapu.measure(at)
+    except UsageError as error:
+        notes.append(f"FAPU: {error}; the standard face's, with this mouth's width")
+        own = standard.fapu
+        return Fapu(
+            irisd0_mm=own.irisd0_mm, es0_mm=own.es0_mm, ens0_mm=own.ens0_mm, mns0_mm=own.mns0_mm,
+            mw0_mm=float(at["8.3"][0] - at["8.4"][0]),
+        )  # fmt: skip
+
+
+Eyes = dict[str, tuple[Indices, Array]]
+"""By pupil: the ball's vertices, possibly none, and its centre."""
+
+
+def _eyes(placed: Array, part: Indices, points: Mapping[str, int], at: Mapping[str, Array], skin: Indices) -> Eyes:
+    eyes: Eyes = {}
+    for pupil, corners in CORNERS.items():
+        known = [at[name] for name in corners if name in at]
+        if pupil in points and part[points[pupil]] != part[skin[0]]:
+            ball = np.flatnonzero(part == part[points[pupil]])
+            centre = _sphere_centre(placed[ball])
+        elif len(known) == 2:
+            ball, centre = np.zeros(0, np.int64), np.mean(known, axis=0) - [0.0, 0.0, EYE_DEPTH_MM]
+        else:
+            continue
+        radius = np.linalg.norm(placed[ball] - centre, axis=1).max() if len(ball) else 1.5 * EYE_DEPTH_MM
+        near = np.linalg.norm(placed - centre, axis=1) < SHELL * radius
+        shells = [one for one in np.unique(part[near]) if one != part[skin[0]] and near[part == one].all()]
+        eyes[pupil] = (np.union1d(ball, np.flatnonzero(np.isin(part, shells))).astype(np.int64), centre)
+    return eyes
+
+
+def _sphere_centre(ball: Array) -> Array:
+    """Fit a sphere: |p|^2 = 2 c.p + k, linear in centre and k; a cap of the ball is enough."""
+    middle = ball.mean(axis=0)
+    arm = ball - middle
+    found, *_ = np.linalg.lstsq(np.column_stack([2 * arm, np.ones(len(arm))]), (arm**2).sum(axis=1), rcond=None)
+    centre: Array = middle + found[:3]
+    return centre
+
+
+Fields = dict[str, Array]
+"""By feature point: (skin vertices,) its share of the point's motion."""
+
+
+def _fields(placed: Array, faces: Indices, node: Indices, skin: Indices, on_skin: Mapping[str, int]) -> Fields:
+    shares = _continued(placed, faces, node, skin, on_skin, np.eye(len(on_skin)))
+    shares[np.abs(shares) < SMALLEST] = 0.0
+    return dict(zip(on_skin, shares.T, strict=True))
+
+
+def _continued(
+    placed: Array, faces: Indices, node: Indices, skin: Indices, on_skin: Mapping[str, int], values: Array
+) -> Array:
+    """Continue values of the feature points, (P, C), over the skin; far from all of them they are 0."""
+    nodes = np.unique(node[skin])
+    local = np.full(node.max() + 1, -1)
+    local[nodes] = np.arange(len(nodes))
+    place = np.zeros((len(nodes), 3))
+    place[local[node[skin]]] = placed[skin]
+    corners = local[node[faces]]
+    known = np.asarray(cKDTree(placed[list(on_skin.values())]).query(place)[0] > REACH_MM)
+    anchors = local[node[list(on_skin.values())]]
+    known[anchors] = True
+    given = np.zeros((len(nodes), values.shape[1]))
+    given[anchors] = values
+    whole = continue_smoothly(given, known, corners[(corners >= 0).all(axis=1)])
+    return whole[local[node[skin]]]
+
+
+def _move_points(collector: Collector, skin: Indices, fields: Fields, fapu: Fapu) -> list[int]:
+    """Add the FAPs that shift a point of the skin along an axis."""
+    moved = []
+    for row in fap.FAPS:
+        axis = fap.HEAD_AXES.get(row.positive)
+        if axis is None or row.number in LIDS or row.number in BONE_FAPS or row.unit is fap.FapUnit.AU:
+            continue
+        if row.point in fields:
+            step = fapu.unit(row.unit) * np.array(axis)
+            collector.add(Channel(row.number, -np.inf, np.inf), skin, fields[row.point][:, None] * step)
+            moved.append(row.number)
+    return moved
+
+
+def _move_lids(
+    collector: Collector, placed: Array, skin: Indices, fields: Fields, at: Mapping[str, Array], eyes: Eyes, fapu: Fapu
+) -> list[int]:
+    """Turn lids about their eyeball, by as much as lowers (lifts) the margin's middle by each knot."""
+    moved = []
+    step = fapu.unit(fap.FapUnit.IRISD)
+    for number, (point, pupil) in LIDS.items():
+        if point not in fields or pupil not in eyes:
+            continue
+        centre = eyes[pupil][1]
+        arm = placed[skin] - centre
+        share = np.clip(fields[point], 0.0, 1.0)
+        down = 1.0 if number in (19, 20) else -1.0
+        y, z = at[point][1:] - centre[1:]
+        knots = LID_KNOTS[19 if number in (19, 20) else 21]
+        poses = []
+        for value in knots:
+            wanted = np.clip((y - down * value * step) / np.hypot(y, z), -1.0, 1.0)
+            turn = (np.arctan2(y, z) - np.arcsin(wanted)) * share
+            sine, cosine = np.sin(turn), np.cos(turn)
+            poses.append(
+                np.stack(
+                    [
+                        0 * sine,
+                        arm[:, 1] * (cosine - 1) - arm[:, 2] * sine,
+                        arm[:, 2] * (cosine - 1) + arm[:, 1] * sine,
+                    ],
+                    1,
+                )
+            )
+        rest = knots.index(0.0)
+        for index in range(len(knots) - 1):
+            first, last = (index, index + 1) if index >= rest else (index + 1, index)
+            per_unit = (poses[last] - poses[first]) / abs(knots[last] - knots[first])
+            collector.add(Channel(number, knots[first], knots[last]), skin, per_unit)
+        moved.append(number)
+    return moved
+
+
+def _move_tongue(
+    collector: Collector, placed: Array, part: Indices, points: Mapping[str, int], at: Mapping[str, Array], fapu: Fapu
+) -> list[int]:
+    """Move a tongue of its own: most at its tip, not at its root."""
+    if "6.1" not in points or part[points["6.1"]] == part[points["8.1"]]:
+        return []
+    tongue = np.flatnonzero(part == part[points["6.1"]])
+    back = placed[tongue, 2].min()
+    share = np.clip((placed[tongue, 2] - back) / max(at["6.1"][2] - back, 1.0), 0.0, 1.0) ** 1.6
+    for number in (43, 44, 45):
+        row = fap.spec(number)
+        step = fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
+        collector.add(Channel(number, -np.inf, np.inf), tongue, share[:, None] * step)
+    return [43, 44, 45]
+
+
+def _bones(
+    placed: Array, part: Indices, points: Mapping[str, int], skin: Indices, on_skin: Mapping[str, int],
+    at: Mapping[str, Array], eyes: Eyes, faces: Indices, node: Indices,
+) -> tuple[NDArray[np.uint8], Array]:  # fmt: skip
+    """Choose what each vertex turns with, and how much."""
+    bone, weight = np.zeros(len(placed), np.uint8), np.zeros(len(placed))
+    line = (at["8.1"][1] + at["8.2"][1]) / 2
+    lower_teeth = {part[points[name]] for name in ("9.9", "9.11", "6.1", "6.2") if name in points} - {part[skin[0]]}
+    for one in np.unique(part):
+        members = np.flatnonzero(part == one)
+        centre = placed[members].mean(axis=0)
+        inside = abs(centre[0]) < 45 and at["2.1"][1] - 10 < centre[1] < line and centre[2] > 0
+        if one != part[skin[0]] and (one in lower_teeth or inside):
+            bone[members], weight[members] = Bone.JAW, 1.0
+    turns = np.array([[float(name in CHIN)] for name in on_skin])
+    fields = _continued(placed, faces, node, skin, on_skin, turns)[:, 0]
+    share = np.clip(fields, 0.0, 1.0)
+    bone[skin[share > SMALLEST]] = Bone.JAW
+    weight[skin] = np.where(share > SMALLEST, share, 0.0)
+    for pupil, side in (("3.5", Bone.LEFT_EYE), ("3.6", Bone.RIGHT_EYE)):
+        if pupil in eyes and len(eyes[pupil][0]):
+            bone[eyes[pupil][0]], weight[eyes[pupil][0]] = side, 1.0
+    return bone, weight
+
+
+def _boneless(eyes: Eyes) -> set[int]:
+    """FAPs of bones that this mesh does not have."""
+    without = set()
+    for pupil, numbers in (("3.5", (23, 25, 27)), ("3.6", (24, 26, 28))):
+        if pupil not in eyes or not len(eyes[pupil][0]):
+            without |= set(numbers)
+    return without
+
+
+def _normals(placed: Array, faces: Indices, node: Indices) -> Array:
+    """Take normals that are smooth over seams."""
+    first = np.zeros(node.max() + 1, np.int64)
+    first[node] = np.arange(len(node))
+    normals: Array = vertex_normals(placed[first], node[faces])[node]
+    return normals
+
+
+def _uv(placed: Array, eyes: Eyes) -> NDArray[np.float32]:
+    uv: NDArray[np.float32] = np.zeros((len(placed), 2), np.float32)
+    for ball, centre in eyes.values():
+        if len(ball):
+            arm = placed[ball] - centre
+            uv[ball] = 0.5 + 0.5 * (arm / np.linalg.norm(arm, axis=1, keepdims=True))[:, :2]
+    return uv
+
+
+def _materials(placed: Array, eyes: Eyes) -> NDArray[np.uint8]:
+    material = np.full(len(placed), Material.SKIN, np.uint8)
+    for ball, _ in eyes.values():
+        material[ball] = Material.EYE
+    return material
+
+
+def _paint(placed: Array, albedo: Array | None, at: Mapping[str, Array], skin: Indices) -> NDArray[np.float32]:
+    if albedo is not None:
+        return np.asarray(np.clip(albedo, 0, 1), np.float32)
+    painted = np.broadcast_to(colours.TEETH, placed.shape).copy()
+    painted[skin] = colours.skin(placed[skin])
+    outline = [at[name] for name in LIP_OUTLINE if name in at]
+    hull = Delaunay(np.stack(outline)[:, :2])
+    near = placed[skin, 2] > min(point[2] for point in outline) - 6.0
+    lips = skin[(hull.find_simplex(placed[skin, :2]) >= 0) & near]
+    painted[lips] = colours.LIP
+    return np.asarray(np.clip(painted, 0, 1), np.float32)
