@@ -11,9 +11,8 @@ from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 
-
-BONES = (3, 14, 15, *range(23, 29), 43, 44, 45)
-"""FAPs of jaw, eyes and tongue, which have tests of their own."""
+BONES = (3, 14, 15, *range(23, 29), 43, 44, 45, 48, 49, 50)
+"""FAPs of jaw, eyes, tongue and head, which have tests of their own."""
 
 
 @pytest.fixture(scope="module")
