@@ -63,7 +63,7 @@ def test_each_fap_moves_its_own_point_by_its_step_and_no_other(adopted):
         others = [mesh.feature_points[name] for name in skin if name != row.point]
         assert np.abs(moved[others]).max() < 0.02 * abs(own) + 0.01, row.name
         checked += 1
-    assert checked >= 45
+    assert checked >= 43
 
 
 def test_lips_part_at_the_slit(adopted):
