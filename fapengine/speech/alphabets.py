@@ -1,12 +1,15 @@
 """Phone alphabets other than IPA, as tables to IPA.
 
 ARPAbet: the symbol set of the CMU Pronouncing Dictionary and of TIMIT-style aligners. X-SAMPA: J. C. Wells,
-"Computer-coding the IPA" (1995); MBROLA's language sets are subsets of SAMPA, which X-SAMPA contains.
+"Computer-coding the IPA" (1995); MBROLA's language sets are subsets of SAMPA, which X-SAMPA contains. All others are
+data of one form: :mod:`fapengine.speech.phone_sets`.
 """
 
 from collections.abc import Iterable
 
+from fapengine.errors import UsageError
 from fapengine.speech import ipa
+from fapengine.speech.phone_sets import PHONE_SETS, PhoneSet
 
 # fmt: off
 ARPABET: dict[str, str] = {
@@ -33,7 +36,8 @@ SILENCES = frozenset(
 )
 """Labels that tools write for silence (Praat: empty; MFA: sil, sp, spn; Festival: pau; TIMIT: h#; MAUS: <p:>)."""
 
-ALPHABETS = ("ipa", "arpabet", "x-sampa")
+ALPHABETS = ("ipa", "arpabet", "x-sampa", *PHONE_SETS)
+"""Names that :func:`to_ipa` takes."""
 
 
 def from_arpabet(label: str) -> str | None:
@@ -96,13 +100,44 @@ def guess_alphabet(labels: Iterable[str]) -> str:
     return max(explained, key=lambda name: explained[name])
 
 
-def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
-    """IPA and stress of a label; a label outside the alphabet stays as it is, to be reported later.
+def from_set(label: str, phones: PhoneSet) -> str | None:
+    """IPA of a label of a phone set, empty for silence; None if it is none.
 
     Examples
     --------
-    >>> to_ipa("AY1", "arpabet"), to_ipa("ˌaɪ", "ipa"), to_ipa("QQ", "arpabet")
-    (('aɪ', 1), ('aɪ', 2), ('QQ', 0))
+    >>> from_set("chuang1", PHONE_SETS["pinyin"]), from_set("きょ", PHONE_SETS["kana"])
+    ('ʈʂʰwaŋ', 'kʲo')
+    >>> from_set("hWs", PHONE_SETS["misaki"])
+    'haʊs'
+    """
+    if label in phones.table:
+        return phones.table[label]
+    rest = label.strip(phones.ignored)
+    if not phones.joins or not rest:
+        return phones.table.get(rest)
+    longest = max(map(len, phones.table))
+    out = ""
+    while rest:
+        width = next((n for n in range(min(longest, len(rest)), 0, -1) if rest[:n] in phones.table), 0)
+        if not width and rest[0] not in phones.ignored:
+            return None
+        out += phones.table.get(rest[:width], "")
+        rest = rest[max(width, 1) :]
+    return out
+
+
+def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
+    """IPA and stress of a label; a label outside the alphabet stays as it is, to be reported later.
+
+    Raises
+    ------
+    UsageError
+        If there is no such alphabet.
+
+    Examples
+    --------
+    >>> to_ipa("AY1", "arpabet"), to_ipa("ˌaɪ", "ipa"), to_ipa("QQ", "arpabet"), to_ipa("21", "azure-visemes")
+    (('aɪ', 1), ('aɪ', 2), ('QQ', 0), ('p', 0))
     """
     if alphabet == "arpabet":
         stress = {"1": 1, "2": 2}.get(label[-1:], 0)
@@ -111,4 +146,11 @@ def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
     if alphabet == "x-sampa":
         stress = 1 if label.startswith('"') else 2 if label.startswith("%") else 0
         return from_xsampa(label) or label, stress
-    return ipa.split_stress(label)
+    if alphabet in ("ipa", "mfa"):
+        spelling, stress = ipa.split_stress(label)
+        return ipa.normalise(PHONE_SETS["mfa"].table.get(spelling, spelling)), stress
+    if alphabet not in PHONE_SETS:
+        raise UsageError(f"alphabet: got {alphabet!r}, expected one of {', '.join(ALPHABETS)}")
+    stress = {"'": 1, ",": 2, "ˈ": 1, "ˌ": 2}.get(label[:1], 0) if alphabet in ("espeak", "misaki") else 0
+    known = from_set(label, PHONE_SETS[alphabet])
+    return (label, 0) if known is None else (known, stress)

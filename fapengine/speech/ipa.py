@@ -1,12 +1,15 @@
 """IPA labels: cleaning, splitting in time, and how near two phones are.
 
 Places, manners and vowel positions are those of the chart of the International Phonetic Association (2020). The
-distance counts what is *seen* most: lips, then jaw, then the rest.
+distance counts what is *seen* most: lips, then jaw, then the rest. What stands in for an unknown phone is decided by
+articulatory features (:mod:`fapengine.speech.features`) among phones whose lips do the same.
 """
 
 import unicodedata
 from dataclasses import dataclass
 from functools import cache
+
+from fapengine.speech.features import feature_distance
 
 STRESS = {"ˈ": 1, "ˌ": 2}
 TIES = "\u0361\u035c"
@@ -62,17 +65,17 @@ _MANNERS = {"stop": 0.0, "fricative": 0.3, "approximant": 0.6, "nasal": 0.8}
 
 # fmt: off
 _CONSONANTS = {  # (place, manner): voiceless letters, voiced letters
-    ("bilabial", "stop"): ("p", "bɓ"),        ("bilabial", "nasal"): ("", "m"),
+    ("bilabial", "stop"): ("pʘ", "bɓ"),       ("bilabial", "nasal"): ("", "m"),
     ("bilabial", "fricative"): ("ɸ", "β"),    ("bilabial", "approximant"): ("", "ʙ"),
     ("labiodental", "fricative"): ("f", "v"), ("labiodental", "nasal"): ("", "ɱ"),
     ("labiodental", "approximant"): ("", "ʋⱱ"),
     ("dental", "fricative"): ("θ", "ð"),
-    ("alveolar", "stop"): ("t", "dɗ"),        ("alveolar", "nasal"): ("", "n"),
+    ("alveolar", "stop"): ("tǀǃǁ", "dɗ"),     ("alveolar", "nasal"): ("", "n"),
     ("alveolar", "fricative"): ("sɬ", "zɮ"),  ("alveolar", "approximant"): ("", "lɫrɾɺ"),
     ("postalveolar", "fricative"): ("ʃɕ", "ʒʑ"), ("postalveolar", "approximant"): ("", "ɹ"),
     ("retroflex", "stop"): ("ʈ", "ɖ"),        ("retroflex", "nasal"): ("", "ɳ"),
     ("retroflex", "fricative"): ("ʂ", "ʐ"),   ("retroflex", "approximant"): ("", "ɻɭɽ"),
-    ("palatal", "stop"): ("c", "ɟʄ"),         ("palatal", "nasal"): ("", "ɲ"),
+    ("palatal", "stop"): ("cǂ", "ɟʄ"),        ("palatal", "nasal"): ("", "ɲ"),
     ("palatal", "fricative"): ("ç", "ʝ"),     ("palatal", "approximant"): ("", "jʎ"),
     ("labiovelar", "approximant"): ("ʍ", "wɥ"),
     ("velar", "stop"): ("k", "ɡɠ"),           ("velar", "nasal"): ("", "ŋ"),
@@ -127,6 +130,22 @@ def split_stress(label: str) -> tuple[str, int]:
     return "".join(letter for letter in label if letter not in STRESS), stress
 
 
+def normalise(label: str) -> str:
+    """One spelling for one phone: tie bars and tones dropped, ligatures such as ʧ opened, g as ɡ; marks stay.
+
+    Examples
+    --------
+    >>> normalise("t͡ʃ"), normalise("ʤ"), normalise("gː"), normalise("ɔ̃"), normalise("a˥")
+    ('tʃ', 'dʒ', 'ɡː', 'ɔ̃', 'a')
+    """
+    kept = (
+        _REPLACED.get(letter, letter)
+        for letter in unicodedata.normalize("NFD", label)
+        if letter not in TIES and letter not in "\u200d\u200c" and not "˥" <= letter <= "˩"
+    )
+    return unicodedata.normalize("NFC", "".join(kept)) or label
+
+
 @cache
 def letters(label: str) -> tuple[str, ...]:
     """Split a label into known IPA letters; marks, ties and lengths fall away.
@@ -141,7 +160,7 @@ def letters(label: str) -> tuple[str, ...]:
     found: list[str] = []
     for letter in unicodedata.normalize("NFD", label):
         category = unicodedata.category(letter)
-        if letter in STRESS or letter in TIES or letter in LENGTH or category in ("Mn", "Lm", "Sk"):
+        if letter in STRESS or letter in TIES or letter in LENGTH or category in ("Mn", "Lm", "Sk", "Cf"):
             continue
         for known in _REPLACED.get(letter, letter):
             if known not in SOUNDS:
@@ -174,11 +193,20 @@ def distance(one: str, other: str) -> float:
 
 
 def nearest(letter: str, known: tuple[str, ...]) -> str:
-    """Return the letter of ``known`` that looks most like ``letter``; ties go to the earlier one.
+    """Return the letter of ``known`` that is articulated most like ``letter``.
+
+    Panphon's feature distance decides, but only among letters whose lips do the same: a phone never closes the lips, or
+    sets them against the teeth, because an inner feature such as nasality agrees. Ties go to what looks more alike
+    (:func:`distance`), then to the earlier letter.
 
     Examples
     --------
-    >>> nearest("ɸ", ("m", "s", "a"))
-    'm'
+    >>> nearest("ɸ", ("m", "s", "a")), nearest("ŋ", ("m", "k", "s"))
+    ('m', 'k')
     """
-    return min(known, key=lambda candidate: distance(letter, candidate))
+
+    def order(candidate: str) -> tuple[float, int, float]:
+        lips = abs(round(2 * SOUNDS[letter].lips) - round(2 * SOUNDS[candidate].lips))
+        return lips, feature_distance(letter, candidate), distance(letter, candidate)
+
+    return min(known, key=order)

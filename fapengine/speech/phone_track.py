@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from fapengine.errors import UsageError
 
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
+Level = Literal["phone", "viseme", "word", "character"]
+"""What a tool gave times for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,10 @@ class PhoneTrack:
     """
 
     phones: tuple[Phone, ...]
+    level: Level = "phone"
+    """What the times were given for; of anything but phones, less precise animation comes."""
+    spelled: bool = False
+    """Whether the labels are still spelled words, which must be pronounced before they can be shown."""
 
     def __post_init__(self) -> None:
         for before, after in pairwise(self.phones):
@@ -59,7 +66,9 @@ class PhoneTrack:
                 )
 
     @classmethod
-    def of(cls, phones: list[Phone], *, tolerance_s: float = 1e-3) -> "PhoneTrack":
+    def of(
+        cls, phones: list[Phone], *, tolerance_s: float = 1e-3, level: Level = "phone", spelled: bool = False
+    ) -> "PhoneTrack":
         """Make a track, with silence put into the gaps and neighbouring silences joined.
 
         Parameters
@@ -68,6 +77,8 @@ class PhoneTrack:
             In time order.
         tolerance_s : float
             Gaps and overlaps up to this length are rounding of the file; the later start gives way.
+        level, spelled : Level, bool
+            See :class:`PhoneTrack`.
 
         Raises
         ------
@@ -94,7 +105,7 @@ class PhoneTrack:
             if phone.end_s > now_s:
                 append(Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
                 now_s = phone.end_s
-        return cls(tuple(filled))
+        return cls(tuple(filled), level, spelled)
 
     @property
     def duration_s(self) -> float:

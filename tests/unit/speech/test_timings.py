@@ -198,8 +198,7 @@ def test_every_arpabet_and_xsampa_symbol_is_known_ipa() -> None:
     for symbol, sound in alphabets.ARPABET.items():
         assert ipa.letters(sound), symbol
     assert len(alphabets.XSAMPA_LETTERS) >= 70
-    unknown = [symbol for symbol, sound in alphabets.XSAMPA_LETTERS.items() if not ipa.letters(sound)]
-    assert unknown == ["O\\"]  # a click
+    assert all(ipa.letters(sound) for sound in alphabets.XSAMPA_LETTERS.values())
 
 
 def test_most_labels_decide_the_alphabet() -> None:
