@@ -4,14 +4,15 @@ from pathlib import Path
 
 from fapengine.errors import DataError
 from fapengine.files.paths import read_bytes
-from fapengine.speech.pho import parse_pho
+from fapengine.speech.formats import FORMATS, Wishes, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.textgrid import parse_textgrid
 
-FORMATS = ("textgrid", "pho")
+__all__ = ["FORMATS", "load_timings"]
 
 
-def load_timings(path: Path, *, file_format: str | None = None, tier: str | None = None) -> PhoneTrack:
+def load_timings(
+    path: Path, *, file_format: str | None = None, tier: str | None = None, alphabet: str | None = None
+) -> PhoneTrack:
     """Read phone timings.
 
     Parameters
@@ -19,27 +20,23 @@ def load_timings(path: Path, *, file_format: str | None = None, tier: str | None
     path : Path
         The file.
     file_format : str, optional
-        One of :data:`FORMATS`; by default found from the content.
+        One of :data:`FORMATS`; by default found from the content, else from the name's ending.
     tier : str, optional
-        For TextGrid: the phone tier.
+        For formats with tiers: the phone tier; for MFA's CSV: the speaker.
+    alphabet : str, optional
+        What the labels are, where the format does not fix it: one of :data:`fapengine.speech.alphabets.ALPHABETS`.
 
     Raises
     ------
     UsageError
-        If the file cannot be read.
+        If the file cannot be read, or the format has no such choice.
     DataError
         If its content is no such format; the message names the file.
     """
     data = read_bytes(path)
     try:
-        if (file_format or guess_format(data)) == "textgrid":
-            return parse_textgrid(data, tier=tier)
-        return parse_pho(data)
+        return parse_timings(
+            data, file_format=file_format, ending=path.suffix, wishes=Wishes(tier=tier, alphabet=alphabet)
+        )
     except DataError as error:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
-
-
-def guess_format(data: bytes) -> str:
-    """Find the format from the first bytes."""
-    head = data[:200].replace(b"\0", b"")
-    return "textgrid" if b"ooTextFile" in head or b"TextGrid" in head or b"ooBinaryFile" in head else "pho"

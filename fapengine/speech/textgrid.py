@@ -1,4 +1,4 @@
-"""Praat TextGrid, long and short text form: bytes to :class:`PhoneTrack`.
+"""Praat TextGrid in its three text forms, long, short and chronological: bytes to :class:`PhoneTrack`.
 
 Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
 ``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech import alphabets
+from fapengine.speech.entries import LONGEST_S
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
@@ -51,7 +52,7 @@ class _Tokens:
     def __init__(self, text: str) -> None:
         self._text = text
         self._found: Iterator[re.Match[str]] = _TOKEN.finditer(text)
-        self._at = 0
+        self._at = self._end = 0
 
     def where(self) -> str:
         return f"line {self._text.count(chr(10), 0, self._at) + 1}"
@@ -59,7 +60,7 @@ class _Tokens:
     def _next(self, wanted: str) -> str:
         for match in self._found:
             token = match.group()
-            self._at = match.start()
+            self._at, self._end = match.span()
             if token == '"':
                 raise DataError("text: the closing quote is missing", where=self.where())
             if wanted == "text" and token[0] == '"':
@@ -76,10 +77,18 @@ class _Tokens:
         return self._next("text")
 
     def number(self) -> float:
-        return float(self._next("number"))
+        value = float(self._next("number"))
+        if value == value + 1:  # so large that a second is lost in it, or infinite
+            raise DataError(f"number: got {value:g}, expected a time or a count", where=self.where())
+        return value
 
     def flag(self) -> str:
         return self._next("flag")
+
+    def ended(self) -> bool:
+        """Tell whether nothing but comments follows."""
+        rest = re.compile(r"(?:\s|![^\n]*)*").match(self._text, self._end)
+        return rest is not None and rest.end() == len(self._text)
 
     def count(self, what: str) -> int:
         value = self.number()
@@ -101,7 +110,7 @@ def parse_tiers(data: bytes) -> tuple[Tier, ...]:
     tokens = _Tokens(decode_text(data, "TextGrid"))
     kind = tokens.text()
     if kind == "Praat chronological TextGrid text file":
-        raise UnsupportedError("TextGrid: got the chronological form; save it from Praat as a (short) text file")
+        return _chronological(tokens)
     if kind != "ooTextFile" or tokens.text() != "TextGrid":
         raise DataError('TextGrid: expected a file that begins with "ooTextFile" and "TextGrid"', where="line 1")
     tokens.number(), tokens.number()
@@ -120,6 +129,33 @@ def parse_tiers(data: bytes) -> tuple[Tier, ...]:
         else:
             raise DataError(f"tier class: got {tier_class!r}, expected IntervalTier or TextTier", where=tokens.where())
     return tuple(tiers)
+
+
+def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
+    """Read the form in which all tiers share one list: tier number, time or times, text."""
+    tokens.number(), tokens.number()
+    classes: list[str] = []
+    names: list[str] = []
+    for _ in range(tokens.count("number of tiers")):
+        classes.append(tokens.text())
+        names.append(tokens.text())
+        tokens.number(), tokens.number()
+        if classes[-1] not in ("IntervalTier", "TextTier"):
+            raise DataError(f"tier class: got {classes[-1]!r}, expected IntervalTier or TextTier", where=tokens.where())
+    found: list[list[tuple[float, float, str]]] = [[] for _ in classes]
+    while not tokens.ended():
+        tier = tokens.count("tier number")
+        if not 1 <= tier <= len(classes):
+            raise DataError(f"tier number: got {tier}, expected 1..{len(classes)}", where=tokens.where())
+        if classes[tier - 1] == "IntervalTier":
+            found[tier - 1].append((tokens.number(), tokens.number(), tokens.text()))
+        else:
+            tokens.number(), tokens.text()
+    return tuple(
+        Tier(name, tuple(rows))
+        for name, kind, rows in zip(names, classes, found, strict=True)
+        if kind == "IntervalTier"
+    )
 
 
 def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
@@ -169,7 +205,7 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
     phones: list[Phone] = []
     for number, (start_s, end_s, spelling) in enumerate(chosen.intervals, start=1):
         where = f"tier {chosen.name!r}, interval {number}"
-        if not 0 <= start_s < end_s or (phones and start_s < phones[-1].end_s - 1e-3):
+        if not 0 <= start_s < end_s <= LONGEST_S or (phones and start_s < phones[-1].end_s - 1e-3):
             raise DataError(f"interval: got {start_s} s .. {end_s} s, expected times that rise", where=where)
         if " " in spelling.strip():
             raise DataError(

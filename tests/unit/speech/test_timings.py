@@ -99,7 +99,8 @@ def test_crlf_and_comments() -> None:
     [
         (b"", TruncatedError, "ends where a text"),
         (b"ooBinaryFile\x08TextGrid", UnsupportedError, "binary form"),
-        (b'"Praat chronological TextGrid text file"', UnsupportedError, "chronological"),
+        (b'"Praat chronological TextGrid text file"', TruncatedError, "number is expected"),
+        (SHORT.replace("\n0.4\n", "\n1e400\n").encode(), DataError, "number: got inf"),
         (b'"ooTextFile"\n"Sound"', DataError, "ooTextFile"),
         (SHORT.replace('"m"', "5").encode(), DataError, "expected"),
         (SHORT.replace('"m"', '"m').encode(), DataError, "expected|quote|ends"),
