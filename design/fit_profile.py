@@ -19,6 +19,10 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ExpressionTarget, PhoneTarget, Profile
+from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
+from fapengine.trajectory.keyframes import place_keyframes, resolve
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
@@ -86,7 +90,15 @@ def main(data: Path) -> None:
     space, share = fit_viseme_space(points[:, :count], MARKERS, points[:, count:], INNER_LIPS, mode_count=MODES)
     print(f"all sentences: variance in 7 / 8 components {100 * share[6]:.2f} / {100 * share[7]:.2f} %")
     targets = phone_targets(space, points, speech)
-    write(space, targets, expressions(space, data, layout), face, held_out_score, share)
+    judged, _ = fit_viseme_space(
+        points[training, :count], MARKERS, points[training, count:], INNER_LIPS, mode_count=MODES
+    )
+    kept = np.setdiff1d(np.arange(len(speech["n_frames"])), held_out)
+    apart = phone_targets(judged, points, speech, kept)
+    context_score = score_context(judged, points, speech, clip_of_frame, kept, held_out, apart)
+    context = learn_context(space, points, speech, np.arange(len(speech["n_frames"])), targets)
+    faces = expressions(space, data, layout)
+    write(space, targets, faces, face, held_out_score, context, context_score, share)
 
 
 def load_motion(speech) -> np.ndarray:
@@ -183,6 +195,61 @@ def score(space, points, speech, clip_of_frame, held_out) -> str:
     return text
 
 
+def spoken(speech, clip) -> PhoneTrack:
+    rows = np.flatnonzero(speech["phone_clip"] == clip)
+    phones = []
+    for row in rows:
+        label = str(speech["phone"][row])
+        name = SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0]
+        phones.append(Phone(name, float(speech["phone_start"][row]), float(speech["phone_end"][row])))
+    return PhoneTrack.of(phones, tolerance_s=0.01)
+
+
+def learn_context(space, points, speech, clips, known):
+    """Learn what neighbours do to a phone (fapengine/trajectory/context.py)."""
+    weights = space.to_space(points[:, : space.marker_count])
+    sentences, captured = [], []
+    for clip in clips:
+        start, length = speech["offset"][clip], speech["n_frames"][clip]
+        tokens, _ = tokens_of(spoken(speech, clip), known)
+        starts, ends = [token.start_s for token in tokens], [token.end_s for token in tokens]
+        mine = weights[start : start + length]
+        sentences.append(tokens)
+        captured.append(np.stack([sample_phones(mine, RATE_HZ, starts, ends, f) for f in FRACTIONS], axis=1))
+    return fit_context(sentences, captured)
+
+
+def score_context(space, points, speech, clip_of_frame, kept, held_out, targets) -> str:
+    """Predict held-out sentences with the context model of the others."""
+    model = learn_context(space, points, speech, kept, targets)
+    profile = Profile(
+        id="judged", language="en-GB", licence="", origin={}, fapu=None, space=space, context=model, expressions={},
+        phones={
+            name: PhoneTarget(ipa=name, fractions=f, targets=w, contact=c, origin=o)
+            for name, (w, f, c, o) in targets.items()
+        },
+    )  # fmt: skip
+    guesses, truths = [], []
+    for clip in held_out:
+        track = spoken(speech, clip)
+        times = np.arange(speech["n_frames"][clip]) / RATE_HZ
+        inside = [phone for phone in track.phones if not phone.is_silence]
+        shown = (times >= inside[0].start_s) & (times <= inside[-1].end_s)
+        resolved, _ = resolve(track, profile)
+        keys = place_keyframes(track, resolved, space.mode_count, track.duration_s)
+        guesses.append(space.to_points_mm(keys.sample(times))[shown])
+        truths.append(points[clip_of_frame == clip][shown])
+    lips = [space.points.index(name) for name in (*INNER_LIPS, *MARKERS[:8])]
+    guess, truth = np.concatenate(guesses)[:, lips], np.concatenate(truths)[:, lips]
+    opening, captured = (a[:, 0, 1] - a[:, 1, 1] for a in (guess, truth))
+    text = (
+        f"lips {np.linalg.norm(guess - truth, axis=-1).mean():.2f} mm while speaking,"
+        f" opening r {np.corrcoef(opening, captured)[0, 1]:.2f}, slope {np.polyfit(captured, opening, 1)[0]:.2f}"
+    )
+    print(f"held-out, context: {text}")
+    return text
+
+
 def spline_of_clip(speech, clip, by_label, mode_count):
     rows = np.flatnonzero(speech["phone_clip"] == clip)
     times, keys = [-0.2], [np.zeros(mode_count)]
@@ -234,7 +301,7 @@ def expressions(space, data, layout):
     return found
 
 
-def write(space, targets, faces, face, held_out_score, share) -> None:
+def write(space, targets, faces, face, held_out_score, context, context_score, share) -> None:
     profile = Profile(
         id=PROFILE.name,
         language="en-GB",
@@ -245,6 +312,7 @@ def write(space, targets, faces, face, held_out_score, share) -> None:
             "command": "python design/fit_profile.py ../shared/data",
             "variance": f"{MODES} modes carry {100 * share[MODES - 1]:.2f} % of the variance of the 14 markers",
             "held_out": f"100 sentences, clamped cubic spline through phone medians: {held_out_score}",
+            "held_out_context": f"100 sentences, targets that depend on neighbours: {context_score}",
             "uncertainty": "points come from a video tracker: about 0.7 mm on the lips; depth is inferred",
             "never_heard": "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in",
             "expressions": "sums of expression fields of the ICT-FaceKit head, as the standard words them; not acted",
@@ -254,6 +322,7 @@ def write(space, targets, faces, face, held_out_score, share) -> None:
         },
         fapu=face,
         space=space,
+        context=context,
         phones={
             name: PhoneTarget(ipa=name, fractions=fractions, targets=weights, contact=contact, origin=origin)
             for name, (weights, fractions, contact, origin) in targets.items()

@@ -1,14 +1,15 @@
 """Profiles: the data that make one face speak one language. Strict: a wrong or unknown key is a :class:`ProfileError`.
 
-A profile is a folder, ``profile.toml`` and ``modes.npz``. It carries the FAPU of the recorded face, so its motion suits
-any other.
+A profile is a folder, ``profile.toml``, ``modes.npz`` and, if it knows about context, ``context.npz``. It carries the
+FAPU of the recorded face, so its motion suits any other.
 """
 
 import hashlib
 import io
 import zipfile
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -25,7 +26,7 @@ from fapengine.mpeg4.visemes import Expression
 from fapengine.speech import ipa
 
 SCHEMA = 1
-TOML_NAME, ARRAYS_NAME = "profile.toml", "modes.npz"
+TOML_NAME, ARRAYS_NAME, CONTEXT_NAME = "profile.toml", "modes.npz", "context.npz"
 ORIGIN_NEEDED = ("source", "command")
 FAPU_NAMES = ("irisd0", "es0", "ens0", "mns0", "mw0")
 CONTACTS = ("none", "lips", "teeth")
@@ -59,6 +60,25 @@ class ExpressionTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ContextModel:
+    """Targets that depend on a phone's neighbours; :mod:`fapengine.trajectory.context` computes and learns them."""
+
+    fractions: tuple[float, ...]
+    """Where in a phone its keyframes stand, 0..1, rising."""
+    features: tuple[str, ...]
+    """(F,) names."""
+    coefficients: NDArray[np.float64]
+    """(F, keyframes, K): mode weights that each feature adds."""
+    rows: Mapping[str, int] = field(init=False)
+    """Row of each feature."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.features), len(self.fractions), "K")
+        object.__setattr__(self, "coefficients", frozen(self.coefficients, "coefficients", shape, np.float64))
+        object.__setattr__(self, "rows", MappingProxyType({name: row for row, name in enumerate(self.features)}))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Profile:
     """All that one face needs to speak one language."""
 
@@ -71,12 +91,15 @@ class Profile:
     phones: Mapping[str, PhoneTarget]
     """By IPA."""
     expressions: Mapping[Expression, ExpressionTarget]
+    context: ContextModel | None = None
+    """Without one every phone has one look, :attr:`phones`."""
 
 
 def format_profile(profile: Profile) -> dict[str, bytes]:
     """Write a profile's files; :func:`parse_profile` reads them back.
 
-    Modes are kept as float32, targets to a thousandth of a weight, FAPs of expressions to a tenth.
+    Modes are kept as float32, coefficients of the context as float16, targets to a thousandth of a weight, FAPs of
+    expressions to a tenth.
 
     Raises
     ------
@@ -126,7 +149,21 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
             f"target = {_row(face.target)}",
             f"fap = {{ {faps} }}",
         ]
-    return {TOML_NAME: ("\n".join(lines) + "\n").encode(), ARRAYS_NAME: arrays}
+    files = {ARRAYS_NAME: arrays}
+    if profile.context is not None:
+        buffer = io.BytesIO()
+        names = np.array(profile.context.features)
+        np.savez_compressed(buffer, features=names, coefficients=profile.context.coefficients.astype(np.float16))
+        files[CONTEXT_NAME] = buffer.getvalue()
+        lines += [
+            "",
+            "[context]",
+            f"file = {quoted(CONTEXT_NAME)}",
+            f"sha256 = {quoted(hashlib.sha256(files[CONTEXT_NAME]).hexdigest())}",
+            f"fractions = {list(profile.context.fractions)}",
+            f"count = {len(profile.context.features)}",
+        ]
+    return files | {TOML_NAME: ("\n".join(lines) + "\n").encode()}
 
 
 def _row(values: NDArray[np.float64]) -> str:
@@ -163,8 +200,9 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
         phones=MappingProxyType(_phones(table.tables("phone"), table.where("phone"), space.mode_count)),
         expressions=MappingProxyType(_expressions(table.tables("expression"), space.mode_count)),
     )
+    context = _context(table.table("context"), files, space.mode_count) if table.has("context") else None
     table.finish()
-    return profile
+    return replace(profile, context=context)
 
 
 def _origin(table: TomlTable) -> dict[str, str]:
@@ -189,10 +227,7 @@ def _space(table: TomlTable, files: Mapping[str, bytes]) -> VisemeSpace:
     points = tuple(table.take("points", list))
     marker_count = table.take("markers", int)
     table.finish()
-    if name not in files:
-        raise ProfileError(f"file {name!r} is missing; got {sorted(files)}", where=table.where("file"))
-    if (found := hashlib.sha256(files[name]).hexdigest()) != digest:
-        raise ProfileError(f"sha256 of {name}: got {found}, expected {digest}", where=table.where("sha256"))
+    _check_file(table, files, name, digest)
     unknown = [point for point in points if point not in FEATURE_POINT_NAMES]
     if unknown:
         raise ProfileError(f"got {unknown}, expected feature points", where=table.where("points"))
@@ -200,8 +235,37 @@ def _space(table: TomlTable, files: Mapping[str, bytes]) -> VisemeSpace:
         with np.load(io.BytesIO(files[name]), allow_pickle=False) as arrays:
             modes = frozen(arrays["modes_mm"], "modes_mm", (count, len(points), 3), np.float64)
         return VisemeSpace(points=points, marker_count=marker_count, modes_mm=modes)
-    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
         raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
+
+
+def _check_file(table: TomlTable, files: Mapping[str, bytes], name: str, digest: str) -> None:
+    if name not in files:
+        raise ProfileError(f"file {name!r} is missing; got {sorted(files)}", where=table.where("file"))
+    if (found := hashlib.sha256(files[name]).hexdigest()) != digest:
+        raise ProfileError(f"sha256 of {name}: got {found}, expected {digest}", where=table.where("sha256"))
+
+
+def _context(table: TomlTable, files: Mapping[str, bytes], modes: int) -> ContextModel:
+    name, count = table.take("file", str), table.take("count", int)
+    _check_file(table, files, name, table.take("sha256", str))
+    fractions = _fractions(table)
+    table.finish()
+    try:
+        with np.load(io.BytesIO(files[name]), allow_pickle=False) as arrays:
+            features = tuple(str(one) for one in arrays["features"])
+            shape = (count, len(fractions), modes)
+            coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
+        return ContextModel(fractions=fractions, features=features, coefficients=coefficients)
+    except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+        raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
+
+
+def _fractions(table: TomlTable) -> tuple[float, ...]:
+    fractions = table.numbers("fractions", ("keyframes",))
+    if not len(fractions) or (np.diff(fractions) <= 0).any() or fractions.min() < 0 or fractions.max() > 1:
+        raise ProfileError(f"got {fractions.tolist()}, expected rising 0..1", where=table.where("fractions"))
+    return tuple(fractions.tolist())
 
 
 def _phones(rows: list[TomlTable], where: str, count: int) -> dict[str, PhoneTarget]:
@@ -211,15 +275,13 @@ def _phones(rows: list[TomlTable], where: str, count: int) -> dict[str, PhoneTar
         letters = ipa.letters(name)
         if "".join(letters) != name or not letters or name in phones:
             raise ProfileError(f"got {name!r}, expected bare IPA, once", where=table.where("ipa"))
-        fractions = table.numbers("fractions", ("keyframes",))
-        if not len(fractions) or (np.diff(fractions) <= 0).any() or fractions.min() < 0 or fractions.max() > 1:
-            raise ProfileError(f"got {fractions.tolist()}, expected rising 0..1", where=table.where("fractions"))
+        fractions = _fractions(table)
         contact = table.take("contact", str)
         if contact not in CONTACTS:
             raise ProfileError(f"got {contact!r}, expected one of {CONTACTS}", where=table.where("contact"))
         phones[name] = PhoneTarget(
             ipa=name,
-            fractions=tuple(fractions.tolist()),
+            fractions=fractions,
             targets=table.numbers("targets", (len(fractions), count)),
             contact=contact,
             origin=table.take("origin", str),

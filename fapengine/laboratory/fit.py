@@ -11,7 +11,7 @@ from fapengine.capture.session import Session
 from fapengine.errors import DataError, UsageError
 from fapengine.laboratory.densify import DenseStudy, densify
 from fapengine.laboratory.faces import find_expressions, measure_fapu
-from fapengine.laboratory.phones import PhoneStudy, study_phones
+from fapengine.laboratory.phones import PhoneStudy, learn_context, spoken, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared, prepare
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
@@ -19,8 +19,7 @@ from fapengine.laboratory.space import SpaceStudy, pick, study_space
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import Profile
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.profiles import ContextModel, Profile
 from fapengine.trajectory.keyframes import place_keyframes, resolve
 from fapengine.trajectory.via_points import Reduction, low_pass, reduction_curve
 
@@ -79,6 +78,8 @@ class Prediction:
     opening_mm: tuple[Array, Array]
     """Captured and predicted opening of the first take."""
     take: str
+    context: bool = False
+    """Targets depend on neighbours: that predicts better than one look for each phone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -174,7 +175,9 @@ def fit_session(
         names = ", ".join(one.name.lower() for one in borrowed)
         told.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
 
-    def build(shape: VisemeSpace, found: Mapping[str, PhoneStudy], birth: Mapping[str, str]) -> Profile:
+    def build(
+        shape: VisemeSpace, found: Mapping[str, PhoneStudy], birth: Mapping[str, str], context: ContextModel | None
+    ) -> Profile:
         return Profile(
             id=profile_id,
             language=setup.language,
@@ -184,24 +187,33 @@ def fit_session(
             space=shape,
             phones=MappingProxyType({name: study.target for name, study in found.items()}),
             expressions=MappingProxyType(dict(expressions)),
+            context=context,
         )
 
     on_step(STEPS[4])
     prediction = None
     if held_out and any(take.phones for take in held_out):
         apart, _ = study_phones(training, prepared, judged.space)
-        prediction = _predict(held_out, prepared, build(judged.space, apart, origin))
+        neighbours = learn_context(training, prepared, judged.space, apart)
+        prediction = _predict(held_out, prepared, build(judged.space, apart, origin, None))
+        if neighbours is not None:
+            better = _predict(held_out, prepared, build(judged.space, apart, origin, neighbours))
+            if better.lips_mm < prediction.lips_mm:
+                prediction = replace(better, context=True)
     on_step(STEPS[5])
     reduction = _reduce(held_out or training, prepared)
     on_step(STEPS[6])
     dense = densify(prepared, setup, modes=min(8, space.space.mode_count)) if setup.scans else None
     on_step(STEPS[7])
+    context = None
+    if prediction is not None and prediction.context:
+        context = learn_context(prepared.takes, prepared, space.space, phones)
     birth = dict(origin) | _evidence(prepared, space, prediction, training, held_out)
     return Fitted(
         prepared=prepared, options=options, training=tuple(take.name for take in training),
         held_out=tuple(take.name for take in held_out), selection=selection, space=space, phones=phones,
         prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
-        profile=build(space.space, phones, birth), warnings=tuple(told),
+        profile=build(space.space, phones, birth, context), warnings=tuple(told),
     )  # fmt: skip
 
 
@@ -229,7 +241,7 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
     guesses, truths = [], []
     for take in takes:
         times = np.arange(len(take.moved_mm)) / prepared.rate_hz
-        phones = PhoneTrack.of([Phone(p.label, p.start_s, p.end_s) for p in take.phones], tolerance_s=0.01)
+        phones = spoken(take)
         resolved, _ = resolve(phones, profile)
         keys = place_keyframes(phones, resolved, profile.space.mode_count, float(times[-1]))
         guesses.append(profile.space.to_points_mm(keys.sample(times))[:, columns])
@@ -280,6 +292,7 @@ def _evidence(
     if prediction is not None:
         told["held_out"] = (
             f"lips {prediction.lips_mm:.2f} mm (mean pose {prediction.mean_pose_mm:.2f}),"
-            f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f}"
+            f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f};"
+            f" {'targets depend on neighbours' if prediction.context else 'one look for each phone'}"
         )
     return told

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError
+from fapengine.errors import DataError, UsageError
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.space import pick
 from fapengine.models.viseme_space import VisemeSpace, sample_phones
-from fapengine.profiles import PhoneTarget
+from fapengine.profiles import ContextModel, PhoneTarget
 from fapengine.speech import ipa
-from fapengine.speech.phone_track import SILENCE
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,8 @@ KEY, LATE = 0.3, 0.8
 """Where a phone's keyframe stands (the paper), and the second one of a diphthong or affricate."""
 RARE = 8
 """Tokens; below it a median is luck, and the tokens of the most similar frequent phone are taken in."""
+LEAST_CONTEXT = 1000
+"""Spoken tokens from which neighbours are learned; 1,000 are about 50 sentences."""
 CONTACTS = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
 MEDIAN_OF_MEAN = 1.2533 * 1.4826
 """Standard error of a median over MAD / sqrt(n), for normal data: sqrt(pi / 2), times 1.4826 from MAD to deviation."""
@@ -85,6 +88,39 @@ def study_phones(
             MEDIAN_OF_MEAN * spread / np.sqrt(len(values)),
         )
     return studies, strange
+
+
+def learn_context(
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, object]
+) -> ContextModel | None:
+    """Learn what neighbours do to a phone; None where there are too few tokens to tell."""
+    markers = space.points[: space.marker_count]
+    sentences, weights = [], []
+    for take in takes:
+        if not take.phones:
+            continue
+        tokens, _ = tokens_of(spoken(take), known)
+        starts, ends = [token.start_s for token in tokens], [token.end_s for token in tokens]
+        captured = space.to_space(pick((take,), prepared, markers))
+        at = [sample_phones(captured, prepared.rate_hz, starts, ends, fraction) for fraction in FRACTIONS]
+        sentences.append(tokens)
+        weights.append(np.stack(at, axis=1))
+    count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
+    return fit_context(sentences, weights) if count >= LEAST_CONTEXT else None
+
+
+def spoken(take: Displacements) -> PhoneTrack:
+    """Give a take's phones as a track, rounding of its file forgiven.
+
+    Raises
+    ------
+    DataError
+        If phones overlap; ``where`` is the take.
+    """
+    try:
+        return PhoneTrack.of([Phone(p.label, p.start_s, p.end_s) for p in take.phones], tolerance_s=0.01)
+    except UsageError as error:
+        raise DataError(str(error), where=f"take {take.name}") from error
 
 
 def _comparable(one: str, other: str) -> bool:

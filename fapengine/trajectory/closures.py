@@ -27,8 +27,8 @@ LOWER_SHARE = 0.7
 """The lower lip does most of a closure; it has the jaw's help."""
 HOLD = (0.1, 0.75)
 """Part of a bilabial in which the lips stay shut, as fractions of its duration."""
-SHORTEST_HOLD_S = 0.05
-RAMP_S = 0.07
+SHORTEST_HOLD_S = 0.04
+RAMP_S = 0.05
 SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
 

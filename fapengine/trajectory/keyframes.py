@@ -2,7 +2,8 @@
 
 Theory of operation
 -------------------
-Each phone puts one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says).
+Each phone puts one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says); with a
+context model two, at 20 and 70 % (:mod:`fapengine.trajectory.context`).
 Silence is the rest face, the origin of the space: a long pause holds it, a short one only passes through it, and one of
 under a tenth of a second is no pause to the face. A cubic spline, C2, runs through all keyframes; it starts and ends
 at rest with zero slope.
@@ -10,14 +11,15 @@ at rest with zero slope.
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from fapengine.profiles import PhoneTarget, Profile
-from fapengine.speech import ipa
+from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.context import targets, tokens_of
 
 REST_MARGIN_S = 0.12
 """Before and behind speech: time to leave and to reach rest. Articulators start about 120 ms before the sound (JALI,
@@ -25,7 +27,7 @@ Edwards et al. 2016)."""
 SHORTEST_PAUSE_S = 0.1
 HELD_PAUSE_S = 0.3
 """From this length on a pause holds rest between two keyframes."""
-CLOSEST_KEYS_S = 0.02
+CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one gives way."""
 
 
@@ -59,11 +61,18 @@ class Resolved:
     contact: str
 
 
-def resolve(track: PhoneTrack, profile: Profile) -> tuple[list[Resolved], Counter[str]]:
+def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
     """Find every phone's targets.
 
     A label that the profile lacks is taken apart into IPA letters, each replaced by the letter of the profile that
     looks most like it. A label that is no IPA counts as unknown; the neutral vowel stands in.
+
+    Parameters
+    ----------
+    track : PhoneTrack
+    profile : Profile
+    context : bool
+        Let the profile's context model say what a phone looks like, if it has one; otherwise one look for each phone.
 
     Returns
     -------
@@ -72,30 +81,23 @@ def resolve(track: PhoneTrack, profile: Profile) -> tuple[list[Resolved], Counte
     unknown : Counter of str
         Labels that are no IPA, with how often they came.
     """
-    known = tuple(name for name in profile.phones if len(name) == 1)
-    unknown: Counter[str] = Counter()
+    tokens, strange = tokens_of(track, profile.phones)
+    model = profile.context if context else None
+    found = None if model is None else targets(tokens, model)
     resolved: list[Resolved] = []
-    for phone in track.phones:
+    for phone, group in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
         if phone.is_silence:
             continue
-        letters = ipa.letters(phone.label)
-        if not letters:
-            unknown[phone.label] += 1
-            letters = ("ə",)
-        whole = profile.phones.get("".join(letters))
-        parts = [whole] if whole else [profile.phones[ipa.nearest(letter, known)] for letter in letters]
-        resolved.append(_place(phone, parts))
-    return resolved, unknown
-
-
-def _place(phone: Phone, parts: list[PhoneTarget]) -> Resolved:
-    """Share the phone's time equally between its parts, and place their keyframes."""
-    share_s = phone.duration_s / len(parts)
-    times = tuple(
-        phone.start_s + share_s * (index + fraction) for index, part in enumerate(parts) for fraction in part.fractions
-    )
-    contact = next((part.contact for part in parts if part.contact != "none"), "none")
-    return Resolved(phone, times, np.concatenate([part.targets for part in parts]), contact)
+        times, keys, contacts = [], [], []
+        for index, token in group:
+            own = profile.phones[token.name]
+            fractions = own.fractions if model is None else model.fractions
+            keys.append(own.targets if found is None else found[index])
+            times += [token.start_s + (token.end_s - token.start_s) * fraction for fraction in fractions]
+            contacts.append(own.contact)
+        contact = next((one for one in contacts if one != "none"), "none")
+        resolved.append(Resolved(phone, tuple(times), np.concatenate(keys), contact))
+    return resolved, Counter(strange)
 
 
 def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int, end_s: float) -> Keyframes:

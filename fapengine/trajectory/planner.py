@@ -27,6 +27,8 @@ class Style:
     """Size of the mouth's movements; 1 is the recorded speaker's average."""
     blinks: bool = True
     head_motion: bool = True
+    context: bool = True
+    """Phones look as their neighbours make them, if the profile knows how; otherwise each has one look (paper 001)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.articulation <= 3:
@@ -82,7 +84,7 @@ def plan(
     end_s = phones.duration_s if duration_s is None else duration_s
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
 
-    resolved, unknown = resolve(phones, profile)
+    resolved, unknown = resolve(phones, profile, context=style.context)
     keyframes = place_keyframes(phones, resolved, profile.space.mode_count, end_s)
     path = style.articulation * keyframes.sample(times_s)
     mood, mood_faps = blend(expressions or {}, profile, times_s, end_s)

@@ -59,7 +59,7 @@ def recorded(tmp_path_factory) -> Path:
             now += length
         track = PhoneTrack((*phones, Phone("_", now, now + 0.4)))
         times = np.arange(round(track.duration_s * 100)) / 100
-        resolved, _ = resolve(track, profile)
+        resolved, _ = resolve(track, profile, context=False)
         keys = place_keyframes(track, resolved, profile.space.mode_count, track.duration_s)
         moved = neutral + profile.space.to_points_mm(keys.sample(times))[:, columns]
         points = np.concatenate([moved, np.tile(np.array([*SKULL.values()], float), (len(times), 1, 1))], axis=1)

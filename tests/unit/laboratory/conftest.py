@@ -80,7 +80,7 @@ def make(standard, face_mm) -> Callable[..., Made]:
         for index in range(takes):
             phones = speech(rng)
             times = np.arange(round(phones.duration_s * RATE_HZ)) / RATE_HZ
-            resolved, _ = resolve(phones, standard)
+            resolved, _ = resolve(phones, standard, context=False)
             keys = place_keyframes(phones, resolved, standard.space.mode_count, phones.duration_s)
             moved = standard.space.to_points_mm(keys.sample(times))[:, columns]
             points = neutral + moved

@@ -209,8 +209,10 @@ def test_phones_are_needed_and_strange_ones_told(make, run):
     mute = tuple(replace(take, phones=tuple(p for p in take.phones if p.label == "_")) for take in session.takes)
     with pytest.raises(DataError, match="got none in any take"):
         run(replace(session, takes=mute))
-    odd = replace(
-        session.takes[0], phones=(*session.takes[0].phones[:-1], replace(session.takes[0].phones[-2], label="%"))
-    )
+    phones = session.takes[0].phones
+    odd = replace(session.takes[0], phones=(*phones[:-1], replace(phones[-1], label="%")))
     found = run(replace(session, takes=(odd, *session.takes[1:])))
     assert any("phone '%' is no IPA" in text for text in found.warnings)
+    twice = replace(session.takes[0], phones=(*phones[:-1], replace(phones[-2], label="t")))
+    with pytest.raises(DataError, match="take take0"):
+        run(replace(session, takes=tuple(twice if take.name == "take0" else take for take in session.takes)))

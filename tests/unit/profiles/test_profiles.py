@@ -65,6 +65,10 @@ def test_what_is_written_reads_back(profile: Profile) -> None:
     for name, phone in profile.phones.items():
         assert back.phones[name].targets == pytest.approx(phone.targets, abs=1e-3)
         assert (back.phones[name].fractions, back.phones[name].contact) == (phone.fractions, phone.contact)
+    assert back.context is not None
+    assert back.context.features == profile.context.features
+    assert back.context.coefficients == pytest.approx(profile.context.coefficients, rel=1e-3, abs=1e-3)
+    assert parse_profile(format_profile(replace(profile, context=None))).context is None
     for expression, face in profile.expressions.items():
         assert back.expressions[expression].fap == pytest.approx(face.fap, abs=0.051)
         assert back.expressions[expression].target == pytest.approx(face.target, abs=1e-3)
@@ -160,6 +164,27 @@ def test_refuses_files_that_are_missing_or_damaged() -> None:
     damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(buffer.getvalue()).hexdigest())
     with pytest.raises(ProfileError, match="modes_mm"):
         parse_profile(damaged | {"modes.npz": buffer.getvalue()})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("fractions = [0.2, 0.7]", "fractions = [0.7, 0.2]", "rising"),
+        ("fractions = [0.2, 0.7]", "fractions = [0.2]", "coefficients"),
+        ('file = "context.npz"', 'file = "no.npz"', "'no.npz' is missing"),
+    ],
+)
+def test_a_context_that_does_not_fit_is_refused(old: str, new: str, message: str) -> None:
+    with pytest.raises(ProfileError, match=message):
+        parse_profile(edited(old, new))
+
+
+def test_a_damaged_context_is_refused() -> None:
+    data = FILES["context.npz"]
+    for damaged in (data[: len(data) // 2], b"", data[:3000] + b"\0" * 500 + data[3500:]):
+        files = edited(hashlib.sha256(data).hexdigest(), hashlib.sha256(damaged).hexdigest())
+        with pytest.raises(ProfileError, match=r"context\.npz"):
+            parse_profile(files | {"context.npz": damaged})
 
 
 def test_no_phones_is_no_profile() -> None:

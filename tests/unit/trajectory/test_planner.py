@@ -1,5 +1,7 @@
 """From phones to FAPs: promises of the planner, on made and on spoken phones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -62,7 +64,7 @@ def test_every_bilabial_closes_the_lips_under_any_expression(
 
 def test_without_the_closure_step_lips_stay_open() -> None:
     phones = track("ɑː b ɑː b ɑː", each_s=0.08)
-    resolved, _ = resolve(phones, PROFILE)
+    resolved, _ = resolve(phones, PROFILE, context=False)
     times = np.arange(0, phones.duration_s, 0.01)
     path = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s).sample(times)
     faps = displacements_to_faps(PROFILE.space.to_points_mm(path), PROFILE.space.points, PROFILE.fapu)
@@ -98,7 +100,7 @@ def test_nothing_jumps() -> None:
 
 def test_keyframes_stand_at_30_percent_and_the_spline_passes_them() -> None:
     phones = track("s ɑ")
-    resolved, _ = resolve(phones, PROFILE)
+    resolved, _ = resolve(phones, PROFILE, context=False)
     assert [time for one in resolved for time in one.times_s] == pytest.approx([0.336, 0.456])
     keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
     assert keys.sample([0.336])[0] == pytest.approx(PROFILE.phones["s"].targets[0])
@@ -109,6 +111,40 @@ def test_keyframes_stand_at_30_percent_and_the_spline_passes_them() -> None:
 def test_a_time_shift_shifts_the_motion() -> None:
     one, other = values_of(track("b aɪ m")), values_of(track("b aɪ m", lead_s=0.5))
     assert np.abs(other[20:] - one[: len(other) - 20]).max() <= 1
+
+
+@given(LABELS, st.floats(0.04, 0.25), st.floats(0.0, 5.0))
+def test_a_time_shift_of_any_size_shifts_the_path_exactly(labels: list[str], each_s: float, shift_s: float) -> None:
+    paths = []
+    for lead_s in (0.3, 0.3 + shift_s):
+        phones = track(" ".join(labels), each_s=each_s, lead_s=lead_s)
+        resolved, _ = resolve(phones, PROFILE)
+        keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
+        paths.append(keys.sample(np.linspace(0.1, 2.0, 60) + lead_s - 0.3))
+    np.testing.assert_allclose(paths[0], paths[1], atol=1e-8 * max(1.0, np.abs(paths[0]).max()))
+
+
+def bare(name: str) -> str:
+    """Name of a FAP without its side."""
+    return name.replace("_l_", "_").replace("_r_", "_").replace("_lm", "_m").replace("_rm", "_m")
+
+
+def test_a_mirrored_face_moves_mirrored() -> None:
+    left = ("8.3", "8.5", "8.7", "5.1", "5.3", "2.4", "2.6", "2.8")
+    twins = {point: f"{point[:2]}{int(point[2:]) + 1}" for point in left}
+    twins |= {right: left for left, right in twins.items()}
+    space = PROFILE.space
+    order = [space.points.index(twins.get(point, point)) for point in space.points]
+    mirrored = replace(PROFILE, space=replace(space, modes_mm=space.modes_mm[:, order] * [-1.0, 1.0, 1.0]))
+    phones = track("b aɪ t ʃ uː m ɑː")
+    one, other = (
+        plan(phones, profile, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(1)).track.values
+        for profile in (PROFILE, mirrored)
+    )
+    for row in fap.FAPS:
+        if row.number in DETERMINED and row.point in twins:
+            match = next(r for r in fap.FAPS if r.point == twins[row.point] and bare(r.name) == bare(row.name))
+            np.testing.assert_allclose(one[:, fap.column(row.number)], other[:, fap.column(match.number)], atol=1)
 
 
 def test_a_long_pause_rests_and_a_short_one_does_not() -> None:
@@ -144,7 +180,7 @@ def test_what_sounds_like_a_bilabial_closes(letter: str) -> None:
 
 
 def test_parts_of_a_strange_diphthong_share_its_time() -> None:
-    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), PROFILE)
+    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), PROFILE, context=False)
     assert resolved[0].times_s == pytest.approx((1.03, 1.13))
 
 

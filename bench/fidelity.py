@@ -1,0 +1,411 @@
+"""How well does it speak? Held-out utterances from their phone timings alone, against what was captured.
+
+    python -m bench.fidelity --train A.npz [--test B.npz] -o report/
+
+Both files have the layout of ``../shared/data/speech_train.npz``: tracked points of a talking face, and its phones.
+Without --test, 100 sentences of --train are held out (fixed seed). Writes report/index.html (table, captured against
+predicted) and report/fidelity.json. Frames count from the first phone to the last one.
+
+The lips are the points that the file marks as lip (65 of the 229: both contours of both lips and what lies between); a
+method moves the 22 feature points of a profile, and a linear map learned on the training sentences carries them to
+all 65. Points come from a video tracker, good to about 0.7 mm: differences below a few hundredths say nothing.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from fapengine.capture.landmarks import FEATURE_POINTS
+from fapengine.capture.session import Interval
+from fapengine.files.profiles import load_profile
+from fapengine.geometry.rigid import RigidMotion
+from fapengine.laboratory.phones import learn_context, study_phones
+from fapengine.laboratory.prepare import Displacements, Prepared
+from fapengine.laboratory.space import study_space
+from fapengine.models.viseme_space import MARKERS
+from fapengine.mpeg4 import fap
+from fapengine.profiles import Profile
+from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+
+INNER = tuple(f"2.{n}" for n in range(2, 10))
+NAMES = (*MARKERS, *INNER)
+HELD_OUT, SEED = 100, 7
+CLOSED_MM = 1.5
+"""Opening against rest below which lips count as closed: twice the tracker's uncertainty."""
+GOAL = {"lips_mm": 1.45, "lve_mm": 2.3, "opening_r": 0.88, "width_r": 0.82, "opening_slope": 0.85, "closed": 0.98}
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One utterance."""
+
+    name: str
+    text: str
+    points: Array
+    """(T, 22, 3) mm from rest: the profile's feature points."""
+    lips: Array
+    """(T, L, 3)."""
+    phones: PhoneTrack
+    spoken: Array
+    """(T,) bool."""
+
+
+@dataclass(frozen=True)
+class Corpus:
+    """A file of utterances."""
+
+    clips: list[Clip]
+    rate_hz: float
+    middle: tuple[int, int]
+    """Rows of ``lips``: inner lips, middle, upper and lower."""
+    corners: tuple[int, int]
+    """Left and right outer corner."""
+
+
+def load(path: Path) -> Corpus:
+    data = np.load(path)
+    numbers = [int(number) for number in data["marker_mediapipe"]]
+    column = {FEATURE_POINTS[number]: index for index, number in enumerate(numbers) if number in FEATURE_POINTS}
+    lips = np.flatnonzero(data["marker_is_lip"])
+    row = {int(index): place for place, index in enumerate(lips)}
+    steps, rate = data["marker_delta"].T.astype(np.int32), float(data["fps"])
+    clips = []
+    for index, (start, length) in enumerate(zip(data["offset"], data["n_frames"], strict=True)):
+        moved = np.cumsum(steps[start : start + length], axis=0).reshape(length, -1, 3) * float(data["marker_step_mm"])
+        mine = np.flatnonzero(data["phone_clip"] == index)
+        phones = [
+            Phone(
+                SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0],
+                float(data["phone_start"][n]),
+                float(data["phone_end"][n]),
+            )
+            for n, label in zip(mine, data["phone"][mine].tolist(), strict=True)
+        ]
+        track = PhoneTrack.of(phones, tolerance_s=0.01)
+        spoken = [phone for phone in track.phones if not phone.is_silence]
+        if not spoken:
+            continue
+        times = np.arange(length) / rate
+        clips.append(
+            Clip(
+                str(data["ids"][index]), str(data["text"][index]), moved[:, [column[name] for name in NAMES]],
+                moved[:, lips], track, (times >= spoken[0].start_s) & (times <= spoken[-1].end_s),
+            )
+        )  # fmt: skip
+    middle = (row[column["2.2"]], row[column["2.3"]])
+    return Corpus(clips, rate, middle, (row[column["8.3"]], row[column["8.4"]]))
+
+
+def learn(clips: list[Clip], rate_hz: float) -> tuple[Profile, Array]:
+    """Learn a profile by the laboratory's own steps, and the map from its points to all lip points."""
+    still = RigidMotion(np.eye(3)[None], np.zeros((1, 3)))
+    takes = tuple(
+        Displacements(
+            clip.name, clip.points, tuple(Interval(p.label, p.start_s, p.end_s) for p in clip.phones.phones), still
+        )
+        for clip in clips
+    )
+    prepared = Prepared(
+        subject="train", rate_hz=rate_hz, labels=NAMES, points=NAMES, neutral_mm=np.zeros((len(NAMES), 3)), scale=1.0,
+        takes=takes, gaps=None, warnings=(),
+    )  # fmt: skip
+    space = study_space(prepared, takes, (), modes=None, variance=0.99).space
+    phones, _ = study_phones(takes, prepared, space)
+    known = {name: study.target for name, study in phones.items()}
+    context = learn_context(takes, prepared, space, known)
+    shipped = load_profile("grid_s1_en")  # its FAPU is this speaker's; nothing else of it is used
+    profile = replace(shipped, space=space, phones=known, context=context)
+    order = [NAMES.index(name) for name in space.points]
+    inputs = np.concatenate([clip.points[:, order] for clip in clips]).reshape(-1, 3 * len(order))
+    outputs = np.concatenate([clip.lips for clip in clips]).reshape(len(inputs), -1)
+    square = inputs.T @ inputs
+    lift = np.linalg.solve(square + 1e-4 * np.trace(square) / len(square) * np.eye(len(square)), inputs.T @ outputs)
+    return profile, lift
+
+
+Method = Callable[[Clip, Profile, Array], Array]
+"""Clip, profile, times -> (T, P, 3) displacements of the profile's points."""
+
+
+def keys_of(clip: Clip, profile: Profile, *, context: bool = False) -> tuple[Array, Array]:
+    resolved, _ = resolve(clip.phones, profile, context=context)
+    keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
+    return keys.times_s, keys.weights
+
+
+def rest(clip: Clip, profile: Profile, times: Array) -> Array:
+    return np.zeros((len(times), len(profile.space.points), 3))
+
+
+def by(interpolate: Callable[[Array, Array, Array], Array], *, context: bool = False) -> Method:
+    def method(clip: Clip, profile: Profile, times: Array) -> Array:
+        knots, weights = keys_of(clip, profile, context=context)
+        path = interpolate(knots, weights, np.clip(times, knots[0], knots[-1]))
+        return profile.space.to_points_mm(path)
+
+    return method
+
+
+def linear(knots: Array, weights: Array, times: Array) -> Array:
+    return np.stack([np.interp(times, knots, column) for column in weights.T], axis=1)
+
+
+def natural(knots: Array, weights: Array, times: Array) -> Array:
+    return CubicSpline(knots, weights, bc_type="natural")(times)
+
+
+def monotone(knots: Array, weights: Array, times: Array) -> Array:
+    return PchipInterpolator(knots, weights)(times)
+
+
+def ramps(clip: Clip, profile: Profile, times: Array) -> Array:
+    """Use a popular browser avatar's fixed ramps: up from t - 2d/3 to t + d/2, down to t + 1.5 d, added up."""
+    path = np.zeros((len(times), profile.space.mode_count))
+    resolved, _ = resolve(clip.phones, profile, context=False)
+    for one in resolved:
+        start, length = one.phone.start_s, one.phone.duration_s
+        peak = 0.6 if one.contact == "none" and one.phone.label[0] not in "aeiouæɑɔəɛɪʊʌ" else 0.9
+        shape = np.interp(times, [start - 2 * length / 3, start + length / 2, start + 1.5 * length], [0, peak, 0])
+        path += shape[:, None] * one.targets[0]
+    return profile.space.to_points_mm(path)
+
+
+def dominance(rate: float) -> Method:
+    """Cohen and Massaro: targets blended by exp(-rate |t - centre|)."""
+
+    def method(clip: Clip, profile: Profile, times: Array) -> Array:
+        resolved, _ = resolve(clip.phones, profile, context=False)
+        centres = np.array([(one.phone.start_s + one.phone.end_s) / 2 for one in resolved])
+        points = np.stack([one.targets[0] for one in resolved])
+        first, last = clip.phones.phones[0], clip.phones.phones[-1]
+        centres = np.concatenate([[first.start_s], centres, [last.end_s]])
+        points = np.concatenate([0 * points[:1], points, 0 * points[:1]])
+        weight = np.exp(-rate * np.abs(times[:, None] - centres))
+        return profile.space.to_points_mm(weight @ points / weight.sum(axis=1, keepdims=True))
+
+    return method
+
+
+def ours(*, context: bool = True) -> Method:
+    """Do what the product does: keyframes, spline, closures."""
+
+    def method(clip: Clip, profile: Profile, times: Array) -> Array:
+        resolved, _ = resolve(clip.phones, profile, context=context)
+        keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
+        moved = profile.space.to_points_mm(keys.sample(times))
+        faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
+        change = close_lips(faps, times, resolved) - faps
+        for row in fap.FAPS:  # what the closures add to the FAPs, back as displacements
+            shift = change[:, fap.column(row.number)]
+            if np.abs(shift).max() > 0:
+                step = profile.fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
+                moved[:, profile.space.points.index(row.point)] += shift[:, None] * step
+        return moved
+
+    return method
+
+
+def captured(at_keys: bool) -> Method:
+    def method(clip: Clip, profile: Profile, times: Array) -> Array:
+        order = [NAMES.index(name) for name in profile.space.points]
+        if not at_keys:
+            return clip.points[:, order]
+        knots, _ = keys_of(clip, replace(profile, context=None))
+        flat = clip.points[:, order].reshape(len(times), -1)
+        values = np.stack([np.interp(knots, times, column) for column in flat.T], axis=1)
+        return natural(knots, values, np.clip(times, knots[0], knots[-1])).reshape(len(times), -1, 3)
+
+    return method
+
+
+METHODS: dict[str, Method] = {
+    "rest pose": rest,
+    "fixed ramps of a browser avatar": ramps,
+    "Cohen and Massaro, 12 / s": dominance(12.0),
+    "Cohen and Massaro, 20 / s": dominance(20.0),
+    "phone medians at 30 %, linear": by(linear),
+    "phone medians at 30 %, monotone cubic": by(monotone),
+    "phone medians at 30 %, natural cubic (paper 001)": by(natural),
+    "the same with closures (context=False)": ours(context=False),
+    "context, spline": by(natural, context=True),
+    "context, spline, closures (the default)": ours(),
+    "captured at 30 % (limit of one key)": captured(True),
+    "captured (limit of the space and the map)": captured(False),
+}
+DEFAULT = "context, spline, closures (the default)"
+
+
+def judge(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str, float]:
+    """Every figure of one method."""
+    spoken = [clip.spoken for clip in clips]
+    guess = np.concatenate([p[s] for p, s in zip(predicted, spoken, strict=True)])
+    truth = np.concatenate([clip.lips[s] for clip, s in zip(clips, spoken, strict=True)])
+    distance = np.linalg.norm(guess - truth, axis=-1)
+    found = {"lips_mm": distance.mean(), "lve_mm": distance.max(axis=1).mean()}
+    for name, (one, other), axis in (("opening", corpus.middle, 1), ("width", corpus.corners, 0)):
+        a, b = (lips[:, one, axis] - lips[:, other, axis] for lips in (guess, truth))
+        moves = np.ptp(a) > 1e-9
+        found[f"{name}_r"] = np.corrcoef(a, b)[0, 1] if moves else 0.0
+        found[f"{name}_slope"] = np.polyfit(b, a, 1)[0]
+    found |= closures(corpus, clips, predicted)
+    found |= timing(corpus, clips, predicted)
+    return {name: round(float(value), 4) for name, value in found.items()}
+
+
+def opening(corpus: Corpus, lips: Array) -> Array:
+    return lips[:, corpus.middle[0], 1] - lips[:, corpus.middle[1], 1]
+
+
+def closures(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str, float]:
+    """Share of p b m that close; precision and recall of closing over all phones; opening error of f v at their key."""
+    rows = []
+    for clip, lips in zip(clips, predicted, strict=True):
+        times = np.arange(len(lips)) / corpus.rate_hz
+        guess, truth = opening(corpus, lips), opening(corpus, clip.lips)
+        for phone in clip.phones.phones:
+            inside = (times >= phone.start_s - 0.5 / corpus.rate_hz) & (times <= phone.end_s + 0.5 / corpus.rate_hz)
+            if not phone.is_silence and inside.any():
+                kind = "lips" if phone.label in "pbm" else "teeth" if phone.label in "fv" else "open"
+                rows.append((kind, guess[inside].min(), truth[inside].min()))
+    kind = np.array([row[0] for row in rows])
+    guess, truth = (np.array([row[n] for row in rows]) for n in (1, 2))
+    shut, really = guess < CLOSED_MM, truth < CLOSED_MM
+    labial = kind == "lips"
+    return {
+        "closed": shut[labial].mean(),
+        "precision": (shut & really).sum() / max(shut.sum(), 1),
+        "recall": (shut & really).sum() / max(really.sum(), 1),
+        "fv_mm": np.abs(guess - truth)[kind == "teeth"].mean(),
+    }
+
+
+def timing(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str, float]:
+    """Lag that fits the opening best (positive: the prediction is late), and its fast movements over the captured."""
+    lags = np.arange(-5, 6)
+    score = np.zeros(len(lags))
+    fast, truly = [], []
+    for clip, lips in zip(clips, predicted, strict=True):
+        a, b = opening(corpus, lips), opening(corpus, clip.lips)
+        a, b = a - a.mean(), b - b.mean()
+        score += [(np.roll(a, -lag)[5:-5] * b[5:-5]).sum() for lag in lags]
+        fast.append(np.abs(np.diff(a))[clip.spoken[1:]])
+        truly.append(np.abs(np.diff(b))[clip.spoken[1:]])
+    best = int(np.clip(score.argmax(), 1, len(lags) - 2))
+    before, at, after = score[best - 1 : best + 2]
+    bend = before - 2 * at + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    ratio = np.percentile(np.concatenate(fast), 95) / np.percentile(np.concatenate(truly), 95)
+    return {"lag_ms": 1000 * (lags[best] + shift) / corpus.rate_hz, "velocity_ratio": ratio}
+
+
+COLUMNS = {
+    "lips_mm": "lips, mm", "lve_mm": "LVE, mm", "opening_r": "opening r", "opening_slope": "slope",
+    "width_r": "width r",
+    "width_slope": "slope", "closed": "p b m closed", "precision": "closing: precision", "recall": "recall",
+    "fv_mm": "f v, mm", "lag_ms": "lag, ms", "velocity_ratio": "fast moves, ratio",
+}  # fmt: skip
+
+
+def page(
+    corpus: Corpus, clips: list[Clip], results: dict[str, dict[str, float]], shown: dict[str, list[Array]]
+) -> bytes:
+    import io
+
+    from matplotlib.figure import Figure
+
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *COLUMNS.values()))
+    body = "".join(
+        f"<tr{' class=ours' if name == DEFAULT else ''}><td>{escape(name)}</td>"
+        + "".join(f"<td>{row[key]:.2f}</td>" for key in COLUMNS) + "</tr>"
+        for name, row in results.items()
+    )  # fmt: skip
+    pictures = []
+    for index in range(min(6, len(clips))):
+        figure = Figure(figsize=(10, 2.4), layout="constrained")
+        axes = figure.subplots()
+        times = np.arange(len(clips[index].lips)) / corpus.rate_hz
+        axes.plot(times, opening(corpus, clips[index].lips), color="#20242a", label="captured")
+        for (name, predicted), colour in zip(shown.items(), ("#2f6aa8", "#c8543c"), strict=True):
+            axes.plot(times, opening(corpus, predicted[index]), color=colour, label=name)
+        for phone in clips[index].phones.phones:
+            if not phone.is_silence:
+                axes.text(
+                    (phone.start_s + phone.end_s) / 2,
+                    1.0,
+                    phone.label,
+                    transform=axes.get_xaxis_transform(),
+                    ha="center",
+                )
+        axes.set(ylabel="opening, mm", xlabel=f"s   ({clips[index].text})")
+        axes.legend(fontsize=7, frameon=False, loc="upper right")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        pictures.append(buffer.getvalue()[buffer.getvalue().index(b"<svg") :].decode())
+    style = (
+        "body{font:15px system-ui;max-width:70rem;margin:2rem auto}td,th{padding:.15rem .6rem;text-align:right}"
+        "td:first-child{text-align:left}.ours{background:#fdf1e3;font-weight:600}svg{max-width:100%}"
+    )
+    return (
+        f"<!doctype html><meta charset=utf-8><title>Fidelity</title><style>{style}</style>"
+        "<h1>How well does it speak?</h1>"
+        f"<p>{len(clips)} held-out utterances from their phone timings alone; closed: within {CLOSED_MM} mm of rest."
+        " The points are a video tracker's, good to about 0.7 mm.</p>"
+        f"<table><tr>{head}</tr>{body}</table>{''.join(pictures)}"
+    ).encode()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--train", type=Path, required=True)
+    parser.add_argument("--test", type=Path)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/fidelity"))
+    options = parser.parse_args()
+    corpus = load(options.train)
+    training, clips = corpus.clips, load(options.test).clips if options.test else []
+    if not clips:
+        out = set(np.random.default_rng(SEED).permutation(len(corpus.clips))[:HELD_OUT].tolist())
+        clips = [clip for index, clip in enumerate(corpus.clips) if index in out]
+        training = [clip for index, clip in enumerate(corpus.clips) if index not in out]
+    profile, lift = learn(training, corpus.rate_hz)
+    mean = np.concatenate([clip.lips[clip.spoken] for clip in training]).mean(axis=0)
+    results = {"mean speech pose": judge(corpus, clips, [np.tile(mean, (len(clip.lips), 1, 1)) for clip in clips])}
+    shown = {}
+    for name, method in METHODS.items():
+        predicted = []
+        for clip in clips:
+            points = method(clip, profile, np.arange(len(clip.points)) / corpus.rate_hz)
+            predicted.append((points.reshape(len(points), -1) @ lift).reshape(len(points), -1, 3))
+        results[name] = judge(corpus, clips, predicted)
+        if name in (DEFAULT, "phone medians at 30 %, natural cubic (paper 001)"):
+            shown[name] = predicted
+    width = max(map(len, results))
+    print(" " * width, *(f"{text:>18}" for text in COLUMNS.values()))
+    for name, row in results.items():
+        print(f"{name:{width}}", *(f"{row[key]:18.3f}" for key in COLUMNS))
+    options.output.mkdir(parents=True, exist_ok=True)
+    (options.output / "fidelity.json").write_text(
+        json.dumps({"clips": len(clips), "methods": results, "goal": GOAL}, indent=1)
+    )
+    (options.output / "index.html").write_bytes(page(corpus, clips, results, shown))
+    mine = results[DEFAULT]
+    short = [name for name, goal in GOAL.items() if (mine[name] > goal if name.endswith("mm") else mine[name] < goal)]
+    print(f"{len(profile.context.features) if profile.context else 0} features; report in {options.output}")
+    print("short of the goal:", ", ".join(f"{name} {mine[name]} ({GOAL[name]})" for name in short) or "nothing")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

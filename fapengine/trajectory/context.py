@@ -1,0 +1,182 @@
+"""What a phone looks like between its neighbours: targets that depend on context, learned by least squares.
+
+Theory of operation
+-------------------
+A phone's targets at a few fractions of its duration are a sum over *features* of the phone and of three neighbours
+to either side: which phone stands there, how it is articulated (lips, rounding, opening, place ...), which two stand
+beside each other, how long they last. Ridge regression finds what each feature adds; the rarer and the farther a
+feature, the more it is shrunk. A phone or a pair that was never heard has no feature of its own, so its articulation
+speaks for it, and it stays near its likes.
+
+Measured on held-out sentences of one speaker (``bench/fidelity``), this is what lets lips foresee: the same /s/ is
+round before /u/ and spread before /i/.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from fapengine.errors import UsageError
+from fapengine.profiles import ContextModel
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+
+Array = NDArray[np.float64]
+
+FRACTIONS = (0.2, 0.7)
+"""Where the keyframes stand; splines through captured values there are within 0.35 mm of the captured lips (through
+those at 30 % alone, 0.79)."""
+REACH = 3
+"""Neighbours to either side."""
+TYPICAL_S, SHORTEST_S = 0.1, 0.03
+"""Durations count as their logarithm against the first, cut at the second."""
+PAUSE_S = 0.3
+"""Length of every silence as a neighbour, so that when speech began does not matter to how it looks."""
+PENALTIES = {"bias": 0.03, "phone": 1.0, "way": 3.0, "length": 3.0, "beside": 3.0, "pair": 6.0}
+"""Ridge of each kind of feature, found by cross-validation within the training sentences; neighbours at distance 2 and
+3 are shrunk by 2 and 4."""
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A phone, or a part of one, under a name that the profile knows."""
+
+    phone: Phone
+    name: str
+    """In the profile, or :data:`SILENCE`."""
+    heard: tuple[str, ...]
+    """IPA letters as they were spoken; the profile may know only their likes."""
+    start_s: float
+    end_s: float
+
+
+def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Token], list[str]]:
+    """Take a track apart into what a profile knows.
+
+    A label that it lacks is split into letters that share the time, each under the name of its likest.
+
+    Returns
+    -------
+    tokens : list of Token
+    strange : list of str
+        Labels that are no IPA; the neutral vowel stands in.
+    """
+    letters_known = tuple(name for name in known if len(name) == 1)
+    tokens, strange = [], []
+    for phone in track.phones:
+        if phone.is_silence:
+            tokens.append(Token(phone, SILENCE, (), phone.start_s, phone.end_s))
+            continue
+        letters = ipa.letters(phone.label)
+        if not letters:
+            strange.append(phone.label)
+            letters = ("ə",)
+        whole = "".join(letters)
+        parts = [(whole, letters)] if whole in known else [(ipa.nearest(one, letters_known), (one,)) for one in letters]
+        share = phone.duration_s / len(parts)
+        for index, (name, heard) in enumerate(parts):
+            start_s = phone.start_s + index * share
+            tokens.append(Token(phone, name, heard, start_s, start_s + share))
+    return tokens, strange
+
+
+def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
+    """Describe one token between its neighbours: feature names and values."""
+    around = [_neighbour(tokens, index + step) for step in range(-REACH, REACH + 1)]
+    name = tokens[index].name
+    length = _length(tokens[index].end_s - tokens[index].start_s)
+    found = {"bias": 1.0, f"phone {name}": 1.0, "length 0": length, f"phone {name} length": length}
+    for step, (other, heard, duration_s) in zip(range(-REACH, REACH + 1), around, strict=True):
+        for way, value in _articulation(heard).items():
+            found[f"way {step} {way}"] = value
+        if step:
+            found[f"beside {step} {other}"] = 1.0
+            if abs(step) < REACH:
+                found[f"length {step}"] = _length(duration_s)
+    found[f"pair {around[REACH - 1][0]} {name}"] = 1.0
+    found[f"pair {name} {around[REACH + 1][0]} next"] = 1.0
+    return found
+
+
+def _neighbour(tokens: Sequence[Token], index: int) -> tuple[str, tuple[str, ...], float]:
+    if not 0 <= index < len(tokens) or tokens[index].name == SILENCE:
+        return SILENCE, (), PAUSE_S
+    return tokens[index].name, tokens[index].heard, tokens[index].end_s - tokens[index].start_s
+
+
+def _length(duration_s: float) -> float:
+    return float(np.log(max(duration_s, SHORTEST_S) / TYPICAL_S))
+
+
+def _articulation(heard: tuple[str, ...]) -> dict[str, float]:
+    if not heard:
+        return {"silent": 1.0}
+    first, last = ipa.SOUNDS[heard[0]], ipa.SOUNDS[heard[-1]]
+    ways = {
+        "lips": first.lips, "rounding": (first.rounding + last.rounding) / 2, "opening": first.opening,
+        "opening at the end": last.opening, "vowel": first.vowel, "place": first.place, "manner": first.manner,
+    }  # fmt: skip
+    return {way: float(value) for way, value in ways.items() if value}
+
+
+def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
+    """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing."""
+    keys, modes = model.coefficients.shape[1:]
+    found = np.zeros((len(tokens), keys, modes))
+    for index in range(len(tokens)):
+        if tokens[index].name == SILENCE:
+            continue
+        rows, values = [], []
+        for name, value in features(tokens, index).items():
+            if name in model.rows:
+                rows.append(model.rows[name])
+                values.append(value)
+        found[index] = np.tensordot(values, model.coefficients[rows], axes=1)
+    return found
+
+
+def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) -> ContextModel:
+    """Learn the model.
+
+    Parameters
+    ----------
+    sentences : sequence of token lists
+    weights : sequence of (N, keyframes, K) arrays
+        Captured weights at :data:`FRACTIONS` of each token; rows of silences are ignored.
+
+    Raises
+    ------
+    UsageError
+        If there is no spoken token, or shapes do not fit.
+    """
+    described = [
+        features(tokens, index) for tokens in sentences for index, token in enumerate(tokens) if token.name != SILENCE
+    ]
+    goal = [
+        values[index]
+        for tokens, values in zip(sentences, weights, strict=True)
+        for index, token in enumerate(tokens)
+        if token.name != SILENCE
+    ]
+    if not described:
+        raise UsageError("sentences: got no spoken phone, expected some")
+    y = np.stack(goal).reshape(len(goal), -1)
+    names = sorted({name for one in described for name in one})
+    place = {name: index for index, name in enumerate(names)}
+    rows = np.repeat(np.arange(len(described)), [len(one) for one in described])
+    columns = np.array([place[name] for one in described for name in one])
+    values = np.array([value for one in described for value in one.values()])
+    design = csr_array((values, (rows, columns)), shape=(len(described), len(names)))
+    normal = (design.T @ design).toarray()
+    normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
+    found = np.linalg.solve(normal, design.T @ y).reshape(len(names), *goal[0].shape)
+    return ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=found)
+
+
+def _penalty(name: str) -> float:
+    kind, *rest = name.split(" ")
+    distance = abs(int(rest[0])) if kind in ("way", "beside") else 1
+    return PENALTIES[kind] * 2.0 ** max(distance - 1, 0)

@@ -1,0 +1,109 @@
+"""Targets that depend on neighbours."""
+
+import numpy as np
+import pytest
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.profiles import ContextModel, parse_profile
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.context import FRACTIONS, features, fit_context, targets, tokens_of
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+KNOWN = PROFILE.phones
+
+
+def track(spelling: str, *, each_s: float = 0.1, lead_s: float = 0.3) -> PhoneTrack:
+    labels = spelling.split()
+    times = lead_s + each_s * np.arange(len(labels) + 1)
+    return PhoneTrack.of([Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)])
+
+
+def look(spelling: str, index: int) -> np.ndarray:
+    """Weights of one phone at its first key."""
+    tokens, _ = tokens_of(track(spelling), KNOWN)
+    return targets(tokens, PROFILE.context)[index + 1, 0]
+
+
+def width(weights: np.ndarray) -> float:
+    points = dict(zip(PROFILE.space.points, PROFILE.space.to_points_mm(weights), strict=True))
+    return float(points["8.3"][0] - points["8.4"][0])
+
+
+def test_lips_foresee_the_vowel() -> None:
+    assert width(look("s uː", 0)) < width(look("s iː", 0)) - 0.7  # mm
+    assert width(look("uː s", 1)) < width(look("iː s", 1)) - 0.5
+
+
+def test_phones_that_were_never_heard_look_like_their_likes() -> None:
+    def apart(one: str, other: str) -> float:
+        a, b = (look(f"ɑ {phone} ɑ", 1) for phone in (one, other))
+        return float(np.linalg.norm(a - b))
+
+    assert apart("ʃ", "tʃ") < apart("ʃ", "m")
+    assert apart("ŋ", "n") < apart("ŋ", "w")
+    assert apart("ʊ", "u") < apart("ʊ", "æ")
+    for label in ("ɹ̩", "ʁ", "y", "ɓ", "ɔɪ"):
+        tokens, _ = tokens_of(track(f"t {label} t"), KNOWN)
+        found = targets(tokens, PROFILE.context)
+        reach = np.stack([phone.targets[0] for phone in KNOWN.values()])
+        room = 0.6 * np.ptp(reach, axis=0).max()
+        assert (found >= reach.min(axis=0) - room).all()
+        assert (found <= reach.max(axis=0) + room).all()
+
+
+def test_silence_has_no_target_and_its_length_no_effect() -> None:
+    short, long = (tokens_of(track("b aɪ", lead_s=lead), KNOWN)[0] for lead in (0.2, 3.0))
+    np.testing.assert_allclose(targets(short, PROFILE.context), targets(long, PROFILE.context), atol=1e-9)
+    assert not targets(short, PROFILE.context)[0].any()
+
+
+def test_tokens_share_a_strange_labels_time() -> None:
+    tokens, strange = tokens_of(track("ɔɪ %"), KNOWN)
+    assert [token.name for token in tokens] == [SILENCE, "ɔ", "ɪ", "ə"]
+    assert [token.start_s for token in tokens] == pytest.approx([0.0, 0.3, 0.35, 0.4])
+    assert strange == ["%"]
+    assert tokens[1].heard == ("ɔ",)
+
+
+def test_features_say_who_stands_where() -> None:
+    tokens, _ = tokens_of(track("b aɪ m"), KNOWN)
+    found = features(tokens, 2)
+    assert found["phone aɪ"] == found["beside -1 b"] == found["beside 1 m"] == found["pair b aɪ"] == 1.0
+    assert found["beside 2 _"] == found["way 2 silent"] == 1.0
+    assert found["length 0"] == pytest.approx(0.0)
+    assert "beside 0 aɪ" not in found
+
+
+def test_what_follows_rules_is_learned() -> None:
+    """Weights made from identity and the vowel ahead come back, on sentences that were not shown."""
+    rng = np.random.default_rng(0)
+    own = {name: rng.normal(0, 3, 2) for name in KNOWN}
+    ahead = {name: rng.normal(0, 1, 2) for name in (*KNOWN, SILENCE)}
+    names = [name for name in KNOWN if len(name) == 1]
+
+    def sentence() -> tuple[list, np.ndarray]:
+        tokens, _ = tokens_of(track(" ".join(rng.choice(names, 9))), KNOWN)
+        following = [*(token.name for token in tokens[1:]), SILENCE]
+        weights = [
+            own.get(token.name, np.zeros(2)) + ahead[after] for token, after in zip(tokens, following, strict=True)
+        ]
+        return tokens, np.tile(np.array(weights)[:, None], (1, len(FRACTIONS), 1))
+
+    shown = [sentence() for _ in range(150)]
+    model = fit_context([tokens for tokens, _ in shown], [weights for _, weights in shown])
+    tokens, weights = sentence()
+    error = np.abs(targets(tokens, model)[1:] - weights[1:])
+    assert error.mean() < 0.35
+    assert error.mean() < 0.15 * np.abs(weights).mean()
+
+
+def test_nothing_said_is_nothing_learned() -> None:
+    tokens, _ = tokens_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]), KNOWN)
+    with pytest.raises(UsageError, match="no spoken phone"):
+        fit_context([tokens], [np.zeros((1, 2, 3))])
+
+
+def test_a_model_has_one_row_for_each_feature() -> None:
+    with pytest.raises(UsageError, match="coefficients"):
+        ContextModel(fractions=(0.5,), features=("a", "b"), coefficients=np.zeros((1, 1, 2)))
