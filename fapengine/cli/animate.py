@@ -14,7 +14,17 @@ def animate(
         Path | None, typer.Option("--audio", "-a", help="The sound: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
+    file_format: Annotated[
+        str | None, typer.Option("--format", help="Of the timings, if the content does not tell: textgrid, htk, ...")
+    ] = None,
     tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: the tier that holds the phones.")] = None,
+    alphabet: Annotated[
+        str | None, typer.Option("--alphabet", help="Of the labels, if not to be guessed: ipa, arpabet, pinyin, ...")
+    ] = None,
+    voice: Annotated[
+        str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
+    ] = "en-us",
+    strict: shared.Strict = False,
     expression: shared.Expressions = [],  # noqa: B006  typer copies it
     profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
@@ -29,7 +39,7 @@ def animate(
 
     Example: fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
     """
-    from fapengine.cli.talk import Options, Report, check, print_report, talk
+    from fapengine.cli.talk import Options, Report, check, print_report, refuse_unknown, talk
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
@@ -37,7 +47,13 @@ def animate(
     check(options)
     report = Report()
     with report.stage("read"):
-        phones = load_timings(timings, tier=tier)
+        phones = load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet)
+        if phones.spelled:
+            from fapengine.voices.espeak import EspeakVoice
+            from fapengine.voices.pronounce import pronounce
+
+            phones = pronounce(phones, EspeakVoice(voice))
         sound = load_sound(audio) if audio else None
+    refuse_unknown(phones, str(timings), strict=strict)
     talk(phones, sound, options, report, timings.name)
     print_report(report, as_json=as_json)

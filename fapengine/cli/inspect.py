@@ -8,7 +8,9 @@ FBA_STARTS = (b"\x00\x00\x01",)
 
 
 def inspect(
-    path: Path = typer.Argument(..., help="What to look into: an FBA stream (.fba), or a profile: its folder or name."),
+    path: Path = typer.Argument(
+        ..., help="What to look into: an FBA stream (.fba), phone timings, or a profile: folder or name."
+    ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
@@ -20,18 +22,25 @@ def inspect(
     from fapengine._resources import profile_ids
     from fapengine.errors import UnsupportedError
     from fapengine.files.paths import read_bytes
+    from fapengine.speech.formats import guess_format
 
     if (path / "profile.toml").is_file() or str(path) in profile_ids():
         from fapengine.cli._inspect_profile import inspect_profile
 
         inspect_profile(str(path), as_json=as_json, plot=plot)
         return
-    head = read_bytes(path)[:4]
+    data = read_bytes(path)
+    head = data[:4]
     if head.startswith(FBA_STARTS):
         from fapengine.cli._inspect_fba import inspect_fba
 
         inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
+    elif guess_format(data, ending=path.suffix) is not None:
+        from fapengine.cli._inspect_timings import inspect_timings
+
+        inspect_timings(path, as_json=as_json, everything=everything, plot=plot)
     else:
         raise UnsupportedError(
-            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..) or a profile's folder", where="byte 0"
+            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), phone timings or a profile's folder",
+            where="byte 0",
         )

@@ -21,6 +21,7 @@ def say(
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
     seed: shared.Seed = 1,
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
@@ -31,7 +32,7 @@ def say(
     """
     import sys
 
-    from fapengine.cli.talk import Options, Report, check, print_report, talk
+    from fapengine.cli.talk import Options, Report, check, print_report, refuse_unknown, talk
     from fapengine.voices.espeak import EspeakVoice
 
     options = Options(output, tuple(expression), profile, head, camera, size, fps, articulation, seed)
@@ -40,5 +41,6 @@ def say(
     spoken = sys.stdin.read() if text == "-" else text
     with report.stage("voice"):
         speech = EspeakVoice(voice, rate).speak(spoken).padded(lead_s=0.3, tail_s=0.5)
+    refuse_unknown(speech.phones, f"voice {voice}", strict=strict)
     talk(speech.phones, (speech.samples, speech.sample_rate_hz), options, report, spoken.strip())
     print_report(report, as_json=as_json)

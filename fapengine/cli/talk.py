@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads import DEFAULT_HEAD, load_head
 from fapengine.files.pictures import Picture, contact_sheet, save_png
@@ -24,6 +24,7 @@ from fapengine.profiles import Profile
 from fapengine.render.camera import preset
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.unknown import UnknownPhone, find_unknown
 from fapengine.trajectory.planner import Style, plan
 
 DEFAULT_PROFILE = "grid_s1_en"
@@ -61,7 +62,9 @@ class Report:
     rate_hz: float = 0.0
     duration_s: float = 0.0
     phones: int = 0
-    unknown: dict[str, int] = field(default_factory=dict)
+    level: str = "phone"
+    """What the timings were given for."""
+    unknown: tuple[UnknownPhone, ...] = ()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -82,7 +85,11 @@ class Report:
             "rate_hz": self.rate_hz,
             "times_real_time": self.duration_s / total if total else 0.0,
             "phones": self.phones,
-            "unknown_phones": self.unknown,
+            "level": self.level,
+            "unknown_phones": [
+                {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
+                for each in self.unknown
+            ],
         }
 
 
@@ -138,6 +145,19 @@ def check(options: Options) -> None:
         raise UsageError(f"--size: got {options.size}, expected even sides")
 
 
+def refuse_unknown(phones: PhoneTrack, where: str, *, strict: bool) -> None:
+    """Refuse a track with labels that are no IPA, if ``strict``.
+
+    Raises
+    ------
+    DataError
+        That lists them; ``where`` is the file or the voice.
+    """
+    unknown = find_unknown(phones) if strict else ()
+    if unknown:
+        raise DataError(f"unknown phones: got {'; '.join(map(str, unknown))}, expected IPA", where=where)
+
+
 def talk(
     phones: PhoneTrack, sound: tuple[NDArray[np.int16], int] | None, options: Options, report: Report, title: str
 ) -> None:
@@ -177,7 +197,7 @@ def _plan(
     )
     report.frames, report.rate_hz, report.duration_s = len(planned.track), options.rate_hz, duration_s
     report.phones = sum(not phone.is_silence for phone in phones.phones)
-    report.unknown = dict(planned.unknown)
+    report.unknown, report.level = find_unknown(phones), phones.level
     return planned.track
 
 
@@ -269,8 +289,7 @@ def print_report(report: Report, *, as_json: bool) -> None:
         f" {report.duration_s / total:.1f} times real time",
         soft_wrap=True,
     )
-    for label, count in report.unknown.items():
-        console.print(
-            f"[yellow]{'unknown phone':>14}[/]  {label!r}, {count} times: no IPA; the neutral vowel stood in",
-            soft_wrap=True,
-        )
+    if report.level != "phone":
+        console.print(f"{'timings':>14}  of each {report.level}, not of each phone", soft_wrap=True)
+    for unknown in report.unknown:
+        console.print(f"[yellow]{'unknown phone':>14}[/]  {unknown}", soft_wrap=True)

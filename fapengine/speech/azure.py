@@ -5,7 +5,7 @@ from fapengine.speech.documents import Node, parse_document
 from fapengine.speech.entries import track_of, until_next
 from fapengine.speech.phone_track import PhoneTrack
 
-TICK_S = 1e-7
+TICKS_HZ = 1e7
 OFFSETS = ("audio_offset", "AudioOffset", "audioOffset", "privAudioOffset", "Offset", "offset")
 IDS = ("viseme_id", "VisemeId", "visemeId", "privVisemeId")
 """Spellings of the Python, C#, JavaScript SDKs and of the REST batch result."""
@@ -34,6 +34,6 @@ def parse_azure(data: bytes) -> PhoneTrack:
             " phones: ask the service for viseme ids beside them"
         )
     onsets = [
-        (event.first(*OFFSETS).number() * TICK_S, f"{event.first(*IDS).number():g}", event.where) for event in events
+        (event.first(*OFFSETS).number() / TICKS_HZ, f"{event.first(*IDS).number():g}", event.where) for event in events
     ]
     return track_of(until_next(onsets), "Azure visemes", alphabet="azure-visemes", level="viseme")

@@ -23,7 +23,8 @@ from fapengine.speech.entries import Entry, track_of, until_next
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.textgrid import decode_text
 
-HTK_S = 1e-7
+HTK_HZ = 1e7
+"""Units of 100 ns."""
 GRID_HZ = 25_000
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
 _WORD_LENGTH = 2.5
@@ -88,8 +89,8 @@ def parse_htk(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """
     entries: list[Entry] = []
     for number, row in _rows(data, ".lab", 3):
-        unit_s = 1.0 if "." in row[0] + row[1] else HTK_S
-        start_s, end_s = (_number(text, number) * unit_s for text in row[:2])
+        rate_hz = 1.0 if "." in row[0] + row[1] else HTK_HZ
+        start_s, end_s = (_number(text, number) / rate_hz for text in row[:2])
         context = _FULL_CONTEXT.match(row[2])
         entries.append(Entry(start_s, end_s, context[1] if context else row[2], f"line {number}"))
     return _lab_track(entries, ".lab", alphabet)

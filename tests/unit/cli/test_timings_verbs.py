@@ -1,0 +1,114 @@
+"""``inspect`` of timings, and what ``animate`` and ``say`` do with words, alphabets and unknown phones."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.files.timeline import LIPS, MAX_ROWS, OTHER, ROUND, SILENT, UNKNOWN, VOWEL, colour, draw_timeline
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture
+def odd(tmp_path: Path) -> Path:
+    path = tmp_path / "odd.lab"
+    path.write_text("0 2000000 m\n2000000 3000000 §§\n3000000 4000000 §§\n4000000 6000000 ay\n", encoding="utf-8")
+    return path
+
+
+def test_inspect_shows_the_timeline(odd: Path, tmp_path: Path) -> None:
+    said = run("inspect", odd, "--plot", tmp_path / "line.png")
+    assert "htk" in said
+    assert "4 phones, 0.60 s of speech in 0.60 s" in said
+    assert "'§§' 2 times, first at 0.200 s" in said
+    picture = np.asarray(Image.open(tmp_path / "line.png"))
+    assert picture.shape[1:] == (1400, 3)
+    for fill in (LIPS, VOWEL, UNKNOWN):
+        assert (picture == fill).all(axis=-1).sum() > 1000
+
+
+def test_inspect_as_json(odd: Path) -> None:
+    report = json.loads(run("inspect", odd, "--json"))
+    assert (report["format"], report["level"], report["phones"], report["duration_s"]) == ("htk", "phone", 4, 0.6)
+    assert report["timeline"][3] == {"start_s": 0.4, "end_s": 0.6, "label": "aɪ", "stress": 0, "word": ""}
+    assert len(report["unknown"]) == 1
+
+
+def test_inspect_of_long_files_and_words(tmp_path: Path) -> None:
+    long = tmp_path / "long.pho"
+    long.write_text("m 100\n" * 60)
+    assert "and 20 more: --all" in run("inspect", long)
+    assert "more" not in run("inspect", long, "--all")
+    words = tmp_path / "words.align"
+    words.write_text("0 10000 [bold]my\n10000 20000 oh\n")
+    said = run("inspect", words)
+    assert "These are words" in said
+    assert "[bold]my" in said
+    assert "unknown" not in said
+
+
+def test_inspect_of_what_nobody_knows(tmp_path: Path) -> None:
+    (tmp_path / "tale").write_text("once upon a time")
+    with pytest.raises(UnsupportedError, match="phone timings"):
+        run("inspect", tmp_path / "tale")
+
+
+def test_animate_pronounces_words(tmp_path: Path) -> None:
+    pytest.importorskip("espeakng_loader")
+    words = tmp_path / "words.align"
+    words.write_text("0 10000 mama\n10000 20000 sil\n")
+    report = json.loads(run("animate", words, "-o", tmp_path / "talk.fap", "--json"))
+    assert (report["level"], report["phones"], report["unknown_phones"]) == ("word", 4, [])
+    assert report["duration_s"] == pytest.approx(0.8)
+
+
+def test_unknown_phones_are_counted_or_refused(odd: Path, tmp_path: Path) -> None:
+    report = json.loads(run("animate", odd, "-o", tmp_path / "talk.fap", "--json"))
+    assert report["unknown_phones"] == [{"label": "§§", "count": 2, "first_s": 0.2, "stand_in": "ə"}]
+    assert "'§§' 2 times" in run("animate", odd, "-o", tmp_path / "talk.fap")
+    with pytest.raises(DataError, match=r"unknown phones: got '§§' 2 times, first at 0\.200 s.*odd\.lab"):
+        run("animate", odd, "-o", tmp_path / "talk.fap", "--strict")
+
+
+def test_animate_format_and_alphabet(odd: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"odd\.lab: Rhubarb XML: no XML"):
+        run("animate", odd, "--format", "rhubarb-xml", "-o", tmp_path / "talk.fap")
+    with pytest.raises(UsageError, match="--format: got 'doc'"):
+        run("animate", odd, "--format", "doc", "-o", tmp_path / "talk.fap")
+    with pytest.raises(UsageError, match="alphabet: got 'runes'"):
+        run("animate", odd, "--alphabet", "runes", "-o", tmp_path / "talk.fap")
+
+
+def test_say_strictly(tmp_path: Path) -> None:
+    pytest.importorskip("espeakng_loader")
+    assert "FAPs" in run("say", "Mama.", "--strict", "-o", tmp_path / "talk.fap")
+
+
+@pytest.mark.parametrize(
+    ("label", "expected"),
+    [(SILENCE, SILENT), ("m", LIPS), ("f", LIPS), ("u", ROUND), ("aɪ", VOWEL), ("t", OTHER), ("%", UNKNOWN)],
+)  # fmt: skip
+def test_colours_tell_what_is_seen(label: str, expected: tuple[int, int, int]) -> None:
+    assert colour(Phone(label, 0.0, 1.0)) == expected
+
+
+def test_timeline_grows_with_speech_up_to_a_bound() -> None:
+    heights = [
+        draw_timeline(PhoneTrack((Phone("m", 0.0, length_s),))).shape[0] for length_s in (0.5, 9.0, 1000.0, 9000.0)
+    ]
+    assert heights[0] < heights[1] < heights[2] == heights[3]
+    assert heights[2] < 150 * MAX_ROWS
+    assert draw_timeline(PhoneTrack(())).shape[0] == heights[0]
