@@ -142,7 +142,11 @@ def _phones(path: Path, duration_s: float, warnings: list[str]) -> tuple[Interva
     timing = next((beside[ending] for ending in TIMINGS if ending in beside), None)
     if timing is None:
         return ()
-    phones = load_timings(timing).phones
+    track = load_timings(timing)
+    if track.spelled:
+        warnings.append(f"take {path.stem}: {timing.name} times words, not phones: left out")
+        return ()
+    phones = track.phones
     late = [phone for phone in phones if phone.end_s > duration_s + 0.1 and not phone.is_silence]
     if late:
         warnings.append(f"take {path.stem}: {len(late)} phones end behind the recording's {duration_s:.2f} s: left out")

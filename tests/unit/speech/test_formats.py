@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
+from fapengine.files.sessions import _phones
 from fapengine.files.timings import load_timings
 from fapengine.speech import alphabets, ipa
 from fapengine.speech.documents import MAX_BYTES, parse_document
@@ -208,6 +209,15 @@ def test_every_label_of_every_phone_set_is_known_ipa(name: str) -> None:
 )  # fmt: skip
 def test_labels_of_phone_sets(alphabet: str, label: str, expected: tuple[str, int]) -> None:
     assert alphabets.to_ipa(label, alphabet) == expected
+
+
+def test_words_are_not_taken_for_the_phones_of_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "take.align").write_text(SAMPLES["align"])
+    warnings: list[str] = []
+    assert _phones(tmp_path / "take.c3d", 1.0, warnings) == ()
+    assert warnings == ["take take: take.align times words, not phones: left out"]
+    (tmp_path / "take.lab").write_text(SAMPLES["htk"])
+    assert [interval.label for interval in _phones(tmp_path / "take.c3d", 1.0, warnings)] == ["m", "aɪ"]
 
 
 @pytest.mark.shared
