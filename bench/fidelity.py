@@ -34,7 +34,8 @@ from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.speech.alphabets import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes, resolve
 
@@ -167,6 +168,10 @@ def natural(knots: Array, weights: Array, times: Array) -> Array:
     return CubicSpline(knots, weights, bc_type="natural")(times)
 
 
+def quintic(knots: Array, weights: Array, times: Array) -> Array:
+    return hermite.sample(knots, weights, times)
+
+
 def monotone(knots: Array, weights: Array, times: Array) -> Array:
     return PchipInterpolator(knots, weights)(times)
 
@@ -205,9 +210,9 @@ def ours(*, context: bool = True) -> Method:
     def method(clip: Clip, profile: Profile, times: Array) -> Array:
         resolved, _ = resolve(clip.phones, profile, context=context)
         keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
-        moved = profile.space.to_points_mm(keys.sample(times))
+        moved = profile.space.to_points_mm(keys.sample(times, cubic=not context))
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
-        change = close_lips(faps, times, resolved) - faps
+        change = close_lips(faps, times, holds_of(resolved)) - faps
         for row in fap.FAPS:  # what the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]
             if np.abs(shift).max() > 0:
@@ -240,12 +245,12 @@ METHODS: dict[str, Method] = {
     "phone medians at 30 %, monotone cubic": by(monotone),
     "phone medians at 30 %, natural cubic (paper 001)": by(natural),
     "the same with closures (context=False)": ours(context=False),
-    "context, spline": by(natural, context=True),
-    "context, spline, closures (the default)": ours(),
+    "context, quintic": by(quintic, context=True),
+    "context, quintic, closures (the default)": ours(),
     "captured at 30 % (limit of one key)": captured(True),
     "captured (limit of the space and the map)": captured(False),
 }
-DEFAULT = "context, spline, closures (the default)"
+DEFAULT = "context, quintic, closures (the default)"
 
 
 def judge(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str, float]:

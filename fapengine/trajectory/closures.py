@@ -12,12 +12,14 @@ The lower lip takes :data:`LOWER_SHARE` of each correction, the upper lip the re
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import bump, soft_positive
 from fapengine.mpeg4 import fap
+from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.keyframes import Resolved
 
 PAIRS = ((4, 5, 51, 52), (8, 10, 55, 57), (9, 11, 56, 58))
@@ -33,16 +35,30 @@ SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
 
 
-def close_lips(
-    faps: NDArray[np.float64], times_s: NDArray[np.float64], resolved: Sequence[Resolved]
-) -> NDArray[np.float64]:
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """While the lips stay shut."""
+
+    start_s: float
+    stop_s: float
+
+
+def hold_of(phone: Phone) -> Hold:
+    """Time in which a bilabial keeps the lips shut."""
+    start_s = phone.start_s + HOLD[0] * phone.duration_s
+    return Hold(start_s, max(phone.start_s + HOLD[1] * phone.duration_s, start_s + SHORTEST_HOLD_S))
+
+
+def holds_of(resolved: Sequence[Resolved]) -> list[Hold]:
+    """List the holds of all bilabials."""
+    return [hold_of(one.phone) for one in resolved if one.contact == "lips"]
+
+
+def close_lips(faps: NDArray[np.float64], times_s: NDArray[np.float64], holds: Sequence[Hold]) -> NDArray[np.float64]:
     """Correct lip FAPs, (T, 68) FAPU, so that bilabials close and lips never pass through each other."""
     shut = np.zeros(len(times_s))
-    for one in resolved:
-        if one.contact == "lips":
-            start_s = one.phone.start_s + HOLD[0] * one.phone.duration_s
-            stop_s = max(one.phone.start_s + HOLD[1] * one.phone.duration_s, start_s + SHORTEST_HOLD_S)
-            shut = np.maximum(shut, bump(times_s, start_s, stop_s, RAMP_S, RAMP_S))
+    for hold in holds:
+        shut = np.maximum(shut, bump(times_s, hold.start_s, hold.stop_s, RAMP_S, RAMP_S))
     closed = faps.copy()
     for inner_upper, inner_lower, outer_upper, outer_lower in PAIRS:
         opening = -(closed[:, fap.column(inner_upper)] + closed[:, fap.column(inner_lower)])

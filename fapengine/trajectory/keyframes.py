@@ -5,8 +5,8 @@ Theory of operation
 Each phone puts one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says); with a
 context model two, at 20 and 70 % (:mod:`fapengine.trajectory.context`).
 Silence is the rest face, the origin of the space: a long pause holds it, a short one only passes through it, and one of
-under a tenth of a second is no pause to the face. A cubic spline, C2, runs through all keyframes; it starts and ends
-at rest with zero slope.
+under a tenth of a second is no pause to the face. A C2 path runs through all keyframes (:mod:`.hermite`, or the paper's
+cubic spline); it starts and ends at rest with zero slope.
 """
 
 from collections import Counter
@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory import hermite
 from fapengine.trajectory.context import targets, tokens_of
 
 REST_MARGIN_S = 0.12
@@ -40,14 +41,27 @@ class Keyframes:
     weights: NDArray[np.float64]
     """(N, K)."""
 
-    def sample(self, times_s: ArrayLike) -> NDArray[np.float64]:
-        """(T, K): the spline at ``times_s``; rest before the first and behind the last keyframe."""
+    def sample(self, times_s: ArrayLike, *, cubic: bool = False) -> NDArray[np.float64]:
+        """(T, K): the path at ``times_s``; rest before the first and behind the last keyframe.
+
+        ``cubic`` takes the paper's spline, clamped to rest at both ends, in place of the quintic path.
+        """
         t = np.asarray(times_s, dtype=np.float64)
         if len(self.times_s) < 2:
             return np.zeros((len(t), self.weights.shape[1]))
+        if not cubic:
+            return hermite.sample(self.times_s, self.weights, t)
         spline = CubicSpline(self.times_s, self.weights, bc_type="clamped")
         path: NDArray[np.float64] = spline(np.clip(t, self.times_s[0], self.times_s[-1]))
         return path
+
+    def jet(self, times_s: ArrayLike) -> hermite.Jet:
+        """Value, velocity and acceleration of the path, (T, K) each."""
+        t = np.asarray(times_s, dtype=np.float64)
+        if len(self.times_s) < 2:
+            still = np.zeros((len(t), self.weights.shape[1]))
+            return still, still, still
+        return hermite.jet(self.times_s, self.weights, t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

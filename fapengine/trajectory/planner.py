@@ -10,7 +10,7 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.expression import blend
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
 from fapengine.trajectory.keyframes import place_keyframes, resolve
@@ -86,11 +86,11 @@ def plan(
 
     resolved, unknown = resolve(phones, profile, context=style.context)
     keyframes = place_keyframes(phones, resolved, profile.space.mode_count, end_s)
-    path = style.articulation * keyframes.sample(times_s)
+    path = style.articulation * keyframes.sample(times_s, cubic=not style.context)
     mood, mood_faps = blend(expressions or {}, profile, times_s, end_s)
     displacement_mm = profile.space.to_points_mm(path + mood)
     faps = displacements_to_faps(displacement_mm, profile.space.points, profile.fapu) + mood_faps
-    faps = close_lips(faps, times_s, resolved)
+    faps = close_lips(faps, times_s, holds_of(resolved))
     if style.blinks:
         faps += blinks(times_s, end_s, rng)
     if style.head_motion:

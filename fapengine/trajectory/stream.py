@@ -1,0 +1,257 @@
+"""The planner for phones that are still coming: late, early, in any order, revised, or not at all.
+
+Theory of operation
+-------------------
+Times up to the *edge*, ``horizon_s`` behind the last frame asked for, are settled: what was or may have been shown
+there never changes. Ahead of it the path is planned anew whenever phones change. The new path need not meet the old
+one at the edge; the difference in value, velocity and acceleration is added and fades to nothing over :data:`FADE_S`
+along a quintic, so the motion stays C2 whatever happens. The path is local (:mod:`.hermite`): phones that come
+:data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then equals the offline plan.
+
+A bilabial that comes too late for its time still closes the lips, as soon as they can. When phones stop coming, the
+face goes to rest behind the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.errors import UsageError
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_of
+from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.keyframes import Keyframes, Resolved, place_keyframes, resolve
+from fapengine.trajectory.planner import Style
+
+Array = NDArray[np.float64]
+
+FADE_S = 0.15
+"""Over which a change of plan is blended in."""
+AHEAD_PHONES = 5
+"""Three neighbours that a phone looks at, and two keys that a segment does."""
+KEPT_S = 2.0
+"""Of the past; older phones and plans are forgotten."""
+LATEST_CLOSURE_S = 0.15
+"""A bilabial that ended longer ago is dropped with its closure."""
+SAME_S = 1e-3
+"""Phones that begin so near each other replace one another."""
+
+
+@dataclass(slots=True)
+class Counts:
+    """Stateful: what was not as it should be."""
+
+    late: int = 0
+    """Phones that came after their time had begun to be shown."""
+    dropped: int = 0
+    """Phones that were over when they came."""
+    revised: int = 0
+    """Phones that were replaced, or cut short, by later word."""
+    cancelled: int = 0
+    unknown: int = 0
+    """Phones whose label is no IPA."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plan:
+    """A path from ``start_s`` on, and the difference that fades out of it."""
+
+    start_s: float
+    keys: Keyframes
+    fade_s: float
+    left_over: hermite.Jet
+    """(K,) each, at ``start_s``."""
+
+    def jet(self, times_s: Array) -> hermite.Jet:
+        value, velocity, acceleration = self.keys.jet(times_s)
+        since = times_s - self.start_s
+        fading = since < self.fade_s
+        if fading.any() and any(part.any() for part in self.left_over):
+            first = tuple(np.broadcast_to(part, (int(fading.sum()), len(part))) for part in self.left_over)
+            still = np.zeros_like(first[0])
+            added = hermite.blend(
+                since[fading, None], np.array(self.fade_s), (first[0], first[1], first[2]), (still, still, still)
+            )
+            value, velocity, acceleration = value.copy(), velocity.copy(), acceleration.copy()
+            value[fading] += added[0]
+            velocity[fading] += added[1]
+            acceleration[fading] += added[2]
+        return value, velocity, acceleration
+
+
+@dataclass(slots=True)
+class StreamingPlanner:
+    """Stateful: phones in as they come, FAPs out as they are due. All times count from the stream's beginning.
+
+    Parameters
+    ----------
+    profile : Profile
+    style : Style
+        Articulation and context; blinks and head motion are for whoever shows the face.
+    horizon_s : float
+        How far behind the last frame asked for the plan is settled. 0 reacts soonest; a sender who knows phones 0.2 s
+        ahead loses nothing by it (look-ahead against error: 200 ms cost nothing, 100 ms eight points of error).
+
+    Raises
+    ------
+    UsageError
+        If ``horizon_s`` is negative.
+    """
+
+    profile: Profile
+    style: Style = field(default_factory=lambda: Style(blinks=False, head_motion=False))
+    horizon_s: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+    _phones: list[Phone] = field(default_factory=list)
+    _resolved: list[Resolved] = field(default_factory=list)
+    _holds: dict[Phone, Hold] = field(default_factory=dict)
+    _kept_holds: list[Hold] = field(default_factory=list)
+    _plans: list[_Plan] = field(default_factory=list)
+    _shown_s: float = -np.inf
+
+    def __post_init__(self) -> None:
+        if not self.horizon_s >= 0:
+            raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
+        modes = self.profile.space.mode_count
+        nothing = np.zeros(modes)
+        self._plans = [_Plan(-np.inf, Keyframes(np.zeros(0), np.zeros((0, modes))), 0.0, (nothing, nothing, nothing))]
+
+    @property
+    def edge_s(self) -> float:
+        """Up to here nothing changes any more."""
+        return self._shown_s + self.horizon_s
+
+    def feed(self, phones: Sequence[Phone]) -> None:
+        """Take phones in, in any order; each replaces what it overlaps. A silence takes away what stood there.
+
+        Parameters
+        ----------
+        phones : sequence of Phone
+            In stream time.
+        """
+        edge = self.edge_s
+        for phone in sorted(phones, key=lambda one: one.start_s):
+            if phone.end_s <= edge:
+                self.counts.dropped += not phone.is_silence
+                self._close_late(phone, edge)
+            else:
+                self.counts.late += phone.start_s < edge and not phone.is_silence
+                self._place(phone)
+        self._replan(edge, FADE_S)
+
+    def _place(self, phone: Phone) -> None:
+        kept = []
+        for old in self._phones:
+            apart = old.end_s <= phone.start_s + SAME_S or old.start_s >= phone.end_s - SAME_S
+            if apart:
+                kept.append(old)
+                continue
+            self.counts.revised += old != phone
+            if old.start_s < phone.start_s - SAME_S:
+                kept.append(Phone(old.label, old.start_s, phone.start_s, old.stress, old.word))
+        if not phone.is_silence:
+            kept.append(phone)
+        self._phones = sorted(kept, key=lambda one: one.start_s)
+
+    def _close_late(self, phone: Phone, edge: float) -> None:
+        """Close the lips for a bilabial whose time is over, if it is not long over."""
+        resolved, _ = resolve(PhoneTrack.of([phone], tolerance_s=SAME_S), self.profile, context=False)
+        if any(one.contact == "lips" for one in resolved) and phone.end_s > edge - LATEST_CLOSURE_S:
+            self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + SHORTEST_HOLD_S))
+
+    def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
+        """End speech: what comes at or behind ``at_s`` is not said, and the face is at rest ``fade_s`` later.
+
+        Raises
+        ------
+        UsageError
+            If ``fade_s`` is not positive.
+        """
+        if not fade_s > 0:
+            raise UsageError(f"fade_s: got {fade_s}, expected a positive time")
+        edge = max(at_s, self.edge_s)
+        self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
+        self._phones = []
+        self._replan(edge, fade_s)
+        self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
+
+    def _replan(self, edge: float, fade_s: float) -> None:
+        """Plan ahead of the edge; what the new plan lacks there is added and fades."""
+        modes = self.profile.space.mode_count
+        self._phones = [phone for phone in self._phones if phone.end_s > edge - KEPT_S]
+        track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
+        self._resolved, unknown = resolve(track, self.profile, context=self.style.context)
+        self.counts.unknown = max(self.counts.unknown, sum(unknown.values()))
+        keys = place_keyframes(track, self._resolved, modes, np.inf)
+        self._renew_holds(edge)
+        if not np.isfinite(edge):  # nothing shown yet: nothing to keep
+            self._plans = [_Plan(-np.inf, keys, 0.0, self._plans[0].left_over)]
+            return
+        at = np.array([edge])
+        old, new = self._plans[-1].jet(at), keys.jet(at)
+        if self._plans[-1].start_s >= edge:  # the plan before this one was never shown
+            old = self._jet_before(edge)
+            self._plans = [plan for plan in self._plans if plan.start_s < edge]
+        left_over = (old[0][0] - new[0][0], old[1][0] - new[1][0], old[2][0] - new[2][0])
+        self._plans.append(_Plan(edge, keys, fade_s, left_over))
+        first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
+        self._plans = self._plans[first:]
+
+    def _jet_before(self, edge: float) -> hermite.Jet:
+        plan = [plan for plan in self._plans if plan.start_s < edge][-1]
+        return plan.jet(np.array([edge]))
+
+    def _renew_holds(self, edge: float) -> None:
+        """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
+        begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
+        coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
+        known, self._holds = self._holds, {}
+        for one in self._resolved:
+            if one.contact != "lips":
+                continue
+            hold = known.get(one.phone, hold_of(one.phone))
+            if one.phone not in known and hold.start_s - RAMP_S < edge:
+                hold = Hold(edge + RAMP_S, max(hold.stop_s, edge + RAMP_S + SHORTEST_HOLD_S))
+            self._holds[one.phone] = hold
+        mine = set(self._holds.values())
+        self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
+
+    def path(self, times_s: ArrayLike) -> Array:
+        """(T, K) mode weights at ``times_s``, planned so far; settles nothing."""
+        times = np.asarray(times_s, dtype=np.float64)
+        starts = np.array([plan.start_s for plan in self._plans])
+        index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+        weights = np.zeros((len(times), self.profile.space.mode_count))
+        for number in np.unique(index):
+            mine = index == number
+            weights[mine] = self._plans[number].jet(times[mine])[0]
+        return weights
+
+    def frames(self, times_s: ArrayLike) -> NDArray[np.int32]:
+        """FAPs of frames that are due, (T, 68) int32 FAPU; they are settled by it.
+
+        Parameters
+        ----------
+        times_s : (T,) array_like, s
+            Rising, not before the last frame asked for.
+
+        Raises
+        ------
+        UsageError
+            If times go back.
+        """
+        times = np.asarray(times_s, dtype=np.float64)
+        if not len(times):
+            return np.zeros((0, 68), np.int32)
+        if times[0] < self._shown_s or (np.diff(times) < 0).any():
+            raise UsageError(f"times_s: got {times[0]:g} s, expected rising times from {self._shown_s:g} s")
+        space = self.profile.space
+        moved = space.to_points_mm(self.style.articulation * self.path(times))
+        faps = displacements_to_faps(moved, space.points, self.profile.fapu)
+        faps = close_lips(faps, times, [*self._holds.values(), *self._kept_holds])
+        self._shown_s = float(times[-1])
+        return to_codable(faps)

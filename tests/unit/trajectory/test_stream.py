@@ -1,0 +1,198 @@
+"""Phones as they come: the stream equals the offline plan, never jumps, closes late lips, and comes to rest."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.stream import AHEAD_PHONES, StreamingPlanner
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+STILL = Style(blinks=False, head_motion=False)
+RATE_HZ = 100.0
+LABELS = st.lists(
+    st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n"]), min_size=3, max_size=14
+)
+LENGTHS = st.floats(0.05, 0.22)
+CLOSED = 0.3 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+
+
+def phones(labels: list[str], each_s: float, lead_s: float = 0.4) -> list[Phone]:
+    times = lead_s + each_s * np.arange(len(labels) + 1)
+    ends = zip(times, times[1:], strict=False)
+    return [Phone(label, float(a), float(b)) for label, (a, b) in zip(labels, ends, strict=True)]
+
+
+def times_until(end_s: float) -> np.ndarray:
+    return np.arange(round(end_s * RATE_HZ)) / RATE_HZ
+
+
+def offline(spoken: list[Phone], times: np.ndarray) -> np.ndarray:
+    track = PhoneTrack.of(spoken)
+    resolved, _ = resolve(track, PROFILE)
+    return place_keyframes(track, resolved, PROFILE.space.mode_count, np.inf).sample(times)
+
+
+def opening(values: np.ndarray) -> np.ndarray:
+    return -(values[:, fap.column(4)] + values[:, fap.column(5)])
+
+
+@given(LABELS, LENGTHS, st.integers(0, 2**32 - 1))
+def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, seed):
+    spoken = phones(labels, each_s)
+    end_s = spoken[-1].end_s + 0.4
+    planner, rng, path = StreamingPlanner(PROFILE), np.random.default_rng(seed), []
+    waiting = list(rng.permutation(AHEAD_PHONES + 1))  # the first ones in any order
+    planner.feed([spoken[index] for index in waiting if index < len(spoken)])
+    known = AHEAD_PHONES + 1
+    for time in times_until(end_s):
+        while known < len(spoken) and spoken[known - AHEAD_PHONES].start_s - 0.2 <= time:
+            planner.feed([spoken[known]])
+            known += 1
+        path.append(planner.path([time])[0])
+        planner.frames([time])
+    np.testing.assert_allclose(path, offline(spoken, times_until(end_s)), atol=1e-9)
+    assert planner.counts.late == planner.counts.dropped == 0
+
+
+def test_its_faps_are_the_planners():
+    spoken = phones(["b", "aɪ", "m", "s", "uː", "p"], 0.12)
+    track = PhoneTrack.of([*spoken, Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.5)])
+    whole = plan(track, PROFILE, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(0)).track.values
+    planner = StreamingPlanner(PROFILE)
+    planner.feed(spoken)
+    np.testing.assert_array_equal(planner.frames(times_until(track.duration_s)), whole)
+
+
+@given(LABELS, LABELS, LENGTHS, st.floats(0.0, 1.0), st.sampled_from(["revise", "cancel", "late"]))
+def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
+    """Value, velocity and acceleration are continuous at the moment of a change."""
+    planner = StreamingPlanner(PROFILE)
+    spoken = phones(labels, each_s)
+    planner.feed(spoken)
+    at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
+    planner.frames([at_s])
+    before = planner._plans[-1].jet(np.array([at_s]))
+    if event == "revise":
+        planner.feed(phones(others, each_s, lead_s=at_s + 0.05))
+    elif event == "late":
+        planner.feed([Phone("b", at_s - 0.02, at_s + 0.06)])
+    else:
+        planner.cancel(at_s)
+    after = planner._plans[-1].jet(np.array([at_s]))
+    for old, new, unit in zip(before, after, (1.0, 20.0, 1000.0), strict=True):
+        np.testing.assert_allclose(new, old, atol=1e-7 * unit)
+    fine = np.linspace(at_s, at_s + 0.5, 2001)
+    speed = np.abs(np.diff(planner.path(fine), axis=0)).max() / (fine[1] - fine[0])
+    assert speed < 3000  # weights (mm) a second; a jump of a millimetre would be 4,000
+
+
+@given(LABELS, LENGTHS, st.floats(0.0, 1.0), st.floats(0.08, 0.5))
+def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fade_s):
+    planner = StreamingPlanner(PROFILE)
+    spoken = phones(labels, each_s)
+    planner.feed(spoken)
+    at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
+    planner.frames([at_s])
+    planner.cancel(at_s, fade_s=fade_s)
+    settled = at_s + max(fade_s, 2 * RAMP_S + SHORTEST_HOLD_S + each_s)
+    assert np.abs(planner.path(np.linspace(at_s + fade_s, at_s + 3, 50))).max() < 1e-9
+    assert not planner.frames([settled + 0.1]).any()
+    planner.feed(phones(labels, each_s, lead_s=at_s + 2.0))
+    assert planner.frames(np.arange(at_s + 2, at_s + 3, 0.01)).any()
+
+
+@pytest.mark.parametrize("late_s", [0.02, 0.05, 0.09, 0.15])
+def test_a_late_bilabial_still_closes_the_lips(late_s):
+    planner = StreamingPlanner(PROFILE)
+    planner.feed([Phone("ɑ", 0.3, 0.6), Phone("ɑ", 0.68, 1.2)])
+    shown = planner.frames(times_until(0.6 + late_s))
+    planner.feed([Phone("m", 0.6, 0.68)])
+    rest = planner.frames(np.arange(0.6 + late_s, 1.2, 0.01))
+    gap = opening(np.concatenate([shown, rest]))
+    assert (opening(rest) <= CLOSED).sum() >= 4  # 40 ms
+    assert np.abs(np.diff(gap)).max() < 200  # 4 mm in 10 ms would be a jump
+    assert planner.counts.late + planner.counts.dropped == 1
+
+
+def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
+    planner = StreamingPlanner(PROFILE)
+    planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.7), Phone("ɑ", 0.7, 1.0)])
+    planner.frames(times_until(0.6))
+    planner.feed([Phone("s", 0.6, 0.7)])
+    gap = opening(planner.frames(np.arange(0.6, 1.0, 0.01)))
+    assert gap.min() <= CLOSED
+    assert planner.counts.revised == 1
+
+
+def test_phones_that_stop_coming_leave_a_mouth_at_rest():
+    planner = StreamingPlanner(PROFILE)
+    planner.feed(phones(["ɑ", "ɑ"], 0.2))
+    values = planner.frames(times_until(2.0))
+    assert opening(values)[70] > 100
+    assert not values[95:].any()  # 0.8 s and the margin of 0.12
+
+
+def test_silence_takes_away_what_stood_there():
+    planner = StreamingPlanner(PROFILE)
+    planner.feed(phones(["ɑ", "ɑ", "ɑ"], 0.2))
+    planner.feed([Phone(SILENCE, 0.6, 1.0)])
+    assert not planner.frames(times_until(2.0))[78:].any()
+
+
+def test_old_news_is_counted():
+    planner = StreamingPlanner(PROFILE, horizon_s=0.1)
+    planner.frames([2.0])
+    assert planner.edge_s == pytest.approx(2.1)
+    planner.feed([Phone("a", 1.0, 1.2), Phone("%", 2.0, 2.3)])
+    assert (planner.counts.dropped, planner.counts.late, planner.counts.unknown) == (1, 1, 1)
+
+
+def test_memory_does_not_grow_with_time():
+    planner = StreamingPlanner(PROFILE)
+    for second in range(60):
+        planner.feed(phones(["b", "ɑ", "s"], 0.2, lead_s=second + 0.2))
+        planner.frames(np.arange(second, second + 1, 0.05))
+    assert len(planner._phones) < 20
+    assert len(planner._plans) < 8
+    assert len(planner._holds) + len(planner._kept_holds) < 10
+
+
+def test_refuses():
+    planner = StreamingPlanner(PROFILE)
+    assert planner.frames([]).shape == (0, 68)
+    planner.frames([1.0, 1.1])
+    with pytest.raises(UsageError, match=r"expected rising times from 1\.1 s"):
+        planner.frames([1.05])
+    with pytest.raises(UsageError, match="rising"):
+        planner.frames([2.0, 1.9])
+    with pytest.raises(UsageError, match="fade_s: got 0"):
+        planner.cancel(3.0, fade_s=0)
+    with pytest.raises(UsageError, match="horizon_s: got -1"):
+        StreamingPlanner(PROFILE, horizon_s=-1)
+
+
+@given(st.integers(2, 8), st.integers(0, 2**32 - 1))
+def test_the_path_is_c2_and_local(count, seed):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.03, 0.2, count))
+    values = rng.normal(0, 5, (count, 3))
+    for knot, value in zip(times, values, strict=True):
+        left, right = hermite.jet(times, values, np.array([knot - 1e-9])), hermite.jet(times, values, np.array([knot]))
+        np.testing.assert_allclose(right[0][0], value, atol=1e-9)
+        for a, b, unit in zip(left, right, (1.0, 100.0, 1e5), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-4 * unit)
+    changed = values.copy()
+    changed[0] += 1.0
+    at = np.linspace(times[min(2, count - 1)], times[-1] + 0.1, 30)
+    if count > 2:
+        np.testing.assert_array_equal(hermite.sample(times, values, at), hermite.sample(times, changed, at))
