@@ -102,12 +102,15 @@ def _selection(fitted: Fitted) -> list[str]:
         return []
     prepared = fitted.prepared
     names = [point or label for point, label in zip(prepared.points, prepared.labels, strict=True)]
+    gaps = study.factor.gaps()[: study.factor.rank() - 1]
     judged = "takes that were held out" if fitted.held_out else "the training data"
     return [
         "<h2>Which markers matter</h2>",
         f"<p>{study.k} of {len(names)} markers: <b>{escape(', '.join(names[i] for i in study.swapped.primary))}</b>"
         f" ({escape(study.reason)})."
         f" QR alone would take {escape(', '.join(names[i] for i in study.plain.primary))}.</p>",
+        f"<p>The data have rank {study.factor.rank()}; R_kk falls most behind k = {int(gaps.argmax()) + 1}, to"
+        f" 1/{gaps.max():.1f}.</p>",
         _picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
         _table(
             (f"error of the driven markers in {judged}", "mm"),

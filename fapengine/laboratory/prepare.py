@@ -30,6 +30,7 @@ from fapengine.speech.phone_track import SILENCE
 
 Array = NDArray[np.float64]
 
+LEAST_FRAMES = 50
 LEAST_SKULL = 3
 LEAST_NAMED = 4
 """Feature points that head axes need."""
@@ -111,9 +112,15 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
     Raises
     ------
     DataError
-        If the head, the neutral pose or the axes cannot be found, or a named marker is never seen; says where.
+        If there are too few frames, the head, the neutral pose or the axes cannot be found, or a named marker is never
+        seen; says where.
     """
     warnings: list[str] = []
+    frames = sum(take.markers.frame_count for take in session.takes)
+    if frames < LEAST_FRAMES:
+        raise DataError(
+            f"recordings: got {frames} frames in all, expected at least {LEAST_FRAMES}", where=session.subject
+        )
     _check_names(session, setup)
     session = _without_unseen(session, setup, warnings)
     face = tuple(sorted((name for name in session.labels if name not in setup.head), key=session.labels.index))

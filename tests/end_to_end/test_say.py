@@ -101,7 +101,7 @@ def test_json_says_what_was_done(tmp_path: Path) -> None:
     done = run("say", "-", "-o", str(tmp_path / "a.fap"), "--json", stdin="Hello there.")
     said = json.loads(done.stdout)
     assert said["files"]["FAPs"].endswith("a.fap")
-    assert said["unknown_phones"] == {}
+    assert said["unknown_phones"] == []
     assert said["frames"] == round(said["duration_s"] * 30)
     assert not (tmp_path / "a.mp4").exists()
 

@@ -114,6 +114,10 @@ def mirrored(take):
     return replace(take.markers, positions_mm=take.markers.positions_mm * [-1.0, 1.0, 1.0])
 
 
+def single(take):
+    return replace(take.markers, positions_mm=take.markers.positions_mm[:1])
+
+
 def never(label):
     def change(take):
         positions = take.markers.positions_mm.copy()
@@ -139,6 +143,7 @@ def headless(take):
     ("change", "setup", "message"),
     [
         (mirrored, HEAD, "left and right are exchanged"),
+        (single, HEAD, "got 2 frames in all, expected at least 50"),
         (never("8.3"), HEAD, "'8.3': is never seen"),
         (renamed, HEAD, "0 among the markers"),
         (headless, HEAD, "no frame that shows all of LFHD"),
