@@ -8,6 +8,8 @@ everywhere, and a change of one key changes nothing beyond two keys to either si
 passes a change on for ever, by a factor of 0.27 a key; that is why a stream uses this one.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,40 @@ def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
     return velocity, acceleration
 
 
+Jet = tuple[Array, Array, Array]
+"""Value, velocity and acceleration."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Keys with their derivatives, ready to be sampled. Before the first and behind the last key it stands still."""
+
+    times_s: Array
+    """(N,) s, strictly rising, N >= 2."""
+    jets: Array
+    """(N, 3, K): value, velocity and acceleration at every key."""
+
+    @classmethod
+    def through(cls, times_s: Array, values: Array) -> "Path":
+        """Lay the path through keys, (N,) s and (N, K); fewer than two make no motion, and it rests at 0."""
+        if len(times_s) < 2:
+            return cls(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
+        return cls(times_s, np.stack([values, *derivatives(times_s, values)], axis=1))
+
+    def jet(self, at_s: Array) -> Jet:
+        """Value, velocity and acceleration at any times: (T,) s -> (T, K) each."""
+        at = np.clip(at_s, self.times_s[0], self.times_s[-1])
+        left = np.clip(np.searchsorted(self.times_s, at, side="right") - 1, 0, len(self.times_s) - 2)
+        length = (self.times_s[left + 1] - self.times_s[left])[:, None]
+        first, last = self.jets[left], self.jets[left + 1]
+        return blend(
+            (at - self.times_s[left])[:, None],
+            length,
+            (first[:, 0], first[:, 1], first[:, 2]),
+            (last[:, 0], last[:, 1], last[:, 2]),
+        )
+
+
 def sample(times_s: Array, values: Array, at_s: Array) -> Array:
     """Values of the path at any times: (T, K); before the first and behind the last key it stands still.
 
@@ -39,32 +75,41 @@ def sample(times_s: Array, values: Array, at_s: Array) -> Array:
     return jet(times_s, values, at_s)[0]
 
 
-Jet = tuple[Array, Array, Array]
-"""Value, velocity and acceleration."""
-
-
 def jet(times_s: Array, values: Array, at_s: Array) -> Jet:
     """Value, velocity and acceleration of the path at any times, (T, K) each; parameters as :func:`sample`."""
-    velocity, acceleration = derivatives(times_s, values)
-    at = np.clip(at_s, times_s[0], times_s[-1])
-    left = np.clip(np.searchsorted(times_s, at, side="right") - 1, 0, len(times_s) - 2)
-    length = (times_s[left + 1] - times_s[left])[:, None]
-    first, last = ((values[key], velocity[key], acceleration[key]) for key in (left, left + 1))
-    return blend((at - times_s[left])[:, None], length, first, last)
+    return Path.through(times_s, values).jet(at_s)
 
 
-def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
-    """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s`` after its start."""
-    s = since_s / length_s
+def quintic(length_s: Array, first: Jet, last: Jet) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Coefficients of ``1, s, .. s^5`` of the quintic from ``first`` to ``last``; ``s`` is 1 after ``length_s``."""
     leave = (first[0], first[1] * length_s, first[2] * length_s**2)
     reach = (last[0], last[1] * length_s, last[2] * length_s**2)
     rest = reach[0] - leave[0] - leave[1] - leave[2] / 2  # what the three upper coefficients must make up for at s = 1
     slope = reach[1] - leave[1] - leave[2]
     bend = reach[2] - leave[2]
-    c3 = 10 * rest - 4 * slope + bend / 2
-    c4 = -15 * rest + 7 * slope - bend
-    c5 = 6 * rest - 3 * slope + bend / 2
-    value: Array = leave[0] + s * (leave[1] + s * (leave[2] / 2 + s * (c3 + s * (c4 + s * c5))))
-    velocity: Array = leave[1] + s * (leave[2] + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
-    acceleration: Array = leave[2] + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
+    c3: Array = 10 * rest - 4 * slope + bend / 2
+    c4: Array = -15 * rest + 7 * slope - bend
+    c5: Array = 6 * rest - 3 * slope + bend / 2
+    return leave[0], leave[1], leave[2] / 2, c3, c4, c5
+
+
+def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
+    """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s`` after its start."""
+    s = since_s / length_s
+    c0, c1, c2, c3, c4, c5 = quintic(length_s, first, last)
+    value: Array = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+    velocity: Array = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
+    acceleration: Array = 2 * c2 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
     return value, velocity / length_s, acceleration / length_s**2
+
+
+def fading(s: Array) -> tuple[Array, Array, Array]:
+    """Share of a value, a velocity and an acceleration that is left at ``s`` of a fade, 0..1: nothing at 1.
+
+    Velocity and acceleration count per fade and per fade squared.
+    """
+    s3 = s * s * s
+    value: Array = 1 + s3 * (-10 + s * (15 - 6 * s))
+    velocity: Array = s + s3 * (-6 + s * (8 - 3 * s))
+    acceleration: Array = s * s / 2 + s3 * (-1.5 + s * (1.5 - s / 2))
+    return value, velocity, acceleration

@@ -12,6 +12,7 @@ A bilabial that comes too late for its time still closes the lips, as soon as th
 face goes to rest behind the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -24,7 +25,7 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_of
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
-from fapengine.trajectory.keyframes import Keyframes, Resolved, place_keyframes, resolve
+from fapengine.trajectory.keyframes import Resolved, place_keyframes, resolve
 from fapengine.trajectory.planner import Style
 
 Array = NDArray[np.float64]
@@ -57,26 +58,24 @@ class Counts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Plan:
+class StreamPlan:
     """A path from ``start_s`` on, and the difference that fades out of it."""
 
     start_s: float
-    keys: Keyframes
+    path: hermite.Path
     fade_s: float
-    left_over: hermite.Jet
-    """(K,) each, at ``start_s``."""
+    left_over: Array
+    """(3, K): value, velocity and acceleration at ``start_s``."""
 
     def jet(self, times_s: Array) -> hermite.Jet:
-        value, velocity, acceleration = self.keys.jet(times_s)
+        """Value, velocity and acceleration at any times from ``start_s`` on: (T,) s -> (T, K) each."""
+        value, velocity, acceleration = self.path.jet(times_s)
         since = times_s - self.start_s
         fading = since < self.fade_s
-        if fading.any() and any(part.any() for part in self.left_over):
-            first = tuple(np.broadcast_to(part, (int(fading.sum()), len(part))) for part in self.left_over)
-            still = np.zeros_like(first[0])
-            added = hermite.blend(
-                since[fading, None], np.array(self.fade_s), (first[0], first[1], first[2]), (still, still, still)
-            )
-            value, velocity, acceleration = value.copy(), velocity.copy(), acceleration.copy()
+        if fading.any() and self.left_over.any():
+            still = np.zeros_like(self.left_over[0])
+            first = (self.left_over[0], self.left_over[1], self.left_over[2])
+            added = hermite.blend(since[fading, None], np.array(self.fade_s), first, (still, still, still))
             value[fading] += added[0]
             velocity[fading] += added[1]
             acceleration[fading] += added[2]
@@ -110,15 +109,15 @@ class StreamingPlanner:
     _resolved: list[Resolved] = field(default_factory=list)
     _holds: dict[Phone, Hold] = field(default_factory=dict)
     _kept_holds: list[Hold] = field(default_factory=list)
-    _plans: list[_Plan] = field(default_factory=list)
+    _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
 
     def __post_init__(self) -> None:
         if not self.horizon_s >= 0:
             raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
         modes = self.profile.space.mode_count
-        nothing = np.zeros(modes)
-        self._plans = [_Plan(-np.inf, Keyframes(np.zeros(0), np.zeros((0, modes))), 0.0, (nothing, nothing, nothing))]
+        rest = hermite.Path.through(np.zeros(0), np.zeros((0, modes)))
+        self._plans = [StreamPlan(-np.inf, rest, 0.0, np.zeros((3, modes)))]
 
     @property
     def edge_s(self) -> float:
@@ -187,23 +186,17 @@ class StreamingPlanner:
         self._resolved, unknown = resolve(track, self.profile, context=self.style.context)
         self.counts.unknown = max(self.counts.unknown, sum(unknown.values()))
         keys = place_keyframes(track, self._resolved, modes, np.inf)
+        path = hermite.Path.through(keys.times_s, keys.weights)
         self._renew_holds(edge)
         if not np.isfinite(edge):  # nothing shown yet: nothing to keep
-            self._plans = [_Plan(-np.inf, keys, 0.0, self._plans[0].left_over)]
+            self._plans = [StreamPlan(-np.inf, path, 0.0, self._plans[0].left_over)]
             return
+        self._plans = [plan for plan in self._plans if plan.start_s < edge]  # later ones were never shown
         at = np.array([edge])
-        old, new = self._plans[-1].jet(at), keys.jet(at)
-        if self._plans[-1].start_s >= edge:  # the plan before this one was never shown
-            old = self._jet_before(edge)
-            self._plans = [plan for plan in self._plans if plan.start_s < edge]
-        left_over = (old[0][0] - new[0][0], old[1][0] - new[1][0], old[2][0] - new[2][0])
-        self._plans.append(_Plan(edge, keys, fade_s, left_over))
+        left_over = np.concatenate(self._plans[-1].jet(at)) - np.concatenate(path.jet(at))
+        self._plans.append(StreamPlan(edge, path, fade_s, left_over))
         first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
         self._plans = self._plans[first:]
-
-    def _jet_before(self, edge: float) -> hermite.Jet:
-        plan = [plan for plan in self._plans if plan.start_s < edge][-1]
-        return plan.jet(np.array([edge]))
 
     def _renew_holds(self, edge: float) -> None:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
@@ -219,6 +212,21 @@ class StreamingPlanner:
             self._holds[one.phone] = hold
         mine = set(self._holds.values())
         self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
+
+    @property
+    def holds(self) -> list[Hold]:
+        """While the lips stay shut, as known so far, in any order."""
+        return [*self._holds.values(), *self._kept_holds]
+
+    def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
+        """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
+        index = max(bisect_right(self._plans, time_s, key=lambda plan: plan.start_s) - 1, 0)
+        until_s = self._plans[index + 1].start_s if index + 1 < len(self._plans) else np.inf
+        return self._plans[index], until_s
+
+    def settle(self, time_s: float) -> None:
+        """Promise that nothing up to ``time_s`` and the horizon behind it changes any more, as :meth:`frames` does."""
+        self._shown_s = max(self._shown_s, time_s)
 
     def path(self, times_s: ArrayLike) -> Array:
         """(T, K) mode weights at ``times_s``, planned so far; settles nothing."""
@@ -252,6 +260,6 @@ class StreamingPlanner:
         space = self.profile.space
         moved = space.to_points_mm(self.style.articulation * self.path(times))
         faps = displacements_to_faps(moved, space.points, self.profile.fapu)
-        faps = close_lips(faps, times, [*self._holds.values(), *self._kept_holds])
-        self._shown_s = float(times[-1])
+        faps = close_lips(faps, times, self.holds)
+        self.settle(float(times[-1]))
         return to_codable(faps)
