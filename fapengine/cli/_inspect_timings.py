@@ -12,9 +12,8 @@ from rich.table import Table
 from fapengine.files.paths import read_bytes
 from fapengine.files.pictures import save_png
 from fapengine.files.timeline import draw_timeline
-from fapengine.files.timings import load_timings
 from fapengine.speech import ipa
-from fapengine.speech.formats import guess_format
+from fapengine.speech.formats import FORMATS, guess_format
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.unknown import find_unknown
 
@@ -23,16 +22,17 @@ BAR = 24
 """Characters of the longest bar."""
 
 
-def inspect_timings(path: Path, *, as_json: bool, everything: bool, plot: Path | None) -> None:
-    """Print the timeline of a file of phone timings.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged.
-    """
-    track = load_timings(path)
-    found = guess_format(read_bytes(path), ending=path.suffix)
+def inspect_timings(
+    path: Path,
+    track: PhoneTrack,
+    *,
+    as_json: bool,
+    everything: bool,
+    plot: Path | None,
+    file_format: str | None = None,
+) -> None:
+    """Print the timeline that was read from a file of phone timings."""
+    found = FORMATS.get(file_format or "") or guess_format(read_bytes(path), ending=path.suffix)
     report = describe(track, found.name if found else "", found.tool if found else "")
     if plot is not None:
         save_png(plot, draw_timeline(track, title=f"{path.name}: {report['phones']} {report['level']}s"))

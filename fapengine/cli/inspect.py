@@ -13,6 +13,9 @@ def inspect(
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
+    file_format: str | None = typer.Option(None, "--format", help="Timings: format, if the content does not tell."),
+    tier: str | None = typer.Option(None, "--tier", help="Timings: TextGrid tier that holds the phones."),
+    alphabet: str | None = typer.Option(None, "--alphabet", help="Timings: ipa, arpabet ..., if not to be guessed."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
 ) -> None:
     """Say what is in a file or profile; what it is, its bytes decide.
@@ -35,10 +38,12 @@ def inspect(
         from fapengine.cli._inspect_fba import inspect_fba
 
         inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
-    elif guess_format(data, ending=path.suffix) is not None:
+    elif file_format is not None or guess_format(data, ending=path.suffix) is not None:
         from fapengine.cli._inspect_timings import inspect_timings
+        from fapengine.files.timings import load_timings
 
-        inspect_timings(path, as_json=as_json, everything=everything, plot=plot)
+        track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet)
+        inspect_timings(path, track, as_json=as_json, everything=everything, plot=plot, file_format=file_format)
     else:
         raise UnsupportedError(
             f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), phone timings or a profile's folder",

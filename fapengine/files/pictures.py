@@ -75,13 +75,13 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
     sheet = Image.new("RGB", (width, top + rows * (TILE + LABEL_HEIGHT + GAP) + MARGIN - GAP), PAPER)
     pen = ImageDraw.Draw(sheet)
     if title:
-        pen.text((MARGIN, MARGIN), title, INK, font=_font(22))
+        pen.text((MARGIN, MARGIN), title, INK, font=font(22))
     for index, (frame, (label, note)) in enumerate(zip(frames, labels, strict=True)):
         x = MARGIN + index % columns * (TILE + GAP)
         y = top + index // columns * (TILE + LABEL_HEIGHT + GAP)
         sheet.paste(Image.fromarray(frame).resize((TILE, TILE), Image.Resampling.LANCZOS), (x, y))
-        pen.text((x + 2, y + TILE + 3), label, INK, font=_font(21))
-        pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=_font(13), anchor="ra")
+        pen.text((x + 2, y + TILE + 3), label, INK, font=font(21))
+        pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
     return np.asarray(sheet)
 
 
@@ -103,18 +103,18 @@ def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], fi
     pen = ImageDraw.Draw(chart)
     left, right, top, bottom = 64, CHART[0] - 24, 48, CHART[1] - 34
     highest = max(*values, 1e-9)
-    pen.text((MARGIN, 10), title, INK, font=_font(19))
+    pen.text((MARGIN, 10), title, INK, font=font(19))
     for share in (0.0, 0.5, 1.0):
         y = bottom - share * (bottom - top)
         pen.line((left, y, right, y), fill=GRID_INK)
-        pen.text((left - 8, y), f"{share * highest:.0f}", FAINT, font=_font(13), anchor="rm")
+        pen.text((left - 8, y), f"{share * highest:.0f}", FAINT, font=font(13), anchor="rm")
     width = (right - left) / len(values)
     for index, (value, is_marked) in enumerate(zip(values, marked, strict=True)):
         x = left + index * width
         box = (x, bottom - value / highest * (bottom - top), max(x + width * 0.85, x + 1), bottom)
         pen.rectangle(box, fill=MARKED_INK if is_marked else BAR_INK)
-    pen.text((left, bottom + 6), first, FAINT, font=_font(13))
-    pen.text((right, bottom + 6), last, FAINT, font=_font(13), anchor="ra")
+    pen.text((left, bottom + 6), first, FAINT, font=font(13))
+    pen.text((right, bottom + 6), last, FAINT, font=font(13), anchor="ra")
     return np.asarray(chart)
 
 
@@ -123,7 +123,7 @@ def under_each_other(pictures: Sequence[Picture]) -> Picture:
     return np.concatenate(pictures, axis=0)
 
 
-def _font(size: int) -> ImageFont.FreeTypeFont:
+def font(size: int) -> ImageFont.FreeTypeFont:
     """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
     from font_source_sans_pro import SourceSansProSemibold
 

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from fapengine.files.pictures import FAINT, INK, MARGIN, PAPER, Picture, _font
+from fapengine.files.pictures import FAINT, INK, MARGIN, PAPER, Picture, font
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -39,7 +39,7 @@ def draw_timeline(track: PhoneTrack, *, title: str = "") -> Picture:
     sheet = Image.new("RGB", (WIDTH, MARGIN + 40 + rows * row_height + MARGIN), PAPER)
     pen = ImageDraw.Draw(sheet)
     cut = f" (the first {rows * row_s:.0f} s of {track.duration_s:.0f} s)" if rows < wanted else ""
-    pen.text((MARGIN, MARGIN - 4), title + cut, INK, font=_font(22))
+    pen.text((MARGIN, MARGIN - 4), title + cut, INK, font=font(22))
     _legend(pen, track)
     for row in range(rows):
         _row(pen, track, row * row_s, row_s, scale, MARGIN + 40 + row * row_height)
@@ -49,8 +49,8 @@ def draw_timeline(track: PhoneTrack, *, title: str = "") -> Picture:
 def _legend(pen: ImageDraw.ImageDraw, track: PhoneTrack) -> None:
     x = WIDTH - MARGIN
     for fill, label in () if track.spelled else reversed(LEGEND):
-        x -= round(pen.textlength(label, font=_font(13)))
-        pen.text((x, MARGIN + 4), label, FAINT, font=_font(13))
+        x -= round(pen.textlength(label, font=font(13)))
+        pen.text((x, MARGIN + 4), label, FAINT, font=font(13))
         pen.rounded_rectangle((x - 20, MARGIN + 4, x - 6, MARGIN + 18), 4, fill=fill)
         x -= 38
 
@@ -76,7 +76,7 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
             anchor = (
                 "ra" if x(tick * step_s) > WIDTH - MARGIN - 24 else "ma" if tick * step_s > start_s + 0.05 else "la"
             )
-            pen.text((x(tick * step_s), foot + 8), f"{tick * step_s:.1f} s", FAINT, font=_font(12), anchor=anchor)
+            pen.text((x(tick * step_s), foot + 8), f"{tick * step_s:.1f} s", FAINT, font=font(12), anchor=anchor)
 
 
 def _words(phones: list[Phone]) -> list[tuple[float, float, str]]:
@@ -98,7 +98,7 @@ def _box(
     right = max(right - 2, left + 1)
     radius = min(6, (right - left) / 2)
     pen.rounded_rectangle((left, top, right, top + height - 1), radius, fill=fill)
-    while size >= 9 and pen.textlength(label, font=_font(size)) > right - left - 1:
+    while size >= 9 and pen.textlength(label, font=font(size)) > right - left - 1:
         size -= 1
     if label and size >= 9:
-        pen.text(((left + right) / 2, top + height / 2), label, INK, font=_font(size), anchor="mm")
+        pen.text(((left + right) / 2, top + height / 2), label, INK, font=font(size), anchor="mm")

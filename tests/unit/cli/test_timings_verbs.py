@@ -47,6 +47,23 @@ def test_inspect_as_json(odd: Path) -> None:
     assert len(report["unknown"]) == 1
 
 
+def test_inspect_takes_the_wishes_that_animate_takes(tmp_path: Path) -> None:
+    tiers = "".join(
+        f'"IntervalTier"\n"{name}"\n0\n1\n1\n0\n1\n"{label}"\n' for name, label in (("a", "m"), ("b", "AY1"))
+    )
+    (tmp_path / "two.TextGrid").write_text(
+        f'File type = "ooTextFile"\nObject class = "TextGrid"\n\n0\n1\n<exists>\n2\n{tiers}'
+    )
+    with pytest.raises(DataError, match="tier"):
+        run("inspect", tmp_path / "two.TextGrid")
+    report = json.loads(run("inspect", tmp_path / "two.TextGrid", "--tier", "b", "--alphabet", "arpabet", "--json"))
+    assert report["timeline"][0]["label"] == "aɪ"
+    assert (
+        json.loads(run("inspect", tmp_path / "two.TextGrid", "--format", "textgrid", "--tier", "a", "--json"))["phones"]
+        == 1
+    )
+
+
 def test_inspect_of_long_files_and_words(tmp_path: Path) -> None:
     long = tmp_path / "long.pho"
     long.write_text("m 100\n" * 60)
