@@ -26,13 +26,14 @@ MOTION_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_w
 FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
 EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris")
 BACKDROP_UNIFORMS = ("u_wall", "u_alpha")
-SMOOTH_UNIFORMS = ("u_picture",)
+EDGES_UNIFORMS = SMOOTH_UNIFORMS = ("u_picture",)
 
 STAGES = {
     "face": (("face.vert",), ("lights.glsl", "face.frag")),
     "eye": (("face.vert",), ("lights.glsl", "eye.frag")),
     "backdrop": (("backdrop.vert",), ("backdrop.frag",)),
-    "smooth": (("backdrop.vert",), ("smooth.frag",)),
+    "edges": (("backdrop.vert",), ("neighbours.glsl", "edges.frag")),
+    "smooth": (("backdrop.vert",), ("neighbours.glsl", "smooth.frag")),
 }
 """Program to the files of its vertex and its fragment stage, joined in this order behind the header."""
 

@@ -3,7 +3,8 @@
 Theory of operation
 -------------------
 The mesh is uploaded once. A frame sends its channel weights and five bone matrices; the vertex shader does the rest.
-Pictures are drawn into a texture, their edges softened by a second pass, and copied into one of two pixel buffers;
+Pictures are drawn into a texture and their edges softened: one pass copies and marks edges in the depth buffer, the
+next runs where the depth test lets it, on edges alone. They are then copied into one of two pixel buffers;
 :meth:`FaceRenderer.frames` reads a buffer only after the next frame has been given to the GPU, so neither waits for
 the other.
 """
@@ -47,6 +48,8 @@ TEXTURE_WIDTH = 1024
 PROBE_FAPU = 300.0
 """How far a channel is moved to see how it turns normals."""
 SIZES = (16, 4096)
+ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
+"""Depth functions: which depths that are there already let a new pixel pass."""
 WALL = (0.30, 0.36, 0.42)
 
 
@@ -168,17 +171,18 @@ class FaceRenderer:
         )
         vertices = context.buffer(np.ascontiguousarray(packed))
         self._resources.append(vertices)
-        self._backdrop, self._smooth = build_program(context, "backdrop"), build_program(context, "smooth")
+        self._backdrop = build_program(context, "backdrop")
+        self._softening = [build_program(context, name) for name in ("edges", "smooth")]
         on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
         self._parts = [
             self._part("face", vertices, mesh.triangles[~on_eye]),
             self._part("eye", vertices, mesh.triangles[on_eye]),
         ]
         self._wall = context.vertex_array(self._backdrop, [])
-        self._whole = context.vertex_array(self._smooth, [])
+        self._passes = [context.vertex_array(program, []) for program in self._softening]
         self._moves = self._texture(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1))
         self._turns = self._texture(np.pad(normal_turns(mesh), ((0, 0), (0, 1))))
-        self._resources += [self._backdrop, self._smooth, self._moves, self._turns]
+        self._resources += [self._backdrop, *self._softening, self._moves, self._turns]
 
     def _part(
         self, name: str, vertices: moderngl.Buffer, triangles: NDArray[np.int32]
@@ -252,14 +256,19 @@ class FaceRenderer:
         if self._components == 3:
             self._backdrop["u_wall"], self._backdrop["u_alpha"] = WALL, 1.0
             self._wall.render(moderngl.TRIANGLES, vertices=3)
-        context.disable(moderngl.DEPTH_TEST)
         if self._unsoftened is not None:
-            self._output.use()
-            self._unsoftened.use(0)
-            self._smooth["u_picture"] = 0
-            self._whole.render(moderngl.TRIANGLES, vertices=3)
+            self._soften(self._unsoftened)
         else:
             context.copy_framebuffer(self._output, self._canvas)
+
+    def _soften(self, picture: moderngl.Texture) -> None:
+        self._output.use()
+        picture.use(0)
+        for program, array, passes in zip(self._softening, self._passes, (ALWAYS, IN_FRONT_OF), strict=True):
+            program["u_picture"] = 0
+            self._context.depth_func = passes
+            array.render(moderngl.TRIANGLES, vertices=3)
+        self._context.depth_func = BEHIND
 
 
 def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:

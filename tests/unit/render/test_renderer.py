@@ -47,6 +47,7 @@ def test_shaders_have_the_names_of_the_table() -> None:
         "face": programs.FACE_UNIFORMS,
         "eye": programs.EYE_UNIFORMS,
         "backdrop": programs.BACKDROP_UNIFORMS,
+        "edges": programs.EDGES_UNIFORMS,
         "smooth": programs.SMOOTH_UNIFORMS,
     }
     assert uniforms.keys() == programs.STAGES.keys()
@@ -64,7 +65,7 @@ def test_shaders_have_the_names_of_the_table() -> None:
 def test_shaders_are_glsl_es_too() -> None:
     """Mesa's desktop context compiles ES 3.00 sources (ARB_ES3_compatibility), with only the header changed."""
     with create_context() as context:
-        assert len(programs.STAGES) == 4
+        assert len(programs.STAGES) == 5
         for stages in programs.STAGES.values():
             vertex, fragment = (programs.stage_source(files, programs.ES_HEADER) for files in stages)
             context.program(vertex_shader=vertex, fragment_shader=fragment).release()
@@ -191,6 +192,25 @@ def test_multisampling_softens_edges_too(head: FaceMesh) -> None:
     with FaceRenderer(head, size=SIZE, samples=4) as renderer:
         picture = renderer.draw(np.zeros(68))
     assert picture[SIZE[1] // 2, SIZE[0] // 2, 0] > 100
+
+
+def test_softening_changes_edges_alone(renderer: FaceRenderer) -> None:
+    """Edges by the shader's rule, from five pixels' brightness in numpy; the shader must touch no other pixel."""
+    softened = renderer.draw(np.zeros(68)).astype(int)
+    with renderer._context:
+        raw = renderer._canvas.read(components=3, alignment=1)
+    drawn = np.frombuffer(raw, dtype=np.uint8).reshape(softened.shape).astype(int)
+    brightness = np.pad(drawn @ [0.299, 0.587, 0.114] / 255 + 0.25, 1, mode="edge")
+    height, width = softened.shape[:2]
+    five = [brightness[y : y + height, x : x + width] for y, x in ((1, 1), (0, 0), (0, 2), (2, 0), (2, 2))]
+    low, high = np.min(five, axis=0), np.max(five, axis=0)
+    is_edge = high - low > np.maximum(0.04, 0.11 * high) - 1e-4
+    changed = (softened != drawn).any(axis=-1)
+    assert 0.02 < is_edge.mean() < 0.2
+    assert not changed[~is_edge].any()
+    assert changed[is_edge].mean() > 0.7
+    contrast = np.abs(np.diff(drawn, axis=1)).sum(axis=-1)[is_edge[:, 1:]].mean()
+    assert np.abs(np.diff(softened, axis=1)).sum(axis=-1)[is_edge[:, 1:]].mean() < 0.85 * contrast
 
 
 def test_every_preset_shows_the_head(renderer: FaceRenderer) -> None:
