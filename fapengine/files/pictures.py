@@ -1,6 +1,7 @@
 """Pictures: PNG files, and contact sheets of labelled frames."""
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.speech import ipa
 
 Picture = NDArray[np.uint8]
 
@@ -80,7 +82,7 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
         x = MARGIN + index % columns * (TILE + GAP)
         y = top + index // columns * (TILE + LABEL_HEIGHT + GAP)
         sheet.paste(Image.fromarray(frame).resize((TILE, TILE), Image.Resampling.LANCZOS), (x, y))
-        pen.text((x + 2, y + TILE + 3), label, INK, font=font(21))
+        pen.text((x + 2, y + TILE + 3), drawable(label), INK, font=font(21))
         pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
     return np.asarray(sheet)
 
@@ -123,6 +125,30 @@ def under_each_other(pictures: Sequence[Picture]) -> Picture:
     return np.concatenate(pictures, axis=0)
 
 
+@cache
+def drawable(label: str) -> str:
+    """Spell an IPA label with letters that the font has: one that it lacks becomes the likest that it has.
+
+    Examples
+    --------
+    >>> drawable("tʃ"), drawable("ɫ"), drawable("ᵻ")
+    ('tʃ', 'l', 'ɪ')
+    """
+    letters = font(21)
+    missing = bytes(letters.getmask("\uffff"))
+
+    def known(letter: str) -> bool:
+        return bytes(letters.getmask(letter)) != missing
+
+    def instead(letter: str) -> str:
+        heard = ipa.letters(letter)
+        likes = [one if known(one) else ipa.nearest(one, tuple(filter(known, ipa.SOUNDS))) for one in heard]
+        return "".join(likes) or "?"
+
+    return "".join(letter if known(letter) else instead(letter) for letter in label)
+
+
+@cache
 def font(size: int) -> ImageFont.FreeTypeFont:
     """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
     from font_source_sans_pro import SourceSansProSemibold

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from fapengine.files.pictures import FAINT, INK, MARGIN, PAPER, Picture, font
+from fapengine.files.pictures import FAINT, INK, MARGIN, PAPER, Picture, drawable, font
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -63,7 +63,11 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
     for begin_s, end_s, word in () if track.spelled else _words(phones):
         _box(pen, x(begin_s), x(end_s), top, WORD_HEIGHT - 3, WORD, word, 15)
     for phone in phones:
-        label = "" if phone.is_silence else {1: "ˈ", 2: "ˌ"}.get(phone.stress, "") + phone.label
+        label = (
+            ""
+            if phone.is_silence
+            else {1: "ˈ", 2: "ˌ"}.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
+        )
         fill = WORD if track.spelled and not phone.is_silence else colour(phone)
         _box(pen, x(phone.start_s), x(phone.end_s), top + WORD_HEIGHT, PHONE_HEIGHT, fill, label, 22)
     foot = top + WORD_HEIGHT + PHONE_HEIGHT
