@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from fapengine.profiles import Profile
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.context import targets, tokens_of
@@ -28,6 +29,8 @@ Edwards et al. 2016)."""
 SHORTEST_PAUSE_S = 0.1
 HELD_PAUSE_S = 0.3
 """From this length on a pause holds rest between two keyframes."""
+NEAR_OPEN = 0.85
+"""Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
 CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one gives way."""
 
@@ -73,6 +76,7 @@ class Resolved:
     targets: NDArray[np.float64]
     """(keyframes, K)."""
     contact: str
+    """``none``, ``lips``, ``teeth``, or ``open`` for a vowel that must open."""
 
 
 def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
@@ -99,9 +103,10 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     model = profile.context if context else None
     found = None if model is None else targets(tokens, model)
     resolved: list[Resolved] = []
-    for phone, group in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
+    for phone, together in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
         if phone.is_silence:
             continue
+        group = list(together)
         times, keys, contacts = [], [], []
         for index, token in group:
             own = profile.phones[token.name]
@@ -109,9 +114,16 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
             keys.append(own.targets if found is None else found[index])
             times += [token.start_s + (token.end_s - token.start_s) * fraction for fraction in fractions]
             contacts.append(own.contact)
-        contact = next((one for one in contacts if one != "none"), "none")
+        opens = any(must_open(letter) for _, token in group for letter in token.heard)
+        contact = next((one for one in contacts if one != "none"), "open" if opens else "none")
         resolved.append(Resolved(phone, tuple(times), np.concatenate(keys), contact))
     return resolved, Counter(strange)
+
+
+def must_open(letter: str) -> bool:
+    """Whether this IPA letter is a vowel that cannot be said with the mouth nearly shut: open or near-open."""
+    sound = ipa.SOUNDS.get(letter)
+    return sound is not None and sound.vowel and sound.opening >= NEAR_OPEN
 
 
 def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int, end_s: float) -> Keyframes:

@@ -23,7 +23,7 @@ from fapengine.errors import UsageError
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_of
+from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_late, hold_of
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
 from fapengine.trajectory.keyframes import Resolved, place_keyframes, resolve
 from fapengine.trajectory.planner import Style
@@ -204,12 +204,13 @@ class StreamingPlanner:
         coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
         known, self._holds = self._holds, {}
         for one in self._resolved:
-            if one.contact != "lips":
+            if one.contact == "none":
                 continue
-            hold = known.get(one.phone, hold_of(one.phone))
-            if one.phone not in known and hold.start_s - RAMP_S < edge:
-                hold = Hold(edge + RAMP_S, max(hold.stop_s, edge + RAMP_S + SHORTEST_HOLD_S))
-            self._holds[one.phone] = hold
+            hold: Hold | None = known.get(one.phone, hold_of(one.phone, one.contact))
+            if hold and one.phone not in known and hold.start_s - RAMP_S < edge:
+                hold = hold_late(hold, edge)
+            if hold:
+                self._holds[one.phone] = hold
         mine = set(self._holds.values())
         self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
 

@@ -1,0 +1,175 @@
+"""Contacts: lips on lips, lip on teeth, open vowels, whatever is spoken, however fast, under any expression."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fapengine._resources import profile_files
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.closures import (
+    HOLD,
+    OPEN_FAPU,
+    PAIRS,
+    RAMP_S,
+    SHORTEST_HOLD_S,
+    SIDE_OPENING,
+    Hold,
+    close_lips,
+    held,
+    hold_late,
+    hold_of,
+    settle,
+)
+from fapengine.trajectory.keyframes import must_open
+from fapengine.trajectory.planner import Style, plan
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+MM = PROFILE.fapu.unit(fap.FapUnit.MNS)
+STILL = Style(blinks=False, head_motion=False)
+RATE_HZ = 240.0
+ROUNDING_MM = 1.5 * MM
+CLOSED_MM = 0.3
+
+SPEECH = st.lists(
+    st.tuples(
+        st.sampled_from(["p", "b", "m", "f", "v", "ɱ", "s", "ʃ", "n", "w", "i", "uː", "ɔɪ", "ɑ", "æ", "aɪ", "_"]),
+        st.floats(0.09, 0.16),
+    ),
+    min_size=1,
+    max_size=10,
+)
+"""Phones and their seconds at natural rate."""
+MOOD = st.one_of(
+    st.just({}),
+    st.dictionaries(
+        st.sampled_from([mood for mood in Expression if mood]), st.floats(0.2, 0.8), min_size=1, max_size=2
+    ),
+)
+
+
+def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
+    ends = 0.3 + np.cumsum([seconds / rate for _, seconds in speech])
+    starts = [0.3, *ends[:-1]]
+    phones = [Phone(label, start, end) for (label, _), start, end in zip(speech, starts, ends, strict=True)]
+    return PhoneTrack.of([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
+
+
+def lips_of(phones: PhoneTrack, mood: dict[Expression, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Opening and height of the lower lip, middle, mm, at :data:`RATE_HZ`."""
+    track = plan(
+        phones, PROFILE, rng=np.random.default_rng(1), rate_hz=RATE_HZ, expressions=mood, style=STILL
+    ).track  # fmt: skip
+    upper, lower = (track.values[:, fap.column(number)] * MM for number in (4, 5))
+    return -(upper + lower), lower
+
+
+def frames_in(phone: Phone) -> slice:
+    return slice(int(np.ceil(phone.start_s * RATE_HZ)), int(phone.end_s * RATE_HZ) + 1)
+
+
+@given(SPEECH, st.floats(0.5, 3.0), MOOD)
+def test_contacts_are_made_at_any_rate_under_any_expression(
+    speech: list[tuple[str, float]], rate: float, mood: dict[Expression, float]
+) -> None:
+    phones = spoken(speech, rate)
+    opening, lower = lips_of(phones, mood)
+    assert opening.min() >= -2 * ROUNDING_MM
+    for phone in phones.phones:
+        inside = frames_in(phone)
+        needed = min(int(SHORTEST_HOLD_S * RATE_HZ), inside.stop - inside.start - 1)  # 40 ms, or the phone if shorter
+        if phone.label in "pbm":
+            assert (opening[inside] <= CLOSED_MM).sum() >= needed
+        if phone.label in "fvɱ":
+            assert (lower[inside] >= -ROUNDING_MM).sum() >= needed
+
+
+@given(
+    st.sampled_from(["p", "m", "f", "s", "w", "uː", "ʃ", "_"]),
+    st.sampled_from(["ɑ", "æ", "aɪ", "aʊ", "ɑː", "ɒ"]),
+    st.sampled_from(["p", "b", "v", "s", "w", "i", "n", "_"]),
+    st.floats(0.06, 0.3),
+    MOOD,
+)
+def test_vowels_that_must_open_do_open(
+    before: str, vowel: str, behind: str, each_s: float, mood: dict[Expression, float]
+) -> None:
+    phones = spoken([("n", each_s), (before, each_s), (vowel, each_s), (behind, each_s)], 1.0)
+    opening, _ = lips_of(phones, mood)
+    assert opening[frames_in(next(phone for phone in phones.phones if phone.label == vowel))].max() >= 2.5
+
+
+def lips(upper: float, lower: float) -> NDArray[np.float64]:
+    faps = np.zeros((1, 68))
+    for numbers in PAIRS:
+        faps[0, [fap.column(number) for number in numbers]] = [upper, lower, upper, lower]
+    return faps
+
+
+@pytest.mark.parametrize(("upper", "lower"), [(-200.0, -300.0), (150.0, 80.0), (0.0, 0.0), (-50.0, 40.0)])
+def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
+    faps, on, off = lips(upper, lower), np.ones(1), np.zeros(1)
+    free = settle(faps, lips=off, teeth=off, vowels=off)
+    shut = settle(faps, lips=on, teeth=off, vowels=off)
+    touching = settle(faps, lips=off, teeth=on, vowels=off)
+    wide = settle(faps, lips=off, teeth=off, vowels=on)
+    for place, (inner_upper, inner_lower, outer_upper, outer_lower) in enumerate(PAIRS):
+        top, bottom, above, below = (fap.column(n) for n in (inner_upper, inner_lower, outer_upper, outer_lower))
+        assert free[0, top] + free[0, bottom] <= 1e-9
+        assert shut[0, top] + shut[0, bottom] == pytest.approx(0, abs=1e-9)
+        assert touching[0, bottom] >= 0
+        assert touching[0, top] + touching[0, bottom] <= 1e-9
+        assert -(wide[0, top] + wide[0, bottom]) >= (SIDE_OPENING if place else 1) * OPEN_FAPU - 11
+        for changed in (free, shut, touching, wide):  # outer lips follow the inner
+            assert changed[0, above] - faps[0, above] == pytest.approx(changed[0, top] - faps[0, top])
+            assert changed[0, below] - faps[0, below] == pytest.approx(changed[0, bottom] - faps[0, bottom])
+
+
+def test_lips_that_are_far_apart_stay_as_they_are_but_for_the_softness() -> None:
+    free = settle(lips(-200.0, -300.0), lips=np.zeros(1), teeth=np.zeros(1), vowels=np.zeros(1))
+    assert free[0, fap.column(4)] == pytest.approx(-196.0)
+    assert free[0, fap.column(5)] == pytest.approx(-294.0)
+    assert not free[0, :3].any()
+    assert not free[0, 18:50].any()
+
+
+def test_a_mumbler_opens_less() -> None:
+    faps, times = np.repeat(lips(50.0, 20.0), 2, axis=0), np.array([0.5, 2.0])
+    hold = [Hold(0.4, 0.6, "open")]
+    opening = [-close_lips(faps, times, hold, openness=one)[:, 3:5].sum(axis=1) for one in (1.0, 0.5, 0.0)]
+    assert opening[0][0] > OPEN_FAPU - 11
+    assert 0 < opening[1][0] < 0.7 * OPEN_FAPU
+    assert opening[2][0] == 0 == opening[0][1]
+
+
+def test_holds_lie_in_their_phones_and_last_40_ms() -> None:
+    for contact in ("lips", "teeth"):
+        for seconds in (0.02, 0.039, 0.05, 0.07, 0.2):
+            phone = Phone("x", 1.0, 1.0 + seconds)
+            hold = hold_of(phone, contact)
+            assert hold.stop_s - hold.start_s >= SHORTEST_HOLD_S - 1e-12
+            assert hold.start_s >= phone.start_s
+            assert hold.stop_s <= max(phone.end_s, phone.start_s + SHORTEST_HOLD_S) + 1e-12
+    assert hold_of(Phone("ɑ", 0.0, 0.02), "open") == Hold(0.35 * 0.02, 0.65 * 0.02, "open")
+    assert hold_of(Phone("f", 0.0, 1.0), "teeth").start_s == HOLD["teeth"][0]
+
+
+def test_holds_that_come_late_are_put_off_and_a_vowel_that_is_over_is_let_go() -> None:
+    assert hold_late(Hold(1.0, 1.2), 1.05) == Hold(1.05 + RAMP_S, 1.2)
+    assert hold_late(Hold(1.0, 1.04, "teeth"), 2.0) == Hold(2.0 + RAMP_S, 2.0 + RAMP_S + SHORTEST_HOLD_S, "teeth")
+    assert hold_late(Hold(1.0, 1.2, "open"), 1.1) == Hold(1.1 + RAMP_S, 1.2, "open")
+    assert hold_late(Hold(1.0, 1.1, "open"), 1.1) is None
+
+
+def test_contacts_do_not_disturb_each_other() -> None:
+    times = np.array([0.5])
+    holds = [Hold(0.4, 0.6), Hold(0.4, 0.6, "teeth")]
+    assert [held(times, holds, contact)[0] for contact in HOLD] == [1.0, 1.0, 0.0]
+
+
+def test_open_vowels_are_found_by_their_articulation() -> None:
+    assert [letter for letter in "aæɑɒɐɛəiuph?" if must_open(letter)] == list("aæɑɒɐ")
