@@ -19,7 +19,9 @@ def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
     return step
 
 
-def bump(x: ArrayLike, start: float, stop: float, rise: float, fall: float) -> NDArray[np.float64]:
+def bump(
+    x: ArrayLike, start: float | NDArray[np.float64], stop: float | NDArray[np.float64], rise: float, fall: float
+) -> NDArray[np.float64]:
     """1 between ``start`` and ``stop``; rises over ``rise`` before, falls over ``fall`` behind; C2.
 
     Examples

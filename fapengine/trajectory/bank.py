@@ -1,0 +1,380 @@
+"""Many sessions at once: what a :class:`.StreamingPlanner` shows, for all sessions of a server in one call.
+
+Theory of operation
+-------------------
+Planning is rare and differs from session to session, so each has its own planner. Showing is frequent and the same for
+all, so it is done on arrays with one row a session:
+
+1. *window*: the next :data:`KNOTS` knots of a session's plan, its fade, and its holds. Copied from the planner when the
+   plan has changed, when another plan takes over, or when the window is used up.
+2. *segment*: coefficients of the quintic between two knots. Computed when a session crosses a knot, for all that do.
+3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, and one matrix product
+   from weights to FAPs and feature points; then contacts (:func:`.closures.settle`) and rounding.
+
+A row's answer is that of a planner of its own, FAP for FAP; only the order of additions differs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.geometry.smooth import bump
+from fapengine.mpeg4 import fap
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import PAIRS, RAMP_S, settle
+from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.planner import Style
+from fapengine.trajectory.stream import Counts, StreamingPlanner
+
+Array = NDArray[np.float64]
+
+KNOTS = 16
+"""Of a plan, in a session's window; two or three fall to a phone, so they last for half a second and more."""
+CONTACTS = ("lips", "teeth", "open")
+FIRST_ROWS, FIRST_HOLDS = 16, 4
+"""Room that a bank begins with; it doubles when it is full."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BankFrames:
+    """One frame of every session; row r of each array is session ``sessions[r]``."""
+
+    sessions: NDArray[np.int64]
+    """(S,)."""
+    faps: NDArray[np.int32]
+    """(S, 68) FAPU."""
+    points_mm: Array
+    """(S, M, 3) mm: displacements of the profile's M marker points from the rest face, contacts included."""
+
+
+@dataclass(slots=True, eq=False)
+class _Rows:
+    """Stateful: what is known of each session, (rows, ...) each; times are the session's own."""
+
+    session: NDArray[np.int64]
+    begins_s: Array
+    """When the session's time is 0."""
+    reload_s: Array
+    """From here on the window is of no use."""
+    knots_s: Array
+    """(rows, KNOTS), rising, filled up with infinity."""
+    jets: Array
+    """(rows, KNOTS, 3, K): value, velocity and acceleration at the knots."""
+    last: NDArray[np.int64]
+    """Knot that begins the last segment."""
+    fade_from_s: Array
+    fade_rate: Array
+    """One over the length of the fade; 0 where nothing fades."""
+    fade: Array
+    """(rows, 3, K): value, velocity and acceleration that fade, per fade and per fade squared."""
+    hold_start_s: Array
+    """(rows, holds), filled up with infinity; so the next."""
+    hold_stop_s: Array
+    hold_contact: NDArray[np.int64]
+    """(rows, holds): index in :data:`CONTACTS`."""
+    until_s: Array
+    """End of the segment."""
+    from_s: Array
+    rate: Array
+    """One over the segment's length."""
+    quintic: Array
+    """(rows, 6, K): coefficients of the segment."""
+
+    @classmethod
+    def empty(cls, rows: int, holds: int, modes: int) -> "_Rows":
+        def rows_inmost(*shape: int) -> Array:  # so that whole columns of sessions lie side by side in memory
+            return np.moveaxis(np.zeros((*shape, rows)), -1, 0)
+
+        return cls(
+            session=np.zeros(rows, np.int64),
+            begins_s=np.zeros(rows),
+            reload_s=np.zeros(rows),
+            knots_s=np.zeros((rows, KNOTS)),
+            jets=np.zeros((rows, KNOTS, 3, modes)),
+            last=np.zeros(rows, np.int64),
+            fade_from_s=np.zeros(rows),
+            fade_rate=np.zeros(rows),
+            fade=rows_inmost(3, modes),
+            hold_start_s=np.full((rows, holds), np.inf),
+            hold_stop_s=np.full((rows, holds), np.inf),
+            hold_contact=np.zeros((rows, holds), np.int64),
+            until_s=np.zeros(rows),
+            from_s=np.zeros(rows),
+            rate=np.zeros(rows),
+            quintic=rows_inmost(6, modes),
+        )
+
+    def grown(self, rows: int, holds: int) -> "_Rows":
+        """Copy into more room."""
+        wider = _Rows.empty(rows, holds, self.jets.shape[-1])
+        for name in (one.name for one in fields(self)):
+            old, new = getattr(self, name), getattr(wider, name)
+            new[tuple(slice(length) for length in old.shape)] = old
+        return wider
+
+    def move(self, source: int, target: int) -> None:
+        for name in (one.name for one in fields(self)):
+            array = getattr(self, name)
+            array[target] = array[source]
+
+
+class SessionBank:
+    """Stateful: streams of many sessions, shown together. Sessions open and close at any time.
+
+    Parameters
+    ----------
+    profile : Profile
+        Of all sessions.
+    style : Style, optional
+        Of all sessions; see :class:`.StreamingPlanner`.
+    horizon_s : float
+        See :class:`.StreamingPlanner`.
+
+    Raises
+    ------
+    UsageError
+        If ``horizon_s`` is negative.
+    """
+
+    def __init__(self, profile: Profile, style: Style | None = None, *, horizon_s: float = 0.0) -> None:
+        self._profile = profile
+        self._style = style or Style(blinks=False, head_motion=False)
+        self._horizon_s = horizon_s
+        self._new_planner()  # refuses what it cannot do, at once
+        self._planners: list[StreamingPlanner] = []
+        self._row_of: dict[int, int] = {}
+        self._opened = 0
+        self._unseen: set[int] = set()
+        self._now_s = -np.inf
+        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count)
+        self._lift, self._back, self._outer = _lift(profile, self._style)
+
+    def __len__(self) -> int:
+        """Count the open sessions."""
+        return len(self._planners)
+
+    def open(self, begins_s: float = 0.0) -> int:
+        """Begin a session.
+
+        Parameters
+        ----------
+        begins_s : float
+            When its time is 0, in the bank's time; its phones count from there.
+
+        Returns
+        -------
+        int
+            Its number, never used again.
+
+        Raises
+        ------
+        UsageError
+            If the time is not finite.
+        """
+        if not np.isfinite(begins_s):
+            raise UsageError(f"begins_s: got {begins_s}, expected a time")
+        row, session = len(self._planners), self._opened
+        if row == len(self._rows.session):
+            self._rows = self._rows.grown(2 * row, self._rows.hold_start_s.shape[1])
+        self._opened += 1
+        self._planners.append(self._new_planner())
+        self._row_of[session] = row
+        self._unseen.add(session)
+        self._rows.session[row] = session
+        self._rows.begins_s[row] = begins_s
+        self._rows.reload_s[row] = -np.inf
+        return session
+
+    def close(self, session: int) -> None:
+        """End a session; another may move into its row.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        row, last = self._row(session), len(self._planners) - 1
+        self._rows.move(last, row)
+        self._row_of[int(self._rows.session[row])] = row
+        self._planners[row] = self._planners[last]
+        self._planners.pop()
+        del self._row_of[session]
+        self._unseen.discard(session)
+
+    def feed(self, session: int, phones: Sequence[Phone]) -> None:
+        """Take phones in, in the session's time; see :meth:`.StreamingPlanner.feed`.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        self._changed(session).feed(phones)
+
+    def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
+        """End speech at a moment of the session's time; see :meth:`.StreamingPlanner.cancel`.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or ``fade_s`` is not positive.
+        """
+        self._changed(session).cancel(at_s, fade_s=fade_s)
+
+    def counts(self, session: int) -> Counts:
+        """Tell what was not as it should be.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        return self._planners[self._row(session)].counts
+
+    def frames(self, time_s: float) -> BankFrames:
+        """One frame of every session; what is shown is settled.
+
+        Parameters
+        ----------
+        time_s : float
+            In the bank's time, not before the last frame asked for.
+
+        Raises
+        ------
+        UsageError
+            If time goes back.
+        """
+        if not self._now_s <= time_s < np.inf:
+            raise UsageError(f"time_s: got {time_s:g} s, expected rising times from {self._now_s:g} s")
+        self._now_s = time_s
+        self._unseen.clear()
+        count = len(self._planners)
+        times = time_s - self._rows.begins_s[:count]
+        for row in np.flatnonzero(times >= self._rows.reload_s[:count]):
+            self._load(int(row), float(times[row]))
+        self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
+        lifted = self._weights(times).T @ self._lift
+        faps = lifted[:, : fap.FAP_COUNT]
+        lips, teeth, vowels = self._held(times)
+        settled = settle(faps, lips=lips, teeth=teeth, vowels=vowels)
+        points = lifted[:, fap.FAP_COUNT :] + (settled[:, self._outer] - faps[:, self._outer]) @ self._back
+        return BankFrames(
+            self._rows.session[:count].copy(), to_codable(settled), points.reshape(count, points.shape[1] // 3, 3)
+        )
+
+    def _new_planner(self) -> StreamingPlanner:
+        return StreamingPlanner(self._profile, self._style, self._horizon_s)
+
+    def _row(self, session: int) -> int:
+        if session not in self._row_of:
+            raise UsageError(f"session: got {session}, expected one of {len(self._planners)} that are open")
+        return self._row_of[session]
+
+    def _changed(self, session: int) -> StreamingPlanner:
+        """Planner of a session whose plan is about to change, told what has been shown."""
+        row = self._row(session)
+        planner = self._planners[row]
+        if session not in self._unseen:
+            planner.settle(float(self._now_s - self._rows.begins_s[row]))
+        self._rows.reload_s[row] = -np.inf
+        return planner
+
+    def _load(self, row: int, time_s: float) -> None:
+        """Copy what a session will need from ``time_s`` on."""
+        planner, rows = self._planners[row], self._rows
+        plan, until_s = planner.plan_at(time_s)
+        path = plan.path
+        first = min(max(int(path.times_s.searchsorted(time_s, side="right")) - 1, 0), len(path.times_s) - 2)
+        knots = path.times_s[first : first + KNOTS]
+        if first + KNOTS < len(path.times_s):
+            until_s = min(until_s, float(knots[-1]))
+        rows.reload_s[row], rows.until_s[row] = until_s, -np.inf
+        rows.knots_s[row, : len(knots)] = knots
+        rows.knots_s[row, len(knots) :] = np.inf
+        rows.jets[row, : len(knots)] = path.jets[first : first + KNOTS]
+        rows.last[row] = len(knots) - 2
+        fades = time_s < plan.start_s + plan.fade_s
+        rows.fade_from_s[row] = plan.start_s if fades else 0.0
+        rows.fade_rate[row] = 1.0 / plan.fade_s if fades else 0.0
+        rows.fade[row] = plan.left_over * plan.fade_s ** np.arange(3.0)[:, None] if fades else 0.0
+        holds = [one for one in planner.holds if one.stop_s + RAMP_S > time_s and one.start_s - RAMP_S < until_s]
+        if len(holds) > rows.hold_start_s.shape[1]:
+            rows = self._rows = rows.grown(len(rows.session), 2 * len(holds))
+        rows.hold_start_s[row] = np.inf
+        for place, hold in enumerate(holds):
+            rows.hold_start_s[row, place] = hold.start_s
+            rows.hold_stop_s[row, place] = hold.stop_s
+            rows.hold_contact[row, place] = CONTACTS.index(hold.contact)
+
+    def _renew_segments(self, rows: NDArray[np.intp], times_s: Array) -> None:
+        """Compute coefficients for sessions that have crossed a knot."""
+        if not len(rows):
+            return
+        own = self._rows
+        knots, last = own.knots_s[rows], own.last[rows]
+        left = np.clip((knots <= times_s[rows, None]).sum(axis=1) - 1, 0, last)
+        every = np.arange(len(rows))
+        start_s, end_s = knots[every, left], knots[every, left + 1]
+        own.from_s[rows], own.rate[rows] = start_s, 1.0 / (end_s - start_s)
+        own.until_s[rows] = np.where(left < last, end_s, np.inf)
+        first = np.ascontiguousarray(np.moveaxis(own.jets[rows, left], 0, -1))
+        reach = np.ascontiguousarray(np.moveaxis(own.jets[rows, left + 1], 0, -1))
+        found = hermite.quintic(end_s - start_s, (first[0], first[1], first[2]), (reach[0], reach[1], reach[2]))
+        for power, coefficient in enumerate(found):
+            own.quintic[:, power].T[:, rows] = coefficient
+
+    def _weights(self, times_s: Array) -> Array:
+        """(K, S): where every session is in the space."""
+        own, count = self._rows, len(times_s)
+        s = np.clip((times_s - own.from_s[:count]) * own.rate[:count], 0.0, 1.0)
+        powers = np.moveaxis(own.quintic[:count], 0, -1)
+        weights: Array = powers[5] * s
+        for power in (4, 3, 2, 1):
+            weights += powers[power]
+            weights *= s
+        weights += powers[0]
+        since = np.clip((times_s - own.fade_from_s[:count]) * own.fade_rate[:count], 0.0, 1.0)
+        for left, part in zip(np.moveaxis(own.fade[:count], 0, -1), hermite.fading(since), strict=True):
+            weights += left * part
+        return weights
+
+    def _held(self, times_s: Array) -> Array:
+        """(3, S): how far each session is under a hold of each of the contacts, 0..1."""
+        own, count = self._rows, len(times_s)
+        starts, stops = own.hold_start_s[:count], own.hold_stop_s[:count]
+        now = times_s[:, None]
+        rows, places = np.nonzero((starts - RAMP_S < now) & (now < stops + RAMP_S))
+        heights = bump(times_s[rows], starts[rows, places], stops[rows, places], RAMP_S, RAMP_S)
+        held = np.zeros((len(CONTACTS), count))
+        np.maximum.at(held, (own.hold_contact[rows, places], rows), heights)
+        return held
+
+
+def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Matrices from weights to FAPs and marker points, and from changes of outer-lip FAPs back to points.
+
+    Returns
+    -------
+    lift : (K, 68 + 3M) float64
+        FAPU and mm per weight.
+    back : (6, 3M) float64
+        mm per FAPU.
+    outer : (6,) int
+        Columns of the outer-lip FAPs that :func:`.closures.settle` changes.
+    """
+    space = profile.space
+    markers = space.points[: space.marker_count]
+    faps = displacements_to_faps(space.modes_mm, space.points, profile.fapu)
+    points = space.modes_mm[:, : len(markers)].reshape(space.mode_count, -1)
+    numbers = [number for pair in PAIRS for number in pair[2:]]
+    back = np.zeros((len(numbers), len(markers), 3))
+    for index, row in enumerate(map(fap.spec, numbers)):
+        if row.point in markers:
+            back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
+    outer = np.array([fap.column(number) for number in numbers])
+    return style.articulation * np.hstack([faps, points]), back.reshape(len(numbers), -1), outer
