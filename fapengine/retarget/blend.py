@@ -1,0 +1,117 @@
+"""FAPs to the blend shapes of another rig, and back.
+
+Theory of operation
+-------------------
+A rig's shapes each move feature points, which is to say FAPs: a matrix ``S`` (shapes x 68). Back is a product,
+``faps = weights @ S``. Forth is the box-constrained least squares problem
+
+    minimise  |(weights @ S - faps) * mm|^2 + ridge |weights|^2,   0 <= weights <= limit,
+
+with FAPs weighed by what they are in millimetres on a face, so that no unit counts more than another. It is solved
+for all frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+
+Array = NDArray[np.float64]
+
+ADULT = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
+"""What weighs the FAPs against each other; any face's proportions do."""
+EYE_RADIUS_MM = 12.0
+"""Turns an eye's angle into millimetres."""
+UNSHAPED = (1, 2, 48, 49, 50)
+"""Visemes, expressions and the head's turns are no shape's business."""
+STEPS = 200
+RIDGE = 1e-3
+"""Of the mean squared length of a shape; chooses the smaller weights where shapes are alike."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlendMap:
+    """The shapes of a rig, by what they do in FAPs. Arrays are read-only."""
+
+    names: tuple[str, ...]
+    """(B,)."""
+    faps: Array
+    """(B, 68) FAPU at full weight."""
+    limit: float = 1.0
+    """Largest weight."""
+    _scaled: Array = field(init=False, repr=False)
+    _gram: Array = field(init=False, repr=False)
+    _lengths: Array = field(init=False, repr=False)
+    _rate: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        shapes = frozen(self.faps, "faps", (len(self.names), fap.FAP_COUNT), np.float64)
+        object.__setattr__(self, "faps", shapes)
+        if not self.limit > 0:
+            raise UsageError(f"limit: got {self.limit}, expected a positive weight")
+        scaled = shapes * weights_mm()
+        square = scaled @ scaled.T
+        if not np.trace(square) > 0:
+            raise UsageError("faps: got shapes that move nothing, expected some that do")
+        square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square)
+        lengths = np.sqrt(np.diag(square))  # shapes of one length make the problem round, and gradients quick
+        object.__setattr__(self, "_scaled", scaled / lengths[:, None])
+        object.__setattr__(self, "_gram", square / lengths / lengths[:, None])
+        object.__setattr__(self, "_lengths", lengths)
+        object.__setattr__(self, "_rate", 1.0 / float(np.linalg.eigvalsh(self._gram)[-1]))
+
+    def to_faps(self, weights: ArrayLike) -> Array:
+        """(..., B) weights -> (..., 68) FAPU."""
+        given = frozen(weights, "weights", ("...", len(self.names)), np.float64)
+        faps: Array = given @ self.faps
+        return faps
+
+    def approximate_weights(self, faps: ArrayLike) -> Array:
+        """Find the weights that move a face most alike: (T, 68) FAPU -> (T, B), each 0 to ``limit``."""
+        wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+        goal = (wanted * weights_mm()) @ self._scaled.T
+        most = self.limit * self._lengths
+        found = np.clip(goal * self._rate, 0.0, most)
+        ahead, momentum = found, 1.0
+        for _ in range(STEPS):
+            after = np.clip(ahead - self._rate * (ahead @ self._gram - goal), 0.0, most)
+            faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+            ahead = after + (momentum - 1) / faster * (after - found)
+            found, momentum = after, faster
+        weights: Array = found / self._lengths
+        return weights
+
+    def error_mm(self, faps: ArrayLike) -> float:
+        """Mean over frames of the distance, root of the sum over FAPs, between what is wanted and what comes back."""
+        wanted = np.asarray(faps, dtype=np.float64)
+        back = self.to_faps(self.approximate_weights(wanted))
+        return float(np.sqrt((((back - wanted) * weights_mm()) ** 2).sum(axis=1)).mean())
+
+    def select(self, names: Sequence[str]) -> "BlendMap":
+        """Take some of the shapes, in this order.
+
+        Raises
+        ------
+        UsageError
+            If one is missing.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise UsageError(f"names: got {missing[0]!r}, expected one of {', '.join(self.names)}")
+        return BlendMap(tuple(names), self.faps[[self.names.index(name) for name in names]], self.limit)
+
+
+def weights_mm() -> Array:
+    """(68,): millimetres of one step of each FAP on an adult's face; 0 for what no shape shows."""
+    steps = ADULT.steps()
+    for row in fap.FAPS:
+        if row.unit is fap.FapUnit.AU:
+            steps[fap.column(row.number)] *= EYE_RADIUS_MM
+    steps[[fap.column(number) for number in UNSHAPED]] = 0.0
+    return steps
