@@ -14,6 +14,7 @@ round before /u/ and spread before /i/.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,19 +124,86 @@ def _articulation(heard: tuple[str, ...]) -> dict[str, float]:
 
 
 def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
-    """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing."""
-    keys, modes = model.coefficients.shape[1:]
-    found = np.zeros((len(tokens), keys, modes))
-    for index in range(len(tokens)):
-        if tokens[index].name == SILENCE:
-            continue
-        rows, values = [], []
-        for name, value in features(tokens, index).items():
-            if name in model.rows:
-                rows.append(model.rows[name])
-                values.append(value)
-        found[index] = np.tensordot(values, model.coefficients[rows], axes=1)
+    """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing.
+
+    The sum of what :func:`features` names, but summed beforehand for each kind of token: a stream asks this whenever a
+    phone comes.
+    """
+    tables = _tables(model)
+    around = [tables.silence] * REACH + [tables.kind(one) for one in tokens] + [tables.silence] * REACH
+    durations = [PAUSE_S if one.name == SILENCE else one.end_s - one.start_s for one in tokens]
+    lengths = np.full(len(around), PAUSE_S)
+    lengths[REACH : len(around) - REACH] = durations
+    lengths = np.log(np.maximum(lengths, SHORTEST_S) / TYPICAL_S)[:, None]
+    kinds = np.array(around)
+    spoken = np.array([index for index, one in enumerate(tokens) if one.name != SILENCE], dtype=np.intp)
+    own = spoken + REACH
+    total = tables.pairs(around, own) + lengths[own] * tables.by_length[kinds[own]]
+    for step in range(-REACH, REACH + 1):
+        total += tables.by_step[kinds[own + step], step + REACH]
+        if step and abs(step) < REACH:
+            total += lengths[own + step] * tables.coefficients[tables.row(f"length {step}")]
+    found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
+    found[spoken] = total.reshape(len(spoken), *found.shape[1:])
     return found
+
+
+class _Tables:
+    """Stateful, it grows: what every kind of token that was met adds to its own targets and to its neighbours'."""
+
+    def __init__(self, model: ContextModel) -> None:
+        flat = model.coefficients.reshape(len(model.features), -1)
+        self.coefficients = np.vstack([flat, np.zeros(flat.shape[1])])
+        """(F + 1, D); the last row is for features that the model lacks."""
+        self.by_step = np.zeros((0, 2 * REACH + 1, flat.shape[1]))
+        """(kinds, steps, D): as the neighbour at each step, and in the middle as the token itself."""
+        self.by_length = np.zeros((0, flat.shape[1]))
+        """(kinds, D), per length of the token itself."""
+        self._rows = model.rows
+        self._names: list[str] = []
+        self._kinds: dict[tuple[str, tuple[str, ...]], int] = {}
+        self._pairs: dict[tuple[int, int], tuple[int, int]] = {}
+        self.silence = self._kind(SILENCE, ())
+
+    def row(self, feature: str) -> int:
+        return self._rows.get(feature, len(self.coefficients) - 1)
+
+    def kind(self, token: Token) -> int:
+        return self.silence if token.name == SILENCE else self._kind(token.name, token.heard)
+
+    def pairs(self, kinds: Sequence[int], own: NDArray[np.intp]) -> Array:
+        """(N, D): what tokens at ``own`` get from standing beside each other."""
+        before = [self._pair(kinds[at - 1], kinds[at])[0] for at in own]
+        behind = [self._pair(kinds[at], kinds[at + 1])[1] for at in own]
+        total: Array = self.coefficients[before] + self.coefficients[behind]
+        return total
+
+    def _pair(self, first: int, second: int) -> tuple[int, int]:
+        if (first, second) not in self._pairs:
+            text = f"pair {self._names[first]} {self._names[second]}"
+            self._pairs[first, second] = self.row(text), self.row(f"{text} next")
+        return self._pairs[first, second]
+
+    def _kind(self, name: str, heard: tuple[str, ...]) -> int:
+        if (name, heard) not in self._kinds:
+            self._kinds[name, heard] = len(self._names)
+            self._names.append(name)
+            steps = [self._sum(step, name, heard) for step in range(-REACH, REACH + 1)]
+            length = self.coefficients[[self.row("length 0"), self.row(f"phone {name} length")]].sum(axis=0)
+            self.by_step = np.concatenate([self.by_step, [steps]])
+            self.by_length = np.concatenate([self.by_length, [length]])
+        return self._kinds[name, heard]
+
+    def _sum(self, step: int, name: str, heard: tuple[str, ...]) -> Array:
+        found = {f"way {step} {way}": value for way, value in _articulation(heard).items()}
+        found |= {f"beside {step} {name}": 1.0} if step else {"bias": 1.0, f"phone {name}": 1.0}
+        total: Array = np.array(list(found.values())) @ self.coefficients[[self.row(one) for one in found]]
+        return total
+
+
+@lru_cache(maxsize=16)
+def _tables(model: ContextModel) -> _Tables:
+    return _Tables(model)
 
 
 def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) -> ContextModel:

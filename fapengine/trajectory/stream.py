@@ -34,6 +34,8 @@ FADE_S = 0.15
 """Over which a change of plan is blended in."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
+BEHIND_PHONES = AHEAD_PHONES + 3
+"""Of the past that a new plan looks back at; farther back nothing touches the path at the edge."""
 KEPT_S = 2.0
 """Of the past; older phones and plans are forgotten."""
 LATEST_CLOSURE_S = 0.15
@@ -181,7 +183,8 @@ class StreamingPlanner:
     def _replan(self, edge: float, fade_s: float) -> None:
         """Plan ahead of the edge; what the new plan lacks there is added and fades."""
         modes = self.profile.space.mode_count
-        self._phones = [phone for phone in self._phones if phone.end_s > edge - KEPT_S]
+        over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
+        self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
         track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
         self._resolved, unknown = resolve(track, self.profile, context=self.style.context)
         self.counts.unknown = max(self.counts.unknown, sum(unknown.values()))

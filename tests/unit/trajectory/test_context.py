@@ -30,6 +30,19 @@ def width(weights: np.ndarray) -> float:
     return float(points["8.3"][0] - points["8.4"][0])
 
 
+def test_targets_are_the_sum_of_the_features() -> None:
+    """What is summed beforehand for each kind of token is what the features say one by one."""
+    model = PROFILE.context
+    for spelling in ("b aɪ m", "s _ ŋ ɔɪ _ _ tʃ", "ʁ", "_", "p b p b p b p"):
+        tokens, _ = tokens_of(track(spelling, each_s=0.07), KNOWN)
+        for token, found in zip(tokens, targets(tokens, model), strict=True):
+            named = features(tokens, tokens.index(token)) if token.name != SILENCE else {}
+            known = {name: value for name, value in named.items() if name in model.rows}
+            wanted = sum((value * model.coefficients[model.rows[name]] for name, value in known.items()), 0 * found)
+            np.testing.assert_allclose(found, wanted, atol=1e-9)
+    assert targets([], model).shape == (0, *model.coefficients.shape[1:])
+
+
 def test_lips_foresee_the_vowel() -> None:
     assert width(look("s uː", 0)) < width(look("s iː", 0)) - 0.7  # mm
     assert width(look("uː s", 1)) < width(look("iː s", 1)) - 0.5
