@@ -6,6 +6,9 @@ At each key, velocity and acceleration are those of the parabola through it and 
 path they are zero. A segment between two keys is the quintic with these values, so the path passes its keys, is C2
 everywhere, and a change of one key changes nothing beyond two keys to either side, bit by bit. A natural cubic spline
 passes a change on for ever, by a factor of 0.27 a key; that is why a stream uses this one.
+
+Where keys stand at uneven distances the parabola's velocity is limited: alone it may not carry a key farther along the
+longer of its two segments than its three keys range. That bounds the overshoot (:data:`OVERSHOOT`).
 """
 
 from dataclasses import dataclass
@@ -15,6 +18,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+FARTHEST = 1.0, 3.0
+"""Velocity times, and acceleration times the square of, the longer segment: at most so many ranges of the three keys.
+Even distances never reach it, nor do uneven ones up to 1.6 to 1."""
+OVERSHOOT = 0.25
+"""Of the range of four keys: how far the path may leave the range of the two keys that it runs between (worst case,
+found by search; without the limit there is none)."""
+
 
 def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
     """Velocity and acceleration at every key: (N,) s and (N, K) -> (N, K) each; zero at both ends."""
@@ -23,8 +33,12 @@ def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
         step = np.diff(times_s)[:, None]
         slope = np.diff(values, axis=0) / step
         before, after = step[:-1], step[1:]
-        velocity[1:-1] = (after * slope[:-1] + before * slope[1:]) / (before + after)
-        acceleration[1:-1] = 2 * (slope[1:] - slope[:-1]) / (before + after)
+        longer = np.maximum(before, after)
+        three = np.stack([values[:-2], values[1:-1], values[2:]])
+        most = three.max(axis=0) - three.min(axis=0)
+        fastest, sharpest = FARTHEST[0] * most / longer, FARTHEST[1] * most / longer**2
+        velocity[1:-1] = np.clip((after * slope[:-1] + before * slope[1:]) / (before + after), -fastest, fastest)
+        acceleration[1:-1] = np.clip(2 * (slope[1:] - slope[:-1]) / (before + after), -sharpest, sharpest)
     return velocity, acceleration
 
 

@@ -1,0 +1,113 @@
+"""No phones, however fast, make the lips jump, overshoot or linger."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fapengine._resources import profile_files
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import close_lips, holds_of
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.keyframes import APART_S, REST_MARGIN_S, place_keyframes, resolve
+from fapengine.trajectory.planner import FASTEST_MM_S, SHARPEST_MM_S2, Style, plan, sharpest_multiple
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+MM = PROFILE.fapu.unit(fap.FapUnit.MNS)
+STEP_S = 0.001
+
+SPEECH = st.lists(
+    st.tuples(st.sampled_from(sorted(PROFILE.phones)), st.floats(0.05, 0.25)), min_size=1, max_size=11
+)  # fmt: skip
+RATE = st.floats(0.5, 3.0)
+
+
+def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
+    ends = 0.3 + np.cumsum([seconds / rate for _, seconds in speech])
+    starts = [0.3, *ends[:-1]]
+    phones = [Phone(label, start, end) for (label, _), start, end in zip(speech, starts, ends, strict=True)]
+    return PhoneTrack.of([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
+
+
+def opening_mm(phones: PhoneTrack) -> NDArray[np.float64]:
+    """Of the lips' middle, every millisecond, not rounded."""
+    resolved, _ = resolve(phones, PROFILE)
+    keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
+    times = np.arange(0, phones.duration_s, STEP_S)
+    moved = PROFILE.space.to_points_mm(keys.sample(times))
+    faps = displacements_to_faps(moved, PROFILE.space.points, PROFILE.fapu)
+    faps = close_lips(faps, times, holds_of(resolved))
+    gap: NDArray[np.float64] = -MM * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
+    return gap
+
+
+@given(SPEECH, RATE)
+def test_speed_and_acceleration_stay_near_what_was_captured(speech: list[tuple[str, float]], rate: float) -> None:
+    gap = opening_mm(spoken(speech, rate))
+    speed = np.gradient(gap, STEP_S)
+    assert np.abs(speed).max() <= 2.5 * FASTEST_MM_S
+    assert np.abs(np.gradient(speed, STEP_S)).max() <= sharpest_multiple(rate) * SHARPEST_MM_S2
+
+
+def test_lips_are_as_fast_as_people_s() -> None:
+    gap = opening_mm(spoken([(label, 0.1) for label in ("b", "aɪ", "p", "ɑ", "m", "aɪ", "b", "i")], 1.0))
+    assert np.abs(np.gradient(gap, STEP_S)).max() > 0.5 * FASTEST_MM_S
+
+
+KEYS = st.lists(st.tuples(st.floats(0.012, 0.4), st.floats(-5, 5)), min_size=2, max_size=9)
+
+
+@given(KEYS)
+def test_overshoot_beyond_two_keys_is_a_quarter_of_four_at_most(keys: list[tuple[float, float]]) -> None:
+    times = np.cumsum([step for step, _ in keys])
+    values = np.array([[value] for _, value in keys])
+    for index in range(len(times) - 1):
+        path = hermite.sample(times, values, np.linspace(times[index], times[index + 1], 50))
+        two, four = values[index : index + 2], values[max(index - 1, 0) : index + 3]
+        margin = hermite.OVERSHOOT * np.ptp(four) + 1e-9
+        assert two.min() - margin <= path.min()
+        assert path.max() <= two.max() + margin
+
+
+@pytest.mark.parametrize("speed_up", [1.0, 1.5])
+def test_where_keys_are_about_evenly_spaced_the_limit_changes_nothing(speed_up: float) -> None:
+    times = np.cumsum([0.1, 0.1 / speed_up, 0.1, 0.1 / speed_up])
+    values = np.array([[0.0], [1.0], [-2.0], [0.5]])
+    velocity, acceleration = hermite.derivatives(times, values)
+    for index in (1, 2):
+        parabola = np.polyfit(times[index - 1 : index + 2] - times[index], values[index - 1 : index + 2, 0], 2)
+        assert velocity[index, 0] == pytest.approx(parabola[1])
+        assert acceleration[index, 0] == pytest.approx(2 * parabola[0])
+
+
+@given(SPEECH, RATE, st.sampled_from(list(Expression)))
+def test_rest_is_reached_in_an_eighth_of_a_second(
+    speech: list[tuple[str, float]], rate: float, expression: Expression
+) -> None:
+    phones = spoken(speech, rate)
+    wish = {expression: 0.7} if expression else {}
+    values = plan(
+        phones, PROFILE, rng=np.random.default_rng(1), rate_hz=100.0, style=STILL, expressions=wish
+    ).track.values
+    alone = plan(PhoneTrack.of([Phone("_", 0.0, phones.duration_s)]), PROFILE, rng=np.random.default_rng(1),
+                 rate_hz=100.0, style=STILL, expressions=wish).track.values  # fmt: skip
+    last_s = phones.phones[-2].end_s
+    behind = int(np.ceil((last_s + REST_MARGIN_S) * 100 + 1e-6))
+    assert len(values) - behind >= 20
+    np.testing.assert_array_equal(values[behind:], alone[behind:])
+
+
+STILL = Style(blinks=False, head_motion=False)
+
+
+def test_short_phones_have_one_keyframe_between_their_two() -> None:
+    seconds = 2 * APART_S
+    for length, count in ((seconds * 1.01, 2), (seconds * 0.99, 1)):
+        (one,), _ = resolve(PhoneTrack.of([Phone("s", 0.0, length)]), PROFILE)
+        assert len(one.times_s) == len(one.targets) == count
+        assert np.mean(one.times_s) == pytest.approx(0.45 * length)
