@@ -9,7 +9,7 @@ import sys
 import typer
 
 from fapengine import __version__
-from fapengine.cli import animate, decode, doctor, encode, fit, head, inspect, render, say
+from fapengine.cli import animate, convert, decode, doctor, encode, fit, head, inspect, render, say
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -26,6 +26,7 @@ VERBS = (
     render.render,
     encode.encode,
     decode.decode,
+    convert.convert,
     inspect.inspect,
     fit.fit,
     doctor.doctor,

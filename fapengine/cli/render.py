@@ -9,7 +9,7 @@ from fapengine.cli import options as shared
 
 
 def render(
-    track: Annotated[Path, typer.Argument(help="FAPs: .fap text or an .fba stream; its bytes decide.")],
+    track: Annotated[Path, typer.Argument(help="FAPs (.fap, .fba), or blend shapes (.csv, Azure's .json).")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Video (.mp4, .webm, .mkv), or .png for one frame.")
     ] = Path("out/render.mp4"),
@@ -26,12 +26,9 @@ def render(
     import numpy as np
 
     from fapengine.cli.talk import parse_size, progress
-    from fapengine.codec.interpolate import fill_track
     from fapengine.errors import UsageError
-    from fapengine.files.fap import load_fap
-    from fapengine.files.fba import load_fba
     from fapengine.files.heads import load_head
-    from fapengine.files.paths import read_bytes
+    from fapengine.files.motion import load_motion
     from fapengine.files.pictures import save_png
     from fapengine.files.sound import load_sound
     from fapengine.files.video import CODECS, write_video
@@ -40,8 +37,7 @@ def render(
 
     if output.suffix not in (*CODECS, ".png"):
         raise UsageError(f"--output: got {output}, expected a name that ends with {', '.join(CODECS)} or .png")
-    is_stream = read_bytes(track)[:3] == b"\x00\x00\x01"
-    faps = fill_track(load_fba(track)) if is_stream else load_fap(track)
+    faps = load_motion(track)
     sound = load_sound(audio) if audio else None
     with FaceRenderer(load_head(head), size=parse_size(size), camera=preset(camera)) as renderer:
         if output.suffix == ".png":

@@ -31,7 +31,7 @@ def parse_azure(data: bytes) -> PhoneTrack:
     if any(event.has("BlendShapes") for event in events):
         raise UnsupportedError(
             "Azure: got blend-shape frames (55 weights at 60 Hz), expected viseme events; frames are a motion, not"
-            " phones: ask the service for viseme ids beside them"
+            " phones: `fapengine render` and `convert` take them"
         )
     onsets = [
         (event.first(*OFFSETS).number() / TICKS_HZ, f"{event.first(*IDS).number():g}", event.where) for event in events

@@ -1,0 +1,31 @@
+"""``fapengine convert``: face motion from one file format to another."""
+
+from pathlib import Path
+
+import typer
+
+OUT_KINDS = (".fap", ".csv")
+
+
+def convert(
+    motion: Path = typer.Argument(..., help="FAPs (.fap, .fba) or ARKit blend shapes (.csv; Azure's frames, .json)."),
+    output: Path = typer.Option(..., "--output", "-o", help="FAPs (.fap), or ARKit's 52 shapes and the head (.csv)."),
+) -> None:
+    """Convert face motion: FAPs to ARKit blend shapes, and blend shapes to FAPs.
+
+    Example: fapengine convert talk.fap -o talk.csv; fapengine convert livelink.csv -o take.fap
+    """
+    from fapengine.errors import UsageError
+    from fapengine.files.fap import save_fap
+    from fapengine.files.motion import load_motion
+    from fapengine.files.paths import write_bytes
+    from fapengine.retarget.blend_tracks import format_arkit_csv
+
+    if output.suffix not in OUT_KINDS:
+        raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
+    track = load_motion(motion)
+    if output.suffix == ".fap":
+        save_fap(output, track)
+    else:
+        write_bytes(output, format_arkit_csv(track))
+    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz")

@@ -1,0 +1,34 @@
+"""Face motion from any file that holds it, as FAPs."""
+
+from pathlib import Path
+
+from fapengine.codec.interpolate import fill_track
+from fapengine.errors import DataError
+from fapengine.files.fap import load_fap
+from fapengine.files.fba import load_fba
+from fapengine.files.paths import read_bytes
+from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend_tracks import parse_blend_track
+
+BLEND_ENDINGS = (".csv", ".json", ".jsonl")
+
+
+def load_motion(path: Path) -> FapTrack:
+    """Read FAPs: an FBA stream, blend shapes (.csv, .json), or .fap text.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+    DataError
+        If its content is wrong; the message names the file.
+    """
+    data = read_bytes(path)
+    if data[:3] == b"\x00\x00\x01":
+        return fill_track(load_fba(path))
+    if path.suffix.lower() not in BLEND_ENDINGS:
+        return load_fap(path)
+    try:
+        return parse_blend_track(data)
+    except DataError as error:
+        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

@@ -1,0 +1,182 @@
+"""Motion as blend shapes over time: the CSV of Live Link Face and its kin, and Azure Speech's 55-value frames.
+
+CSV has a header of shape names (any case, ``Left``/``Right`` or ``_L``/``_R``), found by name because their order
+differs between tools, and a row a frame. Azure sends JSON events ``{"FrameIndex": n, "BlendShapes": [[55 numbers],
+...]}``, 60 frames a second: ARKit's 52 in Live Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Turns of the
+head count in radians, positive as FAP 48 to 50 are; eyes that roll have no FAP.
+"""
+
+import csv
+import io
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, TruncatedError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 60.0
+"""Of Azure, and of Live Link Face unless its timecodes say otherwise."""
+AZURE_WIDTH = 55
+HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
+"""Columns in rad that Live Link adds, and the FAP that turns so."""
+MAX_FRAMES = 10_000_000
+LEAST_NAMES = 8
+
+
+def parse_blend_track(data: bytes) -> FapTrack:
+    """Read a track of blend shapes as FAPs.
+
+    Raises
+    ------
+    TruncatedError
+        If there is no frame.
+    DataError
+        If it is neither JSON events nor CSV with shape names, or a value is no number; ``where`` says which.
+    """
+    text = _decode(data)
+    weights, head, rate_hz = _azure(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
+    if not len(weights):
+        raise TruncatedError("blend shapes: got no frame, expected some")
+    faps = arkit_map().to_faps(weights)
+    for number, turn in head.items():
+        faps[:, fap.column(number)] = turn / AU_RAD
+    return FapTrack.of(np.rint(_within(faps)).astype(np.int64), rate_hz=rate_hz)
+
+
+def _decode(data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"blend shapes: is no UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
+
+
+def _within(faps: Array) -> Array:
+    """Keep values inside what a FAP can carry."""
+    high = np.array([row.intra_limit * row.quantiser_step for row in fap.FAPS])
+    low = np.array([-limit if row.bidirectional else 0 for row, limit in zip(fap.FAPS, high, strict=True)])
+    numbers = [fap.column(row.number) for row in fap.FAPS]
+    kept = faps.copy()
+    kept[:, numbers] = np.clip(faps[:, numbers], low, high)
+    return kept
+
+
+Found = tuple[Array, dict[int, Array], float]
+"""Weights (T, 52), turns of the head in rad by FAP, frames a second."""
+
+
+def _azure(text: str) -> Found:
+    try:
+        whole = json.loads(text)
+        events = whole if isinstance(whole, list) else [whole]
+    except ValueError:
+        try:
+            events = [json.loads(line) for line in text.splitlines() if line.strip()]
+        except ValueError as error:
+            raise DataError(f"blend shapes: is neither JSON nor JSON lines: {error}") from error
+    except RecursionError as error:
+        raise DataError("blend shapes: is nested too deeply") from error
+    frames: dict[int, list[Any]] = {}
+    for number, event in enumerate(events):
+        where = f"event {number + 1}"
+        try:
+            first, rows = event["FrameIndex"], event["BlendShapes"]
+            if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < MAX_FRAMES or not rows:
+                raise ValueError(f"FrameIndex {first!r:.20}")
+            for offset, row in enumerate(rows):
+                if not isinstance(row, list) or len(row) != AZURE_WIDTH:
+                    raise ValueError(f"a frame of {len(row) if isinstance(row, list) else row!r:.20} values")
+                frames[first + offset] = row
+        except (TypeError, KeyError, ValueError) as error:
+            raise DataError(
+                f"blend shapes: got {error}, expected FrameIndex and frames of 55 values", where=where
+            ) from error
+    if not frames:
+        raise TruncatedError("blend shapes: got no frame, expected some")
+    order = sorted(frames)
+    if order[-1] - order[0] + 1 > 4 * len(order) + 600:
+        raise DataError(f"blend shapes: got frames {order[0]} to {order[-1]} with {len(order)} of them there")
+    try:
+        table = np.array([frames[index] for index in order], dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(f"blend shapes: got a value that is no number: {error}") from error
+    if not np.isfinite(table).all():
+        raise DataError("blend shapes: got a value that is not finite")
+    every = np.arange(order[0], order[-1] + 1)
+    held = table[np.searchsorted(order, every, side="right") - 1]  # a frame that was lost shows the one before
+    return np.clip(held[:, :52], 0.0, 1.0), {50: held[:, 52]}, RATE_HZ
+
+
+def _bare(name: str) -> str:
+    """Spell a shape's name without case, marks and short sides."""
+    low = name.strip().lower()
+    for short, side in (("_l", "left"), ("_r", "right")):
+        low = low.removesuffix(short) + side if low.endswith(short) else low
+    return "".join(letter for letter in low if letter.isalnum())
+
+
+def _csv(text: str) -> Found:
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise DataError(f"blend shapes: is no table: {error}") from error
+    header = [_bare(cell) for cell in rows[0]] if rows else []
+    place = {name: header.index(name.lower()) for name in ARKIT_NAMES if name.lower() in header}
+    if len(place) < LEAST_NAMES:
+        raise DataError(
+            f"blend shapes: got {len(place)} of ARKit's names in the header, expected at least {LEAST_NAMES}",
+            where="line 1",
+        )
+    wanted = {**place, **{name: header.index(name) for name in HEAD if name in header}}
+    table = np.zeros((len(rows) - 1, len(wanted)))
+    for line, row in enumerate(rows[1:]):
+        for column, index in enumerate(wanted.values()):
+            try:
+                table[line, column] = float(row[index])
+            except (IndexError, ValueError) as error:
+                raise DataError(
+                    f"{header[index]}: got {row[index] if index < len(row) else 'nothing'!r:.40}, expected a number",
+                    where=f"line {line + 2}, column {index + 1}",
+                ) from error
+    if not np.isfinite(table).all():
+        line, column = np.argwhere(~np.isfinite(table))[0]
+        raise DataError("got a number that is not finite", where=f"line {line + 2}, {list(wanted)[column]}")
+    weights = np.zeros((len(table), 52))
+    weights[:, [ARKIT_NAMES.index(name) for name in place]] = table[:, : len(place)]
+    turns = {HEAD[name]: table[:, len(place) + n] for n, name in enumerate(list(wanted)[len(place) :])}
+    return np.clip(weights, 0.0, 1.0), turns, _rate(header, rows)
+
+
+def _rate(header: list[str], rows: list[list[str]]) -> float:
+    """Frames a second from a column ``time`` in seconds; 60 without one."""
+    if "time" not in header or len(rows) < 3:
+        return RATE_HZ
+    column = header.index("time")
+    try:
+        first, last = float(rows[1][column]), float(rows[-1][column])
+    except (IndexError, ValueError) as error:
+        raise DataError("time: got no number, expected seconds", where=f"column {column + 1}") from error
+    if not (np.isfinite(first) and np.isfinite(last) and last > first):
+        raise DataError(f"time: got {first:g} .. {last:g} s, expected rising times", where=f"column {column + 1}")
+    rate = float(f"{(len(rows) - 2) / (last - first):.5g}")
+    if not 1 <= rate <= 1000:
+        raise DataError(f"time: got {rate:g} frames a second, expected 1..1000", where=f"column {column + 1}")
+    return rate
+
+
+def format_arkit_csv(track: FapTrack) -> bytes:
+    """Write FAPs as a CSV of ARKit's 52 shapes and the head's turns in rad, with seconds in front."""
+    weights = arkit_map().approximate_weights(track.values)
+    turns = np.stack([track.values[:, fap.column(number)] * AU_RAD for number in HEAD.values()], axis=1)
+    names = [name[0].upper() + name[1:] for name in ARKIT_NAMES]
+    lines = [",".join(("Time", *names, "HeadYaw", "HeadPitch", "HeadRoll"))]
+    for time, row in zip(track.times_s - track.times_s[0], np.column_stack([weights, turns]), strict=True):
+        lines.append(f"{time:.6f}," + ",".join(f"{value:.5f}" for value in row))
+    return ("\n".join(lines) + "\n").encode()

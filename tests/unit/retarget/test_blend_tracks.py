@@ -1,0 +1,159 @@
+"""Motion that comes and goes as blend shapes."""
+
+import contextlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.errors import DataError, TruncatedError, UsageError
+from fapengine.files.fap import load_fap, save_fap
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.blend_tracks import format_arkit_csv, parse_blend_track
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def weights(frames: int = 4) -> np.ndarray:
+    table = np.zeros((frames, 52))
+    table[:, ARKIT_NAMES.index("jawOpen")] = np.linspace(0, 0.6, frames)
+    table[:, ARKIT_NAMES.index("mouthSmileLeft")] = 0.5
+    return table
+
+
+def azure(table: np.ndarray, first: int = 0, roll: float = 0.1) -> dict:
+    rows = [[*row, roll, 0.0, 0.0] for row in table.tolist()]
+    return {"FrameIndex": first, "BlendShapes": rows}
+
+
+def test_azure_frames_become_faps() -> None:
+    table = weights(6)
+    whole = parse_blend_track(json.dumps(azure(table)).encode())
+    assert whole.rate_hz == 60.0
+    expected = np.rint(arkit_map().to_faps(table))
+    expected[:, fap.column(3)] = np.maximum(expected[:, fap.column(3)], 0)  # a jaw does not close beyond shut
+    columns = [fap.column(number) for number in (3, 4, 5, 12, 51, 52, 59)]
+    np.testing.assert_allclose(whole.values[:, columns], expected[:, columns], atol=1)
+    assert (whole.values[:, fap.column(50)] == 10_000).all()  # 0.1 rad
+    chunks = "\n".join(json.dumps(azure(part, at)) for at, part in ((3, table[3:]), (0, table[:3])))
+    np.testing.assert_array_equal(parse_blend_track(chunks.encode()).values, whole.values)
+
+
+def test_a_lost_chunk_shows_what_was_there_before() -> None:
+    table = weights(9)
+    events = [azure(table[:3]), azure(table[6:], 6)]
+    values = parse_blend_track(json.dumps(events).encode()).values
+    assert len(values) == 9
+    np.testing.assert_array_equal(values[3:6], np.tile(values[2], (3, 1)))
+
+
+def test_a_table_goes_there_and_back() -> None:
+    faps = arkit_map().to_faps(weights(5))
+    faps[:, fap.column(49)] = 12_000
+    faps[:, fap.column(3)] = np.maximum(faps[:, fap.column(3)], 0)
+    track = FapTrack.of(np.rint(faps).astype(int), rate_hz=25.0)
+    back = parse_blend_track(format_arkit_csv(track))
+    assert back.rate_hz == 25.0
+    columns = [fap.column(number) for number in (3, 5, 12, 49, 52)]
+    np.testing.assert_allclose(back.values[:, columns], track.values[:, columns], atol=12)
+
+
+@pytest.mark.parametrize(
+    "spell", [str.upper, lambda n: n.replace("Left", "_L").replace("Right", "_R"), lambda n: f" {n} "]
+)
+def test_names_in_any_spelling_and_order(spell) -> None:
+    names = list(ARKIT_NAMES)[::-1]
+    row = ["0.7" if name == "jawOpen" else "0" for name in names]
+    text = "Timecode," + ",".join(map(spell, names)) + "\n10:00:00:00," + ",".join(row) + "\n"
+    values = parse_blend_track(text.encode()).values
+    assert values[0, fap.column(3)] == pytest.approx(0.7 * dict(arkit_rows())["jawOpen"][3], abs=1)
+
+
+def arkit_rows():
+    from fapengine.retarget.arkit_table import ARKIT_FAPS
+
+    return ARKIT_FAPS
+
+
+HEADER = "time," + ",".join(ARKIT_NAMES)
+ROW = ",".join(["0"] * 52)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("", DataError, "got 0 of ARKit's names"),
+        ("time,jawOpen\n0,1\n", DataError, "got 1 of ARKit's names"),
+        (HEADER + "\n", TruncatedError, "no frame"),
+        (f"{HEADER}\n0,{ROW[:-1]}x\n", DataError, "got 'x', expected a number .at line 2, column 53"),
+        (f"{HEADER}\n0,1\n", DataError, "got 'nothing', expected a number"),
+        (f"{HEADER}\n0,{ROW[:-1]}nan\n", DataError, "not finite .at line 2, tongueOut"),
+        (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "expected seconds"),
+        (f"{HEADER}\n1,{ROW}\n1,{ROW}\n", DataError, "rising times"),
+        (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "expected 1..1000"),
+        ("{", DataError, "neither JSON nor JSON lines"),
+        ("[" * 100_000, DataError, "nested|neither"),
+        ("[]", TruncatedError, "no frame"),
+        ('{"FrameIndex": 0}', DataError, "expected FrameIndex .* .at event 1"),
+        ('{"FrameIndex": -1, "BlendShapes": [[0]]}', DataError, "FrameIndex -1"),
+        ('{"FrameIndex": 0, "BlendShapes": [[0, 1]]}', DataError, "a frame of 2 values"),
+        ('{"FrameIndex": 0, "BlendShapes": [' + json.dumps([None] * 55) + "]}", DataError, "not finite|no number"),
+        ('{"FrameIndex": 0, "BlendShapes": [' + json.dumps(["x"] * 55) + "]}", DataError, "no number"),
+        (json.dumps([azure(weights(1)), azure(weights(1), 9_000_000)]), DataError, "got frames 0 to 9000000"),
+    ],
+)
+def test_what_is_no_track_is_refused(text: str, error: type[DataError], message: str) -> None:
+    with pytest.raises(error, match=message):
+        parse_blend_track(text.encode())
+
+
+def test_bytes_that_are_no_text_are_refused() -> None:
+    with pytest.raises(DataError, match="no UTF-8 text"):
+        parse_blend_track(b"\xff\xfe\x00")
+
+
+GOOD = (json.dumps([azure(weights(2)), azure(weights(2), 2)]).encode(), f"{HEADER}\n0,{ROW}\n0.04,{ROW}\n".encode())
+
+
+@given(st.sampled_from(GOOD), st.data())
+def test_every_spoiled_file_is_a_value_or_a_data_error(good: bytes, data: st.DataObject) -> None:
+    spoiled = bytearray(good)
+    for _ in range(data.draw(st.integers(1, 5))):
+        at = data.draw(st.integers(0, len(spoiled) - 1))
+        spoiled[at : at + data.draw(st.integers(0, 20))] = data.draw(st.binary(max_size=6))
+        if not spoiled:
+            break
+    with contextlib.suppress(DataError):
+        assert len(parse_blend_track(bytes(spoiled))) > 0
+
+
+def test_convert_and_render(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(json.dumps(azure(weights(4))))
+    assert "4 frames at 60 Hz" in run("convert", tmp_path / "a.json", "-o", tmp_path / "a.fap")
+    run("convert", tmp_path / "a.fap", "-o", tmp_path / "a.csv")
+    run("convert", tmp_path / "a.csv", "-o", tmp_path / "b.fap")
+    one, other = load_fap(tmp_path / "a.fap"), load_fap(tmp_path / "b.fap")
+    np.testing.assert_allclose(one.values[:, fap.column(3)], other.values[:, fap.column(3)], rtol=0.1, atol=12)
+    for name in ("a.json", "a.csv", "a.fap"):
+        run("render", tmp_path / name, "--size", "64x64", "--at", "0.04", "-o", tmp_path / f"{name}.png")
+    save_fap(tmp_path / "c.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
+    run("encode", tmp_path / "c.fap", "-o", tmp_path / "c.fba")
+    run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.csv")
+    with pytest.raises(UsageError, match=r"ends with \.fap or \.csv"):
+        run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.doc")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(DataError, match=r"bad\.json"):
+        run("convert", tmp_path / "bad.json", "-o", tmp_path / "c.fap")
