@@ -26,7 +26,7 @@ from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import PAIRS, RAMP_S, settle
+from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
 from fapengine.trajectory.planner import Style
 from fapengine.trajectory.stream import Counts, StreamingPlanner
@@ -47,7 +47,7 @@ class BankFrames:
     sessions: NDArray[np.int64]
     """(S,)."""
     faps: NDArray[np.int32]
-    """(S, 68) FAPU."""
+    """(S, 68) FAPU. The sessions' values of one FAP lie side by side in memory."""
     points_mm: Array
     """(S, M, 3) mm: displacements of the profile's M marker points from the rest face, contacts included."""
 
@@ -69,7 +69,7 @@ class _Rows:
     """Knot that begins the last segment."""
     fade_from_s: Array
     fade_rate: Array
-    """One over the length of the fade; 0 where nothing fades."""
+    """One over the length of the fade."""
     fade: Array
     """(rows, 3, K): value, velocity and acceleration that fade, per fade and per fade squared."""
     hold_start_s: Array
@@ -255,17 +255,15 @@ class SessionBank:
         self._unseen.clear()
         count = len(self._planners)
         times = time_s - self._rows.begins_s[:count]
-        for row in np.flatnonzero(times >= self._rows.reload_s[:count]):
-            self._load(int(row), float(times[row]))
+        self._load(np.flatnonzero(times >= self._rows.reload_s[:count]), times)
         self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
-        lifted = self._weights(times).T @ self._lift
-        faps = lifted[:, : fap.FAP_COUNT]
+        lifted = self._lift @ self._weights(times)
+        faps = lifted[: fap.FAP_COUNT].T
         lips, teeth, vowels = self._held(times)
         settled = settle(faps, lips=lips, teeth=teeth, vowels=vowels)
-        points = lifted[:, fap.FAP_COUNT :] + (settled[:, self._outer] - faps[:, self._outer]) @ self._back
-        return BankFrames(
-            self._rows.session[:count].copy(), to_codable(settled), points.reshape(count, points.shape[1] // 3, 3)
-        )
+        points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
+        points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
+        return BankFrames(self._rows.session[:count].copy(), to_codable(settled), points_mm)
 
     def _new_planner(self) -> StreamingPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
@@ -284,32 +282,49 @@ class SessionBank:
         self._rows.reload_s[row] = -np.inf
         return planner
 
-    def _load(self, row: int, time_s: float) -> None:
-        """Copy what a session will need from ``time_s`` on."""
-        planner, rows = self._planners[row], self._rows
-        plan, until_s = planner.plan_at(time_s)
-        path = plan.path
-        first = min(max(int(path.times_s.searchsorted(time_s, side="right")) - 1, 0), len(path.times_s) - 2)
-        knots = path.times_s[first : first + KNOTS]
-        if first + KNOTS < len(path.times_s):
-            until_s = min(until_s, float(knots[-1]))
-        rows.reload_s[row], rows.until_s[row] = until_s, -np.inf
-        rows.knots_s[row, : len(knots)] = knots
-        rows.knots_s[row, len(knots) :] = np.inf
-        rows.jets[row, : len(knots)] = path.jets[first : first + KNOTS]
-        rows.last[row] = len(knots) - 2
-        fades = time_s < plan.start_s + plan.fade_s
-        rows.fade_from_s[row] = plan.start_s if fades else 0.0
-        rows.fade_rate[row] = 1.0 / plan.fade_s if fades else 0.0
-        rows.fade[row] = plan.left_over * plan.fade_s ** np.arange(3.0)[:, None] if fades else 0.0
-        holds = [one for one in planner.holds if one.stop_s + RAMP_S > time_s and one.start_s - RAMP_S < until_s]
-        if len(holds) > rows.hold_start_s.shape[1]:
-            rows = self._rows = rows.grown(len(rows.session), 2 * len(holds))
-        rows.hold_start_s[row] = np.inf
-        for place, hold in enumerate(holds):
-            rows.hold_start_s[row, place] = hold.start_s
-            rows.hold_stop_s[row, place] = hold.stop_s
-            rows.hold_contact[row, place] = CONTACTS.index(hold.contact)
+    def _load(self, rows: NDArray[np.intp], times_s: Array) -> None:
+        """Copy what sessions will need from now on."""
+        if not len(rows):
+            return
+        plans, windows, reload_s, held = [], [], [], []
+        for row, time_s in zip(rows.tolist(), times_s[rows].tolist(), strict=True):
+            planner = self._planners[row]
+            plan, until_s = planner.plan_at(time_s)
+            window, end_s = plan.path.window(time_s, KNOTS)
+            until_s = min(until_s, end_s)
+            plans.append(plan)
+            windows.append((plan.path.times_s[window], plan.path.jets[window]))
+            reload_s.append(until_s)
+            held.append(
+                [one for one in planner.holds if one.start_s - RAMP_S < until_s and one.stop_s + RAMP_S > time_s]
+            )
+        own = self._rows
+        own.reload_s[rows], own.until_s[rows] = reload_s, -np.inf
+        counts = np.array([len(knots) for knots, _ in windows])
+        places = _places(rows, counts)
+        own.knots_s[rows] = np.inf
+        own.knots_s[places] = np.concatenate([knots for knots, _ in windows])
+        own.jets[places] = np.concatenate([jets for _, jets in windows])
+        own.last[rows] = counts - 2
+        fade_s = np.array([plan.fade_s for plan in plans])
+        start_s = np.array([plan.start_s for plan in plans])
+        fades = times_s[rows] < start_s + fade_s
+        length_s = np.where(fades, fade_s, 1.0)
+        own.fade_from_s[rows] = np.where(fades, start_s, 0.0)
+        own.fade_rate[rows] = 1.0 / length_s
+        left_over = np.stack([plan.left_over for plan in plans]) * fades[:, None, None]
+        own.fade[rows] = left_over * (length_s[:, None] ** np.arange(3.0))[..., None]
+        self._load_holds(rows, held)
+
+    def _load_holds(self, rows: NDArray[np.intp], held: list[list[Hold]]) -> None:
+        counts = np.array([len(holds) for holds in held])
+        if counts.max() > self._rows.hold_start_s.shape[1]:
+            self._rows = self._rows.grown(len(self._rows.session), 2 * int(counts.max()))
+        own, places = self._rows, _places(rows, counts)
+        own.hold_start_s[rows] = np.inf
+        own.hold_start_s[places] = [one.start_s for holds in held for one in holds]
+        own.hold_stop_s[places] = [one.stop_s for holds in held for one in holds]
+        own.hold_contact[places] = [CONTACTS.index(one.contact) for holds in held for one in holds]
 
     def _renew_segments(self, rows: NDArray[np.intp], times_s: Array) -> None:
         """Compute coefficients for sessions that have crossed a knot."""
@@ -355,14 +370,20 @@ class SessionBank:
         return held
 
 
+def _places(rows: NDArray[np.intp], counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Rows and columns of the first so many places in each row."""
+    before = np.cumsum(counts) - counts
+    return np.repeat(rows, counts), np.arange(counts.sum()) - np.repeat(before, counts)
+
+
 def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp]]:
     """Matrices from weights to FAPs and marker points, and from changes of outer-lip FAPs back to points.
 
     Returns
     -------
-    lift : (K, 68 + 3M) float64
+    lift : (68 + 3M, K) float64
         FAPU and mm per weight.
-    back : (6, 3M) float64
+    back : (3M, 6) float64
         mm per FAPU.
     outer : (6,) int
         Columns of the outer-lip FAPs that :func:`.closures.settle` changes.
@@ -377,4 +398,4 @@ def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp
         if row.point in markers:
             back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
     outer = np.array([fap.column(number) for number in numbers])
-    return style.articulation * np.hstack([faps, points]), back.reshape(len(numbers), -1), outer
+    return style.articulation * np.hstack([faps, points]).T, back.reshape(len(numbers), -1).T, outer

@@ -118,7 +118,7 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array) -> Array:
     -------
     (..., 68) float64, FAPU
     """
-    settled = faps.copy()
+    settled = faps.copy(order="K")
     for place, numbers in enumerate(PAIRS):
         upper, lower = (settled[..., fap.column(number)] for number in numbers[:2])
         floor = OPEN_FAPU * (SIDE_OPENING if place else 1.0)

@@ -62,6 +62,12 @@ class Path:
             return cls(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
         return cls(times_s, np.stack([values, *derivatives(times_s, values)], axis=1))
 
+    def window(self, from_s: float, knots: int) -> tuple[slice, float]:
+        """Choose the next so many keys that the path from ``from_s`` on needs, and tell how long they serve."""
+        times, count = self.times_s, len(self.times_s)
+        first = min(max(int(times.searchsorted(from_s, side="right")) - 1, 0), count - 2)
+        return slice(first, first + knots), float(times[first + knots - 1]) if first + knots < count else np.inf
+
     def jet(self, at_s: Array) -> Jet:
         """Value, velocity and acceleration at any times: (T,) s -> (T, K) each."""
         at = np.clip(at_s, self.times_s[0], self.times_s[-1])
