@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from fapengine.files.pictures import contact_sheet, save_png
 from fapengine.files.profiles import load_profile
 from fapengine.models.naming import name_components
+from fapengine.mpeg4.codable import to_codable
 from fapengine.profiles import Profile
-from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.faps import displacements_to_faps
 
 PICTURE_PX = 384
 

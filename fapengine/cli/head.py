@@ -68,9 +68,10 @@ def check(
     from fapengine.files.profiles import load_profile
     from fapengine.mesh.deform import deform
     from fapengine.mpeg4 import fap
+    from fapengine.mpeg4.codable import to_codable
     from fapengine.render.camera import preset
     from fapengine.render.renderer import FaceRenderer
-    from fapengine.trajectory.faps import displacements_to_faps, to_codable
+    from fapengine.trajectory.faps import displacements_to_faps
 
     if output.suffix != ".png":
         raise UsageError(f"--output: got {output}, expected a name that ends with .png")

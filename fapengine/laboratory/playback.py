@@ -6,10 +6,11 @@ from scipy.spatial.transform import Rotation
 from fapengine.laboratory.faces import split
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import Profile
-from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.faps import displacements_to_faps
 
 
 def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> FapTrack:

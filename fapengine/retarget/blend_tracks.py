@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
@@ -48,7 +49,7 @@ def parse_blend_track(data: bytes) -> FapTrack:
     faps = arkit_map().to_faps(weights)
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
-    return FapTrack.of(np.rint(_within(faps)).astype(np.int64), rate_hz=rate_hz)
+    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
 
 
 def _decode(data: bytes) -> str:
@@ -56,16 +57,6 @@ def _decode(data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(f"blend shapes: is no UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
-
-
-def _within(faps: Array) -> Array:
-    """Keep values inside what a FAP can carry."""
-    high = np.array([row.intra_limit * row.quantiser_step for row in fap.FAPS])
-    low = np.array([-limit if row.bidirectional else 0 for row, limit in zip(fap.FAPS, high, strict=True)])
-    numbers = [fap.column(row.number) for row in fap.FAPS]
-    kept = faps.copy()
-    kept[:, numbers] = np.clip(faps[:, numbers], low, high)
-    return kept
 
 
 Found = tuple[Array, dict[int, Array], float]

@@ -5,12 +5,12 @@ FAP 18 moves the chin boss against the jaw: what the jaw carries it is taken off
 """
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable as to_codable
 from fapengine.mpeg4.fapu import Fapu
 
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
@@ -43,24 +43,3 @@ def displacements_to_faps(
             moved = moved - displacement_mm[:, index["2.1"]]
         faps[:, fap.column(number)] = moved @ np.array(fap.HEAD_AXES[row.positive]) / fapu.unit(row.unit)
     return faps
-
-
-def to_codable(faps: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Round, and keep every value inside what the standard's default intra range can carry: (T, 68) int32.
-
-    FAPs that act in one direction only (3, 14, 41, 42, 47) do not go below 0.
-    """
-    low, high = _codable_range()
-    return np.rint(np.clip(faps, low, high)).astype(np.int32)
-
-
-@cache
-def _codable_range() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    low = np.zeros(fap.FAP_COUNT)
-    high = np.zeros(fap.FAP_COUNT)
-    for row in fap.FAPS:
-        limit = row.intra_limit * row.quantiser_step
-        low[fap.column(row.number)] = -limit if row.bidirectional else 0
-        high[fap.column(row.number)] = limit
-    low.flags.writeable = high.flags.writeable = False
-    return low, high
