@@ -23,19 +23,31 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import bump
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
-from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
 from fapengine.trajectory.planner import Style
 from fapengine.trajectory.stream import Counts, StreamingPlanner
 
 Array = NDArray[np.float64]
 
-KNOTS = 16
-"""Of a plan, in a session's window; two or three fall to a phone, so they last for half a second and more."""
+KNOTS = 8
+"""Of a plan, in a session's window; two or three fall to a phone, so they last for a quarter of a second and more."""
 CONTACTS = ("lips", "teeth", "open")
+SPANS = tuple(
+    slice(fap.column(first), fap.column(last) + 1)
+    for first, last in zip(
+        (number for number in DETERMINED if number - 1 not in DETERMINED),
+        (number for number in DETERMINED if number + 1 not in DETERMINED),
+        strict=True,
+    )
+)
+"""Columns of the FAPs that a space determines."""
+LOWEST, HIGHEST = (to_codable(np.full((fap.FAP_COUNT, 1), limit).T).T for limit in (-np.inf, np.inf))
+"""(68, 1) FAPU: what every FAP can carry."""
 FIRST_ROWS, FIRST_HOLDS = 16, 4
 """Room that a bank begins with; it doubles when it is full."""
 
@@ -263,7 +275,7 @@ class SessionBank:
         settled = settle(faps, lips=lips, teeth=teeth, vowels=vowels)
         points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
         points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
-        return BankFrames(self._rows.session[:count].copy(), to_codable(settled), points_mm)
+        return BankFrames(self._rows.session[:count].copy(), _rounded(settled.T).T, points_mm)
 
     def _new_planner(self) -> StreamingPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
@@ -359,15 +371,25 @@ class SessionBank:
         return weights
 
     def _held(self, times_s: Array) -> Array:
-        """(3, S): how far each session is under a hold of each of the contacts, 0..1."""
+        """(3, S): what :func:`.closures.held` says of each session and contact, 0..1."""
         own, count = self._rows, len(times_s)
         starts, stops = own.hold_start_s[:count], own.hold_stop_s[:count]
         now = times_s[:, None]
         rows, places = np.nonzero((starts - RAMP_S < now) & (now < stops + RAMP_S))
         heights = bump(times_s[rows], starts[rows, places], stops[rows, places], RAMP_S, RAMP_S)
-        held = np.zeros((len(CONTACTS), count))
-        np.maximum.at(held, (own.hold_contact[rows, places], rows), heights)
-        return held
+        free = np.ones((len(CONTACTS), count))
+        np.multiply.at(free, (own.hold_contact[rows, places], rows), 1.0 - heights)
+        return 1.0 - free
+
+
+def _rounded(faps: Array) -> NDArray[np.int32]:
+    """Do what :func:`.to_codable` does, on (68, S), only where there is something to round."""
+    rounded = np.zeros(faps.shape, np.int32)
+    for span in SPANS:
+        values = np.clip(faps[span], LOWEST[span], HIGHEST[span])
+        np.rint(values, out=values)
+        rounded[span] = values
+    return rounded
 
 
 def _places(rows: NDArray[np.intp], counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:

@@ -92,7 +92,7 @@ def test_contacts_are_made_at_any_rate_under_any_expression(
     st.sampled_from(["p", "m", "f", "s", "w", "uː", "ʃ", "_"]),
     st.sampled_from(["ɑ", "æ", "aɪ", "aʊ", "ɑː", "ɒ"]),
     st.sampled_from(["p", "b", "v", "s", "w", "i", "n", "_"]),
-    st.floats(0.06, 0.3),
+    st.floats(0.08, 0.3),
     MOOD,
 )
 def test_vowels_that_must_open_do_open(
