@@ -154,7 +154,7 @@ def test_a_stream_renders_as_its_faps_do(tmp_path: Path, folder: Path, video: Vi
         (["say", "Hello", "--rate", "5"], 2, "80..450"),
         (["say", "Hello", "--profile", "nobody"], 2, "grid_s1_en"),
         (["animate", "none.TextGrid"], 2, "cannot be read"),
-        (["render", "none.fap", "-o", "x.gif"], 2, ".png"),
+        (["render", "none.fap", "-o", "x.avi"], 2, ".png"),
         (["render", "none.fap"], 2, "cannot be read"),
         (["say", "Hello", "-o", "/dev/null/x.fap"], 3, "cannot be written"),
     ],

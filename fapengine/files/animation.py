@@ -1,0 +1,186 @@
+"""Pictures that move without sound: animated GIF and WebP through PyAV, and numbered PNG files."""
+
+import itertools
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import av.filter
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.files.pictures import save_png
+
+Picture = NDArray[np.uint8]
+
+ENCODERS = {".gif": "gif", ".webp": "libwebp_anim"}
+"""FFmpeg's encoder by suffix."""
+GIF_HIGHEST_HZ = 50.0
+"""GIF counts hundredths of a second, and viewers slow down what is shown for less than two of them."""
+PALETTE_FRAMES = 100
+"""A GIF's colours are chosen from its first frames: few enough to be kept, enough to have seen the mouth open."""
+WEBP_OPTIONS = {"quality": "80", "compression_level": "2"}
+NUMBER = re.compile(r"%(?:0[1-9])?d")
+
+
+def write_animation(
+    path: Path, frames: Iterable[Picture], *, rate_hz: float, on_frame: Callable[[], None] = lambda: None
+) -> int:
+    """Write an animation that starts again at its end.
+
+    Parameters
+    ----------
+    path : Path
+        ``.gif`` (256 colours, one palette for all frames, so that nothing flickers) or ``.webp`` (all colours, and a
+        quarter of the size).
+    frames : iterable of (height, width, 3) uint8
+        sRGB; all of one size.
+    rate_hz : float
+        Frames a second; at most 50 for GIF.
+    on_frame : callable
+        Called after each frame, for progress.
+
+    Returns
+    -------
+    int
+        How many frames were written.
+
+    Raises
+    ------
+    UsageError
+        For an unknown suffix, a rate that GIF cannot keep, or no frame.
+    ResourceError
+        If the file cannot be written.
+    """
+    if path.suffix not in ENCODERS:
+        raise UsageError(f"animation: got {path.name}, expected a name that ends with {' or '.join(ENCODERS)}")
+    if path.suffix == ".gif" and rate_hz > GIF_HIGHEST_HZ:
+        raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_HIGHEST_HZ:g}; .webp has no such limit")
+    pictures = iter(frames)
+    start = list(itertools.islice(pictures, PALETTE_FRAMES if path.suffix == ".gif" else 1))
+    if not start:
+        raise UsageError(f"{path.name}: got no frame, expected one or more")
+    rate = Fraction(rate_hz).limit_denominator(1001)
+    count = 0
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with av.open(str(path), "w", options={"loop": "0"}) as container:
+            stream: Any = container.add_stream(ENCODERS[path.suffix], rate=rate)
+            stream.height, stream.width = start[0].shape[:2]
+            stream.pix_fmt = "pal8" if path.suffix == ".gif" else "yuv420p"
+            stream.options = {} if path.suffix == ".gif" else WEBP_OPTIONS
+            shown = _timed(itertools.chain(start, pictures), rate)
+            for frame in _in_palette(shown, _palette(start), rate) if path.suffix == ".gif" else shown:
+                container.mux(stream.encode(frame))
+                count += 1
+                on_frame()
+            container.mux(stream.encode(None))
+    except (av.FFmpegError, OSError) as error:
+        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return count
+
+
+def is_sequence(path: Path) -> bool:
+    """Tell whether a name is that of numbered files, as ``frame_%04d.png``."""
+    return "%" in path.name
+
+
+def write_sequence(pattern: Path, frames: Iterable[Picture], *, on_frame: Callable[[], None] = lambda: None) -> int:
+    """Write each frame to a PNG file of its own, numbered from 0.
+
+    Parameters
+    ----------
+    pattern : Path
+        With one ``%d`` or ``%04d`` in its name, as FFmpeg and many others read it.
+    frames : iterable of (height, width, 3 or 4) uint8
+        sRGB; alpha is kept.
+    on_frame : callable
+        Called after each frame, for progress.
+
+    Returns
+    -------
+    int
+        How many files were written.
+
+    Raises
+    ------
+    UsageError
+        If the name is no such pattern.
+    ResourceError
+        If a file cannot be written.
+    """
+    rest, numbers = NUMBER.subn("", pattern.name)
+    if numbers != 1 or "%" in rest or pattern.suffix != ".png":
+        raise UsageError(f"frames: got {pattern.name}, expected one number in a PNG's name, as frame_%04d.png")
+    count = 0
+    for picture in frames:
+        save_png(pattern.with_name(pattern.name % count), picture)
+        count += 1
+        on_frame()
+    return count
+
+
+def _timed(pictures: Iterable[Picture], rate: Fraction) -> Iterator[av.VideoFrame]:
+    for number, picture in enumerate(pictures):
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame.pts, frame.time_base = number, 1 / rate
+        yield frame
+
+
+def _source(graph: av.filter.Graph, frame: av.VideoFrame, rate: Fraction) -> av.filter.context.FilterContext:
+    return graph.add(
+        "buffer",
+        f"video_size={frame.width}x{frame.height}:pix_fmt={frame.format.name}"
+        f":time_base={rate.denominator}/{rate.numerator}:pixel_aspect=1/1",
+    )
+
+
+def _palette(pictures: Sequence[Picture]) -> av.VideoFrame:
+    """256 colours that suit all pictures."""
+    graph, rate = av.filter.Graph(), Fraction(1)
+    frames = list(_timed(pictures, rate))
+    source = _source(graph, frames[0], rate)
+    chooser, sink = graph.add("palettegen", "stats_mode=full:reserve_transparent=0"), graph.add("buffersink")
+    source.link_to(chooser)
+    chooser.link_to(sink)
+    graph.configure()
+    for frame in frames:
+        source.push(frame)
+    source.push(None)
+    palette = sink.pull()
+    assert isinstance(palette, av.VideoFrame)
+    return palette
+
+
+def _in_palette(frames: Iterator[av.VideoFrame], palette: av.VideoFrame, rate: Fraction) -> Iterator[av.VideoFrame]:
+    """Frames in the palette's colours, dithered in a pattern that stands still."""
+    first = next(frames)
+    graph = av.filter.Graph()
+    source, colours = _source(graph, first, rate), _source(graph, palette, rate)
+    painter = graph.add("paletteuse", "dither=bayer:bayer_scale=3:diff_mode=rectangle")
+    sink = graph.add("buffersink")
+    source.link_to(painter, 0, 0)
+    colours.link_to(painter, 0, 1)
+    painter.link_to(sink)
+    graph.configure()
+    palette.pts = 0
+    colours.push(palette)
+    colours.push(None)
+    for frame in itertools.chain([first], frames, [None]):
+        source.push(frame)
+        yield from _pulled(sink)
+
+
+def _pulled(sink: av.filter.context.FilterContext) -> Iterator[av.VideoFrame]:
+    while True:
+        try:
+            frame = sink.pull()
+        except (av.BlockingIOError, av.EOFError):
+            return
+        assert isinstance(frame, av.VideoFrame)
+        frame.pict_type = 0  # the encoder decides what a frame is told by
+        yield frame
