@@ -81,6 +81,15 @@ class Path:
             (last[:, 0], last[:, 1], last[:, 2]),
         )
 
+    def jet_at(self, time_s: float) -> Array:
+        """Value, velocity and acceleration at one time, (3, K): :meth:`jet`, ten times as fast."""
+        times = self.times_s
+        at = min(max(time_s, float(times[0])), float(times[-1]))
+        left = min(int(times.searchsorted(at, side="right")) - 1, len(times) - 2)
+        start_s, end_s = times[left : left + 2].tolist()
+        ends = self.jets[left : left + 2].reshape(6, -1)
+        return moment(at - start_s, end_s - start_s) @ ends
+
 
 def sample(times_s: Array, values: Array, at_s: Array) -> Array:
     """Values of the path at any times: (T, K); before the first and behind the last key it stands still.
@@ -123,6 +132,20 @@ def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
     return value, velocity / length_s, acceleration / length_s**2
 
 
+def moment(since_s: float, length_s: float) -> Array:
+    """Matrix (3, 6) from the jets at both ends of a quintic, value first, to the jet ``since_s`` after its start."""
+    s, h = since_s / length_s, length_s
+    powers = np.array(
+        [
+            [1.0, s, s**2, s**3, s**4, s**5],
+            [0.0, 1 / h, 2 * s / h, 3 * s**2 / h, 4 * s**3 / h, 5 * s**4 / h],
+            [0.0, 0.0, 2 / h**2, 6 * s / h**2, 12 * s**2 / h**2, 20 * s**3 / h**2],
+        ]
+    )
+    matrix: Array = (powers @ _UNITS) * np.array([1.0, h, h * h, 1.0, h, h * h])
+    return matrix
+
+
 def fading(s: Array) -> tuple[Array, Array, Array]:
     """Share of a value, a velocity and an acceleration that is left at ``s`` of a fade, 0..1: nothing at 1.
 
@@ -133,3 +156,13 @@ def fading(s: Array) -> tuple[Array, Array, Array]:
     velocity: Array = s + s3 * (-6 + s * (8 - 3 * s))
     acceleration: Array = s * s / 2 + s3 * (-1.5 + s * (1.5 - s / 2))
     return value, velocity, acceleration
+
+
+def _units() -> Array:
+    """Coefficients (6, 6) of the quintics whose jets at both ends, taken together, are unit vectors; length 1."""
+    first, last = np.eye(6)[:3], np.eye(6)[3:]
+    one = np.ones(1)
+    return np.stack(quintic(one, (first[0], first[1], first[2]), (last[0], last[1], last[2])))
+
+
+_UNITS = _units()

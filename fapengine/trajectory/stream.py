@@ -83,6 +83,14 @@ class StreamPlan:
             acceleration[fading] += added[2]
         return value, velocity, acceleration
 
+    def jet_at(self, time_s: float) -> Array:
+        """(3, K): :meth:`jet` at one time."""
+        found = self.path.jet_at(time_s)
+        since_s = time_s - self.start_s
+        if since_s < self.fade_s:
+            found += hermite.moment(since_s, self.fade_s)[:, :3] @ self.left_over
+        return found
+
 
 @dataclass(slots=True)
 class StreamingPlanner:
@@ -195,8 +203,7 @@ class StreamingPlanner:
             self._plans = [StreamPlan(-np.inf, path, 0.0, self._plans[0].left_over)]
             return
         self._plans = [plan for plan in self._plans if plan.start_s < edge]  # later ones were never shown
-        at = np.array([edge])
-        left_over = np.concatenate(self._plans[-1].jet(at)) - np.concatenate(path.jet(at))
+        left_over = self._plans[-1].jet_at(edge) - path.jet_at(edge)
         self._plans.append(StreamPlan(edge, path, fade_s, left_over))
         first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
         self._plans = self._plans[first:]

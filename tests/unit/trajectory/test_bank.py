@@ -13,7 +13,7 @@ from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.bank import FIRST_HOLDS, FIRST_ROWS, KNOTS, SessionBank
 from fapengine.trajectory.planner import Style
-from fapengine.trajectory.stream import StreamingPlanner
+from fapengine.trajectory.stream import StreamingPlanner, StreamPlan
 
 PROFILE = parse_profile(profile_files("grid_s1_en"))
 LABELS = ["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "tʃ", "%", SILENCE]
@@ -169,6 +169,19 @@ def test_a_fade_is_a_quintic_to_rest():
     parts = hermite.fading(s)
     found = sum(part[:, None] * left * length**n for n, (part, left) in enumerate(zip(parts, left_over, strict=True)))
     np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_one_moment_of_a_path_is_what_many_are():
+    rng = np.random.default_rng(4)
+    times = np.cumsum(rng.uniform(0.02, 0.2, 7))
+    path = hermite.Path.through(times, rng.normal(0, 5, (7, 3)))
+    plan = StreamPlan(times[2] - 0.01, path, 0.15, rng.normal(0, 5, (3, 3)))
+    for moment in (0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0):
+        for one, many in ((path.jet_at(moment), path.jet), (plan.jet_at(moment), plan.jet)):
+            if moment >= plan.start_s or many == path.jet:
+                wanted = np.concatenate(many(np.array([moment])))
+                np.testing.assert_allclose(one, wanted, atol=1e-9 * max(1.0, np.abs(wanted).max()))
+    assert np.abs(path.jet_at(times[-1] + 1.0)[1:]).max() < 1e-9
 
 
 def test_refuses():
