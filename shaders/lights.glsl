@@ -23,14 +23,19 @@ vec3 lit(vec3 normal, float softness, float occlusion) {
     return light + mix(GROUND, SKY, 0.5 + 0.5 * normal.y) * occlusion;
 }
 
+// Cosine between a normal and the middle of light and view, from the cosines of the normal with each.
+float half_way(vec3 light, vec3 view, float cosines) {
+    return clamp(cosines * inversesqrt(dot(light, light) + 1.0 + 2.0 * dot(light, view)), 0.0, 1.0);
+}
+
 // Highlights of key and fill, by Blinn and Phong, normalised; times the surface's specular strength.
 vec3 highlight(vec3 normal, vec3 view, float gloss) {
-    float facing = clamp(dot(normal, view), 0.0, 1.0);
-    float away = 1.0 - facing;
+    float facing = dot(normal, view);
+    float away = 1.0 - clamp(facing, 0.0, 1.0);
     float fresnel = 0.04 + 0.55 * away * away * away * away * away;
-    float high = pow(clamp(dot(normal, normalize(KEY_FROM + view)), 0.0, 1.0), gloss);
-    high *= clamp(dot(normal, KEY_FROM) * 4.0, 0.0, 1.0);
-    high += 0.25 * pow(clamp(dot(normal, normalize(FILL_FROM + view)), 0.0, 1.0), gloss);
+    float key = dot(normal, KEY_FROM);
+    float high = pow(half_way(KEY_FROM, view, key + facing), gloss) * clamp(key * 4.0, 0.0, 1.0);
+    high += 0.25 * pow(half_way(FILL_FROM, view, dot(normal, FILL_FROM) + facing), gloss);
     return (0.25 + fresnel) * (gloss + 8.0) / 25.0 * high * KEY_COLOUR;
 }
 
