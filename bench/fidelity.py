@@ -36,8 +36,10 @@ from fapengine.speech.alphabets import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
+from fapengine.trajectory.dominance import dominance as spread
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.methods import sample_path
 
 INNER = tuple(f"2.{n}" for n in range(2, 10))
 NAMES = (*MARKERS, *INNER)
@@ -189,28 +191,22 @@ def ramps(clip: Clip, profile: Profile, times: Array) -> Array:
 
 
 def dominance(rate: float) -> Method:
-    """Cohen and Massaro: targets blended by exp(-rate |t - centre|)."""
+    """Cohen and Massaro, without closures."""
 
     def method(clip: Clip, profile: Profile, times: Array) -> Array:
         resolved, _ = resolve(clip.phones, profile, context=False)
-        centres = np.array([(one.phone.start_s + one.phone.end_s) / 2 for one in resolved])
-        points = np.stack([one.targets[0] for one in resolved])
-        first, last = clip.phones.phones[0], clip.phones.phones[-1]
-        centres = np.concatenate([[first.start_s], centres, [last.end_s]])
-        points = np.concatenate([0 * points[:1], points, 0 * points[:1]])
-        weight = np.exp(-rate * np.abs(times[:, None] - centres))
-        return profile.space.to_points_mm(weight @ points / weight.sum(axis=1, keepdims=True))
+        return profile.space.to_points_mm(spread(resolved, times, rate))
 
     return method
 
 
-def ours(*, context: bool = True) -> Method:
-    """Do what the product does: keyframes, spline, closures."""
+def ours(method: str) -> Method:
+    """Do what the product does by one of its methods: keyframes, path, closures."""
 
-    def method(clip: Clip, profile: Profile, times: Array) -> Array:
-        resolved, _ = resolve(clip.phones, profile, context=context)
+    def predict(clip: Clip, profile: Profile, times: Array) -> Array:
+        resolved, _ = resolve(clip.phones, profile, context=method == "context")
         keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
-        moved = profile.space.to_points_mm(keys.sample(times, cubic=not context))
+        moved = profile.space.to_points_mm(sample_path(method, resolved, keys, times))
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
         change = close_lips(faps, times, holds_of(resolved)) - faps
         for row in fap.FAPS:  # what the closures add to the FAPs, back as displacements
@@ -220,7 +216,7 @@ def ours(*, context: bool = True) -> Method:
                 moved[:, profile.space.points.index(row.point)] += shift[:, None] * step
         return moved
 
-    return method
+    return predict
 
 
 def captured(at_keys: bool) -> Method:
@@ -244,9 +240,11 @@ METHODS: dict[str, Method] = {
     "phone medians at 30 %, linear": by(linear),
     "phone medians at 30 %, monotone cubic": by(monotone),
     "phone medians at 30 %, natural cubic (paper 001)": by(natural),
-    "the same with closures (context=False)": ours(context=False),
+    "the same with closures (--method paper)": ours("paper"),
+    "minimum-jerk quintic, closures": ours("minimum-jerk"),
+    "Cohen and Massaro, 20 / s, closures": ours("dominance"),
     "context, quintic": by(quintic, context=True),
-    "context, quintic, closures (the default)": ours(),
+    "context, quintic, closures (the default)": ours("context"),
     "captured at 30 % (limit of one key)": captured(True),
     "captured (limit of the space and the map)": captured(False),
 }

@@ -32,6 +32,11 @@ def animate(
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
+    jaw: shared.Jaw = 1.0,
+    lips: shared.Lips = 1.0,
+    loudness: shared.Loudness = 0.0,
+    method: shared.Method = "context",
+    without: shared.Without = [],  # noqa: B006
     seed: shared.Seed = 1,
     as_json: shared.AsJson = False,
 ) -> None:
@@ -39,11 +44,12 @@ def animate(
 
     Example: fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
     """
-    from fapengine.cli.talk import Options, Report, check, print_report, refuse_unknown, talk
+    from fapengine.cli.talk import Options, Report, check, manner_of, print_report, refuse_unknown, talk
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, articulation, seed)
+    manner = manner_of(articulation, jaw, lips, loudness, method, without)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed)
     check(options)
     report = Report()
     with report.stage("read"):

@@ -9,7 +9,10 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Video (.mp4, .webm
 Expressions = Annotated[
     list[str],
     typer.Option(
-        "--expression", "-e", help="joy, sadness, anger, fear, disgust or surprise, with a strength: joy:0.4."
+        "--expression",
+        "-e",
+        help="joy, sadness, anger, fear, disgust or surprise, with a strength, and when: joy:0.4, joy:0.4@1.5-3 (s),"
+        " joy:0.4@word.",
     ),
 ]
 ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
@@ -18,6 +21,18 @@ CameraName = Annotated[str, typer.Option("--camera", help="front, three-quarter,
 Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
 Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]
 Articulation = Annotated[float, typer.Option("--articulation", help="Size of mouth movements; 1 is natural.")]
-Seed = Annotated[int, typer.Option("--seed", help="Chance of blinks and head motion; the same seed, the same face.")]
+Jaw = Annotated[float, typer.Option("--jaw", help="Size of the jaw's part in them, 0 to 3.")]
+Lips = Annotated[
+    float, typer.Option("--lips", help="Size of the lips' part, 0 to 3: below 1 mumbles, above exaggerates.")
+]
+Loudness = Annotated[float, typer.Option("--loudness", help="dB against the recorded speaker; louder opens the jaw.")]
+Method = Annotated[str, typer.Option("--method", help="context, paper, minimum-jerk or dominance.")]
+Without = Annotated[
+    list[str],
+    typer.Option("--without", help="What shall not move by itself: blinks, head-motion, gaze, idle, emphasis, or all."),
+]
+Seed = Annotated[
+    int, typer.Option("--seed", help="Chance of blinks, glances and head motion; the same seed, the same face.")
+]
 Strict = Annotated[bool, typer.Option("--strict", help="An unknown phone is an error, not a neutral vowel.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

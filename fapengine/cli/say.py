@@ -20,6 +20,11 @@ def say(
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
+    jaw: shared.Jaw = 1.0,
+    lips: shared.Lips = 1.0,
+    loudness: shared.Loudness = 0.0,
+    method: shared.Method = "context",
+    without: shared.Without = [],  # noqa: B006
     seed: shared.Seed = 1,
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
@@ -32,10 +37,11 @@ def say(
     """
     import sys
 
-    from fapengine.cli.talk import Options, Report, check, print_report, refuse_unknown, talk
+    from fapengine.cli.talk import Options, Report, check, manner_of, print_report, refuse_unknown, talk
     from fapengine.voices.espeak import EspeakVoice
 
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, articulation, seed)
+    manner = manner_of(articulation, jaw, lips, loudness, method, without)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed)
     check(options)
     report = Report()
     spoken = sys.stdin.read() if text == "-" else text

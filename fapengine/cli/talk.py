@@ -1,5 +1,6 @@
 """The job that ``say`` and ``animate`` share: phones and their sound to FAPs, a talking face, and a contact sheet."""
 
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +26,9 @@ from fapengine.render.camera import preset
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.speech.unknown import UnknownPhone, find_unknown
-from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.expression import Mood, during_word
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import GENERATORS, METHOD_NAMES, Style
 
 DEFAULT_PROFILE = "grid_s1_en"
 DEFAULT_OUT = Path("out/talk.mp4")
@@ -47,7 +50,7 @@ class Options:
     camera: str = "front"
     size: str = "512x512"
     rate_hz: float = 30.0
-    articulation: float = 1.0
+    style: Style = Style()  # noqa: RUF009  frozen
     seed: int = 1
 
 
@@ -93,25 +96,70 @@ class Report:
         }
 
 
-def parse_expressions(wishes: Sequence[str]) -> dict[Expression, float]:
-    """Turn ``["joy:0.4", "surprise"]`` into strengths.
+def manner_of(
+    articulation: float, jaw: float, lips: float, loudness_db: float, method: str, without: Sequence[str]
+) -> Style:
+    """Turn options into a style.
+
+    Raises
+    ------
+    UsageError
+        For any that is out of range or unknown.
+    """
+    chosen = next((name for name in METHOD_NAMES if name == method), None)
+    if chosen is None:
+        raise UsageError(f"--method: got {method!r}, expected one of {', '.join(METHOD_NAMES)}")
+    names = [name.replace("-", "_") for name in without]
+    for name in names:
+        if name not in (*GENERATORS, "all"):
+            known = ", ".join((*GENERATORS, "all")).replace("_", "-")
+            raise UsageError(f"--without: got {name!r}, expected one of {known}")
+    moving = {name: name not in names and "all" not in names for name in GENERATORS}
+    return Style(articulation, jaw, lips, loudness_db, chosen, **moving)
+
+
+def parse_wish(wish: str) -> tuple[Expression, float, str]:
+    """Turn ``"joy:0.4@word"`` into what, how strong, and when (empty: from beginning to end).
 
     Raises
     ------
     UsageError
         For a name that is no expression or a strength that is no number.
     """
-    strengths: dict[Expression, float] = {}
+    what, _, when = wish.partition("@")
+    name, _, strength = what.partition(":")
     known = [expression.name.lower() for expression in Expression if expression]
+    if name.lower() not in known:
+        raise UsageError(f"--expression: got {name!r}, expected one of {', '.join(known)}")
+    try:
+        return Expression[name.upper()], float(strength or 1.0), when
+    except ValueError as error:
+        raise UsageError(f"--expression: got strength {strength!r}, expected a number as in joy:0.4") from error
+
+
+def parse_expressions(wishes: Sequence[str], phones: PhoneTrack) -> list[Mood]:
+    """Turn ``["joy:0.4", "surprise@1.5-3", "anger@word"]`` into expressions with their times.
+
+    Raises
+    ------
+    UsageError
+        For what :func:`parse_wish` refuses, and for a word that is not spoken.
+    """
+    moods: list[Mood] = []
     for wish in wishes:
-        name, _, strength = wish.partition(":")
-        if name.lower() not in known:
-            raise UsageError(f"--expression: got {name!r}, expected one of {', '.join(known)}")
-        try:
-            strengths[Expression[name.upper()]] = float(strength or 1.0)
-        except ValueError as error:
-            raise UsageError(f"--expression: got strength {strength!r}, expected a number as in joy:0.4") from error
-    return strengths
+        expression, strength, when = parse_wish(wish)
+        span = re.fullmatch(r"([0-9.]+)-([0-9.]+)", when)
+        if not when:
+            moods.append(Mood(expression, strength))
+        elif span:
+            try:
+                start_s, stop_s = float(span[1]), float(span[2])
+            except ValueError as error:
+                raise UsageError(f"--expression: got {when!r}, expected seconds as in joy:0.4@1.5-3") from error
+            moods.append(Mood(expression, strength, start_s, stop_s))
+        else:
+            moods += during_word(expression, strength, when, phones)
+    return moods
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -139,7 +187,8 @@ def check(options: Options) -> None:
     """
     if options.out.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {options.out}, expected a name that ends with {', '.join(OUT_KINDS)}")
-    parse_expressions(options.expressions)
+    for wish in options.expressions:
+        parse_wish(wish)
     preset(options.camera)
     if any(side % 2 for side in parse_size(options.size)):
         raise UsageError(f"--size: got {options.size}, expected even sides")
@@ -191,8 +240,8 @@ def _plan(
         profile,
         rng=np.random.default_rng(options.seed),
         rate_hz=options.rate_hz,
-        expressions=parse_expressions(options.expressions),
-        style=Style(articulation=options.articulation),
+        expressions=parse_expressions(options.expressions, phones),
+        style=options.style,
         duration_s=duration_s,
     )
     report.frames, report.rate_hz, report.duration_s = len(planned.track), options.rate_hz, duration_s

@@ -14,7 +14,7 @@ What is promised for phones of 50 ms and more at natural rate, spoken at 0.5 to 
 - 0.12 s (:data:`.keyframes.REST_MARGIN_S`) behind the last phone speech has left no trace on the face.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,10 +25,12 @@ from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.closures import close_lips, holds_of
-from fapengine.trajectory.expression import blend
+from fapengine.trajectory.expression import Mood, blend
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
 from fapengine.trajectory.keyframes import place_keyframes, resolve
-from fapengine.trajectory.liveliness import blinks, head_motion
+from fapengine.trajectory.liveliness import enliven
+from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.style import Style as Style
 
 RATES_HZ = (1.0, 240.0)
 FASTEST_MM_S, SHARPEST_MM_S2 = 349.0, 9270.0
@@ -39,22 +41,6 @@ second (``design/lip_speed.py``); frames so far apart hide the true peaks."""
 def sharpest_multiple(rate: float) -> float:
     """How many :data:`SHARPEST_MM_S2` a plan stays below, for speech at ``rate`` times its natural rate."""
     return 8.0 * max(1.0, rate)
-
-
-@dataclass(frozen=True, slots=True)
-class Style:
-    """How the face speaks."""
-
-    articulation: float = 1.0
-    """Size of the mouth's movements; 1 is the recorded speaker's average."""
-    blinks: bool = True
-    head_motion: bool = True
-    context: bool = True
-    """Phones look as their neighbours make them, if the profile knows how; otherwise each has one look (paper 001)."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.articulation <= 3:
-            raise UsageError(f"articulation: got {self.articulation}, expected 0..3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +58,7 @@ def plan(
     *,
     rng: np.random.Generator,
     rate_hz: float = 30.0,
-    expressions: Mapping[Expression, float] | None = None,
+    expressions: Mapping[Expression, float] | Sequence[Mood] = (),
     style: Style | None = None,
     duration_s: float | None = None,
 ) -> Plan:
@@ -85,11 +71,11 @@ def plan(
     profile : Profile
         Whose face.
     rng : numpy.random.Generator
-        Chance of blinks and head motion.
+        Chance of what livens the face.
     rate_hz : float
         Frames a second, 1..240.
-    expressions : mapping of Expression to float, optional
-        Strength of each.
+    expressions : mapping of Expression to float, or sequence of Mood
+        Strength of each, from beginning to end; or each with its own times. They add up.
     style : Style, optional
         How it speaks.
     duration_s : float, optional
@@ -108,13 +94,11 @@ def plan(
 
     resolved, unknown = resolve(phones, profile, context=style.context)
     keyframes = place_keyframes(phones, resolved, profile.space.mode_count, end_s)
-    path = style.articulation * keyframes.sample(times_s, cubic=not style.context)
-    mood, mood_faps = blend(expressions or {}, profile, times_s, end_s)
+    path = sample_path(style.method, resolved, keyframes, times_s) @ style.gains(profile)
+    moods = [Mood(*wish) for wish in expressions.items()] if isinstance(expressions, Mapping) else expressions
+    mood, mood_faps = blend(moods, profile, times_s, end_s)
     displacement_mm = profile.space.to_points_mm(path + mood)
     faps = displacements_to_faps(displacement_mm, profile.space.points, profile.fapu) + mood_faps
-    faps = close_lips(faps, times_s, holds_of(resolved))
-    if style.blinks:
-        faps += blinks(times_s, end_s, rng)
-    if style.head_motion:
-        faps += head_motion(times_s, end_s, [phone for phone in phones.phones if phone.stress], rng)
+    faps = close_lips(faps, times_s, holds_of(resolved), openness=style.openness)
+    faps += enliven(times_s, end_s, phones, style, rng)
     return Plan(FapTrack.of(to_codable(faps), rate_hz=rate_hz), dict(unknown))

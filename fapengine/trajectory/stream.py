@@ -26,7 +26,7 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_late, hold_of
 from fapengine.trajectory.faps import displacements_to_faps, to_codable
 from fapengine.trajectory.keyframes import Resolved, place_keyframes, resolve
-from fapengine.trajectory.planner import Style
+from fapengine.trajectory.style import Style
 
 Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class StreamingPlanner:
     """
 
     profile: Profile
-    style: Style = field(default_factory=lambda: Style(blinks=False, head_motion=False))
+    style: Style = field(default_factory=lambda: Style.still())
     horizon_s: float = 0.0
     counts: Counts = field(default_factory=Counts)
     _phones: list[Phone] = field(default_factory=list)
@@ -121,8 +121,10 @@ class StreamingPlanner:
     _kept_holds: list[Hold] = field(default_factory=list)
     _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
+    _gains: Array = field(init=False)
 
     def __post_init__(self) -> None:
+        self._gains = self.style.gains(self.profile)
         if not self.horizon_s >= 0:
             raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
         modes = self.profile.space.mode_count
@@ -269,8 +271,8 @@ class StreamingPlanner:
         if times[0] < self._shown_s or (np.diff(times) < 0).any():
             raise UsageError(f"times_s: got {times[0]:g} s, expected rising times from {self._shown_s:g} s")
         space = self.profile.space
-        moved = space.to_points_mm(self.style.articulation * self.path(times))
+        moved = space.to_points_mm(self.path(times) @ self._gains)
         faps = displacements_to_faps(moved, space.points, self.profile.fapu)
-        faps = close_lips(faps, times, self.holds)
+        faps = close_lips(faps, times, self.holds, openness=self.style.openness)
         self.settle(float(times[-1]))
         return to_codable(faps)

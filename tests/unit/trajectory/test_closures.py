@@ -30,7 +30,7 @@ from fapengine.trajectory.planner import Style, plan
 
 PROFILE = parse_profile(profile_files("grid_s1_en"))
 MM = PROFILE.fapu.unit(fap.FapUnit.MNS)
-STILL = Style(blinks=False, head_motion=False)
+STILL = Style.still()
 RATE_HZ = 240.0
 ROUNDING_MM = 1.5 * MM
 CLOSED_MM = 0.3

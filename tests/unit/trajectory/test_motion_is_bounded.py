@@ -111,7 +111,7 @@ def test_rest_is_reached_in_an_eighth_of_a_second(
     np.testing.assert_array_equal(values[behind:], alone[behind:])
 
 
-STILL = Style(blinks=False, head_motion=False)
+STILL = Style.still()
 
 
 def test_short_phones_have_one_keyframe_between_their_two() -> None:

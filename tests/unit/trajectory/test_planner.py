@@ -17,11 +17,10 @@ from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps, to_codable
 from fapengine.trajectory.keyframes import place_keyframes, resolve
-from fapengine.trajectory.liveliness import blinks, head_motion
 from fapengine.trajectory.planner import Style, plan
 
 PROFILE = parse_profile(profile_files("grid_s1_en"))
-STILL = Style(blinks=False, head_motion=False)
+STILL = Style.still()
 RATE_HZ = 100.0
 OPENING_OF_03_MM = 0.3 / PROFILE.fapu.unit(fap.FapUnit.MNS)
 
@@ -191,27 +190,8 @@ def test_the_same_seed_is_the_same_face() -> None:
     assert not np.array_equal(one, other)
 
 
-def test_blinks_close_the_eyes_fully_and_come_at_a_human_rate() -> None:
-    times = np.arange(0, 300, 0.01)
-    upper = blinks(times, 300.0, np.random.default_rng(5))[:, fap.column(19)]
-    shut = upper > 900
-    count = (np.diff(shut.astype(int)) == 1).sum()
-    assert 8 * 5 <= count <= 22 * 5
-    assert upper.max() == pytest.approx(960)
-    assert upper[-1] == 0
-
-
-def test_eyes_counter_the_head() -> None:
-    times = np.arange(0, 10, 0.02)
-    faps = head_motion(times, 10.0, [Phone("a", 2.0, 2.2, stress=1)], np.random.default_rng(2))
-    assert np.abs(faps[:, fap.column(49)]).max() > 500
-    assert (faps[:, fap.column(23)] + faps[:, fap.column(49)]) == pytest.approx(0)
-    assert faps[105, fap.column(33)] > 20
-    assert not faps[0].any()
-
-
 def test_articulation_scales_speech() -> None:
-    small, large = (opening(values_of(track("m ɑ m"), style=Style(articulation=a, blinks=False, head_motion=False)))
+    small, large = (opening(values_of(track("m ɑ m"), style=Style.still(articulation=a)))
                     for a in (0.5, 1.5))  # fmt: skip
     assert large.max() > 2.2 * small.max()
 
@@ -243,8 +223,6 @@ def test_codable_values_are_rounded_and_in_range() -> None:
 def test_refuses() -> None:
     with pytest.raises(UsageError, match="rate_hz"):
         plan(track("m"), PROFILE, rng=np.random.default_rng(1), rate_hz=0.0)
-    with pytest.raises(UsageError, match="articulation"):
-        Style(articulation=9)
     with pytest.raises(UsageError, match="strength 5"):
         plan(track("m"), PROFILE, rng=np.random.default_rng(1), expressions={Expression.JOY: 5})
     with pytest.raises(UsageError, match="does not have it"):

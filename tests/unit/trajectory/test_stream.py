@@ -19,7 +19,7 @@ from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.stream import AHEAD_PHONES, StreamingPlanner
 
 PROFILE = parse_profile(profile_files("grid_s1_en"))
-STILL = Style(blinks=False, head_motion=False)
+STILL = Style.still()
 RATE_HZ = 100.0
 LABELS = st.lists(
     st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n"]), min_size=3, max_size=14

@@ -1,0 +1,100 @@
+"""How a face speaks: size and manner of its movements, and which generators liven it.
+
+Theory of operation
+-------------------
+Jaw and lips have gains of their own, as in the two-axis field of JALI (Edwards et al. 2016,
+doi:10.1145/2897824.2925984): from mumbled (both small) over stiff-jawed and slack-lipped to over-articulated.
+In a space of modes the jaw's
+share of a pose is what goes with its drop of the chin: with ``c`` the drop that each mode makes and ``S`` the second
+moment of the profile's phones, ``g = S c / (c S c)`` is the pose that a millimetre of drop brings on average. A pose
+``w`` is ``(c w) g``, the jaw's, plus the rest, the lips'. Both are scaled, so the gains are one matrix.
+
+How fast the speech is needs no setting: phones too short to be reached undershoot, by the durations that the context
+model knows (:mod:`.context`) and by the merging of keyframes that stand too near (:data:`.keyframes.APART_S`).
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.profiles import Profile
+
+Method = Literal["context", "paper", "minimum-jerk", "dominance"]
+METHOD_NAMES: tuple[Method, ...] = get_args(Method)
+GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
+"""Fields of :class:`Style` that switch liveliness."""
+GAIN_MAX = 3.0
+LOUDNESS_DB = (-20.0, 20.0)
+DB_PER_DOUBLE_DROP = 12.0
+"""Loudness that opens the jaw twice as far: our choice, not a measurement. That loud speech opens it farther is in
+Schulman 1989, doi:10.1121/1.397737."""
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How the face speaks, and what else moves."""
+
+    articulation: float = 1.0
+    """Size of the mouth's movements, 0..3; 1 is the recorded speaker's average."""
+    jaw: float = 1.0
+    """Size of the jaw's part of them, 0..3."""
+    lips: float = 1.0
+    """Size of the lips' part, 0..3: what the jaw does not explain."""
+    loudness_db: float = 0.0
+    """Against the recorded speaker, -20..20: louder speech opens the jaw farther."""
+    method: Method = "context"
+    """How a path comes from phones: :data:`fapengine.trajectory.methods.METHODS`."""
+    blinks: bool = True
+    head_motion: bool = True
+    gaze: bool = True
+    """Eyes that keep looking ahead while the head moves, and small shifts."""
+    idle: bool = True
+    """Breath, and slow drifts of brows and mouth corners."""
+    emphasis: bool = True
+    """A nod and raised brows with stressed phones."""
+
+    def __post_init__(self) -> None:
+        for name in ("articulation", "jaw", "lips"):
+            if not 0 <= getattr(self, name) <= GAIN_MAX:
+                raise UsageError(f"{name}: got {getattr(self, name)}, expected 0..{GAIN_MAX:g}")
+        if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
+            raise UsageError(
+                f"loudness_db: got {self.loudness_db}, expected {LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
+            )  # fmt: skip
+        if self.method not in METHOD_NAMES:
+            raise UsageError(f"method: got {self.method!r}, expected one of {', '.join(METHOD_NAMES)}")
+
+    @classmethod
+    def still(cls, *, articulation: float = 1.0, method: Method = "context") -> "Style":
+        """Speech alone: nothing livens the face."""
+        return cls(articulation, method=method, blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+
+    @property
+    def context(self) -> bool:
+        """Whether phones look as their neighbours make them."""
+        return self.method == "context"
+
+    @property
+    def jaw_gain(self) -> float:
+        """Size of the jaw's movements, all told."""
+        return float(self.articulation * self.jaw * 2.0 ** (self.loudness_db / DB_PER_DOUBLE_DROP))
+
+    @property
+    def openness(self) -> float:
+        """Share of the promised opening that an open vowel of this style keeps, 0..1."""
+        return min(1.0, self.jaw_gain)
+
+    def gains(self, profile: Profile) -> NDArray[np.float64]:
+        """Matrix that turns a path of weights, (T, K), into this style's: ``path @ gains``, (K, K)."""
+        space = profile.space
+        lips = self.articulation * self.lips
+        drop = -space.modes_mm[:, space.points.index("2.1"), 1]
+        targets = np.concatenate([phone.targets for phone in profile.phones.values()])
+        brought = (targets @ drop) @ targets
+        reach = brought @ drop
+        jaws = np.outer(drop, brought / reach) if reach > 0 else np.zeros((len(drop), len(drop)))
+        gains: NDArray[np.float64] = lips * np.eye(len(drop)) + (self.jaw_gain - lips) * jaws
+        return gains

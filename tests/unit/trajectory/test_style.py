@@ -1,0 +1,146 @@
+"""Manners of speaking: gains of jaw and lips, loudness, ways to a path."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.dominance import dominance
+from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.methods import METHODS, sample_path
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import METHOD_NAMES, Style
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+PHONES = PhoneTrack.of(
+    [Phone(label, 0.3 + 0.12 * n, 0.42 + 0.12 * n) for n, label in enumerate(["m", "ɑ", "s", "uː", "f", "aɪ", "p"])]
+    + [Phone("_", 0.3 + 0.12 * 7, 1.6)]
+)
+
+
+def values(style: Style) -> NDArray[np.int32]:
+    return plan(PHONES, PROFILE, rng=np.random.default_rng(1), rate_hz=100.0, style=style).track.values
+
+
+def still(**options: object) -> Style:
+    off = dict.fromkeys(("blinks", "head_motion", "gaze", "idle", "emphasis"), False)
+    return Style(**off, **options)  # type: ignore[arg-type]
+
+
+def test_gains_of_one_change_nothing() -> None:
+    np.testing.assert_allclose(Style().gains(PROFILE), np.eye(PROFILE.space.mode_count), atol=1e-15)
+    np.testing.assert_allclose(Style(1.7).gains(PROFILE), 1.7 * np.eye(PROFILE.space.mode_count), atol=1e-12)
+
+
+def test_the_jaw_gain_scales_the_drop_of_the_chin_and_leaves_the_lips_their_part() -> None:
+    chin = PROFILE.space.points.index("2.1")
+    poses = np.random.default_rng(3).normal(size=(20, PROFILE.space.mode_count))
+    plain = PROFILE.space.to_points_mm(poses)
+    for style, jaw in (
+        (Style(jaw=0.5), 0.5),
+        (Style(jaw=2.0), 2.0),
+        (Style(lips=0.3), 1.0),
+        (Style(loudness_db=12), 2.0),
+    ):
+        moved = PROFILE.space.to_points_mm(poses @ style.gains(PROFILE))
+        np.testing.assert_allclose(moved[:, chin, 1], jaw * plain[:, chin, 1], atol=1e-9)
+    stiff = PROFILE.space.to_points_mm(poses @ Style(jaw=0.0, lips=1.0).gains(PROFILE))
+    slack = PROFILE.space.to_points_mm(poses @ Style(jaw=1.0, lips=0.0).gains(PROFILE))
+    np.testing.assert_allclose(stiff + slack, plain, atol=1e-9)
+    assert np.abs(stiff).max() > 1
+
+
+def test_jaw_and_lips_show_in_different_faps() -> None:
+    plain, jaw, lips = values(still()), values(still(jaw=0.3)), values(still(lips=0.3))
+    drop, wide = fap.column(3), [fap.column(53), fap.column(54)]
+    assert jaw[:, drop].max() < 0.4 * plain[:, drop].max()
+    assert lips[:, drop].max() > 0.9 * plain[:, drop].max()
+    assert np.ptp(lips[:, wide]) < 0.75 * np.ptp(plain[:, wide])
+
+
+def test_louder_opens_farther() -> None:
+    drops = [values(still(loudness_db=db))[:, fap.column(3)].max() for db in (-12, 0, 12)]
+    assert 1.7 * drops[0] < drops[1] < drops[2] / 1.7
+
+
+@pytest.mark.parametrize(
+    "style", [still(articulation=0.0), still(jaw=0.0, lips=3.0), still(articulation=3.0), still(jaw=3.0)]
+)
+def test_contacts_are_made_in_every_style(style: Style) -> None:
+    faps = values(style)
+    opening = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
+    assert opening.min() >= -2
+    assert (opening[30:37] <= 14).sum() >= 4  # m
+    assert (faps[78:90, fap.column(5)] >= -1).sum() >= 4  # f
+
+
+def test_a_face_that_does_not_articulate_holds_no_vowel_open() -> None:
+    assert Style(articulation=0.0).openness == 0
+    assert Style(jaw=0.5).openness == 0.5
+    assert Style(jaw=2.0).openness == 1
+    assert values(still(articulation=0.0))[:, fap.column(3)].max() == 0
+
+
+@pytest.mark.parametrize("method", METHOD_NAMES)
+def test_every_method_makes_speech_that_rests_at_both_ends(method: str) -> None:
+    faps = values(Style.still(method=method))  # type: ignore[arg-type]
+    opening = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
+    assert opening.max() > 150
+    tolerance = 60 if method == "dominance" else 1  # which never quite rests
+    assert np.abs(faps[[0, -1]]).max() <= tolerance
+    assert (opening[30:37] <= 14).sum() >= 4
+
+
+def test_methods_differ_and_pass_their_keys() -> None:
+    times = np.arange(0, 1.6, 0.01)
+    paths = {}
+    for method in METHODS:
+        resolved, _ = resolve(PHONES, PROFILE, context=method == "context")
+        keys = place_keyframes(PHONES, resolved, PROFILE.space.mode_count, PHONES.duration_s)
+        paths[method] = sample_path(method, resolved, keys, times)
+        if method != "dominance":
+            np.testing.assert_allclose(sample_path(method, resolved, keys, keys.times_s), keys.weights, atol=1e-9)
+    assert len(METHODS) == len(METHOD_NAMES) == 4
+    assert all(np.abs(paths[a] - paths[b]).max() > 0.05 for a in paths for b in paths if a != b)
+    nothing, _ = resolve(PhoneTrack(()), PROFILE)
+    empty = place_keyframes(PhoneTrack(()), nothing, PROFILE.space.mode_count, 1.0)
+    assert not sample_path("minimum-jerk", nothing, empty, times).any()
+
+
+def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
+    resolved, _ = resolve(PHONES, PROFILE, context=False)
+    keys = place_keyframes(PHONES, resolved, PROFILE.space.mode_count, PHONES.duration_s)
+    times = np.arange(keys.times_s[0], keys.times_s[-1], 0.001)
+    jerk = [
+        (np.diff(sample_path(method, resolved, keys, times), 3, axis=0) ** 2).sum()
+        for method in ("minimum-jerk", "context")
+    ]  # type: ignore[arg-type]
+    assert jerk[0] < jerk[1]
+
+
+def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
+    phones = PhoneTrack.of([Phone("s", 5.0, 5.2), Phone("uː", 5.2, 5.4)])
+    resolved, _ = resolve(phones, PROFILE, context=False)
+    halfway = dominance(resolved, np.array([5.2]), rate_hz=60.0)[0]
+    middle = (resolved[0].targets[0] + resolved[1].targets[0]) / 2
+    np.testing.assert_allclose(halfway, middle, atol=0.02 * np.abs(middle).max())
+    np.testing.assert_allclose(dominance(resolved, np.array([5.1]), 500.0)[0], resolved[0].targets[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"articulation": 9.0}, "articulation: got 9.0, expected 0..3"),
+        ({"jaw": -0.1}, "jaw: got -0.1"),
+        ({"lips": float("nan")}, "lips: got nan"),
+        ({"loudness_db": 30.0}, "loudness_db: got 30.0, expected -20..20"),
+        ({"method": "magic"}, "method: got 'magic', expected one of context, paper"),
+    ],
+)
+def test_refuses(options: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        Style(**options)  # type: ignore[arg-type]
