@@ -29,8 +29,8 @@ from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
-from fapengine.trajectory.planner import Style
 from fapengine.trajectory.stream import Counts, StreamingPlanner
+from fapengine.trajectory.style import Style
 
 Array = NDArray[np.float64]
 
@@ -155,7 +155,7 @@ class SessionBank:
 
     def __init__(self, profile: Profile, style: Style | None = None, *, horizon_s: float = 0.0) -> None:
         self._profile = profile
-        self._style = style or Style(blinks=False, head_motion=False)
+        self._style = style or Style.still()
         self._horizon_s = horizon_s
         self._new_planner()  # refuses what it cannot do, at once
         self._planners: list[StreamingPlanner] = []
@@ -272,7 +272,7 @@ class SessionBank:
         lifted = self._lift @ self._weights(times)
         faps = lifted[: fap.FAP_COUNT].T
         lips, teeth, vowels = self._held(times)
-        settled = settle(faps, lips=lips, teeth=teeth, vowels=vowels)
+        settled = settle(faps, lips=lips, teeth=teeth, vowels=self._style.openness * vowels)
         points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
         points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
         return BankFrames(self._rows.session[:count].copy(), _rounded(settled.T).T, points_mm)
@@ -420,4 +420,4 @@ def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp
         if row.point in markers:
             back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
     outer = np.array([fap.column(number) for number in numbers])
-    return style.articulation * np.hstack([faps, points]).T, back.reshape(len(numbers), -1).T, outer
+    return (style.gains(profile) @ np.hstack([faps, points])).T, back.reshape(len(numbers), -1).T, outer

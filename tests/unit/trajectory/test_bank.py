@@ -93,7 +93,7 @@ class Pair:
 @settings(max_examples=40)
 @given(EVENTS, st.sampled_from([0.0, 0.0, 0.1]), st.sampled_from([1.0, 0.4, 1.7]), st.booleans())
 def test_every_row_is_what_a_planner_of_its_own_shows(events, horizon_s, articulation, context):
-    pair = Pair(Style(articulation=articulation, blinks=False, head_motion=False, context=context), horizon_s)
+    pair = Pair(Style.still(articulation=articulation), horizon_s)
     pair.open(5.0)
     pair.open(4.9)
     for event in events:
@@ -103,7 +103,7 @@ def test_every_row_is_what_a_planner_of_its_own_shows(events, horizon_s, articul
 
 def test_long_texts_and_many_sessions_outgrow_the_first_room():
     """More knots than a window holds, more holds and more rows than there was room for."""
-    pair = Pair(Style(blinks=False, head_motion=False), 0.0)
+    pair = Pair(Style.still(), 0.0)
     for _ in range(FIRST_ROWS + 3):
         pair.open(5.0)
     spoken = phones(["b", "ɑː", "m", "s", "p", "uː"] * 6, 0.05)
