@@ -12,6 +12,7 @@ from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.closures import (
+    BITTEN_FAPU,
     HOLD,
     OPEN_FAPU,
     PAIRS,
@@ -110,7 +111,9 @@ def lips(upper: float, lower: float) -> NDArray[np.float64]:
     return faps
 
 
-@pytest.mark.parametrize(("upper", "lower"), [(-200.0, -300.0), (150.0, 80.0), (0.0, 0.0), (-50.0, 40.0)])
+@pytest.mark.parametrize(
+    ("upper", "lower"), [(-200.0, -300.0), (150.0, 80.0), (0.0, 0.0), (-50.0, 40.0), (-400.0, 350.0)]
+)
 def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
     faps, on, off = lips(upper, lower), np.ones(1), np.zeros(1)
     free = settle(faps, lips=off, teeth=off, vowels=off)
@@ -121,7 +124,7 @@ def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
         top, bottom, above, below = (fap.column(n) for n in (inner_upper, inner_lower, outer_upper, outer_lower))
         assert free[0, top] + free[0, bottom] <= 1e-9
         assert shut[0, top] + shut[0, bottom] == pytest.approx(0, abs=1e-9)
-        assert touching[0, bottom] >= 0
+        assert 0 <= touching[0, bottom] <= BITTEN_FAPU
         assert touching[0, top] + touching[0, bottom] <= 1e-9
         assert -(wide[0, top] + wide[0, bottom]) >= (SIDE_OPENING if place else 1) * OPEN_FAPU - 11
         for changed in (free, shut, touching, wide):  # outer lips follow the inner
