@@ -1,0 +1,60 @@
+"""FAPs to what other programs show: ARKit's 52 shapes, and the turns of head and eyes."""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.blend import BlendMap
+
+Array = NDArray[np.float64]
+
+HEAD_TURNS = (49, 48, 50)
+"""FAP numbers of yaw, pitch, roll."""
+EYE_TURNS = ((23, 25), (24, 26))
+"""FAP numbers of yaw and pitch, left eye and right eye."""
+
+
+def arkit_weights(faps: ArrayLike) -> Array:
+    """Find the shapes that show FAPs.
+
+    Parameters
+    ----------
+    faps : (T, 68) FAPU
+        As :attr:`fapengine.mpeg4.track.FapTrack.values`. Many frames at once, of one session or of many, cost less.
+
+    Returns
+    -------
+    (T, 52) float64
+        0..1, in the order of :data:`fapengine.retarget.arkit.ARKIT_NAMES`. ``mouthClose`` never goes past
+        ``jawOpen``: it closes lips over an open jaw, and without one it pushes them through each other.
+    """
+    weights = _map().approximate_weights(faps)
+    close, jaw = ARKIT_NAMES.index("mouthClose"), ARKIT_NAMES.index("jawOpen")
+    weights[:, close] = np.minimum(weights[:, close], weights[:, jaw])
+    return weights
+
+
+def turns_rad(faps: ArrayLike) -> Array:
+    """Read the turns of head and eyes out of FAPs.
+
+    Returns
+    -------
+    (T, 3, 3) float64, rad
+        Head, left eye, right eye, each yaw, pitch, roll; positive is the subject's left, down and right ear down, as
+        FAP 48 to 50 count. The eyes' roll is 0: no FAP has it.
+    """
+    given = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    turns = np.zeros((len(given), 3, 3))
+    for row, numbers in enumerate((HEAD_TURNS, *EYE_TURNS)):
+        turns[:, row, : len(numbers)] = given[:, [fap.column(number) for number in numbers]] * AU_RAD
+    return turns
+
+
+@cache
+def _map() -> BlendMap:
+    return arkit_map()
