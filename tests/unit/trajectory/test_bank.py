@@ -130,7 +130,9 @@ def test_rows_say_whose_they_are_when_sessions_close():
     bank = SessionBank(PROFILE)
     first, second, third = (bank.open() for _ in range(3))
     bank.feed(third, phones(["ɑː", "ɑː"], 0.2))
+    counts = bank.counts(third)
     bank.close(first)
+    assert bank.counts(third) is counts
     found = bank.frames(0.5)
     assert sorted(found.sessions.tolist()) == [second, third]
     assert len(bank) == 2
