@@ -40,7 +40,7 @@ second (``design/lip_speed.py``); frames so far apart hide the true peaks."""
 
 def sharpest_multiple(rate: float) -> float:
     """How many :data:`SHARPEST_MM_S2` a plan stays below, for speech at ``rate`` times its natural rate."""
-    return 8.0 * max(1.0, rate)
+    return 11.0 * max(1.0, rate)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,7 @@
 """Contacts: lips on lips, lip on teeth, open vowels, whatever is spoken, however fast, under any expression."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -60,10 +62,12 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
     return PhoneTrack.of([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
 
 
-def lips_of(phones: PhoneTrack, mood: dict[Expression, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def lips_of(
+    phones: PhoneTrack, mood: dict[Expression, float], style: Style = STILL
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Opening and height of the lower lip, middle, mm, at :data:`RATE_HZ`."""
     track = plan(
-        phones, PROFILE, rng=np.random.default_rng(1), rate_hz=RATE_HZ, expressions=mood, style=STILL
+        phones, PROFILE, rng=np.random.default_rng(1), rate_hz=RATE_HZ, expressions=mood, style=style
     ).track  # fmt: skip
     upper, lower = (track.values[:, fap.column(number)] * MM for number in (4, 5))
     return -(upper + lower), lower
@@ -73,12 +77,17 @@ def frames_in(phone: Phone) -> slice:
     return slice(int(np.ceil(phone.start_s * RATE_HZ)), int(phone.end_s * RATE_HZ) + 1)
 
 
-@given(SPEECH, st.floats(0.5, 3.0), MOOD)
+STYLE = st.builds(
+    lambda jaw, lips: replace(STILL, jaw=jaw, lips=lips), st.sampled_from([1.0, 0.0, 0.4, 2.0]), st.floats(0, 2)
+)
+
+
+@given(SPEECH, st.floats(0.5, 3.0), MOOD, st.one_of(st.just(STILL), STYLE))
 def test_contacts_are_made_at_any_rate_under_any_expression(
-    speech: list[tuple[str, float]], rate: float, mood: dict[Expression, float]
+    speech: list[tuple[str, float]], rate: float, mood: dict[Expression, float], style: Style
 ) -> None:
     phones = spoken(speech, rate)
-    opening, lower = lips_of(phones, mood)
+    opening, lower = lips_of(phones, mood, style)
     assert opening.min() >= -2 * ROUNDING_MM
     for phone in phones.phones:
         inside = frames_in(phone)
