@@ -35,7 +35,7 @@ quick: $(VENV)/.ready-dev
 	$(BIN)/python -m pytest -n 2 -q tests/unit
 
 bench: $(VENV)/.ready-dev
-	@failed=0; for name in say codec models capture sessions; do \
+	@failed=0; for name in say render codec models capture sessions; do \
 	    echo "== $$name"; $(BIN)/python -m bench.$$name || failed=1; done; exit $$failed
 
 fuzz: $(VENV)/.ready-dev
