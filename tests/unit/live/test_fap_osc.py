@@ -2,6 +2,7 @@
 
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,6 +98,13 @@ def test_a_track_is_numbered_without_gaps_and_keeps_its_times() -> None:
     assert encode_track(FapTrack.of(np.zeros((0, 68)), rate_hz=25.0), session="s") == []
 
 
+def test_the_first_and_the_last_number_can_be_sent() -> None:
+    track = FapTrack.of(np.zeros((2, 68)), rate_hz=25.0)
+    for first in (0, 2**31 - 2):
+        found = [decode_frame(data).number for data in encode_track(track, session="s", first_number=first)]
+        assert found == [first, first + 1]
+
+
 @pytest.mark.parametrize("where", [{"start_us": -1}, {"first_number": -1}, {"first_number": 2**31 - 1}])
 def test_numbers_that_cannot_be_sent(where: dict[str, int]) -> None:
     with pytest.raises(UsageError, match="expected both from 0 on"):
@@ -182,3 +190,10 @@ def test_named_types_are_checked_and_surplus_ignored() -> None:
     with pytest.raises(DataError, match=r"/fap/3: got ,f"):
         parse_named(osc.Message("/fap/3", "f", (1.0,)))
     assert parse_named(osc.Message("/fap/3", "is", (1, "x"))) == (3, (1,))
+
+
+def test_the_documented_example_is_the_one_tested() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "osc.md").read_text()
+    block = page.split("```\n2f666170", 1)[1].split("```")[0]
+    words = [line.split("  ")[0] for line in ("2f666170" + block).strip().splitlines()]
+    assert h("".join(words)) == EXAMPLE_BYTES

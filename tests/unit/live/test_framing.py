@@ -63,7 +63,7 @@ def test_a_wrong_escape_costs_one_packet(bad: str, size: int) -> None:
 def test_a_packet_without_end_is_dropped_and_not_kept(size: int) -> None:
     decoder = SlipDecoder(max_packet=10)
     assert in_pieces(decoder, encode_slip(b"z" * 10) + b"a" * 500, size) == [b"z" * 10]
-    assert len(decoder._packet) <= 10
+    assert len(decoder._packet) == 0
     with pytest.raises(TruncatedError):
         decoder.close()
     assert in_pieces(decoder, encode_slip(b"ok") + encode_slip(b"z" * 11) + encode_slip(b"\xc0" * 10), size) == [

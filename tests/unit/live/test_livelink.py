@@ -85,7 +85,19 @@ def test_subjects_that_cannot_be(name: str, device: str, what: str) -> None:
         Subject(name, device)
 
 
-@pytest.mark.parametrize("field", [{"number": -1}, {"fraction": 1.5}, {"rate": (60, 0)}, {"rate": (2**31, 1)}])
+def test_the_smallest_and_the_largest() -> None:
+    for number, fraction, rate in ((0, 0.0, (1, 1)), (2**31 - 1, 1.0, (2**31 - 1, 2**31 - 1))):
+        face = Face(number=number, fraction=fraction, rate=rate, values=np.zeros(61))
+        for name in ("a", "é" * 128):
+            subject, back = decode_packet(encode_face(Subject(name, DEVICE), face))
+            assert subject.name == name
+            assert back is not None
+            assert (back.number, back.fraction, back.rate) == (number, fraction, rate)
+
+
+@pytest.mark.parametrize(
+    "field", [{"number": -1}, {"number": 2**31}, {"fraction": 1.5}, {"rate": (60, 0)}, {"rate": (2**31, 1)}]
+)
 def test_faces_that_cannot_be(field: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="got"):
         Face(**({"number": 0, "values": np.zeros(61)} | field))

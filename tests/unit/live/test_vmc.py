@@ -116,6 +116,12 @@ def test_a_mouth_that_shuts_shuts_wholly() -> None:
     ]
 
 
+def test_every_frame_whole_or_every_change() -> None:
+    whole, changes = vmc.ChangedShapes(["A"], every=1), vmc.ChangedShapes(["A"], every=100, least=0.0)
+    assert [len(whole.of([0.5])) for _ in range(3)] == [1, 1, 1]
+    assert [len(changes.of([value])) for value in (0.5, 0.5, 0.5001)] == [1, 0, 1]
+
+
 @pytest.mark.parametrize("wrong", [{"every": 0}, {"least": -0.1}, {"least": 1.0}])
 def test_wrong_wishes_for_changes(wrong: dict[str, float]) -> None:
     with pytest.raises(UsageError, match="expected 1 or more and"):
