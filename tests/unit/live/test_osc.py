@@ -161,3 +161,11 @@ def test_a_float_stays_a_float() -> None:
     (back,) = osc.parse_packet(osc.message("/a", "ff", 1, math.inf))
     assert back.arguments == (1.0, math.inf)
     assert isinstance(back.arguments[0], float)
+
+
+def test_what_is_empty_or_just_fits() -> None:
+    assert osc.parse_packet(osc.BUNDLE_HEAD) == ()
+    (back,) = osc.parse_packet(h("2f610000 2c620000 00000000"))
+    assert back.arguments == (b"",)
+    each = osc.message("/n", "i", 1)
+    assert [len(data) for data in osc.bundles([each, each], limit=16 + 4 + len(each))] == [32, 32]
