@@ -102,8 +102,9 @@ class StreamingPlanner:
     style : Style
         Articulation and context; blinks and head motion are for whoever shows the face.
     horizon_s : float
-        How far behind the last frame asked for the plan is settled. 0 reacts soonest; a sender who knows phones 0.2 s
-        ahead loses nothing by it (look-ahead against error: 200 ms cost nothing, 100 ms eight points of error).
+        How far behind the last frame asked for the plan is settled. 0 reacts soonest, and costs nothing: what counts is
+        how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.02 mm of lip error,
+        0.2 s 0.11, 0.1 s 0.25, none 1.3 (``design/look_ahead.py``).
 
     Raises
     ------
