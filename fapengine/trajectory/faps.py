@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable as to_codable
 from fapengine.mpeg4.fapu import Fapu
 
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))

@@ -20,13 +20,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fapengine.errors import UsageError
+from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.expression import Mood, blend
-from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes, resolve
 from fapengine.trajectory.liveliness import enliven
 from fapengine.trajectory.methods import sample_path

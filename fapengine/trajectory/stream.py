@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine.errors import UsageError
+from fapengine.mpeg4.codable import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_late, hold_of
-from fapengine.trajectory.faps import displacements_to_faps, to_codable
+from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import Resolved, place_keyframes, resolve
 from fapengine.trajectory.style import Style
 

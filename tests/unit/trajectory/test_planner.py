@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import parse_profile
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.faps import DETERMINED, displacements_to_faps, to_codable
+from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes, resolve
 from fapengine.trajectory.planner import Style, plan
 
