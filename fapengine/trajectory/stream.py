@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine.errors import UsageError
 from fapengine.mpeg4.codable import to_codable
 from fapengine.profiles import Profile
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_late, hold_of
@@ -123,6 +124,7 @@ class StreamingPlanner:
     _kept_holds: list[Hold] = field(default_factory=list)
     _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
+    _cancelled_s: float = -np.inf
     _gains: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -136,7 +138,7 @@ class StreamingPlanner:
     @property
     def edge_s(self) -> float:
         """Up to here nothing changes any more."""
-        return self._shown_s + self.horizon_s
+        return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
     def feed(self, phones: Sequence[Phone]) -> None:
         """Take phones in, in any order; each replaces what it overlaps. A silence takes away what stood there.
@@ -153,6 +155,7 @@ class StreamingPlanner:
                 self._close_late(phone, edge)
             else:
                 self.counts.late += phone.start_s < edge and not phone.is_silence
+                self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
                 self._place(phone)
         self._replan(edge, FADE_S)
 
@@ -179,6 +182,8 @@ class StreamingPlanner:
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech: what comes at or behind ``at_s`` is not said, and the face is at rest ``fade_s`` later.
 
+        What was planned before ``at_s`` is settled by it, so phones that are fed afterwards speak from there on.
+
         Raises
         ------
         UsageError
@@ -186,7 +191,7 @@ class StreamingPlanner:
         """
         if not fade_s > 0:
             raise UsageError(f"fade_s: got {fade_s}, expected a positive time")
-        edge = max(at_s, self.edge_s)
+        edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         self._phones = []
         self._replan(edge, fade_s)
@@ -198,8 +203,7 @@ class StreamingPlanner:
         over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
         self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
         track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
-        self._resolved, unknown = resolve(track, self.profile, context=self.style.context)
-        self.counts.unknown = max(self.counts.unknown, sum(unknown.values()))
+        self._resolved, _ = resolve(track, self.profile, context=self.style.context)
         keys = place_keyframes(track, self._resolved, modes, np.inf)
         path = hermite.Path.through(keys.times_s, keys.weights)
         self._renew_holds(edge)

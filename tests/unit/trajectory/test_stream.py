@@ -112,6 +112,30 @@ def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fa
     assert planner.frames(np.arange(at_s + 2, at_s + 3, 0.01)).any()
 
 
+def test_what_stands_before_a_coming_cancel_is_still_said():
+    """Also when new phones are fed before that moment."""
+    labels = ["b", "aɪ", "t", "s", "ʌ", "n"]
+    undisturbed, planner = StreamingPlanner(PROFILE), StreamingPlanner(PROFILE)
+    for one in (undisturbed, planner):
+        one.feed(phones(labels, 0.12))
+        one.frames([0.45])
+    planner.cancel(0.8)
+    planner.feed(phones(["ɑ", "m"], 0.2, lead_s=1.2))
+    times = np.arange(0.46, 0.8, 0.01)
+    np.testing.assert_allclose(planner.path(times), undisturbed.path(times), atol=1e-12)
+    assert np.abs(planner.path([1.05])).max() < 1e-9
+    assert np.abs(planner.path([1.35])).max() > 5
+    assert planner.counts.late == 0
+
+
+def test_every_unknown_phone_is_counted():
+    planner = StreamingPlanner(PROFILE)
+    for second in range(5):
+        planner.feed([Phone("%", second + 0.1, second + 0.3), Phone("ɑ", second + 0.3, second + 0.5)])
+        planner.frames([second + 0.9])
+    assert planner.counts.unknown == 5
+
+
 @pytest.mark.parametrize("late_s", [0.02, 0.05, 0.09, 0.15])
 def test_a_late_bilabial_still_closes_the_lips(late_s):
     planner = StreamingPlanner(PROFILE)
