@@ -1,0 +1,392 @@
+"""The one object that ticks: commands come in from anywhere, frames go out to whoever listens.
+
+Theory of operation
+-------------------
+Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak in a
+thread of their own and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions and
+hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
+window). A listener that raises is dropped, told of in the log and counted: the other faces do not notice.
+
+A session lives as long as somebody holds it (:meth:`Hub.hold`) or tells it something; after ``idle_close_s`` of neither
+it is closed.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.server.pacer import FramePacer
+from fapengine.live.server.watched import LiveEngine, WatchedEngine
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, EspeakVoice
+from fapengine.voices.protocol import Speech
+
+RATE_HZ = 60.0
+IDLE_CLOSE_S = 120.0
+LOOK_EVERY_S = 5.0
+"""How often idle sessions are looked for."""
+FIRST_UTTERANCE = 1 << 30
+"""Utterances that the hub itself begins count from here, so that they never meet those of a sender."""
+PHONES_A_COMMAND = 64
+SOUND_WAIT_S = 1.5
+"""An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
+MOST_TEXT = 2000
+"""Letters that are spoken at once."""
+LEAD_S, TAIL_S = 0.15, 0.25
+"""Silence around a voice: the mouth opens out of rest and comes back to it."""
+
+log = logging.getLogger("fapengine.server")
+Unsubscribe = Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HubFrames:
+    """One frame of every session."""
+
+    number: int
+    """Counts ticks of the hub; what is missing was skipped for lateness."""
+    time_s: float
+    """Engine time."""
+    sessions: tuple[str, ...]
+    faps: NDArray[np.int32]
+    """(S, 68) int32, FAPU; row r is session ``sessions[r]``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HubFrame:
+    """One frame of one session."""
+
+    session: str
+    number: int
+    time_s: float
+    """Engine time."""
+    faps: NDArray[np.int32]
+    """(68,) int32, FAPU."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spoken:
+    """Something a voice of the server said."""
+
+    session: str
+    utterance: int
+    text: str
+    speech: Speech
+    anchor: Anchor
+    """``"audio"``: whoever plays the sound must tell its position, with :class:`Audio`, for the face to begin."""
+
+
+@dataclass(slots=True)
+class HubCounts:
+    """Stateful: what happened since the start."""
+
+    frames: int = 0
+    skipped: int = 0
+    """Frames that were due and never shown."""
+    listeners_dropped: int = 0
+    idle_closed: int = 0
+    unheard: int = 0
+    """Utterances whose player never said where it is."""
+
+
+@dataclass(slots=True)
+class _Unheard:
+    """An utterance that waits for its sound."""
+
+    session: str
+    utterance: int
+    since_s: float
+
+
+@dataclass(slots=True)
+class _Listeners:
+    """Stateful: who wants what; None stands for all sessions."""
+
+    frames: dict[int, Callable[[HubFrames], None]] = field(default_factory=dict)
+    frame: dict[str, dict[int, Callable[[HubFrame], None]]] = field(default_factory=dict)
+    event: dict[int, tuple[str | None, Callable[[Any], None]]] = field(default_factory=dict)
+    command: dict[int, tuple[str | None, Callable[[str, Command, float], None]]] = field(default_factory=dict)
+    speech: dict[int, tuple[str | None, bool, Callable[[Spoken], None]]] = field(default_factory=dict)
+
+
+class Hub:
+    """Stateful: the engine, its listeners and its voice.
+
+    Parameters
+    ----------
+    engine : Engine
+        The hub alone drives it; others reach it through :attr:`engine`.
+    rate_hz : float
+        Frames a second.
+    clock : callable
+        Monotonic seconds; the engine's time.
+    idle_close_s : float
+        A session that nobody holds or talks to is closed after so long.
+    """
+
+    def __init__(
+        self,
+        engine: LiveEngine,
+        *,
+        rate_hz: float = RATE_HZ,
+        clock: Callable[[], float] = time.monotonic,
+        idle_close_s: float = IDLE_CLOSE_S,
+    ) -> None:
+        self.engine = WatchedEngine(engine)
+        self.counts = HubCounts()
+        self.clock = clock
+        self.pacer = FramePacer(rate_hz, clock())
+        self._idle_close_s = idle_close_s
+        self._look_s = -np.inf
+        self._listeners = _Listeners()
+        self._numbers = count()
+        self._utterances = count(FIRST_UTTERANCE)
+        self._holders: dict[str, int] = {}
+        self._unheard: list[_Unheard] = []
+        self._stopped = False
+        self.engine.event_listeners.append(self._tell_event)
+        self.engine.command_listeners.append(self._tell_command)
+
+    # Sessions and commands
+
+    def open(self, session: str) -> None:
+        """Begin a session; one that is open already stays as it is."""
+        if session not in self.engine:
+            self.engine.open(session, self.clock())
+
+    def close(self, session: str) -> None:
+        """End a session; one that is not open stays so."""
+        if session in self.engine:
+            self.engine.close(session, self.clock())
+
+    def hold(self, session: str) -> Unsubscribe:
+        """Open a session if need be, and keep it open until the returned function is called."""
+        self.open(session)
+        self._holders[session] = self._holders.get(session, 0) + 1
+        released = False
+
+        def release() -> None:
+            nonlocal released
+            if not released:
+                released = True
+                self._holders[session] -= 1
+                if not self._holders[session]:
+                    del self._holders[session]
+
+        return release
+
+    def apply(self, session: str, command: Command) -> None:
+        """Tell a session something, now.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        self.engine.apply(session, command, self.clock())
+
+    # Listeners
+
+    def subscribe(self, session: str, on_frame: Callable[[HubFrame], None]) -> Unsubscribe:
+        """Have every frame of one session, as long as it is open."""
+        key = next(self._numbers)
+        self._listeners.frame.setdefault(session, {})[key] = on_frame
+
+        def stop() -> None:
+            listeners = self._listeners.frame.get(session, {})
+            listeners.pop(key, None)
+            if not listeners:
+                self._listeners.frame.pop(session, None)
+
+        return stop
+
+    def subscribe_all(self, on_frames: Callable[[HubFrames], None]) -> Unsubscribe:
+        """Have every frame of all sessions, in one call a tick."""
+        return self._add(self._listeners.frames, on_frames)
+
+    def on_event(self, session: str | None, listener: Callable[[Any], None]) -> Unsubscribe:
+        """Hear what becomes of the utterances of a session, or of all: ``fapengine.live.engine`` Events."""
+        return self._add(self._listeners.event, (session, listener))
+
+    def on_command(self, session: str | None, listener: Callable[[str, Command, float], None]) -> Unsubscribe:
+        """Hear what a session is told, or all: session, command, engine time. A phone ticker is made of it."""
+        return self._add(self._listeners.command, (session, listener))
+
+    def on_speech(self, session: str | None, listener: Callable[[Spoken], None], *, plays: bool) -> Unsubscribe:
+        """Have the sound of what a voice says.
+
+        Parameters
+        ----------
+        session : str or None
+            None: of all sessions.
+        listener : callable
+            Takes a :class:`Spoken`.
+        plays : bool
+            Whether it plays the sound and tells where it is, with :class:`Audio`. The face then waits for that.
+        """
+        return self._add(self._listeners.speech, (session, plays, listener))
+
+    def _add(self, listeners: dict[int, Any], listener: Any) -> Unsubscribe:
+        key = next(self._numbers)
+        listeners[key] = listener
+        return lambda: listeners.pop(key, None)
+
+    # Voices
+
+    def say(self, session: str, speech: Speech, *, text: str = "", anchor: Anchor | None = None) -> Spoken:
+        """Let a face say what was spoken; the sound goes to those who listen for it.
+
+        Parameters
+        ----------
+        session : str
+            An open one.
+        speech : Speech
+            Sound, and phones in its time.
+        text : str
+            For those who show it.
+        anchor : Anchor, optional
+            When the face begins; by default with the sound, if somebody plays it, else now or behind what is queued.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        listeners = [one for one in self._listeners.speech.values() if one[0] in (None, session)]
+        if anchor is None:
+            anchor = "audio" if any(plays for _, plays, _ in listeners) else "now"
+        spoken = Spoken(session, next(self._utterances), text, speech, anchor)
+        phones = speech.phones.phones
+        self.apply(session, Begin(spoken.utterance, anchor))
+        for first in range(0, len(phones), PHONES_A_COMMAND):
+            self.apply(session, Append(spoken.utterance, first, phones[first : first + PHONES_A_COMMAND]))
+        self.apply(session, End(spoken.utterance, len(phones), speech.duration_s))
+        if anchor == "audio":
+            self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
+        for _, _, listener in listeners:
+            listener(spoken)
+        return spoken
+
+    async def speak(
+        self, session: str, text: str, *, voice: str = DEFAULT_VOICE, rate_wpm: int = DEFAULT_RATE_WPM
+    ) -> Spoken:
+        """Speak a text: the voice works in a thread, then the session says it.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, the text too long or empty, or the voice unknown.
+        ResourceError
+            If the voice is not installed.
+        """
+        if len(text) > MOST_TEXT:
+            raise UsageError(f"text: got {len(text)} letters, expected at most {MOST_TEXT}")
+        speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
+        return self.say(session, speech, text=text)
+
+    # Time
+
+    def tick(self, now_s: float, number: int | None = None) -> HubFrames:
+        """Show one frame of every session to all who want it. Times rise from call to call."""
+        self._hurry_unheard(now_s)
+        if now_s >= self._look_s:
+            self._look_s = now_s + LOOK_EVERY_S
+            self._close_idle(now_s)
+        shown = self.engine.frame(now_s)
+        self.engine.collect()
+        frames = HubFrames(self.counts.frames if number is None else number, now_s, tuple(shown.sessions), shown.faps)
+        self.counts.frames += 1
+        for key, listener in tuple(self._listeners.frames.items()):
+            self._call(self._listeners.frames, key, listener, frames)
+        if self._listeners.frame:
+            self._tell_each(frames)
+        return frames
+
+    async def run(self, before: Callable[[float], None] | None = None) -> None:
+        """Tick at the rate until :meth:`stop`.
+
+        Parameters
+        ----------
+        before : callable, optional
+            Called with the time before each frame: what came in since is taken then.
+        """
+        self.pacer = FramePacer(self.pacer.rate_hz, self.clock())
+        while not self._stopped:
+            due = self.pacer.due(self.clock())
+            if due is None:
+                await asyncio.sleep(max(0.0, self.pacer.next_s - self.clock()))
+                continue
+            number, skipped = due
+            self.counts.skipped += skipped
+            if before is not None:
+                before(self.clock())
+            self.tick(self.clock(), number)
+            await asyncio.sleep(0)
+
+    def stop(self) -> None:
+        """Let :meth:`run` end after its frame."""
+        self._stopped = True
+
+    def _hurry_unheard(self, now_s: float) -> None:
+        late = [one for one in self._unheard if now_s - one.since_s > SOUND_WAIT_S]
+        for one in late:
+            self._unheard.remove(one)
+            if one.session in self.engine:
+                self.counts.unheard += 1
+                self.engine.apply(one.session, Audio(one.utterance, now_s, 0.0), now_s)
+
+    def _close_idle(self, now_s: float) -> None:
+        for session in self.engine.sessions:
+            quiet_s = now_s - self.engine.touched_s.get(session, now_s)
+            if quiet_s > self._idle_close_s and session not in self._holders and self.engine.state(session) == "idle":
+                self.counts.idle_closed += 1
+                self.engine.close(session, now_s)
+
+    def _tell_each(self, frames: HubFrames) -> None:
+        rows = {session: row for row, session in enumerate(frames.sessions)}
+        for session, listeners in tuple(self._listeners.frame.items()):
+            row = rows.get(session)
+            if row is not None:
+                frame = HubFrame(session, frames.number, frames.time_s, frames.faps[row])
+                for key, listener in tuple(listeners.items()):
+                    self._call(listeners, key, listener, frame)
+
+    def _tell_event(self, event: Any) -> None:
+        for key, (session, listener) in tuple(self._listeners.event.items()):
+            if session in (None, event.session):
+                self._call(self._listeners.event, key, listener, event)
+
+    def _tell_command(self, session: str, command: Command, now_s: float) -> None:
+        if self._unheard and isinstance(command, Audio | Cancel):
+            self._hear(session, command, now_s)
+        for key, (wanted, listener) in tuple(self._listeners.command.items()):
+            if wanted in (None, session):
+                self._call(self._listeners.command, key, listener, session, command, now_s)
+
+    def _hear(self, session: str, command: Audio | Cancel, now_s: float) -> None:
+        """Strike off what is heard or cancelled; while a session's sound plays, what is queued behind it may wait."""
+        gone = command.utterance
+        self._unheard = [one for one in self._unheard if one.session != session or gone not in (one.utterance, None)]
+        for one in self._unheard:
+            if one.session == session:
+                one.since_s = now_s
+
+    def _call(self, listeners: dict[int, Any], key: int, listener: Callable[..., None], *what: object) -> None:
+        try:
+            listener(*what)
+        except Exception:  # one listener's fault must not stop the other faces
+            log.exception("a listener failed and is dropped", extra={"listener": repr(listener)})
+            listeners.pop(key, None)
+            self.counts.listeners_dropped += 1
+
+
+def _synthesise(text: str, voice: str, rate_wpm: int) -> Speech:
+    return EspeakVoice(voice, rate_wpm).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)

@@ -1,0 +1,112 @@
+"""The engine as everybody on the server sees it: the same calls, and listeners hear what passes."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from fapengine.live.engine.commands import Command
+
+MOST_EVENTS = 4096
+"""Kept for a reader that does not come."""
+
+OnCommand = Callable[[str, Command, float], None]
+OnEvent = Callable[[Any], None]
+
+
+class LiveEngine(Protocol):
+    """What a server needs of :class:`fapengine.live.engine.Engine`."""
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Names of the open sessions."""
+        ...
+
+    def __contains__(self, session: object) -> bool: ...
+
+    def open(self, session: str, now_s: float) -> None:
+        """Begin a session."""
+        ...
+
+    def close(self, session: str, now_s: float) -> None:
+        """End it."""
+        ...
+
+    def apply(self, session: str, command: Command, now_s: float) -> None:
+        """Tell a session something."""
+        ...
+
+    def frame(self, now_s: float) -> Any:
+        """One frame of every session."""
+        ...
+
+    def events(self) -> list[Any]:
+        """Take what happened since the last call."""
+        ...
+
+    def state(self, session: str) -> str:
+        """``idle``, ``waiting``, ``speaking`` or ``paused``."""
+        ...
+
+
+class WatchedEngine:
+    """Stateful: passes every call on, and tells what passed.
+
+    Parameters
+    ----------
+    engine : Engine
+        Nobody else may call it from now on.
+    """
+
+    def __init__(self, engine: LiveEngine) -> None:
+        self.inner = engine
+        self.command_listeners: list[OnCommand] = []
+        self.event_listeners: list[OnEvent] = []
+        self.touched_s: dict[str, float] = {}
+        """When each session was opened or told something last."""
+        self._undrained: deque[Any] = deque(maxlen=MOST_EVENTS)
+
+    def __contains__(self, session: object) -> bool:
+        return session in self.inner
+
+    def __getattr__(self, name: str) -> Any:  # counters, state, utterance: what is only asked
+        return getattr(self.inner, name)
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Names of the open sessions."""
+        return self.inner.sessions
+
+    def open(self, session: str, now_s: float) -> None:
+        """Begin a session; see :meth:`Engine.open`."""
+        self.inner.open(session, now_s)
+        self.touched_s[session] = now_s
+
+    def close(self, session: str, now_s: float) -> None:
+        """End a session; see :meth:`Engine.close`."""
+        self.inner.close(session, now_s)
+        self.touched_s.pop(session, None)
+
+    def apply(self, session: str, command: Command, now_s: float) -> None:
+        """Tell a session something; see :meth:`Engine.apply`."""
+        self.inner.apply(session, command, now_s)
+        self.touched_s[session] = now_s
+        for listener in tuple(self.command_listeners):
+            listener(session, command, now_s)
+
+    def frame(self, now_s: float) -> Any:
+        """One frame of every session; see :meth:`Engine.frame`."""
+        return self.inner.frame(now_s)
+
+    def events(self) -> list[Any]:
+        """Take what happened since the last call: once for whoever asks, and once for each listener."""
+        self.collect()
+        found = list(self._undrained)
+        self._undrained.clear()
+        return found
+
+    def collect(self) -> None:
+        """Tell listeners what happened."""
+        for event in self.inner.events():
+            self._undrained.append(event)
+            for listener in tuple(self.event_listeners):
+                listener(event)
