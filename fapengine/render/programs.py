@@ -1,8 +1,11 @@
 """Shader programs: their files, the header that suits the context, and the names that Python and GLSL share."""
 
-import moderngl
+from typing import TYPE_CHECKING
 
 from fapengine._resources import shader_source
+
+if TYPE_CHECKING:  # a server that only hands the sources to a browser needs no OpenGL
+    import moderngl
 
 CORE_HEADER = "#version 330 core\n"
 ES_HEADER = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
@@ -43,7 +46,7 @@ def stage_source(files: tuple[str, ...], header: str = CORE_HEADER) -> str:
     return header + "\n".join(shader_source(name) for name in files)
 
 
-def build_program(context: moderngl.Context, name: str) -> moderngl.Program:
+def build_program(context: "moderngl.Context", name: str) -> "moderngl.Program":
     """Compile and link one of :data:`STAGES`."""
     vertex, fragment = (stage_source(files) for files in STAGES[name])
     return context.program(vertex_shader=vertex, fragment_shader=fragment)

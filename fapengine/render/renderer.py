@@ -18,35 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine.errors import UsageError
-from fapengine.mesh.deform import bone_transforms, channel_weights
-from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.patch import vertex_normals
-from fapengine.mpeg4 import fap
+from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import PRESETS, Camera
 from fapengine.render.context import create_context
-from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS, build_program
+from fapengine.render.packing import ATTRIBUTE_SIZES, PackedMesh, frame_uniforms, pack
+from fapengine.render.programs import FACE_ATTRIBUTES, build_program
 
 Picture = NDArray[np.uint8]
 
-SURFACES: dict[Material, tuple[float, float, float]] = {
-    # specular strength, gloss, softness of the terminator
-    Material.SKIN: (0.20, 18.0, 0.45),
-    Material.LIP: (0.42, 42.0, 0.40),
-    Material.EYE: (1.30, 420.0, 0.20),
-    Material.TEETH: (0.50, 60.0, 0.30),
-    Material.GUM: (0.50, 40.0, 0.40),
-    Material.TONGUE: (0.35, 30.0, 0.45),
-    Material.HAIR: (0.16, 14.0, 0.15),
-    Material.LASH: (0.05, 10.0, 0.10),
-    Material.MOUTH: (0.02, 10.0, 0.10),
-    Material.CLOTH: (0.03, 6.0, 0.25),
-}
-EYEBALL_RADIUS_MM = 14.2
-PUPIL_SHARE = 0.42
-"""Pupil to iris in room light."""
-TEXTURE_WIDTH = 1024
-PROBE_FAPU = 300.0
-"""How far a channel is moved to see how it turns normals."""
 SIZES = (16, 4096)
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: which depths that are there already let a new pixel pass."""
@@ -74,7 +53,7 @@ class FaceRenderer:
     Raises
     ------
     UsageError
-        If the size is out of range.
+        If the size is out of range, or the mesh has too many channels.
     ResourceError
         If there is no OpenGL.
     """
@@ -91,15 +70,14 @@ class FaceRenderer:
     ) -> None:
         if not all(SIZES[0] <= side <= SIZES[1] for side in size):
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected sides of {SIZES[0]}..{SIZES[1]} pixels")
-        if len(mesh.basis.channels) > MAX_CHANNELS:
-            raise UsageError(f"mesh: got {len(mesh.basis.channels)} channels, expected at most {MAX_CHANNELS}")
+        packed = pack(mesh)
         self.mesh, self.size = mesh, size
         self.camera = camera or PRESETS["front"]
         self._components = 4 if transparent else 3
         self._owns_context = context is None
         self._context = context or create_context()
         self._resources: list[Any] = []
-        self._upload(mesh)
+        self._upload(packed)
         self._make_targets(samples)
 
     def __enter__(self) -> "FaceRenderer":
@@ -152,59 +130,37 @@ class FaceRenderer:
             data = buffer.read()
         return np.frombuffer(data, dtype=np.uint8).reshape(height, width, self._components)
 
-    def _upload(self, mesh: FaceMesh) -> None:
-        context, basis = self._context, mesh.basis
-        counts = np.diff(basis.offsets)
-        surface = np.array([SURFACES[kind] for kind in Material])[mesh.material]
-        columns = {
-            "a_position": mesh.vertices_mm,
-            "a_normal": mesh.normals,
-            "a_albedo": mesh.albedo,
-            "a_surface": surface,
-            "a_uv": mesh.uv,
-            "a_occlusion": mesh.occlusion,
-            "a_bones": np.stack([mesh.bone, mesh.bone_weight, mesh.head_weight], axis=-1),
-            "a_entries": np.stack([basis.offsets[:-1], counts], axis=-1),
-        }
-        packed = np.concatenate(
-            [np.asarray(columns[name], dtype="f4").reshape(len(counts), -1) for name in FACE_ATTRIBUTES], axis=1
-        )
-        vertices = context.buffer(np.ascontiguousarray(packed))
+    def _upload(self, packed: PackedMesh) -> None:
+        context = self._context
+        vertices = context.buffer(packed.vertices)
         self._resources.append(vertices)
         self._backdrop = build_program(context, "backdrop")
         self._softening = [build_program(context, name) for name in ("edges", "smooth")]
-        on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
-        self._parts = [
-            self._part("face", vertices, mesh.triangles[~on_eye]),
-            self._part("eye", vertices, mesh.triangles[on_eye]),
-        ]
+        self._parts = [self._part(name, vertices, triangles) for name, triangles in packed.parts.items()]
         self._wall = context.vertex_array(self._backdrop, [])
         self._passes = [context.vertex_array(program, []) for program in self._softening]
-        self._moves = self._texture(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1))
-        self._turns = self._texture(np.pad(normal_turns(mesh), ((0, 0), (0, 1))))
+        self._moves, self._turns = self._texture(packed.moves), self._texture(packed.turns)
         self._resources += [self._backdrop, *self._softening, self._moves, self._turns]
 
     def _part(
-        self, name: str, vertices: moderngl.Buffer, triangles: NDArray[np.int32]
+        self, name: str, vertices: moderngl.Buffer, triangles: NDArray[np.uint32]
     ) -> tuple[Any, moderngl.VertexArray]:
         """Triangles that share a program; its uniforms' kinds are known to GLSL alone."""
         program = build_program(self._context, name)
         used = [attribute for attribute in FACE_ATTRIBUTES if attribute in program]
         layout = " ".join(
-            form if attribute in used else f"{4 * int(form[0])}x" for attribute, form in FACE_ATTRIBUTES.items()
+            form if attribute in used else f"{4 * ATTRIBUTE_SIZES[attribute]}x"
+            for attribute, form in FACE_ATTRIBUTES.items()
         )
-        indices = self._context.buffer(triangles.astype("i4"))
+        indices = self._context.buffer(triangles)
         array = self._context.vertex_array(
             program, [(vertices, layout, *used)], index_buffer=indices, index_element_size=4
         )
         self._resources += [program, indices, array]
         return program, array
 
-    def _texture(self, entries: NDArray[np.floating]) -> moderngl.Texture:
-        rows = max(1, -(-len(entries) // TEXTURE_WIDTH))
-        padded = np.zeros((rows * TEXTURE_WIDTH, 4), dtype="f4")
-        padded[: len(entries)] = entries
-        texture = self._context.texture((TEXTURE_WIDTH, rows), 4, padded.tobytes(), dtype="f4")
+    def _texture(self, texels: NDArray[np.float32]) -> moderngl.Texture:
+        texture = self._context.texture((texels.shape[1], texels.shape[0]), 4, texels, dtype="f4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 
@@ -227,22 +183,16 @@ class FaceRenderer:
         self._resources += self._buffers
 
     def _draw(self, faps: NDArray[np.float64]) -> None:
-        context, mesh = self._context, self.mesh
-        weights = np.zeros(MAX_CHANNELS, dtype="f4")
-        weights[: len(mesh.basis.channels)] = channel_weights(mesh.basis, faps)
-        bones = np.ascontiguousarray(bone_transforms(mesh, faps).transpose(0, 2, 1), dtype="f4")
+        context, uniforms = self._context, frame_uniforms(self.mesh, faps)
         clip = np.ascontiguousarray(self.camera.clip_from_world(self.size[0] / self.size[1]).T, dtype="f4")
-        iris = mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
-        dilation = faps[fap.column(29)] + faps[fap.column(30)]
-        pupil = iris * float(np.clip(PUPIL_SHARE + dilation / 2 / 1024, 0.15, 0.85))
         for program, _ in self._parts:
-            program["u_channels"].write(weights.tobytes())
-            program["u_bones"].write(bones.tobytes())
-            program["u_clip_from_world"].write(clip.tobytes())
+            program["u_channels"].write(uniforms.channels)
+            program["u_bones"].write(uniforms.bones)
+            program["u_clip_from_world"].write(clip)
             program["u_eye_position"] = tuple(self.camera.position_mm)
             program["u_moves"], program["u_turns"] = 0, 1
             if "u_iris" in program:
-                program["u_iris"] = (iris, pupil)
+                program["u_iris"].write(uniforms.iris)
         self._moves.use(0)
         self._turns.use(1)
 
@@ -269,29 +219,3 @@ class FaceRenderer:
             self._context.depth_func = passes
             array.render(moderngl.TRIANGLES, vertices=3)
         self._context.depth_func = BEHIND
-
-
-def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(N, 3) float32: how each entry of the basis turns its vertex's normal, per FAPU.
-
-    Measured by moving one channel at a time by :data:`PROBE_FAPU`; the shader adds the turns up linearly.
-    """
-    basis = mesh.basis
-    vertex = np.repeat(np.arange(len(mesh.vertices_mm)), np.diff(basis.offsets))
-    rest = mesh.vertices_mm.astype(np.float64)
-    at_rest = vertex_normals(rest, mesh.triangles)
-    turns = np.zeros((len(vertex), 3), dtype=np.float32)
-    for channel in range(len(basis.channels)):
-        mine = np.flatnonzero(basis.entry_channels == channel)
-        moved_vertices = vertex[mine]
-        touched = np.isin(mesh.triangles, moved_vertices).any(axis=1)
-        if not touched.any():
-            continue
-        around = mesh.triangles[np.isin(mesh.triangles, mesh.triangles[touched]).any(axis=1)]
-        names, local = np.unique(around, return_inverse=True)
-        points = rest[names]
-        points[np.searchsorted(names, moved_vertices)] += PROBE_FAPU * basis.entry_mm[mine]
-        normals = vertex_normals(points, local.reshape(around.shape))
-        change = normals[np.searchsorted(names, moved_vertices)] - at_rest[moved_vertices]
-        turns[mine] = change / PROBE_FAPU
-    return turns

@@ -17,7 +17,8 @@ from fapengine.render import context as context_module
 from fapengine.render import programs
 from fapengine.render.camera import PRESETS, Camera, preset
 from fapengine.render.context import create_context
-from fapengine.render.renderer import FaceRenderer, normal_turns
+from fapengine.render.packing import normal_turns
+from fapengine.render.renderer import FaceRenderer
 
 SIZE = (192, 192)
 WIDE_OPEN = {3: 500, 4: -150, 5: -520, 8: -110, 9: -110, 10: -420, 11: -420, 51: -140, 52: -520, 55: -100, 56: -100,
@@ -248,6 +249,6 @@ def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
         preset("behind")
     with pytest.raises(UsageError, match="distance"):
         Camera(distance_mm=5.0)
-    monkeypatch.setattr("fapengine.render.renderer.MAX_CHANNELS", 3)
+    monkeypatch.setattr("fapengine.render.packing.MAX_CHANNELS", 3)
     with pytest.raises(UsageError, match="at most 3"):
         FaceRenderer(head)

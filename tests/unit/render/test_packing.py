@@ -1,0 +1,162 @@
+"""What is uploaded: the bytes' layout, runs of entries, turns of normals, and a frame's uniforms."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fapengine.errors import UsageError
+from fapengine.mesh.deform import bone_transforms, channel_weights, deform
+from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Material
+from fapengine.mesh.head import build_head
+from fapengine.mpeg4 import fap
+from fapengine.render import packing
+from fapengine.render.packing import ATTRIBUTE_SIZES, PackedMesh, frame_uniforms, normal_turns, pack
+
+
+@pytest.fixture(scope="module")
+def head() -> FaceMesh:
+    return build_head()
+
+
+@pytest.fixture(scope="module")
+def packed(head: FaceMesh) -> PackedMesh:
+    return pack(head)
+
+
+def attribute(packed: PackedMesh, name: str) -> np.ndarray:
+    ends = np.cumsum(list(ATTRIBUTE_SIZES.values()))
+    at = list(ATTRIBUTE_SIZES).index(name)
+    return packed.vertices[:, ends[at] - ATTRIBUTE_SIZES[name] : ends[at]]
+
+
+def only(head: FaceMesh, triangles: np.ndarray) -> FaceMesh:
+    return replace(head, triangles=triangles)
+
+
+def test_each_attribute_lies_where_the_table_says(head: FaceMesh, packed: PackedMesh) -> None:
+    assert packed.vertices.dtype == np.float32
+    assert packed.vertices.flags.c_contiguous
+    assert (attribute(packed, "a_position") == head.vertices_mm).all()
+    assert (attribute(packed, "a_normal") == head.normals).all()
+    assert (attribute(packed, "a_albedo") == head.albedo).all()
+    assert (attribute(packed, "a_uv") == head.uv).all()
+    assert (attribute(packed, "a_occlusion")[:, 0] == head.occlusion).all()
+    assert (attribute(packed, "a_bones") == np.stack([head.bone, head.bone_weight, head.head_weight], axis=-1)).all()
+    lips = head.material == Material.LIP
+    assert attribute(packed, "a_surface")[lips] == pytest.approx(
+        np.tile(packing.SURFACES[Material.LIP], (lips.sum(), 1))
+    )
+
+
+def test_every_triangle_is_in_one_part(head: FaceMesh, packed: PackedMesh) -> None:
+    assert set(packed.parts) == {"face", "eye"}
+    together = np.concatenate(list(packed.parts.values()))
+    assert np.array_equal(np.unique(together, axis=0), np.unique(head.triangles, axis=0))
+    assert (head.material[packed.parts["eye"]] == Material.EYE).all()
+    assert not (head.material[packed.parts["face"][:, 0]] == Material.EYE).any()
+
+
+def test_a_mesh_without_eyeballs_has_no_such_part(head: FaceMesh) -> None:
+    skin = head.triangles[head.material[head.triangles[:, 0]] != Material.EYE]
+    assert set(pack(only(head, skin)).parts) == {"face"}
+
+
+def test_a_vertex_finds_its_own_entries(head: FaceMesh, packed: PackedMesh) -> None:
+    """Follow the runs as the shader does, for one frame, against the reference."""
+    faps = np.zeros(68)
+    for number, value in {4: -100, 5: 300, 19: 700, 31: 150, 53: 120}.items():
+        faps[fap.column(number)] = value
+    weights = frame_uniforms(head, faps).channels
+    moves = packed.moves.reshape(-1, 4)
+    expected = deform(head, faps)  # no bone turns in this frame
+    for vertex in range(0, len(head.vertices_mm), 37):
+        first, count = attribute(packed, "a_entries")[vertex].astype(int)
+        run = moves[first : first + count]
+        moved = head.vertices_mm[vertex] + weights[run[:, 3].astype(int)] @ run[:, :3]
+        assert moved == pytest.approx(expected[vertex], abs=1e-3)  # mm; a thousandth cannot be seen
+    assert packed.turns.shape == packed.moves.shape
+    assert np.array_equal(packed.turns.reshape(-1, 4)[: len(head.basis.entry_mm), :3], normal_turns(head))
+
+
+def test_a_mesh_that_does_not_move_has_one_row_of_nothing(head: FaceMesh) -> None:
+    still = DeformationBasis(
+        channels=(),
+        offsets=np.zeros(len(head.vertices_mm) + 1, dtype=np.int32),
+        entry_channels=np.zeros(0, dtype=np.int32),
+        entry_mm=np.zeros((0, 3), dtype=np.float32),
+    )
+    packed = pack(replace(head, basis=still))
+    assert packed.moves.shape == (1, packing.TEXTURE_WIDTH, 4)
+    assert not packed.moves.any()
+    assert not attribute(packed, "a_entries").any()
+
+
+def test_a_seam_turns_as_one(head: FaceMesh) -> None:
+    """Split every vertex of some triangles, as a texture's seam does: each copy turns as the whole point did."""
+    basis, count = head.basis, len(head.vertices_mm)
+    entries = np.diff(basis.offsets)
+    split = np.flatnonzero(entries > 0)[::3]
+    copies = np.arange(count)
+    copies[split] = count + np.arange(len(split))
+    triangles = head.triangles.copy()
+    triangles[::2] = copies[triangles[::2]]
+    runs = [np.arange(basis.offsets[vertex], basis.offsets[vertex + 1]) for vertex in split]
+    names = np.concatenate([np.arange(len(basis.entry_mm)), *runs])
+    spread = {
+        name: np.concatenate([getattr(head, name), getattr(head, name)[split]])
+        for name in (
+            "vertices_mm", "normals", "uv", "albedo", "material", "occlusion", "bone", "bone_weight", "head_weight"
+        )
+    }  # fmt: skip
+    seamed = replace(
+        head,
+        **spread,
+        triangles=triangles,
+        basis=replace(
+            basis,
+            offsets=np.concatenate([[0], np.cumsum(np.concatenate([entries, entries[split]]))]).astype(np.int32),
+            entry_channels=basis.entry_channels[names],
+            entry_mm=basis.entry_mm[names],
+        ),
+    )
+    whole = normal_turns(head)
+    assert np.abs(whole).max() > 1e-4
+    assert normal_turns(seamed) == pytest.approx(whole[names], abs=1e-9)
+
+
+def test_uniforms_of_one_frame_and_of_many(head: FaceMesh) -> None:
+    rng = np.random.default_rng(4)
+    faps = rng.normal(0, 200, (3, 2, 68))
+    many = frame_uniforms(head, faps)
+    assert many.channels.shape == (3, 2, 128)
+    assert many.bones.shape == (3, 2, 5, 4, 4)
+    assert many.iris.shape == (3, 2, 2)
+    one = frame_uniforms(head, faps[2, 1])
+    for name in ("channels", "bones", "iris"):
+        assert np.array_equal(getattr(one, name), getattr(many, name)[2, 1])
+    used = len(head.basis.channels)
+    assert one.channels[:used] == pytest.approx(channel_weights(head.basis, faps[2, 1]), rel=1e-6)
+    assert not one.channels[used:].any()
+    assert one.bones.swapaxes(-1, -2) == pytest.approx(bone_transforms(head, faps[2, 1]), rel=1e-6, abs=1e-5)
+
+
+def test_pupils_widen_within_the_iris(head: FaceMesh) -> None:
+    faps = np.zeros((4, 68))
+    faps[:, fap.column(29)] = faps[:, fap.column(30)] = (0, 200, 9000, -9000)
+    shares = frame_uniforms(head, faps).iris[:, 1] / packing.iris_share(head)
+    assert shares == pytest.approx([0.42, 0.42 + 200 / 1024, 0.85, 0.15], rel=1e-5)
+    assert pack(head).iris == pytest.approx(frame_uniforms(head, faps[0]).iris[0])
+
+
+def test_packing_needs_no_graphics_library() -> None:
+    code = "import sys, fapengine.render.packing; sys.exit('moderngl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+def test_too_many_channels(head: FaceMesh) -> None:
+    basis = replace(head.basis, channels=(head.basis.channels * 2)[:129])
+    with pytest.raises(UsageError, match="got 129 channels, expected at most 128"):
+        pack(replace(head, basis=basis))
