@@ -262,6 +262,7 @@ class Encoder:
     ) -> None:
         self.options = options or EncoderOptions()
         self._rate: FrameRate | None = FrameRate.nearest(rate_hz)
+        self._rate_sent = self._rate
         self._rate_hz = rate_hz
         self._mask = np.zeros(fap.FAP_COUNT, bool)
         for number in faps:
@@ -278,8 +279,8 @@ class Encoder:
             self._ranges_quant = self.quant
 
     def request_intra(self) -> None:
-        """Make the next frame an I plane, so that a newcomer can begin there."""
-        self._intra_wanted = True
+        """Make the next frame an I plane that tells the frame rate, so that a newcomer can begin there."""
+        self._intra_wanted, self._rate = True, self._rate_sent
 
     def frame(
         self,

@@ -81,6 +81,12 @@ def livelink_values(faps: ArrayLike) -> NDArray[np.float32]:
     return np.hstack([arkit_weights(faps), turns.reshape(len(turns), 9)]).astype(np.float32)
 
 
+def join_values(weights: ArrayLike, faps: ArrayLike) -> NDArray[np.float32]:
+    """Put together the 61 values of one frame whose shapes are known: (52,) weights and (68,) FAPU."""
+    turns = turns_rad(np.asarray(faps)[None])
+    return np.concatenate([np.asarray(weights), turns.reshape(9)]).astype(np.float32)
+
+
 def keep_alive(subject: Subject) -> bytes:
     """Write the packet that says the subject is there, without a face."""
     name = subject.name.encode()

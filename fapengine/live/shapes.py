@@ -33,9 +33,24 @@ def arkit_weights(faps: ArrayLike) -> Array:
         0..1, in the order of :data:`fapengine.retarget.arkit.ARKIT_NAMES`. ``mouthClose`` never goes past
         ``jawOpen``: it closes lips over an open jaw, and without one it pushes them through each other.
     """
-    weights = _map().approximate_weights(faps)
+    return _lips_over_jaw(_map().approximate_weights(faps))
+
+
+class ArkitFollower:
+    """Stateful: the shapes of one face, frame by frame; each frame begins where the one before ended."""
+
+    def __init__(self) -> None:
+        self._last: Array | None = None
+
+    def follow(self, faps: ArrayLike) -> Array:
+        """Take the next frame, (68,) FAPU; return (52,) as a row of :func:`arkit_weights`, only solved exactly."""
+        self._last = _map().solve_weights(faps, self._last)
+        return _lips_over_jaw(self._last.copy())
+
+
+def _lips_over_jaw(weights: Array) -> Array:
     close, jaw = ARKIT_NAMES.index("mouthClose"), ARKIT_NAMES.index("jawOpen")
-    weights[:, close] = np.minimum(weights[:, close], weights[:, jaw])
+    weights[..., close] = np.minimum(weights[..., close], weights[..., jaw])
     return weights
 
 

@@ -3,8 +3,8 @@
 Theory of operation
 -------------------
 Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak in a
-thread of their own and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions and
-hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
+thread of their own and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions
+and hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
 window). A listener that raises is dropped, told of in the log and counted: the other faces do not notice.
 
 A session lives as long as somebody holds it (:meth:`Hub.hold`) or tells it something; after ``idle_close_s`` of neither

@@ -75,7 +75,9 @@ def test_intra_refresh_comes_on_time_and_where_asked() -> None:
     stream = encoder.frame(track.values[0]) + encoder.frame(track.values[1])
     encoder.request_intra()
     stream += encoder.frame(track.values[2]) + encoder.finish()
-    assert [part.intra for part in decode(stream).planes] == [True, False, True]
+    planes = decode(stream).planes
+    assert [part.intra for part in planes] == [True, False, True]
+    assert planes[2].header.rate == planes[0].header.rate is not None  # who begins here knows how fast to show it
 
 
 def test_faps_at_rest_are_left_out_and_come_back_when_they_move() -> None:

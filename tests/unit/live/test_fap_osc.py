@@ -12,7 +12,15 @@ from pythonosc.osc_packet import OscPacket
 
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.live import fap_osc, osc
-from fapengine.live.fap_osc import FapFrame, decode_frame, encode_frame, encode_named, encode_track, parse_named
+from fapengine.live.fap_osc import (
+    FapFrame,
+    SessionFrames,
+    decode_frame,
+    encode_frame,
+    encode_named,
+    encode_track,
+    parse_named,
+)
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
@@ -96,6 +104,32 @@ def test_a_track_is_numbered_without_gaps_and_keeps_its_times() -> None:
         assert np.array_equal(frame.values, track.values[row] * track.mask[row])
         assert np.array_equal(frame.mask, track.mask[row])
     assert encode_track(FapTrack.of(np.zeros((0, 68)), rate_hz=25.0), session="s") == []
+
+
+def test_many_sessions_at_once_are_what_each_would_be_alone() -> None:
+    rng = np.random.default_rng(2)
+    faps = rng.integers(-(2**31), 2**31, (3, 68), dtype=np.int64).astype(np.int32)
+    names = ("a", "anna", "é" * 16)
+    stream = SessionFrames()
+    for number, (sessions, rows) in enumerate([(names, faps), (names, faps[::-1]), (names[1:], faps[:2])]):
+        for data, name, row in zip(stream.encode(sessions, rows, 7 + number), sessions, rows, strict=True):
+            values = np.where(np.arange(68) < 2, 0, row)
+            mask = np.arange(68) >= 2
+            fields = {"visemes": np.zeros(4), "expressions": np.zeros(6), "values": values, "mask": mask}
+            assert data == encode_frame(FapFrame(session=name, number=number, time_us=7 + number, **fields))
+    assert [decode_frame(data).number for data in stream.encode(names, faps, 0)] == [0, 3, 3]  # "a" is back
+
+
+def test_some_faps_of_many_sessions() -> None:
+    (data,) = SessionFrames([4, 3]).encode(("a",), np.arange(68, dtype=np.int32)[None], 0)
+    frame = decode_frame(data)
+    assert np.flatnonzero(frame.mask).tolist() == [2, 3]
+    assert frame.values[[2, 3]].tolist() == [2, 3]
+    for numbers in ([], [2], [69]):
+        with pytest.raises(UsageError, match=r"expected FAPs of 3\.\.68"):
+            SessionFrames(numbers)
+    with pytest.raises(UsageError, match="session: got ''"):
+        SessionFrames().encode(("",), np.zeros((1, 68), np.int32), 0)
 
 
 def test_the_first_and_the_last_number_can_be_sent() -> None:

@@ -98,6 +98,42 @@ def test_it_finds_the_optimum() -> None:
         assert cost(weights) <= 1.01 * cost(best.x) + 1e-6
 
 
+def cost_of(weights: np.ndarray, faps: np.ndarray) -> float:
+    scaled = ARKIT.faps * weights_mm()
+    ridge = RIDGE * (scaled**2).sum() / 52
+    return float(((weights @ scaled - faps * weights_mm()) ** 2).sum() + ridge * (weights**2).sum())
+
+
+def test_a_single_frame_is_solved_exactly_wherever_it_begins() -> None:
+    rng = np.random.default_rng(3)
+    frames = np.vstack([speech()[10:40:5], rng.normal(0, 300, (20, 68)).round(), np.zeros((1, 68))])
+    scaled = ARKIT.faps * weights_mm()
+    ridge = np.sqrt(RIDGE * (scaled**2).sum() / 52) * np.eye(52)
+    for row in frames:
+        best = lsq_linear(
+            np.vstack([scaled.T, ridge]), np.concatenate([row * weights_mm(), np.zeros(52)]), (0, 1), tol=1e-14
+        ).x
+        found = ARKIT.solve_weights(row)
+        assert found.min() >= 0
+        assert found.max() <= 1
+        assert cost_of(found, row) <= cost_of(np.clip(best, 0, 1), row) + 1e-9
+        for near in (rng.uniform(-0.5, 1.5, 52), np.zeros(52), np.ones(52)):
+            np.testing.assert_allclose(ARKIT.solve_weights(row, near), found, atol=1e-9)
+
+
+def test_block_pivots_that_do_not_help_go_one_by_one() -> None:
+    """Shapes nearly alike, of which blocks would go in circles."""
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        faps = np.repeat(rng.normal(0, 100, (1, 68)), 8, axis=0) + rng.normal(0, 3.0, (8, 68))
+        alike = BlendMap(tuple("abcdefgh"), faps, limit=0.3)
+        goal = rng.normal(0, 100, 68)
+        found = alike.solve_weights(goal, rng.uniform(-0.1, 0.4, 8))
+        np.testing.assert_allclose(found, alike.solve_weights(goal), atol=1e-6)
+        assert found.min() >= 0
+        assert found.max() <= 0.3
+
+
 def test_some_shapes_may_be_chosen() -> None:
     few = ARKIT.select(("jawOpen", "mouthPucker"))
     assert few.approximate_weights(speech()).shape[1] == 2
@@ -114,3 +150,7 @@ def test_refuses() -> None:
         BlendMap(("a",), np.zeros((1, 52)))
     with pytest.raises(UsageError, match="weights"):
         ARKIT.to_faps(np.zeros(51))
+    with pytest.raises(UsageError, match="faps: got shape"):
+        ARKIT.solve_weights(np.zeros(52))
+    with pytest.raises(UsageError, match="near: got shape"):
+        ARKIT.solve_weights(np.zeros(68), np.zeros(51))

@@ -1,0 +1,27 @@
+"""FAPs to shapes: one face followed frame by frame, and many frames at once."""
+
+import numpy as np
+
+from fapengine._resources import profile_files
+from fapengine.live.shapes import ArkitFollower, arkit_weights
+from fapengine.profiles import parse_profile
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.planner import plan
+
+PHONES = PhoneTrack.of([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(["m", "aɪ", "b", "uː", "f"])])
+JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
+
+
+def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
+    profile = parse_profile(profile_files("grid_s1_en"))
+    faps = plan(PHONES, profile, rng=np.random.default_rng(0), rate_hz=30).track.values
+    follower = ArkitFollower()
+    followed = np.array([follower.follow(row) for row in faps])
+    at_once = arkit_weights(faps)
+    shapes = arkit_map()
+    off = np.abs(shapes.to_faps(followed) - shapes.to_faps(at_once))
+    assert off.max() < 20  # FAPU; the gradients of many frames stop a little early
+    assert (followed[:, CLOSE] <= followed[:, JAW]).all()
+    assert (at_once[:, CLOSE] <= at_once[:, JAW]).all()
+    assert followed[:, JAW].max() > 0.1
