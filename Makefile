@@ -60,6 +60,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready
+	.ci/system-packages $(PYTHON) tests
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 

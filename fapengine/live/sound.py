@@ -1,0 +1,279 @@
+"""Edge: sound out through PortAudio, with the device's clock as the one that the face follows.
+
+:func:`open_output` gives a :class:`Player`, or where there is no device a :class:`SilentOutput` of the same face,
+which keeps time by the monotonic clock. Either plays sounds one behind the other and tells where each really is.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import gcd
+from threading import Lock
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import ResourceError, UsageError
+from fapengine.live.sound_clock import Fetch, PlaybackClock
+from fapengine.live.sound_queue import SoundQueue
+
+LATENCY_S = 0.08
+"""Asked of the device: a busy machine needs it, and a face that follows the sound is not late by it."""
+MEND_LIBRARY = "sudo apt-get install -y libportaudio2"
+
+
+class Output(Protocol):
+    """Something that plays sounds one behind the other. All times are of the monotonic clock."""
+
+    description: str
+    """Device, or why there is none."""
+    is_silent: bool
+
+    def play(self, samples: ArrayLike) -> int:
+        """Put a sound behind all others, (N,) int16 mono; return its number."""
+        ...
+
+    def position_s(self, sound: int, now_s: float) -> float | None:
+        """Where a sound is heard to be; negative just before it begins, None while it waits or was dropped."""
+        ...
+
+    def is_over(self, sound: int, now_s: float) -> bool:
+        """Whether it was heard to its end, or was dropped."""
+        ...
+
+    def stop(self) -> None:
+        """Fall silent within 10 ms of sound, and drop what waits."""
+        ...
+
+    def close(self) -> None:
+        """Give the device back."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A place where sound goes out."""
+
+    number: int
+    name: str
+    sample_rate_hz: float
+    is_default: bool
+
+
+def devices() -> list[Device]:
+    """List output devices.
+
+    Raises
+    ------
+    ResourceError
+        If PortAudio is not there.
+    """
+    sounddevice = _portaudio()
+    default = sounddevice.default.device[1]
+    return [
+        Device(number, str(one["name"]), float(one["default_samplerate"]), number == default)
+        for number, one in enumerate(sounddevice.query_devices())
+        if one["max_output_channels"] > 0
+    ]
+
+
+def open_output(sample_rate_hz: int, *, device: int | str | None = None, silent: bool = False) -> Output:
+    """Open the device, or without one an output that only keeps time.
+
+    Parameters
+    ----------
+    sample_rate_hz : int
+        Of the sounds.
+    device : int or str, optional
+        Its number, or a part of its name; by default the system's. One that is named must be there.
+    silent : bool
+        Open none.
+
+    Raises
+    ------
+    ResourceError
+        If a device that was named cannot be opened.
+    """
+    if silent:
+        return SilentOutput(sample_rate_hz, "no sound was wished for")
+    try:
+        return Player(sample_rate_hz, device=device)
+    except ResourceError as error:
+        if device is not None:
+            raise
+        return SilentOutput(sample_rate_hz, str(error))
+
+
+class Player:
+    """Stateful: plays on a device. Use it as a context manager, or close it.
+
+    Parameters
+    ----------
+    sample_rate_hz : int
+        Of the sounds; a device that does not know it gets them resampled.
+    device : int or str, optional
+        As PortAudio names it.
+    latency_s : float, s
+        Asked of the device.
+    now : callable
+        The monotonic clock.
+
+    Raises
+    ------
+    ResourceError
+        If PortAudio is missing, or the device cannot be opened.
+    """
+
+    is_silent = False
+
+    def __init__(
+        self,
+        sample_rate_hz: int,
+        *,
+        device: int | str | None = None,
+        latency_s: float = LATENCY_S,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if not sample_rate_hz > 0:
+            raise UsageError(f"sample_rate_hz: got {sample_rate_hz}, expected a positive number")
+        sounddevice = _portaudio()
+        self._lock, self._now = Lock(), now
+        try:
+            about = sounddevice.query_devices(device, "output")
+            self._rate_hz = _rate_of(sounddevice, device, sample_rate_hz, about)
+            self._given_hz = sample_rate_hz
+            self.clock = PlaybackClock(self._rate_hz)
+            self._queue = SoundQueue(self._rate_hz)
+            self._stream = sounddevice.OutputStream(
+                samplerate=self._rate_hz, channels=1, dtype="int16", device=device, latency=latency_s,
+                callback=self._fetch,
+            )  # fmt: skip
+            self._stream.start()
+        except (sounddevice.PortAudioError, ValueError) as error:
+            raise ResourceError(f"sound: {_plain(error)}; `fapengine doctor` lists the devices") from error
+        self.description = f"{about['name']}, {self._rate_hz} Hz"
+
+    def __enter__(self) -> "Player":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _fetch(self, out: NDArray[np.int16], frames: int, times: Any, status: Any) -> None:
+        """PortAudio's own thread calls this."""
+        called_s = self._now()
+        with self._lock:
+            out[:, 0] = self._queue.take(frames)
+            heard_s = times.outputBufferDacTime
+            self.clock.tell(Fetch(called_s, times.currentTime, heard_s, frames, bool(status.output_underflow)))
+
+    def play(self, samples: ArrayLike) -> int:
+        """See :class:`Output`."""
+        given = frozen(samples, "samples", ("N",), np.int16)
+        sound = _resample(given, self._given_hz, self._rate_hz)
+        with self._lock:
+            return self._queue.add(sound)
+
+    def position_s(self, sound: int, now_s: float) -> float | None:
+        """See :class:`Output`."""
+        with self._lock:
+            return self._queue.position_s(sound, self.clock.position_s(now_s))
+
+    def is_over(self, sound: int, now_s: float) -> bool:
+        """See :class:`Output`."""
+        with self._lock:
+            return self._queue.is_over(sound, self.clock.position_s(now_s))
+
+    def stop(self) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._queue.stop()
+
+    def close(self) -> None:
+        """See :class:`Output`."""
+        self._stream.close()
+
+
+class SilentOutput:
+    """Stateful: plays nothing, and takes as long as it would; for machines without a sound card.
+
+    Parameters
+    ----------
+    sample_rate_hz : int
+    description : str
+        Why it is silent.
+    now : callable
+        The monotonic clock.
+    """
+
+    is_silent = True
+
+    def __init__(self, sample_rate_hz: int, description: str, *, now: Callable[[], float] = time.monotonic) -> None:
+        self.description = description
+        self._queue, self._rate_hz = SoundQueue(sample_rate_hz), sample_rate_hz
+        self._now, self._start_s = now, now()
+
+    def play(self, samples: ArrayLike) -> int:
+        """See :class:`Output`."""
+        self._reach(self._now())
+        sound = self._queue.add(samples)
+        return sound
+
+    def position_s(self, sound: int, now_s: float) -> float | None:
+        """See :class:`Output`."""
+        return self._queue.position_s(sound, self._reach(now_s))
+
+    def is_over(self, sound: int, now_s: float) -> bool:
+        """See :class:`Output`."""
+        return self._queue.is_over(sound, self._reach(now_s))
+
+    def stop(self) -> None:
+        """See :class:`Output`."""
+        self._reach(self._now())
+        self._queue.stop()
+
+    def close(self) -> None:
+        """See :class:`Output`."""
+
+    def _reach(self, now_s: float) -> float:
+        """Hand out all that would have been heard by now; where the stream is."""
+        stream_s = now_s - self._start_s
+        self._queue.take(max(round(stream_s * self._rate_hz) + 1 - self._queue.taken, 0))
+        return stream_s
+
+
+def _portaudio() -> Any:
+    try:
+        import sounddevice
+    except (ImportError, OSError) as error:
+        raise ResourceError(f"sound: {_plain(error)}; mend it with: {MEND_LIBRARY}") from error
+    return sounddevice
+
+
+def _rate_of(sounddevice: Any, device: int | str | None, wanted_hz: int, about: dict[str, Any]) -> int:
+    """Find the wished rate if the device knows it, else its own."""
+    try:
+        sounddevice.check_output_settings(device=device, channels=1, dtype="int16", samplerate=wanted_hz)
+    except sounddevice.PortAudioError:
+        return int(about["default_samplerate"])
+    return wanted_hz
+
+
+def _resample(samples: NDArray[np.int16], from_hz: int, to_hz: int) -> NDArray[np.int16]:
+    if from_hz == to_hz or not len(samples):
+        return samples
+    from scipy.signal import resample_poly
+
+    shared = gcd(from_hz, to_hz)
+    finer = resample_poly(samples.astype(np.float64), to_hz // shared, from_hz // shared)
+    return np.clip(np.rint(finer), -32768, 32767).astype(np.int16)
+
+
+def _plain(error: BaseException) -> str:
+    """Spell an error of PortAudio in one line."""
+    return " ".join(str(error).split()) or type(error).__name__

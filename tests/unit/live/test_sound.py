@@ -1,0 +1,227 @@
+"""Sound out: queued, played on a sound card of software, and kept time of without one."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.live import sound
+from fapengine.live.sound import Player, SilentOutput, open_output
+from fapengine.live.sound_queue import FADE_S, KEPT, SoundQueue
+
+RATE_HZ = 8000
+
+
+def tone(frames: int, level: int = 1000) -> np.ndarray:
+    return np.full(frames, level, np.int16)
+
+
+# The queue
+
+
+@given(st.lists(st.integers(0, 40), max_size=6), st.lists(st.integers(0, 25), max_size=20))
+def test_sounds_come_out_whole_and_in_order_however_they_are_fetched(lengths: list[int], buffers: list[int]) -> None:
+    queue = SoundQueue(RATE_HZ)
+    sounds = [tone(length, number + 1) for number, length in enumerate(lengths)]
+    numbers = [queue.add(one) for one in sounds]
+    assert numbers == list(range(1, len(lengths) + 1))
+    out = np.concatenate([queue.take(frames) for frames in (*buffers, 300)])
+    assert queue.taken == sum(buffers) + 300
+    np.testing.assert_array_equal(out[: sum(lengths)], np.concatenate([*sounds, tone(0)]))
+    assert not out[sum(lengths) :].any()
+
+
+def test_a_sound_knows_its_place() -> None:
+    queue = SoundQueue(RATE_HZ)
+    queue.take(800)
+    first, second = queue.add(tone(800)), queue.add(tone(400))
+    assert queue.position_s(first, 0.1) is None
+    assert not queue.is_over(first, 99.0)
+    queue.take(900)
+    assert queue.position_s(first, 0.05) == pytest.approx(-0.05)  # fetched, not yet heard
+    assert queue.position_s(first, 0.17) == pytest.approx(0.07)
+    assert queue.position_s(second, 0.2) == pytest.approx(0.0)
+    assert not queue.is_over(first, 0.199)
+    assert queue.is_over(first, 0.2)
+    assert queue.position_s(first, 5.0) == pytest.approx(0.1)
+    assert not queue.is_over(second, 0.24)
+    assert queue.is_over(second, 0.25)
+
+
+def test_a_stop_fades_and_drops_what_waits() -> None:
+    queue = SoundQueue(RATE_HZ)
+    playing, waiting = queue.add(tone(8000)), queue.add(tone(100))
+    queue.take(100)
+    queue.stop()
+    rest = queue.take(400)
+    fade = round(FADE_S * RATE_HZ)
+    assert (np.diff(rest[: fade + 1].astype(int)) < 0).all()
+    assert not rest[fade:].any()
+    assert queue.is_over(waiting, 0.0)
+    assert queue.position_s(waiting, 1.0) is None
+    assert queue.is_over(playing, (100 + fade) / RATE_HZ)
+    queue.stop()  # nothing plays: nothing happens
+    assert not queue.take(10).any()
+    after = queue.add(tone(5))
+    assert queue.take(5).any()
+    assert queue.position_s(after, 1.0) == pytest.approx(5 / RATE_HZ)
+
+
+def test_old_sounds_are_forgotten_when_they_are_over() -> None:
+    queue = SoundQueue(RATE_HZ)
+    first = queue.add(tone(10))
+    for _ in range(KEPT):
+        queue.add(tone(10))
+    assert not queue.is_over(first, 0.0)  # it waits still
+    queue.take(20_000)
+    queue.add(tone(10))
+    assert queue.position_s(first, 1.0) is None
+    assert queue.is_over(first, 1.0)
+    assert len(queue._known) == KEPT
+
+
+@pytest.mark.parametrize("number", [0, 2, -1])
+def test_an_unknown_sound_is_refused(number: int) -> None:
+    queue = SoundQueue(RATE_HZ)
+    queue.add(tone(1))
+    with pytest.raises(UsageError, match=rf"sound: got {number}, expected 1\.\.1"):
+        queue.position_s(number, 0.0)
+
+
+# Without a device
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_a_silent_output_takes_as_long_as_sound_would() -> None:
+    clock = Clock()
+    out = SilentOutput(RATE_HZ, "no device", now=clock)
+    clock.now_s = 103.0
+    first, second = out.play(tone(4000)), out.play(tone(800))
+    assert out.position_s(first, 103.25) == pytest.approx(0.25, abs=2 / RATE_HZ)
+    assert out.position_s(second, 103.25) is None
+    assert not out.is_over(first, 103.49)
+    assert out.is_over(first, 103.51)
+    assert out.position_s(second, 103.55) == pytest.approx(0.05, abs=3 / RATE_HZ)
+    clock.now_s = 103.56
+    out.stop()
+    assert out.is_over(second, 103.56 + FADE_S + 0.001)
+    out.close()
+
+
+# On devices that are no devices
+
+
+def fake(**changes: object) -> SimpleNamespace:
+    class PortAudioError(Exception):
+        pass
+
+    def query_devices(device: object = None, kind: object = None) -> object:
+        about = {"name": "Card", "default_samplerate": 44_100.0, "max_output_channels": 2}
+        return about if kind else [about, {**about, "name": "Microphone", "max_output_channels": 0}]
+
+    class OutputStream:
+        def __init__(self, **options: object) -> None:
+            self.options = options
+
+        def start(self) -> None:
+            pass
+
+        def close(self) -> None:
+            self.closed = True
+
+    made = SimpleNamespace(
+        PortAudioError=PortAudioError, query_devices=query_devices, OutputStream=OutputStream,
+        check_output_settings=lambda **options: None, default=SimpleNamespace(device=[-1, 0]),
+    )  # fmt: skip
+    vars(made).update(changes)
+    return made
+
+
+def test_a_device_that_does_not_know_the_rate_gets_it_resampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    card = fake()
+
+    def refuse(**options: object) -> None:
+        raise card.PortAudioError("Invalid sample rate")
+
+    card.check_output_settings = refuse
+    monkeypatch.setattr(sound, "_portaudio", lambda: card)
+    now = Clock()
+    with Player(22_050, now=now) as player:
+        assert player.description == "Card, 44100 Hz"
+        times = np.arange(22_050) / 22_050
+        number = player.play(np.rint(8000 * np.sin(2 * np.pi * 440 * times)).astype(np.int16))
+        empty = player.play(tone(0))
+        out = np.zeros((44_100, 1), np.int16)
+        status = SimpleNamespace(output_underflow=True)
+        player._fetch(out, 44_100, SimpleNamespace(currentTime=1.0, outputBufferDacTime=1.25), status)
+        spectrum = np.abs(np.fft.rfft(out[:, 0]))
+        assert spectrum.argmax() == 440
+        assert player.position_s(number, 100.0) == pytest.approx(-0.25)
+        assert player.position_s(number, 100.75) == pytest.approx(0.5)
+        assert player.clock.underruns == 1
+        player._fetch(out, 441, SimpleNamespace(currentTime=2.0, outputBufferDacTime=2.25), status)
+        assert player.is_over(empty, 101.26)
+        player.stop()
+    assert player._stream.closed
+
+
+def test_refuses_and_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    card = fake()
+    monkeypatch.setattr(sound, "_portaudio", lambda: card)
+    assert [(one.name, one.is_default) for one in sound.devices()] == [("Card", True)]
+    with pytest.raises(UsageError, match="sample_rate_hz: got 0"):
+        Player(0)
+    assert not open_output(8000).is_silent
+
+    def refuse(device: object = None, kind: object = None) -> object:
+        raise card.PortAudioError("Error querying device -1")
+
+    card.query_devices = refuse
+    with pytest.raises(ResourceError, match="Error querying device -1; `fapengine doctor` lists"):
+        Player(8000)
+    with pytest.raises(ResourceError, match="querying device"):
+        open_output(8000, device="Card")
+    fallback = open_output(8000)
+    assert fallback.is_silent
+    assert "querying device" in fallback.description
+    assert open_output(8000, silent=True).description == "no sound was wished for"
+
+
+def test_portaudio_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    with pytest.raises(ResourceError, match="mend it with: sudo apt-get install -y libportaudio2"):
+        sound.devices()
+    assert open_output(8000).is_silent
+
+
+# On a sound card of software
+
+
+def test_what_is_told_is_what_is_heard(null_sink: Mapping[str, str]) -> None:
+    """An ear at the sink's monitor hears each click when the player says that it sounds."""
+    driver = Path(__file__).with_name("sound_loop.py")
+    done = subprocess.run([sys.executable, driver], env=null_sink, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    answer = json.loads(done.stdout)
+    off = np.abs(answer["off_s"])
+    assert len(off) == 8
+    assert np.median(off) < 0.02  # measured 0.001 on a quiet machine; the ear, too, has a clock of its own
+    assert answer["took_s"] > 2.4
+    assert answer["stopped"]
+    assert not answer["backwards"]
+    assert answer["description"].endswith("22050 Hz")
+    assert answer["devices"]
