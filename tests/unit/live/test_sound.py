@@ -173,7 +173,7 @@ def test_a_device_that_does_not_know_the_rate_gets_it_resampled(monkeypatch: pyt
         assert player.position_s(number, 100.0) == pytest.approx(-0.25)
         assert player.position_s(number, 100.75) == pytest.approx(0.5)
         assert player.clock.underruns == 1
-        player._fetch(out, 441, SimpleNamespace(currentTime=2.0, outputBufferDacTime=2.25), status)
+        player._fetch(out[:441], 441, SimpleNamespace(currentTime=2.0, outputBufferDacTime=2.25), status)
         assert player.is_over(empty, 101.26)
         player.stop()
     assert player._stream.closed
