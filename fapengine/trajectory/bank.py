@@ -9,7 +9,8 @@ all, so it is done on arrays with one row a session:
    plan has changed, when another plan takes over, or when the window is used up.
 2. *segment*: coefficients of the quintic between two knots. Computed when a session crosses a knot, for all that do.
 3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, and one matrix product
-   from weights to FAPs and feature points; then contacts (:func:`.closures.settle`) and rounding.
+   from weights to FAPs and feature points; then what else is shown (:class:`Shown`), contacts
+   (:func:`.closures.settle`) and rounding.
 
 A row's answer is that of a planner of its own, FAP for FAP; only the order of additions differs.
 """
@@ -30,7 +31,7 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
 from fapengine.trajectory.stream import Counts, StreamingPlanner
-from fapengine.trajectory.style import Style
+from fapengine.trajectory.style import Style, jaw_share
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,7 @@ SPANS = tuple(
     )
 )
 """Columns of the FAPs that a space determines."""
+EVERY = (slice(fap.column(3), fap.FAP_COUNT),)
 LOWEST, HIGHEST = (to_codable(np.full((fap.FAP_COUNT, 1), limit).T).T for limit in (-np.inf, np.inf))
 """(68, 1) FAPU: what every FAP can carry."""
 FIRST_ROWS, FIRST_HOLDS = 16, 4
@@ -64,6 +66,20 @@ class BankFrames:
     """(S, M, 3) mm: displacements of the profile's M marker points from the rest face, contacts included."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What sessions show beside their speech; column s of each array is session ``SessionBank.sessions[s]``."""
+
+    expression: Array
+    """(68, S) FAPU: added before contacts are made, as :func:`.expression.blend` does."""
+    liveliness: Array
+    """(68, S) FAPU: added afterwards, as :func:`.liveliness.enliven` does."""
+    jaw: Array
+    """(S,): size of the jaw's part of speech, times that of the bank's style."""
+    lips: Array
+    """(S,): the same of the lips' part."""
+
+
 @dataclass(slots=True, eq=False)
 class _Rows:
     """Stateful: what is known of each session, (rows, ...) each; times are the session's own."""
@@ -71,6 +87,8 @@ class _Rows:
     session: NDArray[np.int64]
     begins_s: Array
     """When the session's time is 0."""
+    shown_s: Array
+    """Its time in the last frame; minus infinity before the first."""
     reload_s: Array
     """From here on the window is of no use."""
     knots_s: Array
@@ -105,6 +123,7 @@ class _Rows:
         return cls(
             session=np.zeros(rows, np.int64),
             begins_s=np.zeros(rows),
+            shown_s=np.zeros(rows),
             reload_s=np.zeros(rows),
             knots_s=np.zeros((rows, KNOTS)),
             jets=np.zeros((rows, KNOTS, 3, modes)),
@@ -161,14 +180,31 @@ class SessionBank:
         self._planners: list[StreamingPlanner] = []
         self._row_of: dict[int, int] = {}
         self._opened = 0
-        self._unseen: set[int] = set()
         self._now_s = -np.inf
         self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count)
         self._lift, self._back, self._outer = _lift(profile, self._style)
+        self._jaws = jaw_share(profile).T
 
     def __len__(self) -> int:
         """Count the open sessions."""
         return len(self._planners)
+
+    @property
+    def sessions(self) -> NDArray[np.int64]:
+        """(S,) numbers of the open sessions, in the order of a frame's rows. The last moves where one closes."""
+        return self._rows.session[: len(self._planners)].copy()
+
+    def row(self, session: int) -> int:
+        """Find a session's row.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        if session not in self._row_of:
+            raise UsageError(f"session: got {session}, expected one of {len(self._planners)} that are open")
+        return self._row_of[session]
 
     def open(self, begins_s: float = 0.0) -> int:
         """Begin a session.
@@ -196,9 +232,9 @@ class SessionBank:
         self._opened += 1
         self._planners.append(self._new_planner())
         self._row_of[session] = row
-        self._unseen.add(session)
         self._rows.session[row] = session
         self._rows.begins_s[row] = begins_s
+        self._rows.shown_s[row] = -np.inf
         self._rows.reload_s[row] = -np.inf
         return session
 
@@ -210,13 +246,12 @@ class SessionBank:
         UsageError
             If it is not open.
         """
-        row, last = self._row(session), len(self._planners) - 1
+        row, last = self.row(session), len(self._planners) - 1
         self._rows.move(last, row)
         self._row_of[int(self._rows.session[row])] = row
         self._planners[row] = self._planners[last]
         self._planners.pop()
         del self._row_of[session]
-        self._unseen.discard(session)
 
     def feed(self, session: int, phones: Sequence[Phone]) -> None:
         """Take phones in, in the session's time; see :meth:`.StreamingPlanner.feed`.
@@ -238,6 +273,18 @@ class SessionBank:
         """
         self._changed(session).cancel(at_s, fade_s=fade_s)
 
+    def retime(self, session: int, begins_s: float) -> None:
+        """Move a session's time against the bank's. It never goes back: it stands still until it is caught up with.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or the time is not finite.
+        """
+        if not np.isfinite(begins_s):
+            raise UsageError(f"begins_s: got {begins_s}, expected a time")
+        self._rows.begins_s[self.row(session)] = begins_s
+
     def counts(self, session: int) -> Counts:
         """Tell what was not as it should be.
 
@@ -246,15 +293,17 @@ class SessionBank:
         UsageError
             If the session is not open.
         """
-        return self._planners[self._row(session)].counts
+        return self._planners[self.row(session)].counts
 
-    def frames(self, time_s: float) -> BankFrames:
+    def frames(self, time_s: float, shown: Shown | None = None) -> BankFrames:
         """One frame of every session; what is shown is settled.
 
         Parameters
         ----------
         time_s : float
             In the bank's time, not before the last frame asked for.
+        shown : Shown, optional
+            What is added to speech. ``points_mm`` hold speech alone.
 
         Raises
         ------
@@ -264,33 +313,36 @@ class SessionBank:
         if not self._now_s <= time_s < np.inf:
             raise UsageError(f"time_s: got {time_s:g} s, expected rising times from {self._now_s:g} s")
         self._now_s = time_s
-        self._unseen.clear()
         count = len(self._planners)
-        times = time_s - self._rows.begins_s[:count]
+        times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
+        self._rows.shown_s[:count] = times
         self._load(np.flatnonzero(times >= self._rows.reload_s[:count]), times)
         self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
-        lifted = self._lift @ self._weights(times)
+        weights = self._weights(times)
+        openness: Array | float = self._style.openness
+        if shown is not None:
+            weights = shown.lips * weights + (shown.jaw - shown.lips) * (self._jaws @ weights)
+            openness = np.minimum(1.0, self._style.jaw_gain * shown.jaw)
+        lifted = self._lift @ weights
         faps = lifted[: fap.FAP_COUNT].T
+        if shown is not None:
+            faps += shown.expression.T
         lips, teeth, vowels = self._held(times)
-        settled = settle(faps, lips=lips, teeth=teeth, vowels=self._style.openness * vowels)
+        settled = settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels)
         points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
         points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
-        return BankFrames(self._rows.session[:count].copy(), _rounded(settled.T).T, points_mm)
+        if shown is not None:
+            settled += shown.liveliness.T
+        return BankFrames(self.sessions, _rounded(settled.T, SPANS if shown is None else EVERY).T, points_mm)
 
     def _new_planner(self) -> StreamingPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
 
-    def _row(self, session: int) -> int:
-        if session not in self._row_of:
-            raise UsageError(f"session: got {session}, expected one of {len(self._planners)} that are open")
-        return self._row_of[session]
-
     def _changed(self, session: int) -> StreamingPlanner:
         """Planner of a session whose plan is about to change, told what has been shown."""
-        row = self._row(session)
+        row = self.row(session)
         planner = self._planners[row]
-        if session not in self._unseen:
-            planner.settle(float(self._now_s - self._rows.begins_s[row]))
+        planner.settle(float(self._rows.shown_s[row]))
         self._rows.reload_s[row] = -np.inf
         return planner
 
@@ -382,10 +434,10 @@ class SessionBank:
         return 1.0 - free
 
 
-def _rounded(faps: Array) -> NDArray[np.int32]:
+def _rounded(faps: Array, spans: Sequence[slice]) -> NDArray[np.int32]:
     """Do what :func:`.to_codable` does, on (68, S), only where there is something to round."""
     rounded = np.zeros(faps.shape, np.int32)
-    for span in SPANS:
+    for span in spans:
         values = np.clip(faps[span], LOWEST[span], HIGHEST[span])
         np.rint(values, out=values)
         rounded[span] = values

@@ -89,12 +89,17 @@ class Style:
 
     def gains(self, profile: Profile) -> NDArray[np.float64]:
         """Matrix that turns a path of weights, (T, K), into this style's: ``path @ gains``, (K, K)."""
-        space = profile.space
-        lips = self.articulation * self.lips
-        drop = -space.modes_mm[:, space.points.index("2.1"), 1]
-        targets = np.concatenate([phone.targets for phone in profile.phones.values()])
-        brought = (targets @ drop) @ targets
-        reach = brought @ drop
-        jaws = np.outer(drop, brought / reach) if reach > 0 else np.zeros((len(drop), len(drop)))
-        gains: NDArray[np.float64] = lips * np.eye(len(drop)) + (self.jaw_gain - lips) * jaws
+        jaws, lips = jaw_share(profile), self.articulation * self.lips
+        gains: NDArray[np.float64] = lips * np.eye(len(jaws)) + (self.jaw_gain - lips) * jaws
         return gains
+
+
+def jaw_share(profile: Profile) -> NDArray[np.float64]:
+    """Matrix (K, K) that keeps of a pose, a row of weights, what is the jaw's."""
+    space = profile.space
+    drop = -space.modes_mm[:, space.points.index("2.1"), 1]
+    targets = np.concatenate([phone.targets for phone in profile.phones.values()])
+    brought = (targets @ drop) @ targets
+    reach = brought @ drop
+    jaws: NDArray[np.float64] = np.outer(drop, brought / reach) if reach > 0 else np.zeros((len(drop), len(drop)))
+    return jaws

@@ -1,0 +1,455 @@
+"""One session: a queue of utterances on one stream of phones.
+
+Theory of operation
+-------------------
+A session's time, *stream time*, runs with the engine's; only :class:`.commands.Audio` bends it, by :data:`SLEW` at
+most. Each utterance is settled somewhere on it: its *zero*. From then on its phones go to the session's planner.
+Pausing, seeking and sound that jumps take them away again, let the face come to rest on its way, and put the zero
+elsewhere.
+
+Nothing is done per frame: a session says when it must be woken (:attr:`Session.wake_s`), and every command wakes it.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from math import inf, nextafter
+from typing import Literal
+
+from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, End, Pause, Resume, Seek
+from fapengine.live.engine.life import Life
+from fapengine.live.engine.utterance import StreamClock, Utterance
+from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.trajectory.bank import SessionBank
+from fapengine.trajectory.style import Style
+
+EventKind = Literal["started", "underrun", "late", "concealed", "finished", "cancelled", "error"]
+State = Literal["idle", "waiting", "speaking", "paused"]
+
+SLEW = 0.02
+"""Share by which a session's time may run fast or slow."""
+JUMP_S = 0.08
+"""Sound that is farther off than this is jumped to, not slewed to."""
+JUMP_FADE_S = 0.15
+CONCEAL_S = 0.06
+"""So long before a gap is reached, another phone stands in for the missing one."""
+REMEMBERED = 64
+"""Utterances that are over and whose late repeats are known for what they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What one engine and one session may hold."""
+
+    sessions: int = 1000
+    utterances: int = 32
+    """Of a session, not over."""
+    phones: int = 20_000
+    """Of an utterance."""
+    queued_s: float = 600.0
+    """Of an utterance."""
+    silence_s: float = 2.0
+    """An utterance whose end was not told is over when nothing more comes for so long."""
+    wait_s: float = 30.0
+    """An utterance that never begins is given up when nothing more comes for so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """What happened to an utterance."""
+
+    session: str
+    utterance: int
+    kind: EventKind
+    time_s: float
+    """Engine time."""
+    count: int = 1
+    """Phones, where phones are meant."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """Stateful: what a session has met with."""
+
+    utterances: int = 0
+    finished: int = 0
+    unended: int = 0
+    """Utterances that were over without their end having been told."""
+    cancelled: int = 0
+    """Utterances that were stopped."""
+    late: int = 0
+    """Phones that came after their time had begun to be shown."""
+    dropped: int = 0
+    """Phones that were over when they came."""
+    concealed: int = 0
+    """Missing phones for which another stood in."""
+    lost: int = 0
+    """Phones that had not come when their utterance was over."""
+    revised: int = 0
+    """Phones replaced, or cut short, by later word."""
+    unknown: int = 0
+    """Phones whose label is no IPA."""
+    underruns: int = 0
+    """How often speech stood still for want of phones."""
+    jumps: int = 0
+    """How often the face jumped to where the sound was."""
+    ignored: int = 0
+    """Commands that came to nothing: for utterances that are over, or of a lower revision."""
+    refused: int = 0
+    """Commands beyond a limit."""
+
+
+@dataclass(slots=True, eq=False)
+class Session:
+    """Stateful: see the theory of operation."""
+
+    name: str
+    number: int
+    """In the bank."""
+    bank: SessionBank
+    life: Life
+    limits: Limits
+    style: Style
+    clock: StreamClock
+    emit: Callable[[Event], None]
+    counters: Counters = field(default_factory=Counters)
+    queue: list[Utterance] = field(default_factory=list)
+    over: dict[int, int] = field(default_factory=dict)
+    """Utterance to revision."""
+    is_paused: bool = False
+    wake_s: float = -inf
+    """Engine time at which :meth:`advance` must be called."""
+    slew_left_s: float = 0.0
+    """What the face still lags behind its sound."""
+    cancels: list[tuple[float, Cancel]] = field(default_factory=list)
+    fresh: list[Phone] = field(default_factory=list)
+    """For the planner, at the next frame."""
+    fresh_for: int = -1
+    """Utterance of the last of them."""
+
+    @property
+    def state(self) -> State:
+        """What it is doing."""
+        if self.is_paused:
+            return "paused"
+        if any(one.has_started for one in self.queue):
+            return "speaking"
+        return "waiting" if self.queue else "idle"
+
+    def find(self, number: int) -> Utterance | None:
+        """Find an utterance that is not over."""
+        return next((one for one in self.queue if one.number == number), None)
+
+    # Commands -------------------------------------------------------------------------------------------------------
+
+    def begin(self, command: Begin, now_s: float) -> None:
+        """Open an utterance."""
+        one = self._open(command.utterance, command.revision, now_s)
+        if one is None:
+            return
+        if one.anchor is None:
+            one.anchor, one.at_s = command.anchor, self.clock.stream_s(command.at_s)
+            one.revision = max(one.revision, command.revision)
+        elif command.revision > one.revision:
+            self._revise(one, command.revision, now_s)
+        self._settle(now_s)
+
+    def append(self, command: Append, now_s: float) -> None:
+        """Take phones in."""
+        last = command.first_index + len(command.phones)
+        if command.first_index < 0 or last > self.limits.phones or not command.phones:
+            self.counters.refused += 1
+            return
+        if max(phone.end_s for phone in command.phones) > self.limits.queued_s:
+            self.counters.refused += 1
+            return
+        one = self._open(command.utterance, command.revision, now_s)
+        if one is None:
+            return
+        if command.revision < one.revision:
+            self.counters.ignored += 1
+            return
+        if command.revision > one.revision:
+            self._revise(one, command.revision, now_s)
+        one.latest_s = now_s
+        new = one.add(command)
+        if new:
+            one.is_dry = False
+        if one.anchored:
+            self._feed(one, new, now_s)
+
+    def end(self, command: End, now_s: float) -> None:
+        """Learn that an utterance is whole."""
+        one = self._open(command.utterance, command.revision, now_s)
+        if one is None or command.revision != one.revision or one.phone_count is not None:
+            return
+        if command.phone_count > self.limits.phones or not 0 <= command.duration_s <= self.limits.queued_s:
+            self.counters.refused += 1
+            return
+        one.latest_s = now_s
+        one.limit(command)
+        self._settle(now_s)
+
+    def cancel(self, command: Cancel, now_s: float) -> None:
+        """Stop, now or later."""
+        if command.at_s is not None and command.at_s > now_s:
+            if len(self.cancels) == self.limits.utterances:
+                self.counters.refused += 1
+            elif (command.at_s, command) not in self.cancels:
+                self.cancels.append((command.at_s, command))
+            return
+        stopped = [one for one in self.queue if command.utterance in (None, one.number)]
+        if any(one.anchored for one in stopped):
+            self._silence(now_s, command.fade_s)
+        for one in stopped:
+            self.counters.cancelled += 1
+            self._close(one, "cancelled", now_s)
+        if not self.queue:
+            self.is_paused = False
+        if any(one.anchored for one in stopped):
+            self._replace_rest(now_s, self.clock.stream_s(now_s) + command.fade_s)
+
+    def pause(self, command: Pause, now_s: float) -> None:
+        """Stop where it is."""
+        if self.is_paused or not self.queue:
+            return
+        if any(one.anchored for one in self.queue):
+            self._silence(now_s, command.fade_s)
+        self.is_paused = True
+        for one in self.queue:
+            if one.anchored:
+                one.resume_s = one.position_s(now_s)
+                one.zero_s = None
+
+    def resume(self, _: Resume, now_s: float) -> None:
+        """Go on."""
+        if not self.is_paused:
+            return
+        self.is_paused = False
+        for one in self.queue:
+            if one.resume_s is not None:
+                self._put(one, self.clock.stream_s(now_s) - one.resume_s, now_s)
+        self._settle(now_s)
+
+    def seek(self, command: Seek, now_s: float) -> None:
+        """Go on from elsewhere."""
+        one = self.find(command.utterance)
+        if one is None or (one.resume_s is None and not one.has_started):
+            self.counters.ignored += 1
+        elif one.resume_s is not None:
+            one.resume_s = command.position_s
+        else:
+            self._jump(one, command.position_s, now_s)
+
+    def audio(self, command: Audio, now_s: float) -> None:
+        """Follow the sound."""
+        one = self.find(command.utterance)
+        if one is None:
+            self.counters.ignored += 1
+            return
+        one.latest_s = now_s
+        heard_s = command.position_s + command.rate * (now_s - command.at_s)
+        if command.rate == 0:
+            if one.anchored:
+                self.pause(Pause(), now_s)
+                one.resume_s = heard_s
+        elif not one.anchored:
+            self.is_paused = False
+            self._put(one, self.clock.stream_s(now_s) - heard_s, now_s)
+            self._settle(now_s)
+        else:
+            error_s = heard_s - one.position_s(now_s)
+            if abs(error_s) > JUMP_S:
+                self.counters.jumps += 1
+                self._jump(one, heard_s, now_s)
+            else:
+                self.slew_left_s = error_s
+
+    # Time -----------------------------------------------------------------------------------------------------------
+
+    def advance(self, now_s: float) -> None:
+        """Do what has become due, and find when to be woken again."""
+        for at_s, command in [due for due in self.cancels if due[0] <= now_s]:
+            self.cancels.remove((at_s, command))
+            self.cancel(command, now_s)
+        for one in list(self.queue):
+            if one.anchored:
+                self._advance(one, now_s)
+            elif not self.is_paused and now_s >= one.latest_s + self.limits.wait_s:
+                self._give_up(one, now_s)
+        self._settle(now_s)
+        self.wake_s = min((at_s for at_s, _ in self.cancels), default=inf)
+        for one in self.queue:
+            self.wake_s = min(self.wake_s, self._due_s(one, now_s))
+
+    def slew(self, elapsed_s: float) -> None:
+        """Bend time a little towards the sound."""
+        most_s = SLEW * elapsed_s
+        step_s = min(max(self.slew_left_s, -most_s), most_s)
+        self.slew_left_s -= step_s
+        self.clock.begins_s -= step_s
+        self.bank.retime(self.number, self.clock.begins_s)
+
+    def flush(self, now_s: float) -> None:
+        """Give the planner what has come since the last frame."""
+        if not self.fresh:
+            return
+        counts = self.bank.counts(self.number)
+        before = counts.late + counts.dropped
+        self.bank.feed(self.number, self.fresh)
+        late = counts.late + counts.dropped - before
+        if late:
+            self.emit(Event(self.name, self.fresh_for, "late", now_s, late))
+        self.fresh = []
+
+    def report(self) -> Counters:
+        """Count what the planner has met with too."""
+        counts = self.bank.counts(self.number)
+        for name in ("late", "dropped", "revised", "unknown"):
+            setattr(self.counters, name, getattr(counts, name))
+        return self.counters
+
+    def _advance(self, one: Utterance, now_s: float) -> None:
+        at_s = one.position_s(now_s)
+        if at_s >= 0 and not one.has_started:
+            one.has_started = True
+            self.emit(Event(self.name, one.number, "started", now_s))
+        gap = one.gap() if len(one.phones) != one.next_index else None
+        if gap and gap[0].end_s <= at_s + CONCEAL_S:
+            self._conceal(one, gap[0], gap[1], gap[2], now_s)
+        if one.phone_count is not None:
+            if at_s >= one.end_s:
+                self._finish(one, now_s)
+            return
+        if at_s > one.last_s and one.phones and not one.is_dry:
+            one.is_dry = True
+            self.counters.underruns += 1
+            self.emit(Event(self.name, one.number, "underrun", now_s))
+        if at_s > one.last_s and now_s >= one.latest_s + self.limits.silence_s:
+            self._give_up(one, now_s)
+
+    def _due_s(self, one: Utterance, now_s: float) -> float:
+        """Engine time at which an utterance must be looked at again."""
+        if self.is_paused:
+            return inf
+        if one.zero_s is None:
+            return one.latest_s + self.limits.wait_s
+        due_s = 0.0 if not one.has_started else inf
+        gap = one.gap() if len(one.phones) != one.next_index else None
+        if gap:
+            due_s = min(due_s, gap[0].end_s - CONCEAL_S)
+        if one.phone_count is not None:
+            due_s = min(due_s, one.end_s)
+        elif one.phones and not one.is_dry:
+            due_s = min(due_s, one.last_s + 1e-6)
+        due_s += one.zero_s + self.clock.begins_s
+        if one.phone_count is None:
+            silent_s = one.latest_s + self.limits.silence_s
+            due_s = min(due_s, max(silent_s, one.last_s + one.zero_s + self.clock.begins_s + 1e-6))
+        return max(due_s, nextafter(now_s, inf))
+
+    def _settle(self, now_s: float) -> None:
+        """Give utterances their place as soon as it is known."""
+        if self.is_paused:
+            return
+        before: Utterance | None = None
+        for one in self.queue:
+            if not one.anchored:
+                if one.anchor == "at":
+                    self._put(one, one.at_s, now_s)
+                elif one.anchor == "now" and before is None:
+                    self._put(one, self.clock.stream_s(now_s), now_s)
+                elif one.anchor == "now" and before and before.zero_s is not None and before.phone_count is not None:
+                    self._put(one, max(before.zero_s + before.end_s, self.clock.stream_s(now_s)), now_s)
+            before = one
+
+    def _put(self, one: Utterance, zero_s: float, now_s: float) -> None:
+        one.zero_s, one.resume_s = zero_s, None
+        skips = one.has_started or one.anchor != "at"
+        self._feed(one, one.phones.values(), now_s, self.clock.stream_s(now_s) if skips else 0.0)
+
+    def _feed(self, one: Utterance, phones: Iterable[Phone], now_s: float, from_s: float = 0.0) -> None:
+        shifted = one.in_stream(phones, from_s)
+        self.fresh += shifted
+        self.fresh_for = one.number
+        begins_s = self.clock.begins_s
+        stressed = [(phone.start_s + begins_s, phone) for phone in shifted if phone.stress]
+        if stressed:
+            self.life.stress(self._row, [nod for nod in stressed if nod[0] > now_s])
+
+    @property
+    def _row(self) -> int:
+        return self.bank.row(self.number)
+
+    def _open(self, number: int, revision: int, now_s: float) -> Utterance | None:
+        """Find an utterance, or make it known."""
+        one = self.find(number)
+        if one is not None:
+            return one
+        if revision <= self.over.get(number, -1):
+            self.counters.ignored += 1
+            return None
+        if len(self.queue) == self.limits.utterances:
+            self.counters.refused += 1
+            return None
+        one = Utterance(number, self.clock, revision=revision, latest_s=now_s)
+        self.counters.utterances += 1
+        self.queue.append(one)
+        return one
+
+    def _revise(self, one: Utterance, revision: int, now_s: float) -> None:
+        last_s = one.last_s
+        one.revise(revision, max(one.position_s(now_s), 0.0))
+        if one.zero_s is not None and one.zero_s + last_s > self.clock.stream_s(now_s):
+            start_s = max(self.clock.stream_s(now_s), one.zero_s, 0.0)
+            self.fresh.append(Phone(SILENCE, start_s, one.zero_s + last_s))
+            self.life.hush(self._row, now_s)
+
+    def _conceal(self, one: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
+        one.concealed.update(between)
+        self.counters.concealed += len(between)
+        self.emit(Event(self.name, one.number, "concealed", now_s, len(between)))
+        if not before.is_silence and after.start_s > before.end_s:
+            self._feed(one, [Phone(before.label, before.end_s, after.start_s)], now_s)
+
+    def _silence(self, now_s: float, fade_s: float) -> None:
+        """Take away all that was to be said, and come to rest."""
+        self.flush(now_s)
+        self.bank.cancel(self.number, self.clock.stream_s(now_s), fade_s=fade_s)
+        self.life.hush(self._row, now_s)
+
+    def _jump(self, one: Utterance, position_s: float, now_s: float) -> None:
+        self._silence(now_s, JUMP_FADE_S)
+        self.slew_left_s = 0.0
+        self._put(one, self.clock.stream_s(now_s) - position_s, now_s)
+        self._replace_rest(now_s, one.zero_s or 0.0, beside=one)
+
+    def _replace_rest(self, now_s: float, from_s: float, beside: Utterance | None = None) -> None:
+        """Say the others again, after all was taken away; those that wait for their turn find it anew."""
+        for one in self.queue:
+            if one is beside or one.zero_s is None:
+                continue
+            if one.anchor == "now" and not one.has_started:
+                one.zero_s = None
+            else:
+                self._feed(one, one.phones.values(), now_s, self.clock.stream_s(now_s))
+        first = next((one for one in self.queue if one.zero_s is None), None)
+        if first is not None and first is self.queue[0] and first.anchor == "now" and not self.is_paused:
+            self._put(first, max(from_s, self.clock.stream_s(now_s)), now_s)
+        self._settle(now_s)
+
+    def _finish(self, one: Utterance, now_s: float) -> None:
+        self.counters.lost += sum(stop - start for start, stop in one.missing()) - len(one.concealed)
+        self.counters.finished += 1
+        self._close(one, "finished", now_s)
+
+    def _give_up(self, one: Utterance, now_s: float) -> None:
+        self.counters.unended += 1
+        self._close(one, "finished" if one.has_started else "error", now_s)
+
+    def _close(self, one: Utterance, kind: EventKind, now_s: float) -> None:
+        one.is_over = True
+        self.queue.remove(one)
+        self.over[one.number] = one.revision
+        while len(self.over) > REMEMBERED:
+            del self.over[next(iter(self.over))]
+        self.emit(Event(self.name, one.number, kind, now_s))

@@ -1,0 +1,502 @@
+"""The engine: what faces do when they are told, as their FAPs show it."""
+
+from dataclasses import astuple
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.live.engine.commands import (
+    Append,
+    Audio,
+    Begin,
+    Blink,
+    Cancel,
+    End,
+    Express,
+    Look,
+    Manner,
+    Pause,
+    Resume,
+    Seek,
+    TurnHead,
+)
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Limits
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+RATE_HZ = 50.0
+STILL = Style.still()
+LIPS = [fap.column(4), fap.column(5)]
+SENTENCE = ["m", "a", "p", "a", "l", "i", "f", "u", "b", "a", "s", "t", "o", "m", "i"]
+
+
+def sentence(labels=SENTENCE, each_s=0.1, lead_s=0.3):
+    return tuple(Phone(label, lead_s + n * each_s, lead_s + (n + 1) * each_s) for n, label in enumerate(labels))
+
+
+def engine(style=STILL, seed=1, **limits):
+    made = Engine(PROFILE, rng=np.random.default_rng(seed), style=style, limits=Limits(**limits))
+    made.open("anna", 0.0)
+    return made
+
+
+def say(face, phones, number=1, now_s=0.0, tail_s=0.3, session="anna", **begin):
+    face.apply(session, Begin(number, **begin), now_s)
+    face.apply(session, Append(number, 0, phones), now_s)
+    face.apply(session, End(number, len(phones), phones[-1].end_s + tail_s), now_s)
+
+
+def frames(face, from_s, to_s, row=0):
+    steps = range(round(from_s * RATE_HZ), round(to_s * RATE_HZ))
+    return np.array([face.frame(n / RATE_HZ).faps[row] for n in steps])
+
+
+def kinds(face):
+    return [event.kind for event in face.events()]
+
+
+def opening(faps):
+    """How far the lips are apart, FAPU."""
+    return -faps[..., LIPS].sum(axis=-1)
+
+
+def test_speech_is_what_the_offline_plan_says():
+    face = engine()
+    say(face, sentence())
+    seen = frames(face, 0.0, 2.0)
+    track = PhoneTrack.of(list(sentence()))
+    planned = plan(track, PROFILE, rng=np.random.default_rng(0), rate_hz=RATE_HZ, style=STILL, duration_s=2.0)
+    assert np.abs(seen - planned.track.values).max() <= 1
+    assert seen[:, LIPS].any()
+
+
+def test_events_tell_when_it_speaks_and_state_follows():
+    face = engine()
+    assert face.state("anna") == "idle"
+    say(face, sentence(), at_s=0.5, anchor="at")
+    assert face.state("anna") == "waiting"
+    frames(face, 0.0, 0.6)
+    assert (kinds(face), face.state("anna")) == (["started"], "speaking")
+    frames(face, 0.6, 3.0)
+    assert (kinds(face), face.state("anna")) == (["finished"], "idle")
+    assert face.utterance("anna", 1) is None
+
+
+def test_utterances_queue_up_behind_each_other():
+    face = engine()
+    for number in (1, 2, 3):
+        say(face, sentence(), number=number, tail_s=0.2)
+    one_s = sentence()[-1].end_s + 0.2
+    seen = frames(face, 0.0, 3 * one_s)
+    steps = round(one_s * RATE_HZ)
+    shared = slice(20, steps - 20)
+    assert np.abs(seen[:steps][shared] - seen[steps : 2 * steps][shared]).max() <= 40  # frames fall elsewhere
+    told = [(event.utterance, event.kind) for event in face.events()]
+    assert told == [(1, "started"), (1, "finished"), (2, "started"), (2, "finished"), (3, "started")]
+
+
+def test_a_queued_utterance_waits_until_the_end_of_the_one_before_is_told():
+    face = engine()
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, sentence()), 0.0)
+    say(face, sentence(["o", "u"]), number=2)
+    frames(face, 0.0, 1.0)
+    assert not face.utterance("anna", 2).anchored
+    face.apply("anna", End(1, len(SENTENCE), 1.9), 1.0)
+    assert face.utterance("anna", 2).zero_s == pytest.approx(1.9)
+
+
+def test_repeats_change_nothing():
+    once, often = engine(), engine()
+    say(once, sentence())
+    for now_s in (0.0, 0.02, 0.3):
+        say(often, sentence())
+        np.testing.assert_array_equal(frames(once, now_s, now_s + 0.02), frames(often, now_s, now_s + 0.02))
+    np.testing.assert_array_equal(frames(once, 0.4, 3.0), frames(often, 0.4, 3.0))
+    say(often, sentence(), now_s=3.0)  # over and known to be
+    assert often.state("anna") == "idle"
+    assert often.counters("anna").ignored == 3
+    assert often.counters("anna").utterances == 1
+
+
+def test_chunks_in_any_order_even_before_their_beginning():
+    straight, mixed = engine(), engine()
+    phones = sentence()
+    say(straight, phones)
+    mixed.apply("anna", Append(1, 6, phones[6:]), 0.0)
+    mixed.apply("anna", End(1, len(phones), phones[-1].end_s + 0.3), 0.0)
+    mixed.apply("anna", Append(1, 2, phones[2:8]), 0.0)
+    assert mixed.utterance("anna", 1).missing() == [(0, 2)]
+    assert mixed.utterance("anna", 1).bitmap64 == sum(1 << n for n in range(1, 14))
+    mixed.apply("anna", Begin(1), 0.0)
+    mixed.apply("anna", Append(1, 0, phones[:2]), 0.0)
+    assert mixed.utterance("anna", 1).is_complete
+    np.testing.assert_array_equal(frames(straight, 0.0, 2.2), frames(mixed, 0.0, 2.2))
+
+
+def test_cancel_closes_the_mouth_and_is_idempotent():
+    face = engine()
+    say(face, sentence(["a"] * 12))
+    say(face, sentence(["a"] * 12), number=2)
+    assert opening(frames(face, 0.0, 0.7)[-1]) > 100
+    for _ in range(3):
+        face.apply("anna", Cancel(fade_s=0.1), 0.7)
+    assert kinds(face) == ["started", "cancelled", "cancelled"]
+    assert not frames(face, 0.7, 2.0)[8:].any()
+    assert face.counters("anna").cancelled == 2
+    assert face.state("anna") == "idle"
+
+
+def test_cancel_of_one_lets_the_next_begin():
+    face = engine()
+    say(face, sentence(["a"] * 12))
+    say(face, sentence(["a"] * 12, lead_s=0.1), number=2)
+    frames(face, 0.0, 0.7)
+    face.apply("anna", Cancel(1, fade_s=0.1), 0.7)
+    assert face.utterance("anna", 2).zero_s == pytest.approx(0.8)
+    seen = opening(frames(face, 0.7, 3.0))
+    assert seen[:8].min() < 0.3 * seen[0]
+    assert seen[8:].max() > 100
+    assert face.state("anna") == "idle"
+
+
+def test_cancel_at_a_time_waits_for_it():
+    face = engine()
+    say(face, sentence(["a"] * 12))
+    face.apply("anna", Cancel(at_s=0.9), 0.0)
+    face.apply("anna", Cancel(at_s=0.9), 0.0)
+    seen = opening(frames(face, 0.0, 2.0))
+    assert seen[44] > 100
+    assert not seen[58:].any()
+    assert face.counters("anna").cancelled == 1
+
+
+def test_pause_rests_and_resume_goes_on_where_it_was():
+    face, other = engine(), engine()
+    for each in (face, other):
+        say(each, sentence(["a", "m"] * 8))
+    frames(face, 0.0, 0.7)
+    frames(other, 0.0, 3.0)
+    face.apply("anna", Pause(), 0.7)
+    assert face.state("anna") == "paused"
+    assert not frames(face, 0.7, 2.0)[12:].any()
+    face.apply("anna", Resume(), 2.0)
+    assert face.utterance("anna", 1).position_s(2.0) == pytest.approx(0.7)
+    seen = frames(face, 2.0, 3.6)
+    again = engine()
+    say(again, sentence(["a", "m"] * 8))
+    smooth = frames(again, 0.0, 2.3)
+    assert np.abs(seen[30:] - smooth[65:115]).max() <= 1  # behind the fade, and three phones on, the same
+    assert face.counters("anna").late == 0
+
+
+def test_seek_goes_elsewhere():
+    face, other = engine(), engine()
+    for each in (face, other):
+        say(each, sentence(["a", "m"] * 8))
+    frames(face, 0.0, 0.7)
+    face.apply("anna", Seek(1, 1.1), 0.7)
+    seen = frames(face, 0.7, 1.5)
+    straight = frames(other, 0.0, 2.2)
+    assert np.abs(seen[30:40] - straight[85:95]).max() <= 1
+    assert not face.counters("anna").dropped
+
+
+def test_an_utterance_waits_for_its_sound():
+    face = engine()
+    say(face, sentence(), anchor="audio")
+    assert not frames(face, 0.0, 1.0).any()
+    face.apply("anna", Audio(1, at_s=0.95, position_s=0.0), 1.0)
+    assert face.utterance("anna", 1).position_s(1.0) == pytest.approx(0.05)
+    assert frames(face, 1.0, 2.5).any()
+
+
+def test_the_face_follows_a_sound_that_runs_slow_and_never_jumps():
+    face, skew = engine(), 1.0 - 2e-3
+    say(face, sentence(["a", "m"] * 60))
+    errors = []
+    for n in range(400):
+        now_s = n / RATE_HZ
+        if n % 10 == 0:
+            face.apply("anna", Audio(1, now_s, skew * now_s), now_s)
+        face.frame(now_s)
+        errors.append(face.utterance("anna", 1).position_s(now_s) - skew * now_s)
+    assert np.abs(errors).max() < 1e-3
+    assert face.counters("anna").jumps == 0
+
+
+def test_the_face_jumps_to_a_sound_that_is_far_off_and_stands_with_it():
+    face = engine()
+    say(face, sentence(["a", "m"] * 20))
+    frames(face, 0.0, 0.5)
+    face.apply("anna", Audio(1, 0.5, 0.9), 0.5)
+    assert face.utterance("anna", 1).position_s(0.5) == pytest.approx(0.9)
+    assert face.counters("anna").jumps == 1
+    frames(face, 0.5, 1.0)
+    face.apply("anna", Audio(1, 1.0, 1.4, rate=0.0), 1.0)
+    assert face.state("anna") == "paused"
+    assert not frames(face, 1.0, 2.0)[12:].any()
+    face.apply("anna", Audio(1, 2.0, 1.4), 2.0)
+    assert face.utterance("anna", 1).position_s(2.0) == pytest.approx(1.4)
+
+
+def test_a_revision_replaces_what_is_still_to_come():
+    face = engine()
+    say(face, sentence(["a"] * 12))
+    frames(face, 0.0, 0.7)
+    face.apply("anna", Append(1, 4, tuple(Phone("m", 0.7 + n / 10, 0.8 + n / 10) for n in range(4)), revision=1), 0.7)
+    assert opening(frames(face, 0.7, 1.1))[5:].max() < 100
+    face.apply("anna", End(1, 8, 1.1, revision=1), 1.1)
+    face.apply("anna", Append(1, 4, sentence(["a"] * 12)[4:]), 1.1)
+    assert face.counters("anna").ignored == 1
+    frames(face, 1.1, 2.0)
+    assert kinds(face)[-1] == "finished"
+
+
+def test_a_missing_phone_is_concealed_and_a_late_one_counted():
+    face = engine()
+    phones = sentence(["a", "o", "m", "a", "a"])
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, phones[:2]), 0.0)
+    face.apply("anna", Append(1, 3, phones[3:]), 0.0)
+    seen = opening(frames(face, 0.0, 0.6))
+    assert seen[-4:].min() > 30  # o went on where m was missing
+    assert kinds(face) == ["started", "concealed"]
+    face.apply("anna", Append(1, 2, phones[2:3]), 0.59)
+    frames(face, 0.6, 0.75)
+    assert (kinds(face), face.counters("anna").late) == (["late"], 1)
+
+
+def test_speech_that_stops_coming_is_an_underrun_and_ends_by_itself():
+    face = engine()
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, sentence(["a"] * 4)), 0.0)
+    seen = opening(frames(face, 0.0, 4.0))
+    assert kinds(face) == ["started", "underrun", "finished"]
+    assert not seen[60:].any()
+    assert (face.counters("anna").underruns, face.counters("anna").unended) == (1, 1)
+    face.apply("anna", Append(2, 0, sentence(["a"])), 4.0)  # its beginning never comes
+    frames(face, 4.0, 40.0)
+    assert kinds(face) == ["error"]
+
+
+def test_phones_lost_for_good_are_counted():
+    face = engine()
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, sentence(["a"] * 4)), 0.0)
+    face.apply("anna", End(1, 6, 1.0), 0.0)
+    frames(face, 0.0, 2.0)
+    assert face.counters("anna").lost == 2
+
+
+def test_expressions_come_hold_and_go_in_a_smooth_curve():
+    face = engine()
+    face.apply("anna", Express(Expression.JOY, 0.8, at_s=0.5, attack_s=0.3, hold_s=0.4, release_s=0.3), 0.0)
+    seen = frames(face, 0.0, 2.0)
+    smile = seen[:, fap.column(12)]
+    assert not seen[:25].any()
+    assert not seen[77:].any()
+    assert smile[42:59].min() == smile.max() > 20
+    moods = {Expression.JOY: 0.8}
+    held = plan(
+        PhoneTrack.of([Phone("_", 0.0, 3.0)]), PROFILE, rng=np.random.default_rng(0), expressions=moods, style=STILL
+    )
+    assert np.abs(held.track.values[45] - seen[50]).max() <= 1
+
+
+def test_an_expression_takes_over_from_where_the_last_one_is():
+    face = engine()
+    face.apply("anna", Express(Expression.ANGER, 1.0), 0.0)
+    frames(face, 0.0, 0.2)
+    face.apply("anna", Express(Expression.ANGER, 0.0, attack_s=0.4), 0.2)
+    seen = frames(face, 0.2, 1.0)[:, fap.column(31)].astype(float)
+    assert abs(seen[0]) > 5
+    assert seen[-1] == 0
+    assert np.abs(np.diff(seen, 2)).max() < 12
+
+
+def test_looks_turns_and_blinks_reach_their_faps():
+    face = engine()
+    face.apply("anna", Look(0.2, -0.1), 0.0)
+    face.apply("anna", TurnHead(0.05, -0.1, 0.02, over_s=0.2), 0.0)
+    face.apply("anna", Blink(), 0.0)
+    seen = frames(face, 0.0, 0.6)
+    rad = seen[-1] * AU_RAD
+    for number, angle_rad in ((23, 0.2), (24, 0.2), (25, -0.1), (26, -0.1), (48, 0.05), (49, -0.1), (50, 0.02)):
+        assert rad[fap.column(number)] == pytest.approx(angle_rad, abs=2e-5), number
+    assert seen[:, fap.column(19)].max() > 900
+    assert seen[-1, fap.column(19)] == 0
+
+
+def test_a_lively_face_blinks_sways_and_glances_and_each_is_its_own():
+    face = engine(Style())
+    face.open("bert", 0.0)
+    seen = np.array([face.frame(n / RATE_HZ).faps for n in range(1500)])
+    lids = seen[:, :, fap.column(19)]
+    blinks = (np.diff((lids > 800).astype(int), axis=0) > 0).sum(axis=0)
+    assert ((blinks >= 3) & (blinks <= 14)).all()
+    for number in (48, 49, 50, 23, 25, 31):
+        assert seen[:, :, fap.column(number)].std(axis=0).min() > 1, number
+    assert np.abs(seen[:, 0] - seen[:, 1]).max() > 100
+    assert np.abs(seen[0]).max() <= 1
+    again = engine(Style())
+    again.open("bert", 0.0)
+    np.testing.assert_array_equal(seen[:200], [again.frame(n / RATE_HZ).faps for n in range(200)])
+
+
+def test_stress_nods_and_raises_the_brows():
+    face = engine(Style(blinks=False, head_motion=False, gaze=False, idle=False))
+    say(face, (Phone("a", 0.5, 0.7, 1), Phone("n", 0.7, 0.9)))
+    assert frames(face, 0.0, 2.0)[:, fap.column(31)].max() > 30
+
+
+def test_manner_changes_a_session_smoothly_and_no_other():
+    face = engine()
+    face.open("bert", 0.0)
+    for name in ("anna", "bert"):
+        say(face, sentence(["a"] * 30), session=name)
+    frames(face, 0.0, 0.8)
+    face.apply("anna", Manner("jaw", 0.0), 0.8)
+    face.apply("anna", Manner("lips", 0.0), 0.8)
+    seen = np.array([face.frame(n / RATE_HZ).faps for n in range(40, 80)])
+    assert not seen[-1, 0].any()
+    assert opening(seen[-1, 1]) > 100
+    assert np.abs(np.diff(seen[:, 0], axis=0)).max() < 80
+    assert face.style("anna").jaw == 0
+
+
+def test_generators_are_switched():
+    face = engine(Style())
+    for setting in ("blinks", "head_motion", "gaze", "idle", "emphasis"):
+        face.apply("anna", Manner(setting, 0), 0.0)
+    assert not frames(face, 0.0, 8.0)[50:].any()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Express(Expression.JOY, 3.0), Express(Expression.JOY, float("nan")), Express(Expression.NEUTRAL),
+        Look(2.0, 0.0), TurnHead(0.0, float("nan"), 0.0), Manner("colour", 1.0), Manner("jaw", 99.0),
+        Append(1, -1, sentence()), Append(1, 19_990, sentence()), Append(1, 0, ()),
+        Append(1, 0, (Phone("a", 0.0, 601.0),)), End(1, 10**6, 1.0), End(1, 1, inf),
+    ],
+)  # fmt: skip
+def test_what_is_out_of_range_is_refused_and_counted(command):
+    face = engine()
+    face.apply("anna", command, 0.0)
+    face.frame(0.0)
+    assert face.counters("anna").refused == 1
+
+
+@pytest.mark.parametrize("command", [Seek(7, 1.0), Audio(7, 0.0, 0.0)])
+def test_commands_for_unknown_utterances_are_ignored_and_counted(command):
+    face = engine()
+    face.apply("anna", command, 0.0)
+    assert face.counters("anna").ignored == 1
+
+
+def test_limits_hold():
+    face = engine(sessions=2, utterances=3)
+    face.open("bert", 0.0)
+    with pytest.raises(UsageError, match="limit of 2"):
+        face.open("carl", 0.0)
+    for number in range(5):
+        say(face, sentence(), number=number)
+    assert face.counters("anna").refused == 6
+    for n in range(5):
+        face.apply("anna", Cancel(at_s=10.0 + n), 0.0)
+    assert face.counters("anna").refused == 8
+
+
+def test_refuses():
+    face = engine()
+    with pytest.raises(UsageError, match="open already"):
+        face.open("anna", 0.0)
+    for act in (face.state, face.counters, face.style, lambda name: face.close(name, 0.0)):
+        with pytest.raises(UsageError, match="not open"):
+            act("zoe")
+    with pytest.raises(UsageError, match="not open"):
+        face.apply("zoe", Blink(), 0.0)
+    with pytest.raises(UsageError, match="not open"):
+        face.utterance("zoe", 1)
+    face.frame(1.0)
+    with pytest.raises(UsageError, match="rising"):
+        face.frame(0.5)
+
+
+def test_rows_stay_with_their_sessions_when_others_close():
+    face = engine()
+    for name in "bcd":
+        face.open(name, 0.0)
+    say(face, sentence(["a"] * 20), session="d")
+    face.apply("c", Express(Expression.JOY), 0.0)
+    frames(face, 0.0, 0.5)
+    face.close("anna", 0.5)
+    assert "anna" not in face
+    frame = face.frame(0.8)
+    assert sorted(frame.sessions) == ["b", "c", "d"]
+    shown = dict(zip(frame.sessions, frame.faps, strict=True))
+    assert opening(shown["d"]) > 100
+    assert shown["c"][fap.column(12)] > 20
+    assert not shown["b"].any()
+    assert len(face) == 3
+
+
+COMMANDS = st.one_of(
+    st.builds(Begin, st.integers(0, 3), st.sampled_from(["now", "at", "audio"]), st.floats(0, 4), st.integers(0, 2)),
+    st.builds(
+        lambda number, first, labels, revision: Append(
+            number,
+            first,
+            tuple(Phone(each, (first + n) / 10, (first + n + 1) / 10) for n, each in enumerate(labels)),
+            revision,
+        ),
+        st.integers(0, 3),
+        st.integers(0, 9),
+        st.lists(st.sampled_from(["a", "m", "_", "f", "?"]), min_size=1, max_size=5),
+        st.integers(0, 2),
+    ),
+    st.builds(End, st.integers(0, 3), st.integers(0, 12), st.floats(0, 1.5), st.integers(0, 2)),
+    st.builds(Cancel, st.none() | st.integers(0, 3), st.none() | st.floats(0, 5), st.just(0.1)),
+    st.just(Pause()),
+    st.just(Resume()),
+    st.builds(Seek, st.integers(0, 3), st.floats(-1, 3)),
+    st.builds(Audio, st.integers(0, 3), st.floats(0, 5), st.floats(-1, 3), st.sampled_from([0.0, 1.0])),
+    st.builds(Express, st.sampled_from(list(Expression)[1:]), st.floats(0, 2), st.none() | st.floats(0, 5)),
+)
+
+
+@given(st.lists(st.tuples(COMMANDS, st.integers(0, 12)), max_size=25))
+@settings(max_examples=150, deadline=None)
+def test_whatever_is_told_the_face_moves_smoothly_and_comes_to_rest(script):
+    face, step = engine(), 0
+    seen = [face.frame(0.0).faps[0]]
+    for command, wait in script:
+        face.apply("anna", command, step / RATE_HZ)
+        for _ in range(wait):
+            step += 1
+            seen.append(face.frame(step / RATE_HZ).faps[0])
+    face.apply("anna", Cancel(), step / RATE_HZ)
+    for expression in list(Expression)[1:]:
+        face.apply("anna", Express(expression, 0.0), step / RATE_HZ)
+    for _ in range(40):
+        step += 1
+        seen.append(face.frame(step / RATE_HZ).faps[0])
+    assert not seen[-1].any()
+    assert face.state("anna") == "idle"
+    assert np.abs(np.diff(np.array(seen)[:, LIPS], axis=0)).max() < 700  # no lip leaps across the mouth in a frame
+    counters = face.counters("anna")
+    assert counters.utterances == counters.finished + counters.unended + counters.cancelled
+    assert min(astuple(counters)) >= 0
