@@ -12,7 +12,7 @@ A bilabial that comes too late for its time still closes the lips, as soon as th
 face goes to rest behind the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -160,18 +160,15 @@ class StreamingPlanner:
         self._replan(edge, FADE_S)
 
     def _place(self, phone: Phone) -> None:
-        kept = []
-        for old in self._phones:
-            apart = old.end_s <= phone.start_s + SAME_S or old.start_s >= phone.end_s - SAME_S
-            if apart:
-                kept.append(old)
-                continue
-            self.counts.revised += old != phone
-            if old.start_s < phone.start_s - SAME_S:
-                kept.append(Phone(old.label, old.start_s, phone.start_s, old.stress, old.word))
-        if not phone.is_silence:
-            kept.append(phone)
-        self._phones = sorted(kept, key=lambda one: one.start_s)
+        first = bisect_right(self._phones, phone.start_s + SAME_S, key=lambda one: one.end_s)
+        behind = max(bisect_left(self._phones, phone.end_s - SAME_S, key=lambda one: one.start_s), first)
+        overlapped = self._phones[first:behind]
+        self.counts.revised += sum(old != phone for old in overlapped)
+        placed = [] if phone.is_silence else [phone]
+        if overlapped and overlapped[0].start_s < phone.start_s - SAME_S:
+            cut = overlapped[0]
+            placed.insert(0, Phone(cut.label, cut.start_s, phone.start_s, cut.stress, cut.word))
+        self._phones[first:behind] = placed
 
     def _close_late(self, phone: Phone, edge: float) -> None:
         """Close the lips for a bilabial whose time is over, if it is not long over."""
