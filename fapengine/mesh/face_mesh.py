@@ -123,6 +123,12 @@ class FaceMesh:
     """(2, 3) float64: centres of the left and the right eyeball."""
     fapu: Fapu
     basis: DeformationBasis
+    texture: NDArray[np.uint8] | None = None
+    """(H, W, 3 or 4) uint8, sRGB: multiplied with ``albedo`` at ``uv``; None is white everywhere.
+
+    Row 0 lies at v = 0, column 0 at u = 0. The fourth component, if any, is how much is there: less than half of 255 is
+    a hole (a card of hair, a lash). Eyes (:attr:`Material.EYE`) are drawn without it.
+    """
 
     def __post_init__(self) -> None:
         count = len(np.asarray(self.vertices_mm))
@@ -142,6 +148,10 @@ class FaceMesh:
             ("eye_pivots_mm", (2, 3), np.float64),
         ):
             object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
+        if self.texture is not None:
+            object.__setattr__(self, "texture", frozen(self.texture, "texture", ("H", "W", "C"), np.uint8))
+            if self.texture.size == 0 or self.texture.shape[2] not in (3, 4):
+                raise UsageError(f"texture: got shape {self.texture.shape}, expected (H, W, 3) or (H, W, 4)")
         object.__setattr__(self, "feature_points", MappingProxyType(dict(self.feature_points)))
         unknown = set(self.feature_points) - set(FEATURE_POINT_NAMES)
         if unknown:
