@@ -285,6 +285,16 @@ class SessionBank:
             raise UsageError(f"begins_s: got {begins_s}, expected a time")
         self._rows.begins_s[self.row(session)] = begins_s
 
+    def planned(self, session: int) -> Sequence[Phone]:
+        """Phones that a session's plan goes through, from a little before its last frame on, in its time.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        return self._planners[self.row(session)].phones
+
     def counts(self, session: int) -> Counts:
         """Tell what was not as it should be.
 

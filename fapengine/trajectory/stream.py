@@ -230,6 +230,11 @@ class StreamingPlanner:
         self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
 
     @property
+    def phones(self) -> Sequence[Phone]:
+        """Phones of the plan, in time order; silences and what is long over are left out."""
+        return self._phones
+
+    @property
     def holds(self) -> list[Hold]:
         """While the lips stay shut, as known so far, in any order."""
         return [*self._holds.values(), *self._kept_holds]

@@ -20,6 +20,7 @@ from fapengine.live.engine.life import Life
 from fapengine.live.engine.utterance import StreamClock, Utterance
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory.bank import SessionBank
+from fapengine.trajectory.stream import AHEAD_PHONES
 from fapengine.trajectory.style import Style
 
 EventKind = Literal["started", "underrun", "late", "concealed", "finished", "cancelled", "error"]
@@ -30,6 +31,7 @@ SLEW = 0.02
 JUMP_S = 0.08
 """Sound that is farther off than this is jumped to, not slewed to."""
 JUMP_FADE_S = 0.15
+PLAN_EARLY_S = 0.1
 CONCEAL_S = 0.06
 """So long before a gap is reached, another phone stands in for the missing one."""
 REMEMBERED = 64
@@ -290,8 +292,12 @@ class Session:
         self.bank.retime(self.number, self.clock.begins_s)
 
     def flush(self, now_s: float) -> None:
-        """Give the planner what has come since the last frame."""
+        """Give the planner what has come since it was last given something, if it matters by now."""
         if not self.fresh:
+            return
+        due_s = self._plan_by_s()
+        if now_s < due_s:
+            self.wake_s = min(self.wake_s, due_s)
             return
         counts = self.bank.counts(self.number)
         before = counts.late + counts.dropped
@@ -300,6 +306,13 @@ class Session:
         if late:
             self.emit(Event(self.name, self.fresh_for, "late", now_s, late))
         self.fresh = []
+
+    def _plan_by_s(self) -> float:
+        """Engine time from which on fresh phones may show: what is far ahead is planned later, together with more."""
+        planned = self.bank.planned(self.number)
+        if len(planned) <= AHEAD_PHONES or min(phone.start_s for phone in self.fresh) < planned[-1].end_s:
+            return -inf
+        return planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S
 
     def report(self) -> Counters:
         """Count what the planner has met with too."""
@@ -413,7 +426,7 @@ class Session:
 
     def _silence(self, now_s: float, fade_s: float) -> None:
         """Take away all that was to be said, and come to rest."""
-        self.flush(now_s)
+        self.fresh = []
         self.bank.cancel(self.number, self.clock.stream_s(now_s), fade_s=fade_s)
         self.life.hush(self._row, now_s)
 

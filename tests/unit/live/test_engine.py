@@ -82,6 +82,27 @@ def test_speech_is_what_the_offline_plan_says():
     assert seen[:, LIPS].any()
 
 
+@pytest.mark.parametrize(("ahead_s", "most"), [(0.7, 40), (2.0, 8)])
+def test_chunks_that_come_early_are_planned_together_and_show_the_same(monkeypatch, ahead_s, most):
+    whole, chunks = engine(), engine()
+    phones = sentence(SENTENCE * 5, each_s=0.08)
+    say(whole, phones)
+    fed = []
+    monkeypatch.setattr(
+        chunks._bank, "feed", lambda *args: fed.append(args) or type(chunks._bank).feed(chunks._bank, *args)
+    )
+    chunks.apply("anna", Begin(1), 0.0)
+    sent = 0
+    for n in range(330):
+        now_s = n / RATE_HZ
+        while sent < len(phones) and phones[sent].start_s < now_s + ahead_s:
+            chunks.apply("anna", Append(1, sent, phones[sent : sent + 2]), now_s)
+            sent += 2
+        assert np.abs(chunks.frame(now_s).faps - whole.frame(now_s).faps).max() <= 1, now_s
+    assert 3 < len(fed) <= most
+    assert not chunks.counters("anna").late
+
+
 def test_events_tell_when_it_speaks_and_state_follows():
     face = engine()
     assert face.state("anna") == "idle"
