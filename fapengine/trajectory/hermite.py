@@ -11,12 +11,16 @@ Where keys stand at uneven distances the parabola's velocity is limited: alone i
 longer of its two segments than its three keys range. That bounds the overshoot (:data:`OVERSHOOT`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", float, Array)
+Three = tuple[Number, Number, Number]
 
 FARTHEST = 1.0, 3.0
 """Velocity times, and acceleration times the square of, the longer segment: at most so many ranges of the three keys.
@@ -109,27 +113,31 @@ def jet(times_s: Array, values: Array, at_s: Array) -> Jet:
     return Path.through(times_s, values).jet(at_s)
 
 
-def quintic(length_s: Array, first: Jet, last: Jet) -> tuple[Array, Array, Array, Array, Array, Array]:
+def quintic(length_s: Number, first: Three[Number], last: Three[Number]) -> tuple[Number, ...]:
     """Coefficients of ``1, s, .. s^5`` of the quintic from ``first`` to ``last``; ``s`` is 1 after ``length_s``."""
     leave = (first[0], first[1] * length_s, first[2] * length_s**2)
     reach = (last[0], last[1] * length_s, last[2] * length_s**2)
     rest = reach[0] - leave[0] - leave[1] - leave[2] / 2  # what the three upper coefficients must make up for at s = 1
     slope = reach[1] - leave[1] - leave[2]
     bend = reach[2] - leave[2]
-    c3: Array = 10 * rest - 4 * slope + bend / 2
-    c4: Array = -15 * rest + 7 * slope - bend
-    c5: Array = 6 * rest - 3 * slope + bend / 2
+    c3 = 10 * rest - 4 * slope + bend / 2
+    c4 = -15 * rest + 7 * slope - bend
+    c5 = 6 * rest - 3 * slope + bend / 2
     return leave[0], leave[1], leave[2] / 2, c3, c4, c5
+
+
+def jet_of(coefficients: Sequence[Number], s: Number, length_s: Number) -> Three[Number]:
+    """Value, velocity and acceleration of what :func:`quintic` found, at ``s`` of its length."""
+    c0, c1, c2, c3, c4, c5 = coefficients
+    value = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+    velocity = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
+    acceleration = 2 * c2 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
+    return value, velocity / length_s, acceleration / length_s**2
 
 
 def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
     """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s`` after its start."""
-    s = since_s / length_s
-    c0, c1, c2, c3, c4, c5 = quintic(length_s, first, last)
-    value: Array = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
-    velocity: Array = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
-    acceleration: Array = 2 * c2 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
-    return value, velocity / length_s, acceleration / length_s**2
+    return jet_of(quintic(length_s, first, last), since_s / length_s, length_s)
 
 
 def moment(since_s: float, length_s: float) -> Array:

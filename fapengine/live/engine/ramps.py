@@ -96,12 +96,11 @@ class Ramps:
         while wishes and wishes[0].at_s <= now_s:
             wish = wishes.pop(0)
             channel = wish.channel
-            since_s = wish.at_s - self._from_s[channel, row]
-            length_s = 1.0 / self._rate[channel, row]
-            first = _jet(self._quintic[:, channel, row], float(min(max(since_s / length_s, 0.0), 1.0)), length_s)
-            zero = np.zeros(1)
-            found = hermite.quintic(np.array([wish.over_s]), first, (np.array([wish.goal]), zero, zero))
-            self._quintic[:, channel, row] = np.concatenate(found)
+            length_s = 1.0 / float(self._rate[channel, row])
+            since_s = wish.at_s - float(self._from_s[channel, row])
+            s = min(max(since_s / length_s, 0.0), 1.0)
+            first = hermite.jet_of(self._quintic[:, channel, row].tolist(), s, length_s)
+            self._quintic[:, channel, row] = hermite.quintic(wish.over_s, first, (wish.goal, 0.0, 0.0))
             self._from_s[channel, row], self._rate[channel, row] = wish.at_s, 1.0 / wish.over_s
         self._due_s[row] = wishes[0].at_s if wishes else np.inf
 
@@ -111,13 +110,3 @@ class Ramps:
         self._from_s = np.pad(self._from_s, ((0, 0), (0, more)))
         self._rate = np.pad(self._rate, ((0, 0), (0, more)), constant_values=1.0)
         self._quintic = np.pad(self._quintic, ((0, 0), (0, 0), (0, more)))
-
-
-def _jet(quintic: Array, s: float, length_s: float) -> hermite.Jet:
-    """Value, velocity and acceleration at ``s`` of a ramp, (1,) each."""
-    powers = s ** np.arange(6.0)
-    every = np.arange(6.0)
-    value = quintic @ powers
-    velocity = (quintic[1:] * every[1:]) @ powers[:5] / length_s
-    acceleration = (quintic[2:] * every[2:] * every[1:5]) @ powers[:4] / length_s**2
-    return np.array([value]), np.array([velocity]), np.array([acceleration])
