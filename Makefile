@@ -56,7 +56,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[voice,fast,lab,live]"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,fast,lab,live,window]"
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready
