@@ -42,7 +42,7 @@ class OneFace:
     write : callable
         Frame number, time in s and FAPs (68,) to datagrams.
     session : str, optional
-        None: the one that has been open longest, until it closes.
+        None: the first there is, until it closes.
     """
 
     def __init__(self, write: Callable[[int, float, Faps], list[bytes]], session: str | None = None) -> None:

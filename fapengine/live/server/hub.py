@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.session import Event
 from fapengine.live.server.pacer import FramePacer
 from fapengine.live.server.watched import LiveEngine, WatchedEngine
+from fapengine.mpeg4 import fap
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, EspeakVoice
 from fapengine.voices.protocol import Speech
 
@@ -112,7 +114,7 @@ class _Listeners:
 
     frames: dict[int, Callable[[HubFrames], None]] = field(default_factory=dict)
     frame: dict[str, dict[int, Callable[[HubFrame], None]]] = field(default_factory=dict)
-    event: dict[int, tuple[str | None, Callable[[Any], None]]] = field(default_factory=dict)
+    event: dict[int, tuple[str | None, Callable[[Event], None]]] = field(default_factory=dict)
     command: dict[int, tuple[str | None, Callable[[str, Command, float], None]]] = field(default_factory=dict)
     speech: dict[int, tuple[str | None, bool, Callable[[Spoken], None]]] = field(default_factory=dict)
 
@@ -151,6 +153,7 @@ class Hub:
         self._utterances = count(FIRST_UTTERANCE)
         self._holders: dict[str, int] = {}
         self._unheard: list[_Unheard] = []
+        self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
         self.engine.event_listeners.append(self._tell_event)
         self.engine.command_listeners.append(self._tell_command)
@@ -193,6 +196,29 @@ class Hub:
         """
         self.engine.apply(session, command, self.clock())
 
+    def pin(self, session: str, number: int, value: int | None) -> None:
+        """Hold FAP ``number`` of a session at a value in FAPU, whatever the engine says; None lets it go.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or there is no such FAP.
+        """
+        if session not in self.engine:
+            raise UsageError(f"session: got {session!r}, expected one of {', '.join(self.engine.sessions) or 'none'}")
+        column = fap.column(number)
+        pins = self._pins.setdefault(session, {})
+        if value is None:
+            pins.pop(column, None)
+        else:
+            pins[column] = value
+        if not pins:
+            del self._pins[session]
+
+    def pinned(self, session: str) -> dict[int, int]:
+        """FAP number to the value at which it is held."""
+        return {column + 1: value for column, value in self._pins.get(session, {}).items()}
+
     # Listeners
 
     def subscribe(self, session: str, on_frame: Callable[[HubFrame], None]) -> Unsubscribe:
@@ -212,7 +238,7 @@ class Hub:
         """Have every frame of all sessions, in one call a tick."""
         return self._add(self._listeners.frames, on_frames)
 
-    def on_event(self, session: str | None, listener: Callable[[Any], None]) -> Unsubscribe:
+    def on_event(self, session: str | None, listener: Callable[[Event], None]) -> Unsubscribe:
         """Hear what becomes of the utterances of a session, or of all: ``fapengine.live.engine`` Events."""
         return self._add(self._listeners.event, (session, listener))
 
@@ -302,7 +328,9 @@ class Hub:
             self._close_idle(now_s)
         shown = self.engine.frame(now_s)
         self.engine.collect()
-        frames = HubFrames(self.counts.frames if number is None else number, now_s, tuple(shown.sessions), shown.faps)
+        sessions = tuple(shown.sessions)
+        faps = self._with_pins(sessions, shown.faps) if self._pins else shown.faps
+        frames = HubFrames(self.counts.frames if number is None else number, now_s, sessions, faps)
         self.counts.frames += 1
         for key, listener in tuple(self._listeners.frames.items()):
             self._call(self._listeners.frames, key, listener, frames)
@@ -350,6 +378,16 @@ class Hub:
                 self.counts.idle_closed += 1
                 self.engine.close(session, now_s)
 
+    def _with_pins(self, sessions: tuple[str, ...], faps: NDArray[np.int32]) -> NDArray[np.int32]:
+        held = faps.copy()
+        for session in tuple(self._pins):
+            if session in sessions:
+                pins = self._pins[session]
+                held[sessions.index(session), list(pins)] = list(pins.values())
+            else:
+                del self._pins[session]  # it is closed
+        return held
+
     def _tell_each(self, frames: HubFrames) -> None:
         rows = {session: row for row, session in enumerate(frames.sessions)}
         for session, listeners in tuple(self._listeners.frame.items()):
@@ -359,7 +397,7 @@ class Hub:
                 for key, listener in tuple(listeners.items()):
                     self._call(listeners, key, listener, frame)
 
-    def _tell_event(self, event: Any) -> None:
+    def _tell_event(self, event: Event) -> None:
         for key, (session, listener) in tuple(self._listeners.event.items()):
             if session in (None, event.session):
                 self._call(self._listeners.event, key, listener, event)

@@ -4,13 +4,17 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Command
+from fapengine.live.engine.engine import EngineFrame
+from fapengine.live.engine.session import Event, State
+from fapengine.live.fap_osc import MAX_SESSION_BYTES
 
 MOST_EVENTS = 4096
 """Kept for a reader that does not come."""
 
 OnCommand = Callable[[str, Command, float], None]
-OnEvent = Callable[[Any], None]
+OnEvent = Callable[[Event], None]
 
 
 class LiveEngine(Protocol):
@@ -35,15 +39,15 @@ class LiveEngine(Protocol):
         """Tell a session something."""
         ...
 
-    def frame(self, now_s: float) -> Any:
+    def frame(self, now_s: float) -> EngineFrame:
         """One frame of every session."""
         ...
 
-    def events(self) -> list[Any]:
+    def events(self) -> list[Event]:
         """Take what happened since the last call."""
         ...
 
-    def state(self, session: str) -> str:
+    def state(self, session: str) -> State:
         """``idle``, ``waiting``, ``speaking`` or ``paused``."""
         ...
 
@@ -63,7 +67,7 @@ class WatchedEngine:
         self.event_listeners: list[OnEvent] = []
         self.touched_s: dict[str, float] = {}
         """When each session was opened or told something last."""
-        self._undrained: deque[Any] = deque(maxlen=MOST_EVENTS)
+        self._undrained: deque[Event] = deque(maxlen=MOST_EVENTS)
 
     def __contains__(self, session: object) -> bool:
         return session in self.inner
@@ -77,7 +81,18 @@ class WatchedEngine:
         return self.inner.sessions
 
     def open(self, session: str, now_s: float) -> None:
-        """Begin a session; see :meth:`Engine.open`."""
+        """Begin a session; see :meth:`Engine.open`.
+
+        Raises
+        ------
+        UsageError
+            If its name cannot be sent on every wire: 1 to 32 bytes of UTF-8 without NUL.
+        """
+        size = len(session.encode(errors="replace"))
+        if not 1 <= size <= MAX_SESSION_BYTES or not session.isprintable():
+            raise UsageError(
+                f"session: got {session!r:.60}, expected 1..{MAX_SESSION_BYTES} bytes of printable letters"
+            )
         self.inner.open(session, now_s)
         self.touched_s[session] = now_s
 
@@ -93,11 +108,11 @@ class WatchedEngine:
         for listener in tuple(self.command_listeners):
             listener(session, command, now_s)
 
-    def frame(self, now_s: float) -> Any:
+    def frame(self, now_s: float) -> EngineFrame:
         """One frame of every session; see :meth:`Engine.frame`."""
         return self.inner.frame(now_s)
 
-    def events(self) -> list[Any]:
+    def events(self) -> list[Event]:
         """Take what happened since the last call: once for whoever asks, and once for each listener."""
         self.collect()
         found = list(self._undrained)

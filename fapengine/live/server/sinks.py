@@ -1,0 +1,278 @@
+"""Sinks: sockets that send frames on.
+
+Each is told as a URL::
+
+    osc://HOST:PORT[?session=NAME]                       /fap/1/frame of all sessions, or of one; UDP
+    named://HOST:PORT[?session=NAME]                     /fap/<n>, a message a FAP; UDP
+    vmc://HOST:PORT[?session=NAME&names=pascal]          VSeeFace, Warudo, ...: port 39539, or 39540 for shapes alone
+    vrchat://HOST:PORT[?session=NAME&prefix=P]           VRChat's parameters: port 9000
+    livelink://HOST:PORT[?session=NAME&name=N&device=U]  Unreal and other Live Link Face receivers: port 11111
+    fba://HOST:PORT[?session=NAME&intra=S]               MPEG-4 face stream, a plane a datagram; UDP
+    fba+tcp://HOST:PORT[?session=NAME&intra=S]           the same for all who connect here, each from an I plane on
+
+Without a session, one face shows the first that is open. A port may be left out where one is named here.
+"""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+from urllib.parse import parse_qsl, urlsplit
+from uuid import NAMESPACE_DNS, uuid5
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.live import livelink, vmc, vrchat
+from fapengine.live.server import faces
+from fapengine.live.server.faces import FrameEncoder, joined
+from fapengine.live.server.hub import Hub, HubFrames
+from fapengine.live.server.intake import bound
+
+PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
+OPTIONS = {
+    "osc": (), "named": (), "vmc": ("names",), "vrchat": ("prefix",), "livelink": ("name", "device"),
+    "fba": ("intra",), "fba+tcp": ("intra",),
+}  # fmt: skip
+UNREAD_BYTES = 64 << 10
+"""Of a face stream, some seconds; who leaves more unread begins again at a later I plane."""
+STREAMS = 256
+
+
+@dataclass(frozen=True, slots=True)
+class SinkAddress:
+    """Where frames go, and what kind."""
+
+    kind: str
+    host: str
+    port: int
+    session: str | None = None
+    options: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.kind}://{host}:{self.port}" + (f"?session={self.session}" if self.session else "")
+
+
+@dataclass(slots=True)
+class SinkCounts:
+    """Stateful: what a sink did."""
+
+    sent: int = 0
+    """Datagrams, or planes times streams."""
+    dropped: int = 0
+    """What the system, or a reader too slow, did not take."""
+
+
+class Sink(Protocol):
+    """Sends frames until it is closed."""
+
+    address: SinkAddress
+    counts: SinkCounts
+
+    async def close(self) -> None:
+        """Send no more."""
+        ...
+
+
+def parse_sink(url: str) -> SinkAddress:
+    """Read a sink's URL.
+
+    Raises
+    ------
+    UsageError
+        If it is none of those above.
+
+    Examples
+    --------
+    >>> parse_sink("vmc://127.0.0.1")
+    SinkAddress(kind='vmc', host='127.0.0.1', port=39539, session=None, options={})
+    """
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+        query = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
+    except ValueError as error:
+        raise UsageError(f"sink: got {url!r:.100}, expected KIND://HOST:PORT ({error})") from error
+    kinds = ", ".join(f"{kind}://" for kind in OPTIONS)
+    if parts.scheme not in OPTIONS or not parts.hostname or parts.path.strip("/") or parts.username:
+        raise UsageError(f"sink: got {url!r:.100}, expected KIND://HOST:PORT, KIND one of {kinds}")
+    port = PORTS.get(parts.scheme) if port is None else port
+    if port is None:
+        raise UsageError(f"sink: got {url!r:.100} without a port, expected {parts.scheme}://{parts.hostname}:PORT")
+    session = query.pop("session", None)
+    unknown = [name for name in query if name not in OPTIONS[parts.scheme]]
+    if unknown:
+        known = ", ".join(("session", *OPTIONS[parts.scheme]))
+        raise UsageError(f"sink {parts.scheme}: got {unknown[0]!r:.40}, expected one of {known}")
+    return SinkAddress(parts.scheme, parts.hostname, port, session, query)
+
+
+def encoder_of(address: SinkAddress, rate_hz: float) -> FrameEncoder:
+    """Make what writes the frames of a sink.
+
+    Raises
+    ------
+    UsageError
+        If an option's value cannot be.
+    """
+    session, options = address.session, address.options
+    if address.kind == "osc":
+        return faces.OscFaces(session)
+    if address.kind == "named":
+        return faces.named_faps(session)
+    if address.kind == "vmc":
+        performer = address.port == vmc.PERFORMER_PORT
+        return faces.vmc_face(
+            session, spelling=options.get("names", "arkit"), performer=performer, rate_hz=rate_hz
+        )  # fmt: skip
+    if address.kind == "vrchat":
+        return faces.vrchat_face(session, prefix=options.get("prefix", ""), rate_hz=rate_hz)
+    if address.kind == "livelink":
+        device = options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{socket.gethostname()}")).upper()
+        return faces.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
+    return _fba(address, rate_hz)
+
+
+def _fba(address: SinkAddress, rate_hz: float) -> faces.FbaFace:
+    spelled = address.options.get("intra", "1")
+    try:
+        intra_s = float(spelled)
+    except ValueError as error:
+        raise UsageError(f"sink {address.kind}: intra: got {spelled!r:.40}, expected seconds") from error
+    return faces.FbaFace(address.session, rate_hz=rate_hz, intra_s=intra_s)
+
+
+async def open_sink(hub: Hub, address: SinkAddress) -> Sink:
+    """Begin to send.
+
+    Raises
+    ------
+    UsageError
+        If an option's value cannot be.
+    ResourceError
+        If the host is unknown, or the port taken.
+    """
+    if address.kind == "fba+tcp":
+        return await FaceStreams.open(hub, address)
+    return DatagramSink(hub, address)
+
+
+class DatagramSink:
+    """Stateful: sends every frame as datagrams, and never waits."""
+
+    def __init__(self, hub: Hub, address: SinkAddress) -> None:
+        self.address, self.counts = address, SinkCounts()
+        self._encoder = encoder_of(address, hub.pacer.rate_hz)
+        try:
+            found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+        except OSError as error:
+            raise ResourceError(f"sink {address}: got {error}, expected a host that can be found") from error
+        self._socket = socket.socket(*found[0][:2])
+        self._target = found[0][4]
+        self._socket.setblocking(False)
+        self._stop = hub.subscribe_all(self._show)
+
+    async def close(self) -> None:
+        """Send no more."""
+        self._stop()
+        self._socket.close()
+
+    def _show(self, frames: HubFrames) -> None:
+        send, target, dropped = self._socket.sendto, self._target, 0
+        datagrams = self._encoder.encode(frames)
+        for data in datagrams:
+            try:
+                send(data, target)
+            except OSError:  # no room, no route: this frame is lost, the next one counts
+                dropped += 1
+        self.counts.sent += len(datagrams) - dropped
+        self.counts.dropped += dropped
+
+
+class FaceStreams:
+    """Stateful: one face to everybody who connects; each begins, and begins again when too slow, at an I plane."""
+
+    def __init__(self, hub: Hub, address: SinkAddress, face: faces.FbaFace) -> None:
+        self.address, self.counts = address, SinkCounts()
+        self._face = face
+        self._server: asyncio.Server | None = None
+        self.listeners: set[_FaceStream] = set()
+        self._stop = hub.subscribe_all(self._show)
+
+    @classmethod
+    async def open(cls, hub: Hub, address: SinkAddress) -> "FaceStreams":
+        """Listen; see :func:`open_sink`."""
+        face = _fba(address, hub.pacer.rate_hz)
+        listening = bound(address.host, address.port, socket.SOCK_STREAM)
+        made = cls(hub, address, face)
+        loop = asyncio.get_running_loop()
+        made._server = await loop.create_server(lambda: _FaceStream(made.listeners, face.request_intra), sock=listening)
+        return made
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        port: int = 0 if self._server is None else self._server.sockets[0].getsockname()[1]
+        return port
+
+    async def close(self) -> None:
+        """End all streams."""
+        self._stop()
+        if self._server is not None:
+            self._server.close()
+        for listener in tuple(self.listeners):
+            listener.end()
+
+    def _show(self, frames: HubFrames) -> None:
+        for plane in self._face.encode(frames):
+            for listener in tuple(self.listeners):
+                taken = listener.show(plane)
+                self.counts.sent += taken
+                self.counts.dropped += not taken
+
+
+class _FaceStream(asyncio.Protocol):
+    """Stateful: one receiver of a face stream."""
+
+    def __init__(self, listeners: "set[_FaceStream]", request_intra: Callable[[], None]) -> None:
+        self._listeners, self._request_intra = listeners, request_intra
+        self._transport: asyncio.Transport | None = None
+        self._begun = self._follows = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if len(self._listeners) >= STREAMS:
+            transport.abort()
+            return
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._listeners.add(self)
+        self._request_intra()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._listeners.discard(self)
+
+    def show(self, plane: bytes) -> bool:
+        """Send a plane, if it can be followed; False where it was not sent."""
+        if self._transport is None or self._transport.is_closing():
+            return False
+        if self._follows and self._transport.get_write_buffer_size() > UNREAD_BYTES:
+            self._follows = False
+        if not self._follows:
+            start = joined(plane)
+            if start is None or self._transport.get_write_buffer_size() > UNREAD_BYTES // 2:
+                return False
+            plane = plane if self._begun else start
+            self._begun = self._follows = True
+        self._transport.write(plane)
+        return True
+
+    def end(self) -> None:
+        if self._transport is not None:
+            if self._begun:
+                self._transport.write(END)
+            self._transport.close()
+
+
+END = b"\x00\x00\x01\xb1"
+"""Ends a face stream."""

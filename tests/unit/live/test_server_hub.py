@@ -1,0 +1,279 @@
+"""The hub: one tick, many listeners; sessions that close when nobody cares; voices."""
+
+import asyncio
+import logging
+
+import numpy as np
+import pytest
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, End, Express
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Limits
+from fapengine.live.server import hub as hubs
+from fapengine.live.server.hub import Hub
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.style import Style
+from fapengine.voices.protocol import Speech
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+JAW = fap.column(3)
+PHONES = tuple(Phone(label, 0.1 + 0.15 * n, 0.25 + 0.15 * n) for n, label in enumerate(["m", "ɑː", "b", "ɑː", "p"]))
+
+
+class Clock:
+    """Stateful: time that the test turns."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def hub_of(**limits: object) -> tuple[Hub, Clock]:
+    clock = Clock()
+    engine = Engine(PROFILE, rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.still())
+    return Hub(engine, clock=clock, idle_close_s=10.0), clock
+
+
+def run(hub: Hub, clock: Clock, seconds: float) -> list[hubs.HubFrames]:
+    frames = []
+    for _ in range(round(seconds * 50)):
+        clock.now_s += 0.02
+        frames.append(hub.tick(clock.now_s))
+    return frames
+
+
+def spoken() -> Speech:
+    phones = PhoneTrack.of([Phone("_", 0.0, 0.1), *PHONES])
+    samples = np.zeros(round(phones.duration_s * 8000), np.int16)
+    return Speech(samples=samples, sample_rate_hz=8000, phones=phones)
+
+
+def test_one_tick_reaches_every_listener() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.open("b")
+    everything, mine, other = [], [], []
+    hub.subscribe_all(everything.append)
+    stop = hub.subscribe("b", mine.append)
+    hub.subscribe("absent", other.append)
+    hub.apply("b", Express(Expression.JOY))
+    (first, second) = run(hub, clock, 0.04)
+    assert everything == [first, second]
+    assert first.sessions == ("a", "b")
+    assert [frame.number for frame in mine] == [0, 1]
+    assert [frame.time_s for frame in mine] == [pytest.approx(1000.02), pytest.approx(1000.04)]
+    assert all(np.array_equal(frame.faps, shown.faps[1]) for frame, shown in zip(mine, (first, second), strict=True))
+    assert other == []
+    stop()
+    stop()
+    run(hub, clock, 0.02)
+    assert len(mine) == 2
+    assert len(everything) == 3
+
+
+def test_a_listener_that_fails_is_dropped_and_the_others_go_on(caplog: pytest.LogCaptureFixture) -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    seen = []
+
+    def fail(_: object) -> None:
+        raise RuntimeError("broken page")
+
+    hub.subscribe_all(fail)
+    hub.subscribe("a", fail)
+    hub.on_command("a", lambda *_: fail(None))
+    hub.subscribe("a", seen.append)
+    with caplog.at_level(logging.ERROR):
+        run(hub, clock, 0.04)
+        hub.apply("a", Blink())
+        hub.apply("a", Blink())
+    assert len(seen) == 2
+    assert hub.counts.listeners_dropped == 3
+    assert caplog.text.count("RuntimeError: broken page") == 3
+
+
+def test_events_and_commands_are_heard_by_those_who_asked() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.open("b")
+    events, all_events, commands = [], [], []
+    hub.on_event("a", events.append)
+    hub.on_event(None, all_events.append)
+    stop = hub.on_command("a", lambda *told: commands.append(told))
+    for session in ("a", "b"):
+        hub.engine.apply(session, Begin(1), clock())
+        hub.engine.apply(session, Append(1, 0, PHONES), clock())
+        hub.engine.apply(session, End(1, len(PHONES), 0.9), clock())
+    run(hub, clock, 2.0)
+    assert [event.kind for event in events] == ["started", "finished"]
+    assert {event.session for event in all_events} == {"a", "b"}
+    assert [type(command) for _, command, _ in commands] == [Begin, Append, End]
+    assert commands[0][0] == "a"
+    assert commands[0][2] == 1000.0
+    stop()
+    hub.apply("a", Blink())
+    assert len(commands) == 3
+    drained = hub.engine.events()  # once more for the receiver, who asks
+    assert len(drained) == len(all_events)
+    assert hub.engine.events() == []
+
+
+def test_a_session_that_nobody_cares_for_is_closed() -> None:
+    hub, clock = hub_of()
+    hub.open("told")
+    hub.open("left")
+    release, again = hub.hold("held"), hub.hold("held")
+    run(hub, clock, 8.0)
+    hub.apply("told", Blink())
+    run(hub, clock, 8.0)
+    assert hub.engine.sessions == ("told", "held") or set(hub.engine.sessions) == {"told", "held"}
+    release()
+    release()  # no more than once
+    run(hub, clock, 16.0)
+    assert hub.engine.sessions == ("held",)
+    again()
+    run(hub, clock, 6.0)
+    assert hub.engine.sessions == ()
+    assert hub.counts.idle_closed == 3
+    assert hub.engine.touched_s == {}
+
+
+def test_a_session_that_speaks_is_not_idle() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    long = tuple(Phone("ɑː", 0.5 * n, 0.5 * n + 0.5) for n in range(50))
+    hub.apply("a", Begin(1))
+    hub.apply("a", Append(1, 0, long))
+    hub.apply("a", End(1, 50, 25.0))
+    run(hub, clock, 20.0)
+    assert "a" in hub.engine
+    run(hub, clock, 25.0)
+    assert "a" not in hub.engine
+
+
+def test_opening_twice_and_closing_twice_are_harmless() -> None:
+    hub, _ = hub_of(sessions=1)
+    hub.open("a")
+    hub.open("a")
+    with pytest.raises(UsageError, match="limit of 1"):
+        hub.open("b")
+    hub.close("a")
+    hub.close("a")
+    assert hub.engine.sessions == ()
+    with pytest.raises(UsageError, match="not open"):
+        hub.apply("a", Blink())
+
+
+@pytest.mark.parametrize("name", ["", "é" * 17, "a\0", "a\nb", "\ud800"])
+def test_names_that_no_wire_can_carry(name: str) -> None:
+    hub, _ = hub_of()
+    with pytest.raises(UsageError, match=r"session: got .*, expected 1\.\.32 bytes"):
+        hub.open(name)
+
+
+def test_what_a_voice_said_moves_the_face_and_reaches_the_ears() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.open("b")
+    heard, elsewhere = [], []
+    hub.on_speech("a", heard.append, plays=False)
+    hub.on_speech("b", elsewhere.append, plays=True)
+    said = hub.say("a", spoken(), text="mama")
+    assert heard == [said]
+    assert elsewhere == []
+    assert (said.anchor, said.text, said.utterance) == ("now", "mama", hubs.FIRST_UTTERANCE)
+    frames = run(hub, clock, 2.0)
+    assert max(frame.faps[0, JAW] for frame in frames) > 50
+    assert not frames[-1].faps.any()
+
+
+def test_a_face_whose_sound_is_played_waits_for_it_and_then_not_for_ever() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    heard = []
+    hub.on_speech(None, heard.append, plays=True)
+    said = hub.say("a", spoken())
+    assert said.anchor == "audio"
+    assert not any(frame.faps.any() for frame in run(hub, clock, 1.0))
+    hub.apply("a", Audio(said.utterance, clock(), 0.0))
+    assert any(frame.faps.any() for frame in run(hub, clock, 1.5))
+    assert hub.counts.unheard == 0
+    hub.say("a", spoken())
+    assert not any(frame.faps.any() for frame in run(hub, clock, 1.4))
+    assert any(frame.faps.any() for frame in run(hub, clock, 1.0))  # its player is gone: the clock leads
+    assert hub.counts.unheard == 1
+
+
+def test_a_queued_sound_may_wait_while_the_one_before_plays() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.on_speech(None, lambda _: None, plays=True)
+    first, _ = hub.say("a", spoken()), hub.say("a", spoken())
+    for step in range(10):  # plays slowly
+        hub.apply("a", Audio(first.utterance, clock(), 0.08 * step))
+        run(hub, clock, 0.4)
+    assert hub.counts.unheard == 0
+    hub.apply("a", Cancel())
+    run(hub, clock, 3.0)
+    assert hub.counts.unheard == 0
+
+
+def test_a_sound_whose_session_is_gone_is_forgotten() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.on_speech(None, lambda _: None, plays=True)
+    hub.say("a", spoken())
+    hub.close("a")
+    run(hub, clock, 2.0)
+    assert hub.counts.unheard == 0
+
+
+def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    asked = []
+
+    def synthesise(*what: object) -> Speech:
+        asked.append(what)
+        return spoken()
+
+    monkeypatch.setattr(hubs, "_synthesise", synthesise)
+    said = asyncio.run(hub.speak("a", "Mama.", voice="de", rate_wpm=150))
+    assert asked == [("Mama.", "de", 150)]
+    assert said.text == "Mama."
+    assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
+    with pytest.raises(UsageError, match="text: got 2001 letters"):
+        asyncio.run(hub.speak("a", "x" * 2001))
+
+
+def test_a_real_voice_speaks() -> None:
+    hub, _ = hub_of()
+    hub.open("a")
+    said = asyncio.run(hub.speak("a", "Mama."))
+    assert [phone.label for phone in said.speech.phones.phones][:2] == ["_", "m"]
+    assert said.speech.duration_s > 0.6
+
+
+def test_it_runs_at_its_rate_until_stopped() -> None:
+    engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still())
+    hub = Hub(engine, rate_hz=200.0)
+    hub.open("a")
+    before, numbers = [], []
+
+    def count(frames: hubs.HubFrames) -> None:
+        numbers.append(frames.number)
+        if len(numbers) == 20:
+            hub.stop()
+
+    hub.subscribe_all(count)
+    asyncio.run(asyncio.wait_for(hub.run(before.append), timeout=20))
+    assert len(numbers) == len(before) == 20
+    assert numbers == sorted(set(numbers))
+    assert numbers[-1] + 1 - len(numbers) == hub.counts.skipped == hub.pacer.skipped
