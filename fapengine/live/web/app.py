@@ -1,0 +1,197 @@
+"""The web server: page, head, shaders, sounds, and the WebSocket that they talk over.
+
+Only pages of this very server may talk to it: a page of another origin is refused, and so is a name that is no address
+while no token is asked for, for anybody can make a name point here (DNS rebinding).
+"""
+
+import gzip
+import hmac
+import ipaddress
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.resources import files
+from pathlib import PurePosixPath
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.live.server.hub import Hub
+from fapengine.live.web.connection import Connection, WebCounts
+from fapengine.live.web.head_binary import head_binary
+from fapengine.live.web.room import Room, open_room
+from fapengine.live.web.setup import setup
+from fapengine.live.web.sounds import SoundShelf
+from fapengine.live.web.wire import MAX_MESSAGE, PROTOCOL, session_name, text_of
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.voices import espeak
+
+DEFAULT_SESSION = "face"
+MOST_PAGES = 256
+HEARTBEAT_S = 20.0
+KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+
+log = logging.getLogger("fapengine.web")
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(slots=True, eq=False)
+class _Server:
+    """Stateful: everything that the handlers share."""
+
+    hub: Hub
+    token: str | None
+    hello: dict[str, object]
+    counts: WebCounts = field(default_factory=WebCounts)
+    sounds: SoundShelf = field(default_factory=SoundShelf)
+    rooms: dict[str, Room] = field(default_factory=dict)
+    connections: set[Connection] = field(default_factory=set)
+
+    async def socket(self, request: web.Request) -> web.StreamResponse:
+        """``/ws?session=NAME``: a page."""
+        self.admit(request)
+        try:
+            session = session_name(request.query.get("session", DEFAULT_SESSION))
+            if self.counts.pages >= MOST_PAGES:
+                raise UsageError(f"pages: got one more than {MOST_PAGES}")
+            room = open_room(self.hub, session, self.rooms)
+        except (DataError, UsageError) as error:
+            self.counts.refused += 1
+            raise web.HTTPBadRequest(text=str(error)) from error
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
+        await socket.prepare(request)
+        connection = Connection(self.hub, room, socket, self.counts)
+        self.connections.add(connection)
+        try:
+            await connection.run(text_of("hello", session=session, **self.hello))
+        finally:
+            self.connections.discard(connection)
+            if not len(room) and self.rooms.get(session) is room:
+                del self.rooms[session]
+        return socket
+
+    async def sound(self, request: web.Request) -> web.StreamResponse:
+        """``/sound.wav?session=NAME&utterance=N``: what was said there."""
+        self.admit(request)
+        number = request.query.get("utterance", "")
+        wav = None
+        if number.isdecimal() and len(number) < 12:
+            wav = self.sounds.wav(request.query.get("session", DEFAULT_SESSION), int(number))
+        if wav is None:
+            raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
+        return web.Response(body=wav, content_type="audio/wav", headers=HEADERS)
+
+    def admit(self, request: web.Request) -> None:
+        """Refuse whoever may not be here."""
+        origin, host = request.headers.get("Origin"), request.host
+        trouble = ""
+        if self.token is not None:
+            given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
+            if not hmac.compare_digest(given.encode(), self.token.encode()):
+                trouble = "The token is missing or wrong: open the address that the server printed."
+        elif not _is_address(host):
+            trouble = f"Asked for as {host!r}: use the address, or start the server with a token."
+        if origin is not None and urlsplit(origin).netloc != host:
+            trouble = f"A page of {origin} may not talk to this server."
+        if trouble:
+            self.counts.refused += 1
+            raise web.HTTPForbidden(text=trouble)
+
+    async def stop(self, app: web.Application) -> None:
+        """Say goodbye to all pages."""
+        for connection in tuple(self.connections):
+            await connection.close()
+
+
+COUNTS: web.AppKey[WebCounts] = web.AppKey("counts", WebCounts)
+"""Where the application keeps its counts, for the metrics."""
+
+
+def make_app(
+    hub: Hub, head: FaceMesh, *, token: str | None = None, profile: str = "", rate_hz: float | None = None
+) -> web.Application:
+    """Build the web application; whoever runs it also ticks the hub.
+
+    Parameters
+    ----------
+    hub : Hub
+        Sessions, frames and voice.
+    head : FaceMesh
+        Whose face the pages show.
+    token : str, optional
+        What a page must bring along to be let in.
+    profile : str
+        Name of the profile, to be shown.
+    rate_hz : float, optional
+        Frames a second; by default the hub's.
+
+    Returns
+    -------
+    Application
+        ``app[COUNTS]`` counts what happens.
+
+    Raises
+    ------
+    UsageError
+        If the head has more channels than the shaders have room for.
+    """
+    try:
+        voices = sorted(espeak.voices())
+    except ResourceError:
+        voices = []
+    hello = {"protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices)}
+    server = _Server(hub, token, hello)
+    hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
+    app = web.Application()
+    app[COUNTS] = server.counts
+    app.on_shutdown.append(server.stop)
+    app.router.add_get("/ws", server.socket)
+    app.router.add_get("/sound.wav", server.sound)
+    for path, (kind, body) in _page_files(head, voices).items():
+        app.router.add_get(path, partial(_serve, kind, body, gzip.compress(body, 6, mtime=0)))
+    return app
+
+
+def _page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]]:
+    """Path to kind and content of all that never changes."""
+    found = {
+        "/head.bin": ("application/octet-stream", head_binary(head)),
+        "/setup.json": ("application/json", json.dumps(setup(voices=voices), ensure_ascii=False).encode()),
+    }
+    for file in files("fapengine.live.web").joinpath("page").iterdir():
+        suffix = PurePosixPath(file.name).suffix
+        if suffix in KINDS:
+            found["/" if file.name == "index.html" else f"/{file.name}"] = (KINDS[suffix], file.read_bytes())
+    return found
+
+
+async def _serve(kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
+    if "gzip" in request.headers.get("Accept-Encoding", "") and len(packed) < len(body):
+        return web.Response(
+            body=packed, content_type=kind, charset=_charset(kind), headers=HEADERS | {"Content-Encoding": "gzip"}
+        )
+    return web.Response(body=body, content_type=kind, charset=_charset(kind), headers=HEADERS)
+
+
+def _charset(kind: str) -> str | None:
+    return "utf-8" if kind.startswith(("text/", "application/json", "image/svg")) else None
+
+
+def _is_address(host: str) -> bool:
+    name = urlsplit(f"//{host}").hostname or ""
+    if name == "localhost" or name.endswith(".localhost"):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,172 @@
+"""One page that is connected: reads what it asks for, writes what its room tells it."""
+
+import asyncio
+import contextlib
+import logging
+from dataclasses import dataclass
+
+from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
+
+from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.live.server.hub import Hub
+from fapengine.live.web.outbox import Allowance, Outbox
+from fapengine.live.web.room import Room
+from fapengine.live.web.wire import Pin, Ping, Plays, ReleaseAll, Request, Say, Tell, parse_request, text_of
+
+MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
+"""A slider that is dragged sends one a picture; nothing needs more."""
+MOST_REFUSED = 2000
+"""A page that sends so much nonsense, or so much too fast, is closed."""
+MOST_VOICES = 3
+"""Texts of one page that are turned into sound at the same time."""
+
+log = logging.getLogger("fapengine.web")
+
+
+@dataclass(slots=True)
+class WebCounts:
+    """Stateful: what happened since the start, on all pages together."""
+
+    pages: int = 0
+    """Connected now."""
+    connected: int = 0
+    """Connections since the start."""
+    refused: int = 0
+    """Connections without token, from elsewhere, or one too many."""
+    messages: int = 0
+    bad_messages: int = 0
+    too_fast: int = 0
+    """Messages beyond the allowance."""
+    frames_dropped: int = 0
+    """Frames that a slow page was not sent."""
+    lost: int = 0
+    """Pages closed because they did not keep up, or sent nothing but nonsense."""
+
+
+class Connection:
+    """Stateful: one WebSocket.
+
+    Parameters
+    ----------
+    hub : Hub
+        The server.
+    room : Room
+        What the page watches.
+    socket : WebSocketResponse
+        Prepared.
+    counts : WebCounts
+        Shared by all.
+    """
+
+    def __init__(self, hub: Hub, room: Room, socket: web.WebSocketResponse, counts: WebCounts) -> None:
+        self._hub, self._room, self._socket, self._counts = hub, room, socket, counts
+        self._outbox = Outbox()
+        self._waiting = asyncio.Event()
+        self._allowance = Allowance(MESSAGES_HZ, MESSAGES_AT_ONCE)
+        self._refused = 0
+        self._voices: set[asyncio.Task[None]] = set()
+
+    def put_text(self, text: str) -> None:
+        """Send a message; see :class:`fapengine.live.web.room.Member`."""
+        self._outbox.put_text(text)
+        self._waiting.set()
+
+    def put_frame(self, frame: bytes) -> None:
+        """Send a frame, unless newer ones come before it can leave."""
+        self._outbox.put_frame(frame)
+        self._waiting.set()
+
+    async def run(self, hello: str) -> None:
+        """Serve the page until it goes.
+
+        Parameters
+        ----------
+        hello : str
+            The first message.
+        """
+        self._counts.pages += 1
+        self._counts.connected += 1
+        self.put_text(hello)
+        self._room.enter(self)
+        writer = asyncio.create_task(self._write())
+        try:
+            async for message in self._socket:
+                self._receive(message)
+        finally:
+            self._room.leave(self)
+            self._counts.pages -= 1
+            self._counts.frames_dropped += self._outbox.dropped
+            for task in (writer, *self._voices):
+                task.cancel()
+            await asyncio.gather(writer, *self._voices, return_exceptions=True)
+
+    async def close(self) -> None:
+        """Say goodbye, for the server stops; the page will look for it again."""
+        await self._socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server stops")
+
+    async def _write(self) -> None:
+        with contextlib.suppress(ConnectionError):  # it is gone: the reader notices, too
+            while not self._socket.closed:
+                if self._outbox.overflowed:
+                    self._counts.lost += 1
+                    await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too slow")
+                    return
+                match self._outbox.take():
+                    case str(text):
+                        await self._socket.send_str(text)
+                    case bytes(frame):
+                        await self._socket.send_bytes(frame)
+                    case None:
+                        self._waiting.clear()
+                        await self._waiting.wait()
+
+    def _receive(self, message: WSMessage) -> None:
+        self._counts.messages += 1
+        if not self._allowance.take(self._hub.clock()):
+            self._counts.too_fast += 1
+            self._refuse()
+            return
+        try:
+            if message.type is not WSMsgType.TEXT:
+                raise DataError(f"message: got {message.type.name.lower()}, expected text")
+            self._answer(parse_request(message.data))
+        except DataError as error:
+            self._counts.bad_messages += 1
+            self._refuse()
+            self.put_text(text_of("error", message=str(error)))
+        except UsageError as error:
+            self.put_text(text_of("error", message=str(error)))
+
+    def _refuse(self) -> None:
+        self._refused += 1
+        if self._refused == MOST_REFUSED:
+            self._counts.lost += 1
+            self._voices.add(asyncio.create_task(self._expel()))
+
+    async def _expel(self) -> None:
+        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too much that cannot be used")
+
+    def _answer(self, request: Request) -> None:
+        match request:
+            case Tell(command):
+                self._room.tell(self, command)
+            case Pin(values):
+                self._room.pin(values)
+            case ReleaseAll():
+                self._room.release()
+            case Ping(number):
+                self.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
+            case Plays(on):
+                self._room.plays(self, on=on)
+            case Say() if len(self._voices) < MOST_VOICES:
+                task = asyncio.create_task(self._say(request))
+                self._voices.add(task)
+                task.add_done_callback(self._voices.discard)
+            case Say():
+                raise UsageError("text: still busy with what was asked before")
+
+    async def _say(self, request: Say) -> None:
+        try:
+            await self._hub.speak(self._room.session, request.text, voice=request.voice, rate_wpm=request.rate_wpm)
+        except FapEngineError as error:
+            self.put_text(text_of("error", message=str(error)))

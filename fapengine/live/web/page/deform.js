@@ -1,0 +1,72 @@
+// What a frame of FAPs sets: channel weights, bones, pupil. The same arithmetic as fapengine/mesh/deform.py, whose
+// comments say why; a test compares the numbers. Matrices are column by column, as WebGL takes them.
+
+const AU_RAD = 1e-5;
+const MAX_CHANNELS = 128;
+export const HEAD = 4;
+
+const fapOf = (faps, number) => faps[number - 1];
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+
+// How far each channel has gone, FAPU: (128,), zeros behind the last.
+export function channelWeights(head, faps, weights = new Float32Array(MAX_CHANNELS)) {
+  const table = head.channels.array;
+  for (let channel = 0; channel < table.length / 3; ++channel) {
+    const [number, start, stop] = table.subarray(3 * channel, 3 * channel + 3);
+    const value = fapOf(faps, number);
+    weights[channel] =
+      start === -Infinity ? value : clamp((value - start) * Math.sign(stop - start), 0, Math.abs(stop - start));
+  }
+  return weights;
+}
+
+// Five 4x4 matrices, moved from rest: none, jaw, left eye, right eye, head.
+export function boneMatrices(head, faps, matrices = new Float32Array(5 * 16)) {
+  const { units } = head;
+  const fap = (number) => fapOf(faps, number);
+  const place = (bone, rotation, pivot, shift) => matrices.set(turnAbout(rotation, pivot, shift), 16 * bone);
+  place(0, rotationX(0), [0, 0, 0], [0, 0, 0]);
+  place(1, rotationX(jawAngle(head, fap(3))), head.jawPivot, [-fap(15) * units.MW, 0, fap(14) * units.MNS]);
+  [[2, 23, 25, 27], [3, 24, 26, 28]].forEach(([bone, yaw, pitch, thrust], side) => {
+    const turn = product(rotationY(fap(yaw) * AU_RAD), rotationX(fap(pitch) * AU_RAD));
+    place(bone, turn, head.eyePivots[side], [0, 0, fap(thrust) * units.ES]);
+  });
+  const yawed = product(rotationY(fap(49) * AU_RAD), rotationX(fap(48) * AU_RAD));
+  place(HEAD, product(yawed, rotationZ(fap(50) * AU_RAD)), head.headPivot, [0, 0, 0]);
+  return matrices;
+}
+
+// Radius of iris and pupil, as shares of the eyeball's.
+export function irisAndPupil(head, faps) {
+  const dilation = (fapOf(faps, 29) + fapOf(faps, 30)) / 2 / 1024;
+  return [head.iris, head.iris * clamp(head.pupilShare + dilation, ...head.pupilRange)];
+}
+
+function jawAngle(head, openJaw) {
+  const y = head.chin[1] - head.jawPivot[1];
+  const z = head.chin[2] - head.jawPivot[2];
+  const drop = openJaw * head.units.MNS;
+  return Math.acos(clamp((y - drop) / Math.hypot(y, z), -1, 1)) - Math.atan2(z, y);
+}
+
+// Rotations are three rows of three.
+function rotation(angle, first, second) {
+  const rows = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  rows[first][first] = rows[second][second] = Math.cos(angle);
+  rows[first][second] = -Math.sin(angle);
+  rows[second][first] = Math.sin(angle);
+  return rows;
+}
+const rotationX = (angle) => rotation(angle, 1, 2);
+const rotationY = (angle) => rotation(angle, 2, 0);
+const rotationZ = (angle) => rotation(angle, 0, 1);
+
+function product(a, b) {
+  return a.map((row) => [0, 1, 2].map((column) => row.reduce((sum, value, k) => sum + value * b[k][column], 0)));
+}
+
+function turnAbout(rows, pivot, shift) {
+  const moved = rows.map((row, k) => pivot[k] + shift[k] - row.reduce((sum, value, axis) => sum + value * pivot[axis], 0));
+  const column = (k) => rows.map((row) => row[k]);
+  return [...column(0), 0, ...column(1), 0, ...column(2), 0, ...moved, 1];
+}

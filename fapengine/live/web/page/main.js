@@ -1,0 +1,337 @@
+// The page: fetches the head, opens the link, draws whatever comes, and passes on what is done here.
+
+import { FaceView } from "./face.js";
+import { between, turned, zoomed } from "./camera.js";
+import { parseHead } from "./head.js";
+import { Link } from "./link.js";
+import { Panel } from "./panel.js";
+import { Sound } from "./sound.js";
+import { Ticker } from "./ticker.js";
+import { FrameCushion, PixelBudget, Presence, ServerClock } from "./time.js";
+
+const MOST_PIXELS = 2_600_000;
+const FLIGHT_MS = 450;
+const LOOK_EVERY_MS = 80;
+const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "server is away, looking for it …" };
+
+const byId = (id) => document.getElementById(id);
+const query = new URLSearchParams(location.search);
+const token = query.get("token") ?? sessionStorage.getItem("token");
+if (token) sessionStorage.setItem("token", token);
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+function fail(error) {
+  byId("notice").textContent = error.message;
+  byId("notice").hidden = false;
+  console.error(error);
+}
+
+async function fetched(path, read) {
+  const answer = await fetch(path);
+  if (!answer.ok) throw new Error(`${path}: the server answered ${answer.status} ${await answer.text()}`);
+  return answer[read]();
+}
+
+function address(path, scheme = location.protocol) {
+  const url = new URL(path, location.href);
+  url.protocol = scheme;
+  if (token) url.searchParams.set("token", token);
+  return url;
+}
+
+class Page {
+  constructor(setup, head) {
+    const canvas = byId("face");
+    this.setup = setup;
+    this.view = new FaceView(canvas, head, setup.programs, setup.wall);
+    this.clock = new ServerClock();
+    this.cushion = new FrameCushion(60);
+    this.presence = new Presence();
+    this.budget = new PixelBudget();
+    this.ticker = new Ticker(byId("ticker"));
+    this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
+    this.sound = new Sound((where) => this.report(where));
+    this.faps = new Float32Array(68);
+    this.fps = { since: performance.now(), count: 0, last: 0 };
+    this.lag = 0;
+    this.cameras(setup.cameras);
+    this.turnByHand(canvas);
+    this.speaking();
+    this.keys();
+    new ResizeObserver(() => (this.resized = true)).observe(canvas);
+    this.resized = true;
+    const url = address("/ws", location.protocol === "https:" ? "wss:" : "ws:");
+    url.searchParams.set("session", query.get("session") ?? "face");
+    this.link = new Link(url.href, {
+      state: (name) => this.connection(name),
+      message: (message) => this.message(message),
+      frame: (frame, arrival) => this.cushion.push(frame, arrival),
+      pong: (sent, server, received) => this.clock.add(sent, server, received),
+    });
+    requestAnimationFrame((now) => this.draw(now));
+  }
+
+  // Pictures
+
+  draw(now) {
+    requestAnimationFrame((next) => this.draw(next));
+    const here = performance.now() / 1000;
+    const shown = this.cushion.sample(here, this.faps);
+    const presence = this.presence.at(here, shown ? here - this.cushion.arrived : Infinity);
+    if (presence < 1) for (let column = 0; column < 68; ++column) this.faps[column] *= presence;
+    this.size(now);
+    this.view.draw(this.faps, this.seen(now));
+    if (!shown) return;
+    const phone = this.ticker.show(shown.time);
+    byId("ticker").classList.toggle("speaking", this.ticker.current !== null);
+    this.write("phone", phone || "–");
+    this.panel.follow(this.faps, now);
+    if (this.clock.known) this.lag += (this.clock.at(here) - shown.time - this.lag) * 0.05;
+    this.count(now);
+  }
+
+  size(now) {
+    if (this.fps.last && this.budget.add((now - this.fps.last) / 1000)) this.resized = true;
+    this.fps.last = now;
+    if (!this.resized) return;
+    this.resized = false;
+    const { clientWidth: width, clientHeight: height } = this.view.canvas;
+    const dense = Math.min(devicePixelRatio, 2, Math.sqrt(MOST_PIXELS / Math.max(width * height, 1))) * this.budget.scale;
+    this.view.resize(Math.max(1, Math.round(width * dense)), Math.max(1, Math.round(height * dense)));
+  }
+
+  count(now) {
+    this.fps.count += 1;
+    const passed = now - this.fps.since;
+    if (passed < 500) return;
+    const reduced = this.budget.scale < 1 ? ` at ${Math.round(100 * this.budget.scale)} %` : "";
+    this.write("fps", `${Math.round((1000 * this.fps.count) / passed)}${reduced}`);
+    this.write("latency", this.clock.known ? `${Math.max(0, Math.round(1000 * this.lag))} ms` : "–");
+    this.fps.since = now;
+    this.fps.count = 0;
+  }
+
+  write(id, text) {
+    const element = byId(id);
+    if (element.textContent !== text) element.textContent = text;
+  }
+
+  // Camera
+
+  cameras(presets) {
+    this.presets = Object.entries(presets);
+    this.presets.forEach(([name], index) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = name[0].toUpperCase() + name.slice(1).replaceAll("-", " ");
+      button.title = `${button.textContent} (${index + 1})`;
+      button.addEventListener("click", () => this.fly(index));
+      byId("views").append(button);
+    });
+    this.camera = this.presets[0][1];
+    this.mark(0);
+  }
+
+  fly(index) {
+    if (!this.presets[index]) return;
+    this.flight = calm.matches ? null : { from: this.camera, to: this.presets[index][1], since: performance.now() };
+    if (!this.flight) this.camera = this.presets[index][1];
+    this.mark(index);
+  }
+
+  mark(index) {
+    [...byId("views").children].forEach((button, place) => button.setAttribute("aria-pressed", place === index));
+  }
+
+  seen(now) {
+    if (this.flight) {
+      const share = Math.min(Math.max((now - this.flight.since) / FLIGHT_MS, 0), 1);
+      this.camera = between(this.flight.from, this.flight.to, share * share * (3 - 2 * share));
+      if (share === 1) this.flight = null;
+    }
+    return this.camera;
+  }
+
+  move(camera) {
+    this.flight = null;
+    this.camera = camera;
+    this.mark(-1);
+  }
+
+  turnByHand(canvas) {
+    const pointers = new Map();
+    const spread = () => {
+      const [a, b] = [...pointers.values()];
+      return Math.hypot(a.x - b.x, a.y - b.y);
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      this.lookAt(event);
+      const last = pointers.get(event.pointerId);
+      if (!last) return;
+      const before = pointers.size === 2 ? spread() : 0;
+      pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+      if (before) this.move(zoomed(this.camera, before / Math.max(spread(), 1)));
+      else this.move(turned(this.camera, (last.x - event.clientX) * 0.35, (event.clientY - last.y) * 0.25));
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("dblclick", () => this.fly(0));
+    const nearer = (event) => {
+      event.preventDefault();
+      this.move(zoomed(this.camera, Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * 0.0012)));
+    };
+    canvas.addEventListener("wheel", nearer, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const turns = { ArrowLeft: [-6, 0], ArrowRight: [6, 0], ArrowUp: [0, 4], ArrowDown: [0, -4] };
+      if (turns[event.key]) this.move(turned(this.camera, ...turns[event.key]));
+      else if (event.key === "+" || event.key === "=") this.move(zoomed(this.camera, 0.92));
+      else if (event.key === "-") this.move(zoomed(this.camera, 1 / 0.92));
+      else return;
+      event.preventDefault();
+    });
+  }
+
+  lookAt({ clientX, clientY }) {
+    const now = performance.now();
+    if (!byId("follow").checked || now - (this.looked ?? 0) < LOOK_EVERY_MS) return;
+    this.looked = now;
+    const { left, top, width, height } = this.view.canvas.getBoundingClientRect();
+    const yaw = Math.atan((1.1 * (clientX - left - width / 2)) / height);
+    const pitch = Math.atan((0.8 * (clientY - top - 0.45 * height)) / height);
+    this.link.send("look", { yaw, pitch });
+  }
+
+  // Speech
+
+  speaking() {
+    byId("speak").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.say(byId("text").value.trim());
+    });
+    byId("stop").addEventListener("click", () => this.hush());
+    byId("sound").addEventListener("click", () => this.setSound(!this.sound.on));
+  }
+
+  async say(text) {
+    if (!text) {
+      byId("text").focus();
+      return;
+    }
+    if (!this.hasChosenSilence && !this.sound.on) await this.setSound(true);
+    if (this.link.send("say", { text })) {
+      byId("text").select();
+      this.told("");
+    } else {
+      this.told("The server is away; it will be looked for again.", true);
+    }
+  }
+
+  async setSound(wanted) {
+    this.hasChosenSilence = !wanted;
+    const on = wanted ? await this.sound.enable() : (await this.sound.disable(), false);
+    byId("sound").setAttribute("aria-pressed", on);
+    byId("sound").textContent = on ? "Sound on" : "Sound off";
+    this.link.send("plays", { on });
+    if (wanted && !on) this.told("This browser has no sound to play on; the face speaks silently.");
+  }
+
+  hush() {
+    this.link.send("cancel");
+    this.sound.stop(null);
+  }
+
+  // Where the sound is, in the server's time. The face shows frames some time after they were made: it is told to be
+  // ahead by just that, so that both meet here.
+  report({ utterance, position, rate }) {
+    if (!this.clock.known) return;
+    const at = this.clock.at(performance.now() / 1000);
+    this.link.send("audio", { utterance, at_s: at, position_s: position + Math.max(0, this.lag), rate });
+  }
+
+  told(text, wrong = false) {
+    byId("said").textContent = text;
+    byId("said").classList.toggle("wrong", wrong);
+  }
+
+  // The server
+
+  connection(name) {
+    document.body.dataset.connection = name;
+    this.write("connection", CONNECTIONS[name]);
+    if (name === "waiting") this.ticker.clear();
+  }
+
+  message(message) {
+    const { utterance } = message;
+    switch (message.type) {
+      case "hello":
+        this.hello(message);
+        break;
+      case "begin":
+        this.ticker.begin(utterance);
+        break;
+      case "phones":
+        this.ticker.phones(utterance, message.first, message.phones);
+        break;
+      case "position":
+        this.ticker.position(utterance, message.position_s, message.time_s);
+        break;
+      case "cancel":
+        this.sound.stop(utterance);
+        break;
+      case "event":
+        if (message.kind === "finished" || message.kind === "cancelled") this.ticker.over(utterance);
+        break;
+      case "sound":
+        this.told(message.text);
+        if (this.sound.on) this.sound.play(utterance, address(message.url));
+        break;
+      case "pins":
+        this.panel.pins(message.values);
+        break;
+      case "express":
+        this.panel.express(message.name, message.level);
+        break;
+      case "error":
+        this.told(message.message, true);
+        break;
+    }
+  }
+
+  hello({ session, rate_hz, profile, voice }) {
+    this.write("session", session);
+    byId("session").title = `Session ${session}, profile ${profile}`;
+    this.clock = new ServerClock();
+    this.cushion = new FrameCushion(rate_hz);
+    for (const id of ["text", "say"]) byId(id).disabled = !voice;
+    byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
+    if (this.sound.on) this.link.send("plays", { on: true });
+  }
+
+  keys() {
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") this.hush();
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.target.matches("input, button, summary")) return;
+      if (event.key === "/") byId("text").focus();
+      else if (event.key === "m") this.setSound(!this.sound.on);
+      else if (event.key === "b") this.link.send("blink");
+      else if (event.key === " ") this.link.send((this.paused = !this.paused) ? "pause" : "resume");
+      else if (event.key >= "1" && event.key <= "9") this.fly(Number(event.key) - 1);
+      else return;
+      event.preventDefault();
+    });
+  }
+}
+
+try {
+  const [setup, head] = await Promise.all([fetched("/setup.json", "json"), fetched("/head.bin", "arrayBuffer")]);
+  window.page = new Page(setup, parseHead(head)); // for the console
+} catch (error) {
+  fail(error);
+}

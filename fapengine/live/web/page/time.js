@@ -1,0 +1,126 @@
+// Two clocks and a cushion: what the server's time is here, and which of its frames is due on the screen.
+
+const PINGS = 16;
+const ARRIVALS = 120;
+const LONGEST_DELAY_S = 0.12;
+const HISTORY = 64;
+const SILENCE_S = 0.3;
+const FADE_S = 0.25;
+
+// The server's clock as the page knows it: of the last pings, the one that came back fastest tells best.
+export class ServerClock {
+  constructor() {
+    this.pings = [];
+  }
+
+  // When a ping was sent and its answer came, by the page's clock; what the server's clock said; seconds.
+  add(sent, server, received) {
+    this.pings.push({ trip: received - sent, offset: server - (sent + received) / 2 });
+    if (this.pings.length > PINGS) this.pings.shift();
+    this.best = this.pings.reduce((best, ping) => (ping.trip < best.trip ? ping : best));
+  }
+
+  get known() {
+    return this.pings.length > 0;
+  }
+
+  at(local) {
+    return local + (this.best ? this.best.offset : 0);
+  }
+}
+
+// Frames come unevenly and are shown evenly: each as long after its own time as the slower ones need to arrive.
+export class FrameCushion {
+  constructor(rate) {
+    this.interval = 1 / rate;
+    this.reset();
+  }
+
+  reset() {
+    this.frames = [];
+    this.lags = [];
+    this.delay = null;
+    this.lost = 0;
+  }
+
+  // frame: { number, time, faps }; arrival by the page's clock, s.
+  push(frame, arrival) {
+    const newest = this.frames.at(-1);
+    if (newest && (frame.time <= newest.time || frame.time > newest.time + 5)) this.reset(); // another server, or long asleep
+    else if (newest) this.lost += Math.max(0, frame.number - newest.number - 1);
+    this.arrived = arrival;
+    this.frames.push(frame);
+    this.lags.push(arrival - frame.time);
+    if (this.frames.length > HISTORY) this.frames.shift();
+    if (this.lags.length > ARRIVALS) this.lags.shift();
+  }
+
+  // Values on the screen now, by the page's clock: { faps: 68 numbers, time: of the server }, or null before any frame.
+  sample(now, faps = new Float32Array(68)) {
+    const { frames } = this;
+    if (!frames.length) return null;
+    const wanted = this.cushion();
+    this.delay = this.delay === null ? wanted : this.delay + (wanted - this.delay) * 0.02; // slewed, never jumping
+    const time = Math.min(now - this.delay, frames.at(-1).time);
+    let later = frames.length - 1;
+    while (later > 0 && frames[later - 1].time > time) --later;
+    const b = frames[later];
+    const a = later > 0 ? frames[later - 1] : b;
+    const share = b === a ? 1 : Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
+    for (let column = 0; column < 68; ++column) faps[column] = a.faps[column] + (b.faps[column] - a.faps[column]) * share;
+    return { faps, time: a.time + (b.time - a.time) * share };
+  }
+
+  // From a frame's time by the server's clock to the screen by the page's: nineteen in twenty have arrived by then.
+  cushion() {
+    const sorted = Float64Array.from(this.lags).sort();
+    const fastest = sorted[0];
+    const slow = sorted[Math.floor(0.95 * (sorted.length - 1))];
+    return fastest + Math.min(slow - fastest + 0.5 * this.interval, LONGEST_DELAY_S);
+  }
+}
+
+// Holds the frame rate of the screen by drawing fewer pixels; asks for more only after a long quiet time.
+export class PixelBudget {
+  constructor() {
+    this.scale = 1;
+    this.slow = 0;
+    this.quick = 0;
+    this.patience = 180;
+  }
+
+  // How long the last picture took from the one before, s. Returns whether the scale has changed.
+  add(interval) {
+    if (interval > 0.25) return false; // the page was hidden
+    this.slow = interval > 1 / 45 ? this.slow + 1 : Math.max(0, this.slow - 1);
+    this.quick = interval < 1 / 55 ? this.quick + 1 : 0;
+    if (this.slow >= 20 && this.scale > 0.4) {
+      this.scale = Math.max(0.4, this.scale * 0.8);
+      this.patience = Math.min(this.patience * 2, 3600);
+      this.slow = this.quick = 0;
+      return true;
+    }
+    if (this.quick >= this.patience && this.scale < 1) {
+      this.scale = Math.min(1, this.scale / 0.9);
+      this.slow = this.quick = 0;
+      return true;
+    }
+    return false;
+  }
+}
+
+// How much of the frames to show, 0..1: a face whose server is silent comes to rest, and comes back softly.
+export class Presence {
+  constructor() {
+    this.value = 0;
+    this.last = null;
+  }
+
+  // now, and for how long no frame came, s.
+  at(now, silence) {
+    const step = this.last === null ? 0 : Math.max(0, now - this.last) / FADE_S;
+    this.last = now;
+    this.value = silence < SILENCE_S ? Math.min(1, this.value + step) : Math.max(0, this.value - step);
+    return this.value * this.value * (3 - 2 * this.value);
+  }
+}

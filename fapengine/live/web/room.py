@@ -1,0 +1,210 @@
+"""Everybody who watches one session: what its face does goes to all of them, and one of them leads it by its sound."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+from urllib.parse import urlencode
+
+from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express
+from fapengine.live.server.hub import Hub, HubFrame, Spoken
+from fapengine.live.web.wire import pack_frame, text_of
+
+MOST_UTTERANCES = 32
+POSITION_EVERY = 15
+"""Frames between two messages about where an utterance is."""
+OVER = ("finished", "cancelled")
+
+
+class Member(Protocol):
+    """One page."""
+
+    def put_text(self, text: str) -> None:
+        """Send a message."""
+        ...
+
+    def put_frame(self, frame: bytes) -> None:
+        """Send a frame."""
+        ...
+
+
+@dataclass(slots=True)
+class _Said:
+    """Messages that tell of one utterance, for pages that come later; and who plays it."""
+
+    texts: list[str] = field(default_factory=list)
+    leader: Member | None = None
+
+
+class Room:
+    """Stateful: one session as its pages see it; it is there as long as anybody is in it.
+
+    Parameters
+    ----------
+    hub : Hub
+        The server.
+    session : str
+        Opened if it is not open yet.
+
+    Raises
+    ------
+    UsageError
+        If the server has no room for one more session.
+    """
+
+    def __init__(self, hub: Hub, session: str) -> None:
+        self._hub, self.session = hub, session
+        self._leave = [
+            hub.hold(session),
+            hub.subscribe(session, self._frame),
+            hub.on_event(session, self._event),
+            hub.on_command(session, self._command),
+        ]
+        self._members: dict[Member, Callable[[], None]] = {}
+        self._levels: dict[str, str] = {}
+        self._said: OrderedDict[int, _Said] = OrderedDict()
+        self._speaking: int | None = None
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def enter(self, member: Member) -> None:
+        """Let a page in; it is told what is being said."""
+        self._members[member] = lambda: None
+        self.plays(member, on=False)
+        for text in (self._pins(), *self._levels.values()):
+            member.put_text(text)
+        for said in self._said.values():
+            for text in said.texts:
+                member.put_text(text)
+
+    def leave(self, member: Member) -> None:
+        """Let a page go; the last one closes the door."""
+        self._members.pop(member)()
+        for said in self._said.values():
+            if said.leader is member:
+                said.leader = None
+        if not self._members:
+            for stop in self._leave:
+                stop()
+
+    def plays(self, member: Member, *, on: bool) -> None:
+        """Note whether a page plays sounds."""
+        self._members[member]()
+        self._members[member] = self._hub.on_speech(self.session, lambda spoken: self._spoken(member, spoken), plays=on)
+
+    def tell(self, member: Member, command: Command) -> None:
+        """Pass a page's command on. Of the pages that play one sound, the first says where it is.
+
+        Raises
+        ------
+        UsageError
+            If the session is gone.
+        """
+        if isinstance(command, Audio):
+            said = self._said.get(command.utterance)
+            if said is None or said.leader not in (None, member):
+                return
+            said.leader = member
+        self._hub.apply(self.session, command)
+
+    def pin(self, values: Mapping[int, int | None]) -> None:
+        """Hold FAPs of the session, for everybody who watches it or receives it; None lets one go.
+
+        Raises
+        ------
+        UsageError
+            If the session is gone.
+        """
+        for number, value in values.items():
+            self._hub.pin(self.session, number, value)
+        self._tell_all(self._pins())
+
+    def release(self) -> None:
+        """Let every FAP go.
+
+        Raises
+        ------
+        UsageError
+            If the session is gone.
+        """
+        self.pin(dict.fromkeys(self._hub.pinned(self.session)))
+
+    def _pins(self) -> str:
+        return text_of("pins", values=self._hub.pinned(self.session))
+
+    def _spoken(self, member: Member, spoken: Spoken) -> None:
+        query = urlencode({"session": spoken.session, "utterance": spoken.utterance})
+        member.put_text(text_of("sound", utterance=spoken.utterance, url=f"/sound.wav?{query}", text=spoken.text))
+
+    def _frame(self, frame: HubFrame) -> None:
+        packed = pack_frame(frame.number, frame.time_s, frame.faps)
+        for member in self._members:
+            member.put_frame(packed)
+        if self._speaking is not None and frame.number % POSITION_EVERY == 0:
+            self._position(frame.time_s)
+
+    def _position(self, now_s: float) -> None:
+        utterance = self._hub.engine.utterance(self.session, self._speaking)
+        if utterance is not None:
+            position_s = utterance.position_s(now_s)
+            self._tell_all(text_of("position", utterance=self._speaking, position_s=position_s, time_s=now_s))
+
+    def _event(self, event: Any) -> None:
+        if event.kind == "started":
+            self._speaking = event.utterance
+            self._position(event.time_s)
+        elif event.kind in OVER:
+            self._said.pop(event.utterance, None)
+            self._speaking = None if self._speaking == event.utterance else self._speaking
+        self._tell_all(
+            text_of("event", kind=event.kind, utterance=event.utterance, time_s=event.time_s, count=event.count)
+        )
+
+    def _command(self, session: str, command: Command, now_s: float) -> None:
+        match command:
+            case Begin():
+                self._note(command.utterance, text_of("begin", utterance=command.utterance))
+            case Append():
+                phones = [(p.label, round(p.start_s, 4), round(p.end_s, 4), p.word) for p in command.phones]
+                first = command.first_index
+                self._note(
+                    command.utterance,
+                    text_of(
+                        "phones", utterance=command.utterance, first=first, revision=command.revision, phones=phones
+                    ),
+                )
+            case End():
+                text = text_of("end", utterance=command.utterance, duration_s=command.duration_s)
+                self._note(command.utterance, text)
+            case Cancel():
+                self._tell_all(text_of("cancel", utterance=command.utterance))
+            case Express():
+                name = command.expression.name.lower()
+                self._levels[name] = text_of("express", name=name, level=command.level)
+                self._tell_all(self._levels[name])
+
+    def _note(self, utterance: int, text: str) -> None:
+        said = self._said.setdefault(utterance, _Said())
+        if text not in said.texts[-4:]:  # senders repeat themselves
+            said.texts.append(text)
+            self._tell_all(text)
+        while len(self._said) > MOST_UTTERANCES:
+            self._said.popitem(last=False)
+
+    def _tell_all(self, text: str) -> None:
+        for member in self._members:
+            member.put_text(text)
+
+
+def open_room(hub: Hub, session: str, rooms: dict[str, Room]) -> Room:
+    """Find the room of a session, or open it.
+
+    Raises
+    ------
+    UsageError
+        If the server has no room for one more session.
+    """
+    if session not in rooms or not len(rooms[session]):
+        rooms[session] = Room(hub, session)
+    return rooms[session]

@@ -1,0 +1,87 @@
+"""What the page needs to know before it draws: shaders, FAPs and their sliders, expressions, cameras."""
+
+from typing import Any
+
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FapSpec, FapUnit
+from fapengine.mpeg4.visemes import Expression
+from fapengine.render.camera import PRESETS
+from fapengine.render.programs import ES_HEADER, STAGES, stage_source
+
+GROUP_NAMES = {
+    2: "Jaw, chin and inner lips",
+    3: "Eyes",
+    4: "Brows",
+    5: "Cheeks",
+    6: "Tongue",
+    7: "Head",
+    8: "Outer lips",
+    9: "Nose",
+    10: "Ears",
+}
+"""Groups of Table C.1 as the page calls them."""
+REACH: dict[FapUnit, int] = {
+    FapUnit.MNS: 700, FapUnit.MW: 300, FapUnit.ES: 200, FapUnit.ENS: 300, FapUnit.IRISD: 1000, FapUnit.AU: 50_000,
+}  # fmt: skip
+"""How far a slider goes, FAPU: about as far as a living face does; the standard's own limits are several times that."""
+OWN_REACH = {
+    3: 1400,
+    14: 300,
+    15: 200,
+    21: 500,
+    22: 500,
+    27: 60,
+    28: 60,
+    29: 400,
+    30: 400,
+    44: 500,
+    46: 500,
+    47: 90_000,
+}
+"""FAP number to a reach other than its unit's."""
+PAGE_WALL = (0.058, 0.066, 0.078)
+"""Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
+
+
+def setup(*, voices: list[str]) -> dict[str, Any]:
+    """Gather it; JSON can say all of it.
+
+    Parameters
+    ----------
+    voices : list of str
+        Languages that the server's voice speaks; empty if it has none.
+    """
+    stages = {
+        name: {"vertex": stage_source(vertex, ES_HEADER), "fragment": stage_source(fragment, ES_HEADER)}
+        for name, (vertex, fragment) in STAGES.items()
+    }
+    return {
+        "programs": stages,
+        "wall": PAGE_WALL,
+        "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
+                   for group, name in GROUP_NAMES.items()],
+        "expressions": [expression.name.lower() for expression in Expression if expression],
+        "cameras": {
+            name: {
+                "yaw": camera.yaw_deg,
+                "pitch": camera.pitch_deg,
+                "target": camera.target_mm,
+                "distance": camera.distance_mm,
+                "field": camera.field_deg,
+            }
+            for name, camera in PRESETS.items()
+        },
+        "voices": voices,
+    }  # fmt: skip
+
+
+def _slider(row: FapSpec) -> dict[str, Any]:
+    reach = OWN_REACH.get(row.number, REACH[row.unit])
+    return {
+        "number": row.number,
+        "name": row.name,
+        "unit": row.unit.value,
+        "positive": row.positive.value,
+        "low": -reach if row.bidirectional else 0,
+        "high": reach,
+    }
