@@ -11,7 +11,7 @@ the other.
 
 from collections.abc import Iterable, Iterator
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import moderngl
 import numpy as np
@@ -109,6 +109,18 @@ class FaceRenderer:
             sRGB, top row first; 4 components if transparent.
         """
         return next(self.frames([faps]))
+
+    def paint(self, faps: ArrayLike) -> moderngl.Texture:
+        """Draw one frame and leave it on the GPU, for a window that shares the context.
+
+        Returns
+        -------
+        moderngl.Texture
+            sRGB, top row first; the next frame goes into the same one.
+        """
+        with self._context:
+            self._draw(np.asarray(faps, dtype=np.float64))
+        return cast(moderngl.Texture, self._output.color_attachments[0])
 
     def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
         """Draw frames in turn; see :meth:`draw`. The picture before is read while the next is drawn."""

@@ -1,0 +1,362 @@
+"""Edge: a window with a face and its controls, on GLFW.
+
+GLFW was chosen by ``design/window_toolkits.py``: all candidates show a frame in 0.2 to 0.3 ms, and its wheel is the
+smallest (0.25 MB, the library inside, X11 and Wayland). The face is drawn by :class:`FaceRenderer` into a texture of
+the window's own context, shown without being read back, and the panel beside it as a second texture.
+
+Pointer: pull the face to turn the camera, wheel to come nearer. Keys: 1 to 4 cameras, R the first one again, Tab hides
+the panel, Enter types, Escape or Q closes; the caller adds its own.
+"""
+
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.render.camera import PRESETS, Camera
+from fapengine.render.context import REQUIRED
+from fapengine.render.panel import WIDTH, Event, Panel, Pressed
+from fapengine.render.programs import stage_source
+from fapengine.render.renderer import SIZES, FaceRenderer
+
+OVERLAY = (("backdrop.vert",), ("overlay.frag",))
+"""Stages of the program that shows a texture."""
+OVERLAY_UNIFORMS = ("u_picture",)
+MEND = 'pip install "fapengine[window]"'
+TURN_DEG = 0.4
+"""Of the camera, a point of the pointer's way."""
+ZOOM = 1.1
+SMALLEST = (200, 160)
+"""Points."""
+MEASURED = 90
+"""Frames over which the rate is told."""
+
+
+class FaceWindow:
+    """Stateful: a window. Use it as a context manager, or close it.
+
+    Parameters
+    ----------
+    mesh : FaceMesh
+        Whose face.
+    title : str
+    size : (int, int)
+        Points, panel included.
+    camera : str
+        One of :data:`fapengine.render.camera.PRESETS`.
+    panel : Panel, optional
+        The controls; cameras are added to its buttons.
+    keys : mapping of str to str, optional
+        A character to the button that it stands for.
+    vsync : bool
+        Wait for the display when a frame is shown.
+
+    Raises
+    ------
+    ResourceError
+        If there is no display, GLFW or OpenGL 3.3; the message says how to mend it.
+    UsageError
+        If the size is too small or the camera unknown.
+    """
+
+    def __init__(
+        self,
+        mesh: FaceMesh,
+        *,
+        title: str = "fapengine",
+        size: tuple[int, int] = (820, 560),
+        camera: str = "front",
+        panel: Panel | None = None,
+        keys: Mapping[str, str] | None = None,
+        vsync: bool = True,
+    ) -> None:
+        if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
+            raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {SMALLEST[0]}x{SMALLEST[1]}")
+        if camera not in PRESETS:
+            raise UsageError(f"camera: got {camera!r}, expected one of {', '.join(PRESETS)}")
+        self._mesh, self.camera, self._keys = mesh, PRESETS[camera], dict(keys or {})
+        self.panel = panel or Panel()
+        self.panel.buttons = (*map(_label, PRESETS), *self.panel.buttons)
+        self.panel.lit |= {_label(camera)}
+        self._shows_panel = True
+        self._events: list[Event] = []
+        self._pulled: tuple[float, float] | None = None
+        self._shown_at: deque[float] = deque(maxlen=MEASURED)
+        self._busy_s: deque[float] = deque(maxlen=MEASURED)
+        self._renderer: FaceRenderer | None = None
+        self._panel_texture: moderngl.Texture | None = None
+        self._glfw = _glfw()
+        self._window = self._open(title, size, vsync)
+        self._context = moderngl.create_context(require=REQUIRED)
+        vertex, fragment = (stage_source(files) for files in OVERLAY)
+        self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
+        self._quad = self._context.vertex_array(self._program, [])
+
+    def __enter__(self) -> "FaceWindow":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # What the caller uses ------------------------------------------------------------------------------------------
+
+    @property
+    def is_open(self) -> bool:
+        """False as soon as somebody has closed it."""
+        return self._window is not None and not self._glfw.window_should_close(self._window)
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, of late."""
+        shown = self._shown_at
+        return (len(shown) - 1) / (shown[-1] - shown[0]) if len(shown) > 1 else 0.0
+
+    @property
+    def busy_s(self) -> float:
+        """Time that a frame takes to draw, in the middle of late ones; waiting for the display does not count."""
+        return float(np.median(self._busy_s)) if self._busy_s else 0.0
+
+    def show(self, faps: ArrayLike) -> list[Event]:
+        """Draw a frame and show it.
+
+        Parameters
+        ----------
+        faps : (68,) array_like, FAPU
+
+        Returns
+        -------
+        list of Event
+            What was done to the controls since the last frame.
+
+        Raises
+        ------
+        UsageError
+            If the window was closed by :meth:`close`.
+        """
+        if self._window is None:
+            raise UsageError("window: got a frame, but it is closed")
+        begun = time.perf_counter()
+        self._glfw.make_context_current(self._window)
+        self._draw(faps)
+        self._context.finish()
+        self._busy_s.append(time.perf_counter() - begun)
+        self._glfw.swap_buffers(self._window)
+        self._shown_at.append(time.perf_counter())
+        self._glfw.poll_events()
+        events, self._events = self._events, []
+        return events
+
+    def picture(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8, sRGB, top row first: what the window shows, drawn anew."""
+        width, height = self._pixels()
+        data = self._context.screen.read((0, 0, width, height), components=3, alignment=1)
+        return np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1].copy()
+
+    def look(self, camera: str) -> None:
+        """Go to one of the cameras.
+
+        Raises
+        ------
+        UsageError
+            If there is none of that name.
+        """
+        if camera not in PRESETS:
+            raise UsageError(f"camera: got {camera!r}, expected one of {', '.join(PRESETS)}")
+        self._turn(PRESETS[camera])
+        self.panel.lit |= {_label(camera)}
+
+    def close(self) -> None:
+        """Close it and give the GPU's memory back; once more does nothing."""
+        if self._window is None:
+            return
+        self._glfw.make_context_current(self._window)
+        if self._renderer is not None:
+            self._renderer.release()
+        self._context.release()
+        self._glfw.destroy_window(self._window)
+        self._window = None
+
+    # Opening -------------------------------------------------------------------------------------------------------
+
+    def _open(self, title: str, size: tuple[int, int], vsync: bool) -> Any:
+        glfw = self._glfw
+        hints = {
+            glfw.CONTEXT_VERSION_MAJOR: REQUIRED // 100, glfw.CONTEXT_VERSION_MINOR: REQUIRED // 10 % 10,
+            glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.OPENGL_FORWARD_COMPAT: True, glfw.DEPTH_BITS: 0,
+        }  # fmt: skip
+        try:
+            for hint, value in hints.items():
+                glfw.window_hint(hint, value)
+            window = glfw.create_window(*size, title, None, None)
+            glfw.make_context_current(window)
+            glfw.swap_interval(int(vsync))
+        except glfw.GLFWError as error:
+            raise ResourceError(f"window: no OpenGL 3.3 on this display ({error}); try `fapengine doctor`") from error
+        glfw.set_window_size_limits(window, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
+        glfw.set_key_callback(window, self._on_key)
+        glfw.set_char_callback(window, self._on_character)
+        glfw.set_mouse_button_callback(window, self._on_button)
+        glfw.set_cursor_pos_callback(window, self._on_pointer)
+        glfw.set_scroll_callback(window, self._on_wheel)
+        return window
+
+    # Drawing -------------------------------------------------------------------------------------------------------
+
+    def _pixels(self) -> tuple[int, int]:
+        width, height = self._glfw.get_framebuffer_size(self._window)
+        return max(int(width), 1), max(int(height), 1)
+
+    def _points(self) -> tuple[int, int]:
+        width, height = self._glfw.get_window_size(self._window)
+        return max(int(width), 1), max(int(height), 1)
+
+    def _panel_width(self) -> int:
+        """Points; a narrow window has none."""
+        return WIDTH if self._shows_panel and self._points()[0] >= WIDTH + SMALLEST[1] else 0
+
+    def _draw(self, faps: ArrayLike) -> None:
+        width, height = self._pixels()
+        scale = width / self._points()[0]
+        panel = round(self._panel_width() * scale)
+        size = tuple(min(max(side, SIZES[0]), SIZES[1]) for side in (width - panel, height))
+        renderer = self._renderer_of((size[0], size[1]))
+        renderer.camera = self.camera
+        face = renderer.paint(faps)
+        self._context.screen.use()
+        self._context.disable(moderngl.DEPTH_TEST | moderngl.BLEND | moderngl.CULL_FACE)
+        self._show(face, (0, 0, width - panel, height))
+        if panel:
+            self._show(self._panel_of(scale), (width - panel, 0, panel, height))
+
+    def _renderer_of(self, size: tuple[int, int]) -> FaceRenderer:
+        if self._renderer is None or self._renderer.size != size:
+            if self._renderer is not None:
+                self._renderer.release()
+            self._renderer = FaceRenderer(self._mesh, size=size, context=self._context)
+        return self._renderer
+
+    def _panel_of(self, scale: float) -> moderngl.Texture:
+        self.panel.height = self._points()[1]
+        picture, is_new = self.panel.picture(scale)
+        size = (picture.shape[1], picture.shape[0])
+        if self._panel_texture is None or self._panel_texture.size != size:
+            if self._panel_texture is not None:
+                self._panel_texture.release()
+            self._panel_texture = self._context.texture(size, 4, picture.tobytes())
+        elif is_new:
+            self._panel_texture.write(picture.tobytes())
+        return self._panel_texture
+
+    def _show(self, texture: moderngl.Texture, viewport: tuple[int, int, int, int]) -> None:
+        self._context.viewport = viewport
+        texture.use(0)
+        self._program["u_picture"] = 0
+        self._quad.render(moderngl.TRIANGLES, vertices=3)
+
+    # What comes in -------------------------------------------------------------------------------------------------
+
+    def _turn(self, camera: Camera) -> None:
+        self.camera = camera
+        self.panel.lit -= set(map(_label, PRESETS))
+
+    def _do(self, events: list[Event]) -> None:
+        names = {_label(name): name for name in PRESETS}
+        for event in events:
+            if isinstance(event, Pressed) and event.key in names:
+                self.look(names[event.key])
+            else:
+                self._events.append(event)
+
+    def _on_character(self, _: Any, code: int) -> None:
+        character = chr(code)
+        cameras = dict(zip("123456789", PRESETS, strict=False))
+        if self.panel.is_typing:
+            self.panel.type(character)
+        elif character in self._keys:
+            self._events.append(Pressed(self._keys[character]))
+        elif character in cameras:
+            self.look(cameras[character])
+        elif character in "rR":
+            self.look(next(iter(PRESETS)))
+
+    def _on_key(self, window: Any, key: int, _: int, action: int, __: int) -> None:
+        glfw = self._glfw
+        if action == glfw.RELEASE:
+            return
+        if self.panel.is_typing:
+            if key in (glfw.KEY_ENTER, glfw.KEY_KP_ENTER):
+                self._do(self.panel.enter())
+            elif key == glfw.KEY_BACKSPACE:
+                self.panel.erase()
+            elif key == glfw.KEY_ESCAPE:
+                self.panel.is_typing = False
+        elif key in (glfw.KEY_ESCAPE, glfw.KEY_Q):
+            glfw.set_window_should_close(window, True)
+        elif key == glfw.KEY_TAB:
+            self._shows_panel = not self._shows_panel
+        elif key in (glfw.KEY_ENTER, glfw.KEY_KP_ENTER):
+            self.panel.is_typing = self.panel.has_text
+        elif key in (glfw.KEY_LEFT, glfw.KEY_RIGHT, glfw.KEY_UP, glfw.KEY_DOWN):
+            yaw = {glfw.KEY_LEFT: -1, glfw.KEY_RIGHT: 1}.get(key, 0)
+            pitch = {glfw.KEY_UP: 1, glfw.KEY_DOWN: -1}.get(key, 0)
+            self._turn(_turned(self.camera, 5.0 * yaw, 5.0 * pitch))
+
+    def _on_button(self, window: Any, button: int, action: int, _: int) -> None:
+        if button != self._glfw.MOUSE_BUTTON_LEFT:
+            return
+        x, y = self._glfw.get_cursor_pos(window)
+        self._pulled = None
+        if action == self._glfw.RELEASE:
+            self.panel.release()
+        elif x >= self._points()[0] - self._panel_width():
+            self._do(self.panel.press(self._in_panel(x), y))
+        else:
+            self.panel.is_typing = False
+            self._pulled = (x, y)
+
+    def _on_pointer(self, _: Any, x: float, y: float) -> None:
+        self._do(self.panel.drag(self._in_panel(x)))
+        if self._pulled is not None:
+            across, down = x - self._pulled[0], y - self._pulled[1]
+            self._pulled = (x, y)
+            self._turn(_turned(self.camera, -TURN_DEG * across, TURN_DEG * down))
+
+    def _on_wheel(self, _: Any, __: float, down: float) -> None:
+        field = self.camera.field_deg * ZOOM ** (-down)
+        self._turn(replace(self.camera, field_deg=min(max(field, 4.0), 45.0)))
+
+    def _in_panel(self, x: float) -> float:
+        return x - (self._points()[0] - self._panel_width())
+
+
+def _turned(camera: Camera, yaw_deg: float, pitch_deg: float) -> Camera:
+    yaw = (camera.yaw_deg + yaw_deg + 180.0) % 360.0 - 180.0
+    return replace(camera, yaw_deg=yaw, pitch_deg=min(max(camera.pitch_deg + pitch_deg, -75.0), 75.0))
+
+
+def _label(camera: str) -> str:
+    return camera.capitalize()
+
+
+def _glfw() -> Any:
+    """GLFW, ready; it stays so until the process ends."""
+    try:
+        import glfw
+    except ImportError as error:
+        raise ResourceError(f"window: {error}; mend it with: {MEND}") from error
+    glfw.ERROR_REPORTING = "exception"
+    try:
+        glfw.init()
+    except glfw.GLFWError as error:
+        raise ResourceError(f"window: no display ({error}); `fapengine serve` shows the face in a browser") from error
+    return glfw

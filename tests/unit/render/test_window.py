@@ -1,0 +1,197 @@
+"""The window, on a display of software (Xvfb) with Mesa."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.mesh.head import build_head
+from fapengine.mpeg4 import fap
+from fapengine.render.camera import PRESETS
+from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
+from fapengine.render.renderer import FaceRenderer
+from fapengine.render.window import OVERLAY_UNIFORMS, FaceWindow, _glfw
+
+SIZE = (WIDTH + 320, 320)
+RIGHT = SIZE[0] - WIDTH
+
+
+@pytest.fixture(scope="module")
+def display() -> Iterator[None]:
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
+    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+        os.close(write)
+        with os.fdopen(read) as pipe, pytest.MonkeyPatch.context() as patch:
+            patch.setenv("DISPLAY", f":{pipe.readline().strip()}")
+            patch.delenv("WAYLAND_DISPLAY", raising=False)
+            patch.delenv("XDG_SESSION_TYPE", raising=False)
+            yield
+            import glfw
+
+            glfw.terminate()
+        server.terminate()
+
+
+@pytest.fixture
+def window(display: None) -> Iterator[FaceWindow]:
+    panel = Panel([Slider("joy", "Joy")], ("Pause",), has_text=True)
+    with FaceWindow(MESH, size=SIZE, panel=panel, keys={" ": "Pause"}, vsync=False) as opened:
+        yield opened
+
+
+MESH = build_head()
+REST = np.zeros(68)
+
+
+def speaking() -> np.ndarray:
+    faps = np.zeros(68)
+    faps[fap.column(3)] = 400
+    return faps
+
+
+def test_it_shows_what_the_renderer_draws_beside_the_panel(window: FaceWindow) -> None:
+    window.show(REST)
+    picture = window.picture()
+    assert picture.shape == (SIZE[1], SIZE[0], 3)
+    with FaceRenderer(MESH, size=(RIGHT, SIZE[1])) as renderer:
+        drawn = renderer.draw(REST)
+    np.testing.assert_allclose(picture[:, :RIGHT].astype(int), drawn.astype(int), atol=1)
+    np.testing.assert_array_equal(picture[:, RIGHT:], window.panel.picture()[0][..., :3])
+    assert set(window._program) - {"gl_VertexID"} == set(OVERLAY_UNIFORMS)
+
+
+def test_frames_differ_while_speaking_and_the_rate_is_told(window: FaceWindow) -> None:
+    window.show(REST)
+    assert window.rate_hz == 0.0
+    before = window.picture()
+    window.show(speaking())
+    changed = np.abs(window.picture().astype(int) - before).max(axis=-1) > 24
+    assert changed[:, :RIGHT].sum() > 200
+    assert not changed[: SIZE[1] // 3].any()  # the forehead does not speak
+    assert window.rate_hz > 0
+    assert 0 < window.busy_s < 5
+
+
+def test_controls_come_out_as_events(window: FaceWindow) -> None:
+    import glfw
+
+    window.show(REST)
+    ((_, (left, top, right, bottom)),) = window.panel._slider_boxes()
+    glfw.set_cursor_pos(window._window, RIGHT + (left + right) / 2, (top + bottom) / 2)
+    window._on_button(window._window, glfw.MOUSE_BUTTON_RIGHT, glfw.PRESS, 0)
+    assert window.show(REST) == []
+    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.PRESS, 0)
+    window._on_pointer(window._window, SIZE[0] - 5.0, 0.0)
+    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.RELEASE, 0)
+    window._on_character(window._window, ord(" "))
+    events = window.show(REST)
+    assert isinstance(events[0], Moved)
+    assert events[0].value == pytest.approx(0.5, abs=0.01)
+    assert events[-1] == Pressed("Pause")
+    assert Moved("joy", 1.0) in events
+    press = lambda key: window._on_key(window._window, key, 0, glfw.PRESS, 0)  # noqa: E731
+    press(glfw.KEY_ENTER)
+    for character in "Hi 2":
+        window._on_character(window._window, ord(character))
+    press(glfw.KEY_BACKSPACE)
+    press(glfw.KEY_ENTER)
+    press(glfw.KEY_ESCAPE)  # leaves the line of text
+    assert window.show(REST) == [Said("Hi")]
+    assert window.is_open
+    window._on_key(window._window, glfw.KEY_Q, 0, glfw.RELEASE, 0)
+    assert window.is_open
+    press(glfw.KEY_Q)
+    assert not window.is_open
+
+
+def test_the_camera_turns_by_pointer_keys_and_buttons(window: FaceWindow) -> None:
+    import glfw
+
+    window.show(REST)
+    front = window.picture()
+    glfw.set_cursor_pos(window._window, 100, 100)
+    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.PRESS, 0)
+    window._on_pointer(window._window, 50.0, 110.0)
+    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.RELEASE, 0)
+    assert window.camera.yaw_deg == pytest.approx(20.0, abs=1)
+    assert window.camera.pitch_deg == pytest.approx(4.0, abs=1)
+    assert not window.panel.lit
+    window.show(REST)
+    assert (np.abs(window.picture()[:, :RIGHT].astype(int) - front[:, :RIGHT]).max(axis=-1) > 24).mean() > 0.05
+    window._on_wheel(window._window, 0.0, 3.0)
+    assert window.camera.field_deg < PRESETS["front"].field_deg
+    for _ in range(40):
+        window._on_key(window._window, glfw.KEY_UP, 0, glfw.REPEAT, 0)
+        window._on_key(window._window, glfw.KEY_LEFT, 0, glfw.REPEAT, 0)
+        window._on_wheel(window._window, 0.0, -3.0)
+    assert (window.camera.pitch_deg, window.camera.field_deg) == (75.0, 45.0)
+    assert -180 <= window.camera.yaw_deg < 180
+    window._on_character(window._window, ord("3"))
+    assert window.camera == PRESETS["profile"]
+    assert window.panel.lit == {"Profile"}
+    window._do([Pressed("Mouth")])
+    assert window.camera == PRESETS["mouth"]
+    window._on_character(window._window, ord("r"))
+    assert window.camera == PRESETS["front"]
+    with pytest.raises(UsageError, match="camera: got 'behind'"):
+        window.look("behind")
+
+
+def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
+    import glfw
+
+    window.show(REST)
+    glfw.set_window_size(window._window, 700, 400)
+    for _ in range(50):
+        window.show(REST)
+        if window._pixels() == (700, 400):
+            break
+    window.show(REST)
+    assert window.picture().shape == (400, 700, 3)
+    window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
+    window.show(REST)
+    assert window._renderer is not None
+    assert window._renderer.size == (700, 400)
+
+
+def test_refuses(display: None) -> None:
+    with pytest.raises(UsageError, match="size: got 50x50"):
+        FaceWindow(MESH, size=(50, 50))
+    with pytest.raises(UsageError, match="camera: got 'behind', expected one of front"):
+        FaceWindow(MESH, camera="behind")
+    window = FaceWindow(MESH, size=SIZE)
+    window.close()
+    window.close()
+    assert not window.is_open
+    with pytest.raises(UsageError, match="it is closed"):
+        window.show(REST)
+
+
+def test_glfw_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "glfw", None)
+    with pytest.raises(ResourceError, match=r"mend it with: pip install \"fapengine\[window\]\""):
+        _glfw()
+
+
+def test_no_display_is_said_plainly() -> None:
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    code = "from fapengine.render.window import _glfw\n_glfw()"
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert "ResourceError: window: no display" in done.stderr
+    assert "`fapengine serve` shows the face in a browser" in done.stderr
+
+
+def test_no_opengl_is_said_plainly(display: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    import glfw
+
+    def refuse(*_: object) -> None:
+        raise glfw.GLFWError("GLX: Failed to create context")
+
+    monkeypatch.setattr(glfw, "create_window", refuse)
+    with pytest.raises(ResourceError, match=r"no OpenGL 3\.3 on this display .*GLX"):
+        FaceWindow(MESH, size=SIZE)
