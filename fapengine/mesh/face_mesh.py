@@ -40,6 +40,8 @@ class Material(IntEnum):
     LASH = 7
     MOUTH = 8
     CLOTH = 9
+    BALL = 10
+    """An eyeball whose iris is in the texture, not drawn."""
 
 
 class Bone(IntEnum):

@@ -7,7 +7,7 @@ vertex buffer has one row of floats a vertex; :data:`fapengine.render.programs.F
 that order and without gaps. Each vertex owns a run of entries in two textures of equal size, ``moves`` and ``turns``
 (an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it is. An entry moves
 the vertex and turns its normal by so much per FAPU of one channel, whose number is in ``moves``' fourth component.
-Triangles are sorted by the program that shades them.
+Triangles are sorted by how they are shaded: ``face``, ``eye``, and ``card``, whose painting has holes.
 """
 
 from collections.abc import Mapping
@@ -37,6 +37,7 @@ SURFACES: dict[Material, tuple[float, float, float]] = {
     Material.LASH: (0.05, 10.0, 0.10),
     Material.MOUTH: (0.02, 10.0, 0.10),
     Material.CLOTH: (0.03, 6.0, 0.25),
+    Material.BALL: (1.30, 420.0, 0.20),
 }
 EYEBALL_RADIUS_MM = 14.2
 PUPIL_SHARE = 0.42
@@ -56,11 +57,18 @@ class PackedMesh:
     vertices: NDArray[np.float32]
     """(V, 18) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
-    """Program of ``STAGES`` (``"face"``, ``"eye"``) to its (F, 3) uint32 triangles; none that has no triangle."""
+    """``"face"``, ``"eye"`` and ``"card"`` to (F, 3) uint32 triangles; none that has no triangle. Face and card are
+    drawn by ``face`` of ``STAGES``, with ``PAINTED`` if there is a skin, card with ``CUT_OUT`` too; eye by ``eye``."""
     moves: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     turns: NDArray[np.float32]
     """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and 0."""
+    skin: NDArray[np.uint8] | None
+    """(H, W, 4) uint8, sRGB and how much is there: ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
+    texels_per_mm: float
+    """Of the skin, on the face; 0 without."""
+    edge_mm: float
+    """Median length of the triangles' edges."""
     iris: float
     """Radius of the iris as a share of the eyeball's."""
 
@@ -69,6 +77,8 @@ class PackedMesh:
         object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("V", width), np.float32))
         for name in ("moves", "turns"):
             object.__setattr__(self, name, frozen(getattr(self, name), name, ("R", TEXTURE_WIDTH, 4), np.float32))
+        if self.skin is not None:
+            object.__setattr__(self, "skin", frozen(self.skin, "skin", ("H", "W", 4), np.uint8))
         parts = {name: frozen(value, f"parts[{name}]", ("F", 3), np.uint32) for name, value in self.parts.items()}
         object.__setattr__(self, "parts", MappingProxyType(parts))
 
@@ -110,13 +120,18 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         "a_bones": np.stack([mesh.bone, mesh.bone_weight, mesh.head_weight], axis=-1),
         "a_entries": np.stack([basis.offsets[:-1], np.diff(basis.offsets)], axis=-1),
     }
+    skin = _with_alpha(mesh.texture)
     on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
-    parts = {"face": mesh.triangles[~on_eye].astype("u4"), "eye": mesh.triangles[on_eye].astype("u4")}
+    holed = ~on_eye & _has_hole(mesh, skin)
+    sorts = {"face": ~on_eye & ~holed, "card": holed, "eye": on_eye}
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
-        parts={name: triangles for name, triangles in parts.items() if len(triangles)},
+        parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},
         moves=_in_rows(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1)),
         turns=_in_rows(normal_turns(mesh)),
+        skin=skin,
+        texels_per_mm=_texels_per_mm(mesh, skin),
+        edge_mm=_edge_mm(mesh),
         iris=iris_share(mesh),
     )
 
@@ -136,6 +151,69 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
     pupil = iris * np.clip(PUPIL_SHARE + dilation / 2 / 1024, *PUPIL_RANGE)
     return FrameUniforms(channels=channels, bones=bones, iris=np.stack([iris, pupil], axis=-1).astype("f4"))
+
+
+def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Half as many rows and columns, 1 at least, of (H, W, 4) uint8: means of four, by squares as the shader does."""
+    height, width = picture.shape[:2]
+    padded = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    power = np.array([2.0, 2.0, 2.0, 1.0])
+    light = padded.astype(np.float32) ** power
+    mean = (light[0::2, 0::2] + light[1::2, 0::2] + light[0::2, 1::2] + light[1::2, 1::2]) / 4
+    return np.asarray(np.round(mean ** (1 / power)), dtype=np.uint8)
+
+
+def wire_edges(packed: PackedMesh) -> NDArray[np.uint32]:
+    """(E, 2) uint32: every edge of every triangle, once."""
+    triangles = np.concatenate(list(packed.parts.values()))
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    return np.unique(edges, axis=0)
+
+
+def _with_alpha(texture: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
+    if texture is None or texture.shape[2] == 4:
+        return texture
+    return np.concatenate([texture, np.full((*texture.shape[:2], 1), 255, dtype=np.uint8)], axis=2)
+
+
+def _has_hole(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
+    """(F,): whether a hole of the painting lies in the box round a triangle's part of it."""
+    if skin is None or (skin[..., 3] >= 128).all():
+        return np.zeros(len(mesh.triangles), dtype=bool)
+    height, width = skin.shape[:2]
+    count = np.zeros((height + 1, width + 1), dtype=np.int64)
+    count[1:, 1:] = (skin[..., 3] < 128).cumsum(axis=0).cumsum(axis=1)
+    at = mesh.uv[mesh.triangles].astype(np.float64) * (width, height)
+    (left, low), (right, high) = (
+        np.floor(at.min(axis=1) - 0.5).astype(int).T,
+        np.ceil(at.max(axis=1) + 0.5).astype(int).T,
+    )
+    repeats = (left < 0) | (low < 0) | (right > width) | (high > height)
+    left, right = np.clip(left, 0, width), np.clip(right, 0, width)
+    low, high = np.clip(low, 0, height), np.clip(high, 0, height)
+    inside = count[high, right] - count[low, right] - count[high, left] + count[low, left]
+    return np.asarray((inside > 0) | repeats)
+
+
+def _texels_per_mm(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> float:
+    """Root of the ratio of the painted area, in texels, to the skin's, in square mm."""
+    if skin is None:
+        return 0.0
+    on_skin = np.isin(mesh.material[mesh.triangles[:, 0]], (Material.SKIN, Material.LIP))
+    triangles = mesh.triangles[on_skin] if on_skin.any() else mesh.triangles
+    a, b, c = mesh.vertices_mm[triangles].astype(np.float64).swapaxes(0, 1)
+    area_mm2 = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    p, q, s = (mesh.uv[triangles].astype(np.float64) * skin.shape[1::-1]).swapaxes(0, 1)
+    first, second = q - p, s - p
+    area_texels = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum()
+    return float(np.sqrt(area_texels / max(area_mm2, 1e-9)))
+
+
+def _edge_mm(mesh: FaceMesh) -> float:
+    if not len(mesh.triangles):
+        return 0.0
+    corners = mesh.vertices_mm[mesh.triangles].astype(np.float64)
+    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)))
 
 
 def _in_rows(entries: NDArray[np.floating]) -> NDArray[np.float32]:
