@@ -178,13 +178,17 @@ class Hub:
 
         def release() -> None:
             nonlocal released
-            if not released:
-                released = True
+            if not released and session in self._holders:
                 self._holders[session] -= 1
                 if not self._holders[session]:
                     del self._holders[session]
+            released = True
 
         return release
+
+    def release_all(self) -> None:
+        """Forget who holds what: the server ends."""
+        self._holders.clear()
 
     def apply(self, session: str, command: Command) -> None:
         """Tell a session something, now.
@@ -338,25 +342,33 @@ class Hub:
             self._tell_each(frames)
         return frames
 
-    async def run(self, before: Callable[[float], None] | None = None) -> None:
+    async def run(
+        self,
+        before: Callable[[float, float], None] | None = None,
+        after: Callable[[float], None] | None = None,
+    ) -> None:
         """Tick at the rate until :meth:`stop`.
 
         Parameters
         ----------
         before : callable, optional
-            Called with the time before each frame: what came in since is taken then.
+            Called before each frame with the time, and when it was due: what came in since is taken then.
+        after : callable, optional
+            Called with the time when a frame has been handed out.
         """
-        self.pacer = FramePacer(self.pacer.rate_hz, self.clock())
+        pacer = self.pacer = FramePacer(self.pacer.rate_hz, self.clock())
         while not self._stopped:
-            due = self.pacer.due(self.clock())
+            due_s, due = pacer.next_s, pacer.due(self.clock())
             if due is None:
-                await asyncio.sleep(max(0.0, self.pacer.next_s - self.clock()))
+                await asyncio.sleep(max(0.0, due_s - self.clock()))
                 continue
             number, skipped = due
             self.counts.skipped += skipped
             if before is not None:
-                before(self.clock())
+                before(self.clock(), due_s)
             self.tick(self.clock(), number)
+            if after is not None:
+                after(self.clock())
             await asyncio.sleep(0)
 
     def stop(self) -> None:

@@ -2,12 +2,14 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from dataclasses import fields, replace
+from typing import Protocol
 
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Command
+from fapengine.live.engine.commands import Cancel, Command
 from fapengine.live.engine.engine import EngineFrame
-from fapengine.live.engine.session import Event, State
+from fapengine.live.engine.session import Counters, Event, State
+from fapengine.live.engine.utterance import Utterance
 from fapengine.live.fap_osc import MAX_SESSION_BYTES
 
 MOST_EVENTS = 4096
@@ -51,6 +53,14 @@ class LiveEngine(Protocol):
         """``idle``, ``waiting``, ``speaking`` or ``paused``."""
         ...
 
+    def counters(self, session: str) -> Counters:
+        """Tell what a session has met with."""
+        ...
+
+    def utterance(self, session: str, number: int) -> Utterance | None:
+        """Find an utterance that is not over."""
+        ...
+
 
 class WatchedEngine:
     """Stateful: passes every call on, and tells what passed.
@@ -67,13 +77,11 @@ class WatchedEngine:
         self.event_listeners: list[OnEvent] = []
         self.touched_s: dict[str, float] = {}
         """When each session was opened or told something last."""
+        self._closed = Counters()
         self._undrained: deque[Event] = deque(maxlen=MOST_EVENTS)
 
     def __contains__(self, session: object) -> bool:
         return session in self.inner
-
-    def __getattr__(self, name: str) -> Any:  # counters, state, utterance: what is only asked
-        return getattr(self.inner, name)
 
     @property
     def sessions(self) -> tuple[str, ...]:
@@ -98,6 +106,9 @@ class WatchedEngine:
 
     def close(self, session: str, now_s: float) -> None:
         """End a session; see :meth:`Engine.close`."""
+        if session in self.inner:  # cancelled first, so that this is counted
+            self.inner.apply(session, Cancel(), now_s)
+            _add(self._closed, self.inner.counters(session))
         self.inner.close(session, now_s)
         self.touched_s.pop(session, None)
 
@@ -112,6 +123,25 @@ class WatchedEngine:
         """One frame of every session; see :meth:`Engine.frame`."""
         return self.inner.frame(now_s)
 
+    def state(self, session: str) -> State:
+        """Tell what a session is doing; see :meth:`Engine.state`."""
+        return self.inner.state(session)
+
+    def counters(self, session: str) -> Counters:
+        """Tell what a session has met with; see :meth:`Engine.counters`."""
+        return self.inner.counters(session)
+
+    def utterance(self, session: str, number: int) -> Utterance | None:
+        """Find an utterance that is not over; see :meth:`Engine.utterance`."""
+        return self.inner.utterance(session, number)
+
+    def totals(self) -> Counters:
+        """Sum up what all sessions have met with, those that are closed included."""
+        total = replace(self._closed)
+        for session in self.inner.sessions:
+            _add(total, self.inner.counters(session))
+        return total
+
     def events(self) -> list[Event]:
         """Take what happened since the last call: once for whoever asks, and once for each listener."""
         self.collect()
@@ -125,3 +155,8 @@ class WatchedEngine:
             self._undrained.append(event)
             for listener in tuple(self.event_listeners):
                 listener(event)
+
+
+def _add(total: Counters, more: Counters) -> None:
+    for name in (one.name for one in fields(Counters)):
+        setattr(total, name, getattr(total, name) + getattr(more, name))

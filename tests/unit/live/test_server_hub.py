@@ -265,7 +265,7 @@ def test_it_runs_at_its_rate_until_stopped() -> None:
     engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still())
     hub = Hub(engine, rate_hz=200.0)
     hub.open("a")
-    before, numbers = [], []
+    before, after, numbers = [], [], []
 
     def count(frames: hubs.HubFrames) -> None:
         numbers.append(frames.number)
@@ -273,7 +273,8 @@ def test_it_runs_at_its_rate_until_stopped() -> None:
             hub.stop()
 
     hub.subscribe_all(count)
-    asyncio.run(asyncio.wait_for(hub.run(before.append), timeout=20))
-    assert len(numbers) == len(before) == 20
+    asyncio.run(asyncio.wait_for(hub.run(lambda now_s, due_s: before.append((now_s, due_s)), after.append), timeout=20))
+    assert len(numbers) == len(before) == len(after) == 20
+    assert all(now_s >= due_s - 1e-5 for now_s, due_s in before)
     assert numbers == sorted(set(numbers))
     assert numbers[-1] + 1 - len(numbers) == hub.counts.skipped == hub.pacer.skipped

@@ -1,0 +1,107 @@
+"""What a running server tells Prometheus: text of its own registry, read on the loop's thread."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, fields
+
+from prometheus_client import CollectorRegistry, Histogram, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from fapengine.live.engine.session import Counters
+from fapengine.live.protocol.counts import PeerCounts
+from fapengine.live.server.hub import Hub, HubCounts
+from fapengine.live.server.intake import Intake
+from fapengine.live.server.sinks import Sink
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+BUCKETS_S = (0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.014, 0.016, 0.020, 0.030, 0.050, 0.100)
+STATES = ("idle", "waiting", "speaking", "paused")
+HUB = {
+    "frames": "Ticks of the hub: one frame of every session each.",
+    "skipped": "Frames that were due and never shown.",
+    "listeners_dropped": "Listeners that failed.",
+    "idle_closed": "Sessions closed because nobody talked to them.",
+    "unheard": "Utterances whose player never said where the sound is.",
+}
+
+
+class ServerMetrics(Collector):
+    """Stateful: counts of a server, gathered when asked for.
+
+    Parameters
+    ----------
+    hub, intake : Hub, Intake
+    peers : PeerCounts
+        Of all senders together.
+    sinks : iterable of Sink
+    """
+
+    def __init__(self, hub: Hub, intake: Intake, peers: PeerCounts, sinks: Iterable[Sink]) -> None:
+        self._hub, self._intake, self._peers, self._sinks = hub, intake, peers, sinks
+        self._registry = CollectorRegistry()
+        self._registry.register(self)
+        self.tick_s = Histogram(
+            "fapengine_tick_seconds", "What a frame of all sessions takes, sending included.",
+            buckets=BUCKETS_S, registry=self._registry,
+        )  # fmt: skip
+        self.late_s = Histogram(
+            "fapengine_late_seconds", "How much later than due a frame began.",
+            buckets=BUCKETS_S, registry=self._registry,
+        )  # fmt: skip
+
+    def text(self) -> bytes:
+        """Give the page that Prometheus reads."""
+        return generate_latest(self._registry)
+
+    def collect(self) -> Iterator[Metric]:
+        """Gather; called by the registry."""
+        yield from self._sessions()
+        hub = self._hub.counts
+        for one in fields(HubCounts):
+            yield _counter(one.name, HUB[one.name], getattr(hub, one.name))
+        totals = asdict(self._hub.engine.totals())
+        yield _labelled("speech", "What sessions have met with, by kind.", {n: totals[n] for n in _names(Counters)})
+        wire = asdict(self._peers)
+        yield _labelled("wire", "What senders sent, by kind.", {n: wire[n] for n in _names(PeerCounts)})
+        intake, queue = self._intake.counts, self._intake.queue
+        came = {
+            "datagrams": intake.datagrams, "stream_packets": intake.stream_packets, "replies": intake.replies,
+            "unsent": intake.unsent, "faults": intake.faults, "streams_refused": intake.streams_refused,
+            "streams_broken": intake.streams_broken, "flooded": queue.flooded, "crowded": queue.crowded,
+        }  # fmt: skip
+        yield _labelled("intake", "What came in and what was refused, by kind.", came)
+        yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=intake.streams)
+        yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
+        yield from self._sent()
+
+    def _sessions(self) -> Iterator[Metric]:
+        engine = self._hub.engine
+        states: list[str] = [engine.state(session) for session in engine.sessions]
+        sessions = GaugeMetricFamily("fapengine_sessions", "Open sessions, by what they do.", labels=["state"])
+        for state in STATES:
+            sessions.add_metric([state], states.count(state))
+        yield sessions
+
+    def _sent(self) -> Iterator[Metric]:
+        sent = CounterMetricFamily("fapengine_sent", "Datagrams or planes that sinks sent.", labels=["sink"])
+        dropped = CounterMetricFamily("fapengine_unsent", "Those that could not be sent.", labels=["sink"])
+        for sink in self._sinks:
+            sent.add_metric([str(sink.address)], sink.counts.sent)
+            dropped.add_metric([str(sink.address)], sink.counts.dropped)
+        yield sent
+        yield dropped
+
+
+def _names(counts: type[Counters] | type[PeerCounts]) -> list[str]:
+    return [one.name for one in fields(counts)]
+
+
+def _counter(name: str, what: str, value: float) -> Metric:
+    return CounterMetricFamily(f"fapengine_{name}", what, value=value)
+
+
+def _labelled(name: str, what: str, values: Mapping[str, float]) -> Metric:
+    family = CounterMetricFamily(f"fapengine_{name}", what, labels=["kind"])
+    for kind, value in values.items():
+        family.add_metric([kind], value)
+    return family

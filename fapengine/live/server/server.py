@@ -1,0 +1,312 @@
+"""The whole server: engine, hub, receiver, doors, sinks, page and metrics, from start to drain.
+
+Theory of operation
+-------------------
+One loop. Before each frame the doors are emptied and packets understood; the frame goes to sinks and pages; then the
+receiver answers. Told to stop, the server takes nothing more in, cancels what is being said, shows the faces coming to
+rest, closes the sessions (so that every sink's last frame is at rest), sends what it still owes, and ends.
+"""
+
+import asyncio
+import logging
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from aiohttp import web
+
+from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.live.config import ServeConfig
+from fapengine.live.engine.commands import Cancel
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Event
+from fapengine.live.protocol.counts import TextRequest
+from fapengine.live.protocol.receiver import OscReceiver
+from fapengine.live.server.fairness import FairQueue
+from fapengine.live.server.hub import Hub
+from fapengine.live.server.intake import DatagramDoor, Intake, StreamDoor
+from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics
+from fapengine.live.server.sinks import Sink, open_sink, parse_sink
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.profiles import Profile
+
+DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
+"""When it stops, faces come to rest over the first, and the server ends after the second."""
+TEXTS_AT_ONCE = 8
+"""Texts that wait for the voice; more are refused."""
+
+log = logging.getLogger("fapengine.server")
+
+
+@dataclass(slots=True)
+class _Site:
+    """Stateful: a web server that runs."""
+
+    runner: web.AppRunner
+    address: tuple[str, int]
+
+
+@dataclass(slots=True)
+class TextCounts:
+    """Stateful: texts that senders wanted spoken."""
+
+    spoken: int = 0
+    refused: int = 0
+    """Too many at once, or not to be spoken by the voice that there is."""
+
+
+@dataclass(slots=True, eq=False)
+class _Parts:
+    """Stateful: what is open."""
+
+    datagrams: DatagramDoor | None = None
+    streams: StreamDoor | None = None
+    sinks: list[Sink] = field(default_factory=list)
+    sites: list[_Site] = field(default_factory=list)
+    texts: set[asyncio.Task[None]] = field(default_factory=set)
+
+
+class Server:
+    """Stateful: see the theory of operation. To be made, started and run on one event loop.
+
+    Parameters
+    ----------
+    config : ServeConfig
+    profile : Profile
+        Whose way of speaking; ``config.face.profile`` only names it.
+    head : FaceMesh, optional
+        Whose face the page shows; None: no page.
+    """
+
+    def __init__(self, config: ServeConfig, profile: Profile, head: FaceMesh | None = None) -> None:
+        self.config = config
+        rng = np.random.default_rng(config.face.seed)
+        engine = Engine(profile, rng=rng, limits=config.limits.engine, style=config.style)
+        self.hub = Hub(engine, rate_hz=config.face.rate_hz, idle_close_s=config.limits.idle_close_s)
+        self.receiver = OscReceiver(
+            self.hub.engine,
+            token=config.listen.token,
+            engine_limits=config.limits.engine,
+            instance=int.from_bytes(os.urandom(4)) >> 1 or 1,
+        )
+        queue = FairQueue(packets_a_peer=config.limits.packets_a_peer)
+        self.intake = Intake(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
+        self.texts = TextCounts()
+        self._parts = _Parts()
+        self.metrics = ServerMetrics(self.hub, self.intake, self.receiver.counts, self._parts.sinks)
+        self._head = head
+        self._draining = False
+        self._stop = asyncio.Event()
+        self.hub.on_event(None, self._log_event)
+
+    @property
+    def osc_address(self) -> tuple[str, int]:
+        """Host and port of OSC, UDP and TCP alike.
+
+        Raises
+        ------
+        UsageError
+            If the server was not started.
+        """
+        if self._parts.datagrams is None:
+            raise UsageError("server: got a question for its address, expected start() before it")
+        return self._parts.datagrams.address
+
+    @property
+    def sites(self) -> list[tuple[str, int]]:
+        """Hosts and ports of the page and of the metrics, those that there are."""
+        return [site.address for site in self._parts.sites]
+
+    @property
+    def sinks(self) -> list[Sink]:
+        """Sinks that are open."""
+        return self._parts.sinks
+
+    async def start(self) -> None:
+        """Open everything.
+
+        Raises
+        ------
+        ResourceError
+            If a port is taken, or a host unknown; then nothing stays open.
+        UsageError
+            If a sink cannot be understood.
+        """
+        try:
+            await self._open()
+        except FapEngineError:
+            await self._close()
+            raise
+
+    async def run(self) -> None:
+        """Show faces until :meth:`stop`; then drain and close."""
+        ticking = asyncio.create_task(self._tick_on())
+        stopping = asyncio.create_task(self._stop.wait())
+        try:
+            await asyncio.wait({ticking, stopping}, return_when=asyncio.FIRST_COMPLETED)
+            if not ticking.done():
+                await self._drain()
+        finally:
+            stopping.cancel()
+            self.hub.stop()
+            await asyncio.gather(ticking, return_exceptions=True)
+            self._say_goodbye()
+            await self._close()
+        ticking.result()
+
+    def stop(self) -> None:
+        """Let :meth:`run` end; again changes nothing."""
+        self._stop.set()
+
+    async def _open(self) -> None:
+        listen, parts = self.config.listen, self._parts
+        parts.datagrams, parts.streams = await self._doors(listen.host, listen.port)
+        for url in self.config.sinks:
+            parts.sinks.append(await open_sink(self.hub, parse_sink(url)))
+        if listen.web_port is not None and self._head is not None:
+            from fapengine.live.web.app import make_app  # the page's files are read then
+
+            app = make_app(
+                self.hub, self._head, token=listen.token, profile=self.config.face.profile
+            )  # fmt: skip
+            parts.sites.append(await _serve(app, listen.host, listen.web_port))
+        if listen.metrics_port is not None:
+            app = web.Application()
+            app.router.add_get("/metrics", self._answer_metrics)
+            parts.sites.append(await _serve(app, listen.host, listen.metrics_port))
+
+    async def _doors(self, host: str, port: int) -> tuple[DatagramDoor, StreamDoor]:
+        """Open UDP and TCP at one port; a free one is tried again where only one of both is."""
+        most = self.config.limits.streams
+        for left in range(9, -1, -1):
+            streams = await StreamDoor.open(self.intake, host, port, most=most)
+            try:
+                return DatagramDoor(self.intake, host, streams.address[1]), streams
+            except ResourceError:
+                await streams.close()
+                if port or not left:
+                    raise
+        raise AssertionError("the loop returns or raises")
+
+    async def _tick_on(self) -> None:
+        before, after, observe = self.intake.before_frame, self._after, self.metrics.tick_s.observe
+        clock, late = self.hub.clock, self.metrics.late_s.observe
+        begun_s = 0.0
+
+        def begin(now_s: float, due_s: float) -> None:
+            nonlocal begun_s
+            begun_s = now_s
+            late(max(0.0, now_s - due_s))
+            before(now_s)
+
+        def end(now_s: float) -> None:
+            after(now_s)
+            observe(clock() - begun_s)
+
+        await self.hub.run(begin, end)
+
+    def _after(self, now_s: float) -> None:
+        self.intake.after_frame(now_s)
+        for request in self.receiver.texts():
+            if self._draining or len(self._parts.texts) >= TEXTS_AT_ONCE:
+                self.texts.refused += 1
+                continue
+            task = asyncio.create_task(self._speak(request))
+            self._parts.texts.add(task)
+            task.add_done_callback(self._parts.texts.discard)
+
+    async def _speak(self, request: TextRequest) -> None:
+        voice = self.config.voice
+        try:
+            await self.hub.speak(
+                request.session, request.text, voice=request.voice or voice.name, rate_wpm=voice.rate_wpm
+            )
+        except FapEngineError as error:
+            self.texts.refused += 1
+            log.warning("a text was not spoken: %s", error, extra={"session": request.session})
+        else:
+            self.texts.spoken += 1
+
+    async def _drain(self) -> None:
+        self._draining = True
+        self.intake.close()
+        log.info("stopping: %d faces come to rest", len(self.hub.engine.sessions))
+        for session in self.hub.engine.sessions:
+            self.hub.apply(session, Cancel(fade_s=DRAIN_FADE_S))
+        await asyncio.sleep(DRAIN_S)
+
+    def _say_goodbye(self) -> None:
+        """Close every session; the frame after that tells every sink to rest, and every sender that it is over."""
+        now_s = self.hub.clock()
+        self.hub.release_all()
+        for session in self.hub.engine.sessions:
+            self.hub.engine.close(session, now_s)
+        self.hub.tick(now_s)
+        self.intake.after_frame(now_s)
+
+    async def _close(self) -> None:
+        parts = self._parts
+        for task in tuple(parts.texts):
+            task.cancel()
+        for site in parts.sites:
+            await site.runner.cleanup()
+        for sink in parts.sinks:
+            await sink.close()
+        if parts.datagrams is not None:
+            parts.datagrams.close()
+        if parts.streams is not None:
+            await parts.streams.close()
+        self._parts.sites.clear()
+        self._parts.sinks.clear()
+        parts.datagrams = parts.streams = None
+
+    async def _answer_metrics(self, request: web.Request) -> web.Response:
+        token = self.config.listen.token
+        if token is not None and request.headers.get("Authorization") != f"Bearer {token}":
+            raise web.HTTPForbidden(text="send the token: Authorization: Bearer TOKEN")
+        return web.Response(body=self.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
+
+    def _log_event(self, event: Event) -> None:
+        level = logging.WARNING if event.kind in ("error", "underrun") else logging.DEBUG
+        if log.isEnabledFor(level):
+            told: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
+            log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=told)
+
+
+async def _serve(app: web.Application, host: str, port: int) -> _Site:
+    """Let a web application listen.
+
+    Raises
+    ------
+    ResourceError
+        If the port is taken.
+    """
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, host, port).start()
+    except OSError as error:
+        await runner.cleanup()
+        raise ResourceError(
+            f"TCP port {port} on {host}: {error.strerror or error}; choose another port, or see who has it: ss -lnp"
+        ) from error
+    found = runner.addresses[0]
+    return _Site(runner, (found[0], found[1]))
+
+
+async def serve(server: Server, ready: Callable[[], None] | None = None) -> None:
+    """Start, run until told to stop, and close.
+
+    Parameters
+    ----------
+    server : Server
+    ready : callable, optional
+        Called when everything is open.
+    """
+    await server.start()
+    if ready is not None:
+        ready()
+    await server.run()
