@@ -233,7 +233,8 @@ class Server:
     async def _drain(self) -> None:
         self._draining = True
         self.intake.close()
-        log.info("stopping: %d faces come to rest", len(self.hub.engine.sessions))
+        sessions = len(self.hub.engine.sessions)
+        log.info("stopping; faces come to rest: %d", sessions, extra={"sessions": sessions})
         for session in self.hub.engine.sessions:
             self.hub.apply(session, Cancel(fade_s=DRAIN_FADE_S))
         await asyncio.sleep(DRAIN_S)

@@ -1,0 +1,133 @@
+"""``fapengine serve``: faces in real time, for senders of phones and for whoever shows them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fapengine.cli import options as shared
+
+if TYPE_CHECKING:
+    from fapengine.live.config import ServeConfig
+    from fapengine.live.server.server import Server
+    from fapengine.mesh.face_mesh import FaceMesh
+    from fapengine.profiles import Profile
+
+
+def serve(
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="A TOML file with all of this and more; options go before it.")
+    ] = None,
+    host: Annotated[
+        str | None, typer.Option("--host", help="Where to listen; 0.0.0.0 lets the network in. [default: 127.0.0.1]")
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option("--port", "-p", min=0, max=65535, help="OSC in, UDP and TCP. [default: 9110]")
+    ] = None,
+    web_port: Annotated[
+        int | None, typer.Option("--web-port", "-w", min=0, max=65535, help="The page. [default: 8110]")
+    ] = None,
+    no_page: Annotated[bool, typer.Option("--no-page", help="Serve no page.")] = False,
+    sink: Annotated[
+        list[str],
+        typer.Option(
+            "--sink",
+            "-s",
+            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP) or fba+tcp."
+            " May be given again.",
+        ),
+    ] = [],  # noqa: B006  typer copies it
+    token: Annotated[
+        str | None,
+        typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
+    ] = None,
+    metrics: Annotated[
+        int | None, typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics.")
+    ] = None,
+    log: Annotated[str | None, typer.Option("--log", help="text, or json: an object a line. [default: text]")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Log every utterance.")] = False,
+    profile: Annotated[
+        str | None, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")
+    ] = None,
+    head: Annotated[
+        str | None, typer.Option("--head", help="Whose face the page shows: default, or an imported head's folder.")
+    ] = None,
+    fps: Annotated[float | None, typer.Option("--fps", help="Frames a second. [default: 60]")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Chance of blinks, glances and head motion.")] = None,
+    without: shared.Without = [],  # noqa: B006
+) -> None:
+    """Run the live engine: phones in over OSC, faces out, and a page that shows one.
+
+    A sender of one line is enough (python-osc, Pure Data, anything that speaks OSC to port 9110):
+
+    /phoneme s "m" · /phoneme s "a" f 0.2 · /viseme s "O" · /tts/text s "Hello there." · /tts/stop
+
+    The robust way, with repeats, acknowledgements and clocks, is fapengine.live.client; docs/osc.md tells of both.
+    A face goes on to other programs through sinks:
+
+    fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
+
+    Ctrl-C or SIGTERM: the faces come to rest, then the server ends.
+    """
+    import asyncio
+
+    from fapengine.cli._serve_config import configured
+    from fapengine.files.heads import load_head
+    from fapengine.files.profiles import load_profile
+    from fapengine.live.server.logs import begin_log
+
+    given = {
+        "host": host, "port": port, "web_port": web_port, "no_page": no_page, "sink": sink, "token": token,
+        "metrics": metrics, "log": log, "verbose": verbose, "profile": profile, "head": head, "fps": fps,
+        "seed": seed, "without": without,
+    }  # fmt: skip
+    wanted = configured(config, given)
+    begin_log(wanted.log.level, wanted.log.format)
+    face = load_head(wanted.face.head) if wanted.listen.web_port is not None else None
+    asyncio.run(_run(wanted, load_profile(wanted.face.profile), face))
+
+
+async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None") -> None:
+    import asyncio
+    import gc
+    import signal
+
+    from fapengine.live.server.server import Server
+    from fapengine.live.server.server import serve as serve_until_stopped
+
+    server = Server(config, profile, head)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, server.stop)
+    gc.collect()
+    gc.freeze()  # tables and models live as long as the server does: no need to look through them again and again
+    await serve_until_stopped(server, lambda: _announce(server))
+
+
+def _announce(server: "Server") -> None:
+    """Say where everything is: for people on standard output, for programs in the log."""
+    import logging
+
+    config = server.config
+    host, port = server.osc_address
+    sites = list(server.sites)
+    lines = [("OSC in", f"{_spelled(host, port)} (UDP and TCP)")]
+    if config.listen.web_port is not None:
+        query = f"?token={config.listen.token}" if config.listen.token else ""
+        lines.append(("page", f"http://{_spelled(*sites.pop(0))}/{query}"))
+    lines += [("sink", str(sink.address)) for sink in server.sinks]
+    if config.listen.metrics_port is not None:
+        lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))
+    log = logging.getLogger("fapengine.server")
+    if config.log.format == "json":
+        log.info("ready", extra={"listens": [{"what": what, "where": where} for what, where in lines]})
+    else:
+        for what, where in lines:
+            typer.echo(f"{what:<8} {where}")
+        typer.echo("Ctrl-C stops.")
+    if config.listen.host not in ("127.0.0.1", "::1", "localhost") and not config.listen.token:
+        log.warning("everybody in the network may speak here: set a token")
+
+
+def _spelled(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
