@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.eyes import Eye, lid_displacement
+from fapengine.mesh.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mesh.head_parts import HeadParts
 from fapengine.mpeg4 import fap
@@ -182,7 +182,9 @@ def _lids(points: Array, eye: Eye, side: int, feature_points: dict[str, int], fa
     rings = eye.lids
     neutral = points[rings.indices]
     margin = rings.indices[np.flatnonzero(rings.level == 1.0)[0]]
-    inner_rings = rings.indices[1:].ravel()  # the border belongs to the grid and never moves
+    inner_rings = np.concatenate(
+        [rings.indices[1:].ravel(), eye.lashes.ravel()]
+    )  # the border belongs to the grid and never moves
     for number, knot_lists, mine, direction in (
         (19 + side, (UPPER_LID_KNOTS, WIDE_KNOTS), rings.upper, -1.0),
         (21 + side, (LOWER_LID_KNOTS, WIDE_KNOTS), ~rings.upper, 1.0),
@@ -198,7 +200,9 @@ def _lids(points: Array, eye: Eye, side: int, feature_points: dict[str, int], fa
                 angle = np.arcsin(np.clip(moved / np.hypot(y, z), -1, 1))
                 closing = (angle - start) / (eye.closed[own] - eye.angles[own])
                 turn = np.where(mine, closing * (eye.closed - eye.angles), 0.0)
-                poses.append(lid_displacement(neutral, eye, turn)[1:].reshape(-1, 3))
+                lids = lid_displacement(neutral, eye, turn)[1:].reshape(-1, 3)
+                lashes = turned(points[eye.lashes], eye.centre, turn[eye.lash_roots][:, None]).reshape(-1, 3)
+                poses.append(np.concatenate([lids, lashes]))
             for index in range(len(knots) - 1):
                 per_unit = (poses[index + 1] - poses[index]) / abs(knots[index + 1] - knots[index])
                 collector.add(Channel(number, knots[index], knots[index + 1]), inner_rings, per_unit)

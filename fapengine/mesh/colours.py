@@ -1,21 +1,34 @@
 """Colours of the default head, linear RGB; painted per vertex."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.mesh.style import HAIR_COLOURS, HeadStyle
+
 Array = NDArray[np.float64]
 
-SKIN = np.array([0.72, 0.42, 0.30])
-BLUSH = np.array([0.72, 0.27, 0.20])
-LIP = np.array([0.56, 0.17, 0.155])
+TONES = np.array(
+    [[0.80, 0.55, 0.44], [0.70, 0.435, 0.315], [0.50, 0.27, 0.165], [0.26, 0.12, 0.068], [0.10, 0.05, 0.03]]
+)
+"""Skin from very light to very dark."""
+BLUSHES = np.array(
+    [[0.78, 0.35, 0.29], [0.67, 0.275, 0.205], [0.46, 0.17, 0.115], [0.23, 0.085, 0.055], [0.09, 0.035, 0.025]]
+)
+LIPS = np.array(
+    [[0.60, 0.25, 0.22], [0.53, 0.205, 0.178], [0.38, 0.135, 0.110], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
+)
+
+SKIN = TONES[1]
+LIP = LIPS[1]
 MOUTH = np.array([0.10, 0.018, 0.016])
-GUM = np.array([0.52, 0.16, 0.15])
-TONGUE = np.array([0.55, 0.17, 0.16])
-TEETH = np.array([0.82, 0.76, 0.65])
-EYE = np.array([0.86, 0.82, 0.78])
-HAIR = np.array([0.070, 0.034, 0.018])
-LASH = np.array([0.045, 0.022, 0.014])
-CLOTH = np.array([0.045, 0.11, 0.20])
+GUM = np.array([0.50, 0.16, 0.15])
+TONGUE = np.array([0.52, 0.17, 0.16])
+TEETH = np.array([0.80, 0.75, 0.66])
+EYE = np.array([0.80, 0.77, 0.74])
+LASH = np.array([0.030, 0.018, 0.013])
+CLOTH = np.array([0.030, 0.060, 0.105])
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
@@ -25,18 +38,44 @@ def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float])
     return spot
 
 
+def _of_tone(table: Array, tone: float) -> Array:
+    places = np.linspace(0, 1, len(table))
+    return np.array([np.interp(tone, places, table[:, channel]) for channel in range(3)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Palette:
+    """Colours of one style."""
+
+    base: Array
+    blush: Array
+    lips: Array
+    hair: Array
+
+    @classmethod
+    def of(cls, style: HeadStyle) -> "Palette":
+        """Colours that go with a style."""
+        base, blush, lips = (_of_tone(table, style.skin_tone) for table in (TONES, BLUSHES, LIPS))
+        return cls(base, blush, lips, np.array(HAIR_COLOURS[style.hair_colour]))
+
+    def skin(self, points: Array) -> Array:
+        """(..., 3) skin: redder cheeks, nose, ears and chin, darker round the eyes, lighter bridge and forehead."""
+        colour = np.broadcast_to(self.base, points.shape).copy()
+        for centre, size, share in (
+            ((45, -2), (21, 18), 0.42), ((0, 0), (15, 11), 0.42), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
+            ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.30), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.20),
+        ):  # fmt: skip
+            colour += share * _spot(points, centre, size) * (self.blush - colour)
+        colour *= 1 - 0.10 * _spot(points, (30, 36), (20, 13)) - 0.06 * _spot(points, (18, 32), (6, 8))
+        colour *= 1 + 0.05 * _spot(points, (0, 72), (36, 18)) + 0.05 * _spot(points, (0, 18), (5, 14))
+        return colour
+
+    def lip(self, points: Array, t: Array, level: float) -> Array:
+        """(..., 3) lip colour, darker at the mouth line and at the corners."""
+        shade = (0.66 + 0.34 * min(level / 0.3, 1.0)) * (1 - 0.25 * np.abs(t) ** 4)
+        return self.lips * np.broadcast_to(shade[..., None], points.shape)
+
+
 def skin(points: Array) -> Array:
-    """(..., 3) skin colour: blush on cheeks, nose and chin, shade round the eyes, lighter bridge and forehead."""
-    colour = np.broadcast_to(SKIN, points.shape).copy()
-    colour += 0.55 * _spot(points, (46, -4), (20, 17)) * (BLUSH - colour)
-    colour += 0.40 * _spot(points, (0, 2), (13, 10)) * (BLUSH - colour)
-    colour += 0.15 * _spot(points, (0, -63), (14, 10)) * (BLUSH - colour)
-    colour *= 1 - 0.10 * _spot(points, (30, 35), (22, 14))
-    colour *= 1 + 0.06 * _spot(points, (0, 70), (40, 22))
-    return colour
-
-
-def lip(points: Array, t: Array, level: float) -> Array:
-    """(..., 3) lip colour, darker at the mouth line and at the corners."""
-    shade = (0.72 + 0.28 * min(level / 0.3, 1.0)) * (1 - 0.2 * np.abs(t) ** 4)
-    return LIP * np.broadcast_to(shade[..., None], points.shape)
+    """(..., 3): :meth:`Palette.skin` of the default style."""
+    return Palette.of(HeadStyle()).skin(points)

@@ -1,11 +1,11 @@
-"""Eyeballs and lids. Lids lie on a sphere a little larger than the eyeball, so that they can slide over it.
+"""Eyeballs, lids and lashes. Lids lie on a sphere a little larger than the eyeball, so that they can slide over it.
 
 Theory of operation
 -------------------
 The lid rings of :func:`build_lids` run from the border of the block (level 2) over the crease to the margin (level 1)
 and round its edge inwards (below 1). A lid moves by turning about the eyeball's horizontal axis:
 :func:`lid_displacement` turns the margin from its neutral height to a given one and the rings behind it by a share
-that falls to zero at the crease, so skin folds there and slides over the ball below.
+that falls to zero at the crease, so skin folds there and slides over the ball below. Lashes turn with their root.
 """
 
 from dataclasses import dataclass
@@ -15,22 +15,26 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
+from fapengine.mesh.colours import Palette
 from fapengine.mesh.face_mesh import Bone, Material
 from fapengine.mesh.patch import MeshBuilder
-from fapengine.mesh.rings import Block, Rings
-from fapengine.mesh.surface import HeadShape, angle_of, normal, position
+from fapengine.mesh.rings import Block, Rings, resampled
+from fapengine.mesh.style import HeadStyle
+from fapengine.mesh.surface import angle_of, normal, position
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
 """Left eyeball; the right one is its mirror."""
 LID_THICKNESS = 1.15
-INNER_CORNER, OUTER_CORNER = np.array([18.6, 32.6]), np.array([44.6, 34.4])
-OUTSIDE = (1.85, 1.7, 1.56, 1.44, 1.34, 1.25, 1.16, 1.08, 1.0)
+INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
+OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
 CREASE = 1.4
-EDGE = ((0.9, 0.35, 0.985), (0.75, 0.06, 0.96), (0.5, -1.2, 1.12))
+EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Round the margin: level, height above the eyeball, size of the opening."""
+POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +42,11 @@ class Eye:
     """One eye."""
 
     lids: Rings
-    ball: NDArray[np.int64]
+    ball: Indices
+    lashes: Indices
+    """(L, 5): two at the root, two half way, the tip."""
+    lash_roots: Indices
+    """(L,): place of each lash's root on the ring."""
     centre: Array
     side: float
     """1 left, -1 right."""
@@ -48,15 +56,15 @@ class Eye:
     """(N,) rad: elevation of the other lid's margin at the same place along the eye."""
 
 
-def _margin(t: Array, upper: NDArray[np.bool_], shape: HeadShape) -> Array:
+def _margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
     """(N, 2): the rim of the opening; t is 1 at the outer corner."""
     share = (1 + t) / 2
     corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
-    half = shape.eye_opening_mm / 2
+    half = style.eye_opening_mm / 2
     middle_y = (INNER_CORNER[1] + OUTER_CORNER[1]) / 2
-    skewed = np.clip(t + 0.1 * (1 - t**2), -1, 1)
-    rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(skewed) ** 2.5) ** 0.85
-    sink = (middle_y - CENTRE[1] + half) * (1 - np.abs(t) ** 2.6) ** 0.95
+    above, below = np.clip(t + 0.06 * (1 - t**2), -1, 1), np.clip(t - 0.16 * (1 - t**2), -1, 1)
+    rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(above) ** 2.25) ** 0.92
+    sink = (middle_y - CENTRE[1] + half) * (1 - np.abs(below) ** 2.2)
     margin: Array = corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
     return margin
 
@@ -67,44 +75,58 @@ def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
     return np.concatenate([flat, (centre[2] + depth)[:, None]], axis=-1)
 
 
-def build_lids(builder: MeshBuilder, border: NDArray[np.int64], block: Block, shape: HeadShape, side: float) -> Eye:
-    """Add the lids and the ball of one eye inside a block whose border vertices exist already."""
+def _forward(t: Array, level: float) -> Array:
+    """(N,) mm: the inner corner lies before the ball, over the tear duct."""
+    out: Array = 1.6 * smoothstep((-t - 0.72) / 0.28) * smoothstep((level - 0.45) / 0.3)
+    return out
+
+
+def build_lids(
+    builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, detail: float
+) -> Eye:
+    """Add lids, ball and lashes of one eye inside a block whose border vertices exist already."""
     along, upper = block.along()
     t = side * along  # 1 at the outer corner on both sides
+    palette = Palette.of(style)
     at_border = builder.column("points_mm")[border]
-    mirror = np.array([side, 1.0])
-    margin = _margin(t, upper, shape) * mirror
+    margin = _margin(t, upper, style) * np.array([side, 1.0])
     centre = CENTRE * [side, 1, 1]
     reach_mm = np.linalg.norm(at_border[:, :2] - margin, axis=1)
+    middle = 1 - np.abs(t) ** 4
     grids, levels = [border], [2.0]
-    for level in OUTSIDE:
+    for level in resampled(OUTSIDE, detail):
         flat = margin + (level - 1) * (at_border[:, :2] - margin)
-        angle = angle_of(flat[:, 0], flat[:, 1], shape)
-        face = position(angle, flat[:, 1], shape)
+        angle = angle_of(flat[:, 0], flat[:, 1], style)
+        face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
-        towards_face = smoothstep(((level - 1) * reach_mm - 0.8) / 7.0)
+        on_ball[:, 2] += _forward(t, level)
+        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / 7.5)
         points = on_ball + towards_face[:, None] * (face - on_ball)
-        fold = np.exp(-(((level - CREASE) / 0.07) ** 2)) * np.where(upper, 1.0, 0.3) * (1 - np.abs(t) ** 4)
-        points -= 0.7 * fold[:, None] * normal(angle, flat[:, 1], shape)
-        shade = 1 - 0.22 * fold - 0.06 * (level < CREASE)
-        albedo = colours.skin(points) * shade[:, None]
+        crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
+        hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
+        points += (hood - 0.95 * crease)[:, None] * out
+        shade = 1 - 0.30 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
         lash = (level <= 1.0) * upper
-        albedo = np.where(lash[:, None], colours.LASH, albedo)
-        material = np.where(lash, Material.LASH, Material.SKIN)
-        grids.append(builder.add(points, albedo=albedo, material=material))
-        levels.append(level)
+        albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
+        grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.SKIN)))
+        levels.append(float(level))
+    rim = points
     for level, height, size in EDGE:
         flat = centre[:2] + size * (margin - centre[:2])
         points = _on_sphere(flat, centre, RADIUS + height)
+        points[:, 2] += _forward(t, level)
         lash = upper & (level > 0.8)
-        albedo = np.where(lash[:, None], colours.LASH, colours.skin(points) * [0.95, 0.72, 0.70])
-        grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.SKIN)))
+        wet = palette.skin(points) * [0.98, 0.74, 0.72]
+        albedo = np.where(lash[:, None], colours.LASH, wet)
+        grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.LIP)))
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
-    ball = _build_ball(builder, centre, side)
+    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, detail)
+    ball = _build_ball(builder, centre, side, detail)
     angles = np.arctan2(margin[:, 1] - centre[1], _on_sphere(margin, centre, RADIUS + LID_THICKNESS)[:, 2] - centre[2])
-    return Eye(Rings(rings, np.array(levels), t, upper), ball, centre, side, angles, _other_lid(t, upper, angles))
+    closed = _other_lid(t, upper, angles)
+    return Eye(Rings(rings, np.array(levels), t, upper), ball, lashes, roots, centre, side, angles, closed)
 
 
 def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
@@ -116,9 +138,37 @@ def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
     return other
 
 
-def _build_ball(builder: MeshBuilder, centre: Array, side: float) -> NDArray[np.int64]:
-    polar = np.deg2rad(np.array([4.0, 9, 14, 19, 24, 30, 37, 46, 58, 72, 88]))[::-1]
-    around = np.linspace(0, 2 * np.pi, 28, endpoint=False)
+def _build_lashes(
+    builder: MeshBuilder, rim: Array, t: Array, upper: NDArray[np.bool_], centre: Array, side: float, detail: float
+) -> tuple[Indices, Indices]:
+    """Blades of five vertices on the lids' margins, the upper ones longer and bent upwards."""
+    order = np.argsort(t)
+    blades, roots = [], []
+    for is_upper, count, length_mm in ((True, 30, 7.6), (False, 16, 3.6)):
+        mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
+        for number, place in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
+            root = int(mine[np.abs(t[mine] - place).argmin()])
+            base = np.array([np.interp(place, t[mine], rim[mine, axis]) for axis in range(3)])
+            outwards = (base - centre) / np.linalg.norm(base - centre)
+            aside = np.array([side, 0.0, 0.0])
+            length = length_mm * (0.72 + 0.28 * place) * (0.88 + 0.12 * np.sin(7.3 * number))
+            length *= 1 - 0.5 * smoothstep((-place - 0.5) / 0.4)
+            lift = np.array([0.0, 0.42 if is_upper else -0.30, 0.0])
+            grow = outwards + (0.62 * place + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
+            middle = base + 0.5 * length * grow
+            tip = base + length * (grow + lift)
+            wide = np.array([0.30 if is_upper else -0.2, 0.0, 0.0])  # blades face forwards
+            blades.append([base - wide, base + wide, middle - 0.7 * wide, middle + 0.7 * wide, tip])
+            roots.append(root)
+    grid = builder.add(np.array(blades), albedo=colours.LASH, material=Material.LASH)
+    for corners in ((0, 1, 3), (0, 3, 2), (2, 3, 4)):
+        builder.loose(grid[:, list(corners)])
+    return grid, np.array(roots)
+
+
+def _build_ball(builder: MeshBuilder, centre: Array, side: float, detail: float) -> Indices:
+    polar = np.deg2rad(resampled(POLAR_DEG, detail))
+    around = np.linspace(0, 2 * np.pi, 4 * max(4, round(7 * detail)), endpoint=False)
     unit = np.stack(
         [
             np.sin(polar)[:, None] * np.cos(around),
@@ -129,7 +179,7 @@ def _build_ball(builder: MeshBuilder, centre: Array, side: float) -> NDArray[np.
     )
     bone = Bone.LEFT_EYE if side > 0 else Bone.RIGHT_EYE
 
-    def add(unit: Array) -> NDArray[np.int64]:
+    def add(unit: Array) -> Indices:
         where, uv = centre + RADIUS * unit, 0.5 + 0.5 * unit[..., :2]
         return builder.add(where, uv=uv, albedo=colours.EYE, material=Material.EYE, bone=bone, bone_weight=1.0)
 
@@ -137,6 +187,15 @@ def _build_ball(builder: MeshBuilder, centre: Array, side: float) -> NDArray[np.
     builder.quads(grid, closed=True)
     builder.fan(grid[-1], int(pole))
     return np.append(grid.ravel(), pole)
+
+
+def turned(points: Array, centre: Array, angle: Array) -> Array:
+    """(..., 3) mm: how points move that turn about the eyeball's horizontal axis by ``angle`` (...), rad, upwards."""
+    offset = points - centre
+    cosine, sine = np.cos(angle), np.sin(angle)
+    y = offset[..., 1] * cosine + offset[..., 2] * sine
+    z = offset[..., 2] * cosine - offset[..., 1] * sine
+    return np.stack([np.zeros_like(y), y - offset[..., 1], z - offset[..., 2]], axis=-1)
 
 
 def lid_displacement(points: Array, eye: Eye, turn: Array) -> Array:
@@ -153,9 +212,4 @@ def lid_displacement(points: Array, eye: Eye, turn: Array) -> Array:
     """
     level = eye.lids.level
     share = np.where(level >= 1, 1 - smoothstep((level - 1) / (CREASE + 0.12 - 1)), 1.0)
-    angle = share[:, None] * turn
-    offset = points - eye.centre
-    cosine, sine = np.cos(angle), np.sin(angle)
-    y = offset[..., 1] * cosine + offset[..., 2] * sine
-    z = offset[..., 2] * cosine - offset[..., 1] * sine
-    return np.stack([np.zeros_like(y), y - offset[..., 1], z - offset[..., 2]], axis=-1)
+    return turned(points, eye.centre, share[:, None] * turn)

@@ -5,19 +5,26 @@ Head space: +x the subject's left, +y up, +z out of the face, mm.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
+from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh import colours, parts
+from fapengine.mesh import nose, parts
 from fapengine.mesh.basis import build_basis
+from fapengine.mesh.brows import build_brow
+from fapengine.mesh.colours import Palette
+from fapengine.mesh.ears import build_ear
 from fapengine.mesh.eyes import build_lids
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
+from fapengine.mesh.hair import build_hair, hairline
 from fapengine.mesh.head_parts import HeadParts
 from fapengine.mesh.mouth import build_mouth
 from fapengine.mesh.patch import MeshBuilder, bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mesh.points import locate
 from fapengine.mesh.rings import Block
-from fapengine.mesh.surface import HeadShape, position
+from fapengine.mesh.style import HeadStyle
+from fapengine.mesh.surface import position, radius
 from fapengine.mpeg4.fapu import Fapu
 
 Array = NDArray[np.float64]
@@ -25,129 +32,148 @@ Indices = NDArray[np.int64]
 
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
-FRONT_STEP_DEG, FRONT_COLUMNS, ROW_STEP = 1.6, 30, 2.6
-ROW_ZERO = -35.0 + 0.4  # a row on the mouth line gives the mouth's corners
+MOUTH_LINE_Y = -34.6
+"""Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
+ROWS: tuple[tuple[float, int], ...] = (  # upper end of a stretch, mm, and its rows
+    (-110.0, 2), (-92.0, 3), (-62.0, 10), (MOUTH_LINE_Y, 9), (-16.5, 7), (-12.0, 2), (6.0, 9), (17.5, 4),
+    (33.0, 5), (51.0, 6), (62.0, 3), (90.0, 5), (115.0, 3), (142.0, 3),
+)  # fmt: skip
+COLUMNS: tuple[tuple[float, int], ...] = (  # outer end of a stretch, degrees, and its columns
+    (6.6, 6), (13.2, 6), (25.5, 7), (35.0, 5), (48.0, 6), (80.0, 6), (180.0, 7),
+)  # fmt: skip
 
 
-def _columns() -> Array:
-    front = np.arange(FRONT_COLUMNS + 1) * FRONT_STEP_DEG
-    side = front[-1] + (180 - front[-1]) * (np.arange(1, 15) / 14) ** 1.3
-    positive = np.deg2rad(np.concatenate([front, side]))
+def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: float) -> Array:
+    """Return the ends of all stretches, and between them so many steps as each has, changing length gradually."""
+    ends = np.array([start, *(end for end, _ in stretches)])
+    counts = np.cumsum([0, *(max(1, round(count * detail)) for _, count in stretches)])
+    spaced: Array = PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
+    return spaced
+
+
+def _columns(detail: float) -> Array:
+    positive = np.deg2rad(_spaced(0.0, COLUMNS, detail))
     return np.concatenate([-positive[:0:-1], positive[:-1]])
 
 
-def _rows() -> Array:
-    face = ROW_ZERO + ROW_STEP * np.arange(-22, 38)
-    neck = face[0] - np.array([46.0, 36, 27, 19, 12, 6.5, 2.8])
-    top = face[-1] + (142.0 - face[-1]) * (np.arange(1, 13) / 12) ** 0.8
-    return np.concatenate([neck, face, top])
+def _rows(detail: float) -> Array:
+    return _spaced(-138.0, ROWS, detail)
 
 
 def _blocks(rows: Array, columns: Array) -> tuple[Block, Block, Block]:
-    def row(steps: int) -> int:
-        return int(np.abs(rows - (ROW_ZERO + steps * ROW_STEP)).argmin())
+    def row(height: float) -> int:
+        return int(np.abs(rows - height).argmin())
 
-    middle = int(np.abs(columns).argmin())
-    mouth = Block(bottom=row(-11), top=row(7), corner=row(0), left=middle - 16, right=middle + 16)
+    def column(angle_deg: float) -> int:
+        return int(np.abs(columns - np.deg2rad(angle_deg)).argmin())
+
+    mouth = Block(bottom=row(-62.0), top=row(-16.5), corner=row(MOUTH_LINE_Y), left=column(-25.5), right=column(25.5))
     eyes = [
-        Block(bottom=row(20), top=row(33), corner=row(26), left=middle + left, right=middle + right)
-        for left, right in ((4, 22), (-22, -4))
+        Block(bottom=row(17.5), top=row(51.0), corner=row(33.0), left=column(left), right=column(right))
+        for left, right in ((6.6, 35.0), (-35.0, -6.6))
     ]
     return mouth, eyes[0], eyes[1]
 
 
-def build_head(shape: HeadShape | None = None) -> FaceMesh:
+LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.35, "finest": 2.47}
+"""Level of detail to how finely everything is divided, lengthwise: about 6, 14, 26 and 71 thousand vertices."""
+
+
+def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> FaceMesh:
     """Build the head.
 
     Parameters
     ----------
-    shape : HeadShape, optional
-        Proportions; by default an average adult's.
+    style : HeadStyle, optional
+        Proportions and colours; by default an average adult's.
+    level : str
+        One of :data:`LEVELS`. All levels are the same surface, divided more or less finely, with the same channels.
 
     Returns
     -------
     FaceMesh
-        About 11,000 vertices, every FDP feature point, and the deformation basis.
+        Every FDP feature point, and the deformation basis.
+
+    Raises
+    ------
+    UsageError
+        If there is no such level.
     """
-    shape = shape or HeadShape()
+    if level not in LEVELS:
+        raise UsageError(f"level: got {level!r}, expected one of {', '.join(LEVELS)}")
+    style, detail = style or HeadStyle(), LEVELS[level]
     builder = MeshBuilder()
-    grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, shape)
+    grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
 
     def border(block: Block) -> Indices:
         rows, columns = block.border()
         return grid[rows, columns]
 
-    mouth = build_mouth(builder, border(mouth_block), mouth_block, shape)
+    mouth = build_mouth(builder, border(mouth_block), mouth_block, style, detail)
     left, right = (
-        build_lids(builder, border(block), block, shape, side)
+        build_lids(builder, border(block), block, style, side, detail)
         for block, side in zip(eye_blocks, (1.0, -1.0), strict=True)
     )
+    palette = Palette.of(style)
     head = HeadParts(
         grid=grid,
         mouth=mouth,
         eyes=(left, right),
-        brows=(parts.build_brow(builder, shape, 1.0), parts.build_brow(builder, shape, -1.0)),
-        ears=(parts.build_ear(builder, 1.0), parts.build_ear(builder, -1.0)),
-        upper_teeth=parts.build_teeth(builder, upper=True),
-        lower_teeth=parts.build_teeth(builder, upper=False),
-        tongue=parts.build_tongue(builder),
-        hair=parts.build_hair(builder, shape),
+        brows=(build_brow(builder, style, 1.0, detail), build_brow(builder, style, -1.0, detail)),
+        ears=(build_ear(builder, palette, 1.0, detail), build_ear(builder, palette, -1.0, detail)),
+        upper_teeth=parts.build_teeth(builder, detail, upper=True),
+        lower_teeth=parts.build_teeth(builder, detail, upper=False),
+        tongue=parts.build_tongue(builder, detail),
+        hair=build_hair(builder, style, detail) if style.hair else np.zeros(0, dtype=np.int64),
         crown=crown,
-        pivot=int(builder.add(HEAD_PIVOT, albedo=colours.SKIN)),
+        pivot=int(builder.add(HEAD_PIVOT, albedo=palette.base)),
     )
-    parts.build_shirt(builder)
-    return _finish(builder, head)
+    parts.build_shirt(builder, detail)
+    return _finish(builder, head, detail)
 
 
-def _build_skin(builder: MeshBuilder, shape: HeadShape) -> tuple[Indices, int, tuple[Block, Block, Block]]:
-    rows, columns = _rows(), _columns()
+def _build_skin(
+    builder: MeshBuilder, style: HeadStyle, detail: float
+) -> tuple[Indices, int, tuple[Block, Block, Block]]:
+    rows, columns = _rows(detail), _columns(detail)
+    palette = Palette.of(style)
     y, angle = np.meshgrid(rows, columns, indexing="ij")
-    points = position(angle, y, shape)
-    points = _nostrils(points)
+    points = position(angle, y, style)
     # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
     head_weight = np.maximum(smoothstep((y + 138.0) / 62.0), smoothstep((points[..., 2] - 55.0) / 25.0))
-    grid = builder.add(points, albedo=colours.skin(points) * _skin_shade(points)[..., None], head_weight=head_weight)
+    albedo = palette.skin(points) * _nostril_shade(angle, y, style)
+    grid = builder.add(points, albedo=albedo, head_weight=head_weight)
     blocks = _blocks(rows, columns)
     keep = np.ones((len(rows) - 1, len(columns)), dtype=bool)
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
-    keep &= ~_under_hair(y, angle)
+    if style.hair:
+        keep &= ~_under_hair(y, angle)
     builder.quads(grid, closed=True, keep=keep)
-    crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=colours.SKIN))
+    crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
+    if not style.hair:
+        builder.fan(grid[-1], crown)
     return grid, crown, blocks
 
 
 def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
     """(rows - 1, columns): cells of the grid that hair covers wholly; drawing them would be for nothing."""
-    covered = y > parts.hairline(angle) + 9.0
+    covered = y > hairline(angle) + 14.0
     beside = np.roll(covered, -1, axis=1)
     return covered[:-1] & covered[1:] & beside[:-1] & beside[1:]
 
 
-def _nostrils(points: Array) -> Array:
-    """Wings of the nose and the nostrils below them."""
-    x, y, z = np.abs(points[..., 0]), points[..., 1], points[..., 2]
-    front = z > 80
-    wing = np.exp(-(((x - 14.5) / 4.0) ** 2) - (((y + 3.5) / 6.5) ** 2)) * front
-    crease = np.exp(-(((x - 20.0) / 2.4) ** 2) - (((y + 2.0) / 9.0) ** 2)) * front
-    hole = np.exp(-(((x - 7.0) / 3.4) ** 2) - (((y + 6.6) / 2.6) ** 2)) * front
-    out = points.copy()
-    out[..., 0] += np.sign(points[..., 0]) * (2.6 * wing)
-    out[..., 2] += 1.8 * wing - 1.2 * crease - 3.5 * hole
-    out[..., 1] += 2.0 * hole
-    return out
-
-
-def _skin_shade(points: Array) -> Array:
-    x, y = np.abs(points[..., 0]), points[..., 1]
-    front = points[..., 2] > 80
-    hole = np.exp(-(((x - 7.2) / 3.0) ** 2) - (((y + 5.4) / 1.9) ** 2)) * front
-    shade: Array = 1 - 0.85 * hole
+def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
+    """(..., 3): nostrils are dark, and red rather than grey."""
+    x = radius(angle, y, style) * np.sin(angle)
+    inside = nose.nostril(x, y, style.nose_width) * (np.cos(angle) > 0.5)
+    shade: Array = 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
     return shade
 
 
-def _soften(points: Array, triangles: Indices, head: HeadParts) -> Array:
+def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
     """Even out the skin where the rings round mouth and eyes meet the grid."""
+    rounds = max(2, round(6 * detail**2))
     weight = np.zeros(len(points))
     weight[head.grid] = 1.0
     for rings, edge in ((head.mouth, 1.15), *((eye.lids, 1.5) for eye in head.eyes)):
@@ -155,9 +181,9 @@ def _soften(points: Array, triangles: Indices, head: HeadParts) -> Array:
     near = np.zeros(len(points))
     for rings in (head.mouth, *(eye.lids for eye in head.eyes)):
         near[rings.indices] = 1.0
-    near = np.clip(3.0 * smooth_over_mesh(near, triangles, 6), 0, 1)
+    near = np.clip(3.0 * smooth_over_mesh(near, triangles, rounds), 0, 1)
     blend = weight * near
-    softened = np.stack([smooth_over_mesh(points[:, axis], triangles, 6) for axis in range(3)], axis=-1)
+    softened = np.stack([smooth_over_mesh(points[:, axis], triangles, rounds) for axis in range(3)], axis=-1)
     # Quads are cut along one diagonal, which pulls to one side: keep what both halves of the face agree on.
     mirror = np.array([-1.0, 1.0, 1.0])
     skin = np.flatnonzero(weight)
@@ -167,9 +193,9 @@ def _soften(points: Array, triangles: Indices, head: HeadParts) -> Array:
     return points + blend[:, None] * (softened - points)
 
 
-def _finish(builder: MeshBuilder, head: HeadParts) -> FaceMesh:
+def _finish(builder: MeshBuilder, head: HeadParts, detail: float) -> FaceMesh:
     triangles = builder.triangles()
-    points = _soften(builder.column("points_mm"), triangles, head)
+    points = _soften(builder.column("points_mm"), triangles, head, detail)
     normals = vertex_normals(points, triangles)
     occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
     # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.

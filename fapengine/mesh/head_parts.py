@@ -25,6 +25,7 @@ class HeadParts:
     lower_teeth: Indices
     tongue: Indices
     hair: Indices
+    """Empty on a bald head."""
     crown: int
     """The vertex that closes the skin on top."""
     pivot: int

@@ -73,6 +73,10 @@ class MeshBuilder:
         """Close a ring with a centre; the outside is where the ring runs counter-clockwise."""
         self._triangles.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
 
+    def loose(self, triangles: NDArray[np.int64]) -> None:
+        """Add triangles, (F, 3), counter-clockwise from outside."""
+        self._triangles.append(triangles)
+
     def column(self, name: str) -> NDArray[Any]:
         """All values of one field so far."""
         return np.concatenate(self._fields[name])

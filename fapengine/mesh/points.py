@@ -28,7 +28,7 @@ MIRRORED = {
 def locate(points: Array, head: HeadParts) -> dict[str, int]:
     """Find the vertex of every feature point."""
     found: dict[str, int] = {}
-    skin = np.unique(np.concatenate([head.grid.ravel(), head.mouth.indices[:6].ravel()]))
+    skin = np.unique(np.concatenate([head.grid.ravel(), head.mouth.indices[head.mouth.level > 1].ravel()]))
     skin = np.setdiff1d(skin, _covered(head))
 
     def nearest(candidates: NDArray[np.int64], target: tuple[float, float, float] | Array) -> int:
@@ -41,7 +41,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     found |= _on_lips(head)
     found |= _on_eyes(points, head)
     for index, (side, ear) in enumerate(zip((1, -1), head.ears, strict=True)):
-        rim = ear[8]
+        rim = ear[-5]
         found[f"10.{1 + index}"] = nearest(rim, np.array([side * 82, 50, -5]))
         found[f"10.{3 + index}"] = nearest(rim, np.array([side * 85, 12, -25]))
         found[f"10.{5 + index}"] = nearest(rim, np.array([side * 78, -30, 5]))
@@ -55,7 +55,8 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     found["6.4"] = nearest(head.tongue, top + np.array([-40, -8, 0]))
     found["7.1"] = head.pivot
     found["11.4"] = head.crown
-    found["11.5"] = nearest(head.hair, np.array([0, 160, 10]))
+    middle = head.hair[np.abs(points[head.hair, 0]) < 0.5]
+    found["11.5"] = nearest(middle, np.array([0, 160, 10])) if len(middle) else head.crown
     found["11.6"] = nearest(head.grid.ravel(), np.array([0, 60, -100]))
     return found
 

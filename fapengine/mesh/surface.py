@@ -4,7 +4,6 @@ Angles run from 0 (front) to pi (back), positive on the subject's left. Lips, li
 elsewhere.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -13,25 +12,14 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, RectBivariateSplin
 from scipy.ndimage import gaussian_filter1d
 
 from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh import nose
 from fapengine.mesh.sections import AXIS_Z_MM, section_arrays
+from fapengine.mesh.style import HeadStyle
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class HeadShape:
-    """Proportions with a meaning; 1 or 0 is the average adult of :mod:`fapengine.mesh.sections`."""
-
-    jaw_width: float = 0.97
-    """Width of the lower face."""
-    nose_length: float = 0.93
-    """How far the nose stands out."""
-    eye_opening_mm: float = 12.0
-    """Distance of the lids in the middle; the iris is as wide (the standard's neutral face)."""
-    lip_fullness: float = 1.0
-    cheek_fullness_mm: float = 1.5
-
-
+BESIDE_NOSE_RAD = np.deg2rad(16.5)
 TOP_MM = 145.0
 """Crown of the head; towards it distances shrink with the root of the height left, as on a sphere."""
 CAP_FROM_MM = 127.0
@@ -46,6 +34,9 @@ def _spline() -> RectBivariateSpline:
     # Round the head: no slope at front and back, where the other half is the mirror image.
     fine_angles = np.deg2rad(np.arange(0.0, 181.0, 1.5))
     rows = CubicSpline(angles, rows, axis=1, bc_type="clamped")(fine_angles)
+    # The neck's own furrows are noise at this resolution.
+    neck = smoothstep((-72.0 - fine_heights) / 14.0)[:, None]
+    rows = rows + neck * (gaussian_filter1d(rows, 7.0, axis=1, mode="reflect") - rows)
     whole = np.concatenate([-fine_angles[20:0:-1], fine_angles, 2 * np.pi - fine_angles[-2:-22:-1]])
     rows = np.concatenate([rows[:, 20:0:-1], rows, rows[:, -2:-22:-1]], axis=1)
     return RectBivariateSpline(fine_heights, whole, gaussian_filter1d(rows, 1.3, axis=1), kx=3, ky=3, s=0)
@@ -63,7 +54,7 @@ def _bell(x: Array, y: Array, centre: tuple[float, float], size: tuple[float, fl
     return bell
 
 
-def radius(angle: ArrayLike, y: ArrayLike, shape: HeadShape) -> Array:
+def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """Distance of the skin from the axis, mm."""
     a, h = np.broadcast_arrays(np.abs(np.asarray(angle, dtype=np.float64)), np.asarray(y, dtype=np.float64))
     r = _bare(a, h)
@@ -77,36 +68,56 @@ def radius(angle: ArrayLike, y: ArrayLike, shape: HeadShape) -> Array:
     bridge = below + (above - below) * share - 0.5 * np.sin(np.pi * share)
     r = r + inside * (bridge - r)
 
-    nose = _bell(x, h, (0.0, 8.0), (15.0, 22.0))
-    r = r - (1.0 - shape.nose_length) * 26.0 * nose
-    r = r - 4.5 * _bell(x, h, (31.0, 36.0), (19.0, 10.0))  # the sockets, which the sections bridge over
-    r = r + shape.cheek_fullness_mm * _bell(x, h, (44.0, -2.0), (20.0, 20.0))
-    lower = smoothstep((-20.0 - h) / 50.0) * smoothstep((h + 110.0) / 25.0) * smoothstep((x - 5.0) / 40.0)
-    return r * (1.0 - (1.0 - shape.jaw_width) * lower)
+    # The nose is ours too: bridge over the measured one, from cheek to cheek.
+    beside = _bare(np.full_like(a, BESIDE_NOSE_RAD), h)
+    arch = np.interp(h, (-16.0, 6.0, 30.0), (10.6, 7.0, 3.5)) * np.exp(-((x / 12.5) ** 2))
+    inside = smoothstep((27.0 - x) / 9.0) * smoothstep((h + 19.0) / 6.0) * smoothstep((38.0 - h) / 9.0)
+    r = r + inside * (beside + arch - r)
+
+    # Lips lie on a bulge over the teeth, eyes in sockets under a ridge; the sections are too coarse for either.
+    r = r + 2.2 * np.exp(-((x / 27.0) ** 4) - (np.abs(h + 33.0) / 16.0) ** 3)
+    r = r - 3.6 * _bell(x, h, (31.0, 36.0), (19.0, 10.0)) + 1.6 * _bell(x, h, (32.0, 53.0), (24.0, 5.5))
+    r = r + style.cheek_fullness_mm * _bell(x, h, (44.0, -2.0), (20.0, 20.0))
+    r = r + style.chin_mm * _bell(x, h, (0.0, -68.0), (20.0, 11.0))
+    # With age a fold forms from the nose's wing past the corner of the mouth, and a groove under the eye.
+    fold = _bell(x + 0.42 * (h + 12.0), h, (24.0, -26.0), (3.0, 18.0))
+    swell = _bell(x + 0.42 * (h + 12.0), h, (31.0, -24.0), (5.0, 16.0))
+    below = _bell(x - 0.25 * (x - 31.0), h + 0.02 * (x - 31.0) ** 2, (30.0, 21.0), (12.0, 2.6))
+    r += (0.35 + 1.1 * style.age) * (0.8 * swell - fold) - (0.2 + 0.9 * style.age) * below
+    return np.asarray(r, dtype=np.float64)
 
 
-def position(angle: ArrayLike, y: ArrayLike, shape: HeadShape) -> Array:
-    """(..., 3) mm: a point of the bare head."""
+def _narrowed(h: Array, style: HeadStyle) -> Array:
+    """Width of the head at a height, as a share of the average."""
+    lower = smoothstep((-16.0 - h) / 50.0) * smoothstep((h + 112.0) / 25.0)
+    share: Array = (1.0 - (1.0 - style.jaw_width) * lower) * (1.0 - 0.06 * smoothstep((-74.0 - h) / 30.0))
+    return share
+
+
+def position(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
+    """(..., 3) mm: a point of the bare head, with its nose."""
     a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    r = radius(a, h, shape)
-    return np.stack([r * np.sin(a), h, AXIS_Z_MM + r * np.cos(a)], axis=-1)
+    r = radius(a, h, style)
+    points = np.stack([_narrowed(h, style) * r * np.sin(a), h, AXIS_Z_MM + r * np.cos(a)], axis=-1)
+    return points + nose.displacement(points, style.nose_length, style.nose_width)
 
 
-def angle_of(x: ArrayLike, y: ArrayLike, shape: HeadShape) -> Array:
+def angle_of(x: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """Angle at which the front of the head has this x, rad; the inverse of :func:`position` for a given height."""
     target, h = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    target = target / _narrowed(h, style)
     angle = target / 100.0
     for _ in range(12):
-        angle = angle + 0.8 * (target - radius(angle, h, shape) * np.sin(angle)) / 100.0
+        angle = angle + 0.8 * (target - radius(angle, h, style) * np.sin(angle)) / 100.0
     return angle
 
 
-def normal(angle: ArrayLike, y: ArrayLike, shape: HeadShape) -> Array:
+def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """(..., 3): unit normal of the bare head, outwards."""
     step = 1e-3
     a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    across = position(a + step, h, shape) - position(a - step, h, shape)
-    along = position(a, h + 0.5, shape) - position(a, h - 0.5, shape)
+    across = position(a + step, h, style) - position(a - step, h, style)
+    along = position(a, h + 0.5, style) - position(a, h - 0.5, style)
     n = np.cross(across, along)
     unit: Array = n / np.linalg.norm(n, axis=-1, keepdims=True)
     return unit

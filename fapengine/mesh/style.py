@@ -1,0 +1,64 @@
+"""``HeadStyle``: what one head has otherwise than another. Every number has a meaning; 1 or 0 is an average adult's."""
+
+from dataclasses import dataclass
+
+from fapengine.errors import UsageError
+
+HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
+    "black": (0.022, 0.019, 0.018),
+    "brown": (0.080, 0.040, 0.021),
+    "chestnut": (0.130, 0.055, 0.026),
+    "blond": (0.420, 0.270, 0.120),
+    "red": (0.260, 0.075, 0.024),
+    "grey": (0.300, 0.290, 0.280),
+}
+"""Linear RGB."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadStyle:
+    """Proportions and colours; the default is an average adult (Farkas 1994; :mod:`fapengine.mesh.sections`).
+
+    Raises
+    ------
+    UsageError
+        If a number lies where no head has it, or a colour has no name here.
+    """
+
+    jaw_width: float = 0.955
+    """Width of the lower face, 0.85..1.15."""
+    cheek_fullness_mm: float = 1.6
+    """How far the cheeks stand out, -4..6."""
+    chin_mm: float = 1.0
+    """How far the chin stands out, -5..6."""
+    nose_length: float = 0.93
+    """How far the nose stands out, 0.6..1.3."""
+    nose_width: float = 0.93
+    """Width from wing to wing, 0.75..1.3; average 33 mm for women, 35 mm for men."""
+    eye_opening_mm: float = 11.2
+    """Distance of the lids in the middle, 8..13; the iris is as wide (the standard's neutral face)."""
+    lip_fullness: float = 0.92
+    """Height of the red of the lips, 0.5..1.5."""
+    mouth_width: float = 1.0
+    """0.85..1.15; average 50 mm."""
+    brow_thickness: float = 1.0
+    """0.4..2."""
+    age: float = 0.25
+    """0 young, 1 old: folds beside nose and mouth, grooves under the eyes."""
+    skin_tone: float = 0.2
+    """0 very light .. 1 very dark."""
+    hair_colour: str = "brown"
+    """One of :data:`HAIR_COLOURS`."""
+    hair: bool = True
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("jaw_width", 0.85, 1.15), ("cheek_fullness_mm", -4, 6), ("chin_mm", -5, 6), ("nose_length", 0.6, 1.3),
+            ("nose_width", 0.75, 1.3), ("eye_opening_mm", 8, 13), ("lip_fullness", 0.5, 1.5),
+            ("mouth_width", 0.85, 1.15), ("brow_thickness", 0.4, 2), ("age", 0, 1), ("skin_tone", 0, 1),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise UsageError(f"{name}: got {value}, expected {low:g}..{high:g}")
+        if self.hair_colour not in HAIR_COLOURS:
+            raise UsageError(f"hair_colour: got {self.hair_colour!r}, expected one of {', '.join(HAIR_COLOURS)}")
