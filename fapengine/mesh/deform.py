@@ -18,7 +18,7 @@ HEAD = 4
 
 
 def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
-    """(..., C): how far each channel has gone, from FAPs (..., 68) in FAPU."""
+    """(..., W): how far each channel has gone, mixed if the basis says so, from FAPs (..., 68) in FAPU."""
     values = np.asarray(faps, dtype=np.float64)
     columns = [fap.column(channel.fap) for channel in basis.channels]
     start = np.array([channel.start for channel in basis.channels])
@@ -28,7 +28,7 @@ def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
     length = np.abs(stop - np.where(two_sided, 0.0, start))
     gone = (values[..., columns] - np.where(two_sided, 0.0, start)) * sign
     weights: Array = np.where(two_sided, gone, np.clip(gone, 0.0, length))
-    return weights
+    return weights if basis.mix is None else np.asarray(weights @ basis.mix.T)
 
 
 def bone_transforms(mesh: FaceMesh, faps: ArrayLike) -> Array:

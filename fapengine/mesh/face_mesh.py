@@ -10,6 +10,7 @@ FaceDefTables) and ``B`` *bone* transforms (jaw, two eyes, head). Each vertex th
 3. blend towards the head: ``p += w_head * (head @ p - p)``.
 
 Channels are linear, so the renderer evaluates 1 in the vertex shader from a sparse list; 2 and 3 are two matrices.
+A mesh with shapes of its own blends them: its channels are first mixed into the weights of shapes (``mix``).
 Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
 
@@ -76,9 +77,11 @@ class DeformationBasis:
     offsets: NDArray[np.int32]
     """(V + 1,) int32: vertex ``v`` owns entries ``offsets[v]:offsets[v + 1]``."""
     entry_channels: NDArray[np.int32]
-    """(N,) int32: channel of each entry."""
+    """(N,) int32: channel of each entry; a row of ``mix``, where there is one."""
     entry_mm: NDArray[np.float32]
     """(N, 3) float32: displacement in mm per unit of channel weight (one FAPU)."""
+    mix: NDArray[np.float32] | None = None
+    """(W, C) float32: what entries weigh, as sums of the channels; None, if they weigh what the channels do."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "offsets", frozen(self.offsets, "offsets", ("V+1",), np.int32))
@@ -87,8 +90,15 @@ class DeformationBasis:
         object.__setattr__(self, "entry_mm", frozen(self.entry_mm, "entry_mm", (count, 3), np.float32))
         if self.offsets[0] != 0 or self.offsets[-1] != count or (np.diff(self.offsets) < 0).any():
             raise UsageError(f"offsets: expected 0 rising to {count}, the number of entries")
-        if count and not (self.entry_channels.min() >= 0 and self.entry_channels.max() < len(self.channels)):
-            raise UsageError(f"entry_channels: expected 0..{len(self.channels) - 1}")
+        if self.mix is not None:
+            object.__setattr__(self, "mix", frozen(self.mix, "mix", ("W", len(self.channels)), np.float32))
+        if count and not (self.entry_channels.min() >= 0 and self.entry_channels.max() < self.width):
+            raise UsageError(f"entry_channels: expected 0..{self.width - 1}")
+
+    @property
+    def width(self) -> int:
+        """How many weights a frame has."""
+        return len(self.channels) if self.mix is None else len(self.mix)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -108,8 +108,8 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         If the mesh has more than 128 channels.
     """
     basis = mesh.basis
-    if len(basis.channels) > MAX_CHANNELS:
-        raise UsageError(f"mesh: got {len(basis.channels)} channels, expected at most {MAX_CHANNELS}")
+    if basis.width > MAX_CHANNELS:
+        raise UsageError(f"mesh: got {basis.width} channels, expected at most {MAX_CHANNELS}")
     columns: dict[str, ArrayLike] = {
         "a_position": mesh.vertices_mm,
         "a_normal": mesh.normals,
@@ -145,7 +145,7 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
     """Turn FAPs (..., 68), FAPU, into what the shaders of ``face.vert`` and ``eye.frag`` are told."""
     values = np.asarray(faps, dtype=np.float64)
     channels = np.zeros((*values.shape[:-1], MAX_CHANNELS), dtype="f4")
-    channels[..., : len(mesh.basis.channels)] = channel_weights(mesh.basis, values)
+    channels[..., : mesh.basis.width] = channel_weights(mesh.basis, values)
     bones = np.ascontiguousarray(bone_transforms(mesh, values).swapaxes(-1, -2), dtype="f4")
     iris = np.full(values.shape[:-1], iris_share(mesh))
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
@@ -239,7 +239,7 @@ def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:
     at_rest = _unit(_summed_normals(rest, triangles, count))
     turns = np.zeros((len(point), 3), dtype=np.float32)
     by_channel = np.argsort(basis.entry_channels, kind="stable")
-    ends = np.searchsorted(basis.entry_channels[by_channel], np.arange(len(basis.channels) + 1))
+    ends = np.searchsorted(basis.entry_channels[by_channel], np.arange(basis.width + 1))
     for first, end in pairwise(ends):
         mine = by_channel[first:end]
         moved = np.zeros(count, dtype=bool)

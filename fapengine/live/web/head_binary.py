@@ -38,6 +38,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
         "moves": packed.moves,
         "turns": packed.turns,
         "channels": np.array(channels, dtype=np.float64).reshape(-1, 3),  # starts and stops may be infinite
+        "mix": np.zeros((0, 0), np.float32) if mesh.basis.mix is None else mesh.basis.mix,
     }
     about = {
         "attributes": list(ATTRIBUTE_SIZES.items()),

@@ -8,14 +8,22 @@ export const HEAD = 4;
 const fapOf = (faps, number) => faps[number - 1];
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-// How far each channel has gone, FAPU: (128,), zeros behind the last.
+// How far each channel has gone, mixed if the head says so, FAPU: (128,), zeros behind the last.
 export function channelWeights(head, faps, weights = new Float32Array(MAX_CHANNELS)) {
   const table = head.channels.array;
-  for (let channel = 0; channel < table.length / 3; ++channel) {
+  const mix = head.mix.array;
+  const count = table.length / 3;
+  const gone = mix.length ? new Float64Array(count) : weights;
+  for (let channel = 0; channel < count; ++channel) {
     const [number, start, stop] = table.subarray(3 * channel, 3 * channel + 3);
     const value = fapOf(faps, number);
-    weights[channel] =
+    gone[channel] =
       start === -Infinity ? value : clamp((value - start) * Math.sign(stop - start), 0, Math.abs(stop - start));
+  }
+  for (let row = 0; row < mix.length / count; ++row) {
+    let sum = 0;
+    for (let channel = 0; channel < count; ++channel) sum += mix[row * count + channel] * gone[channel];
+    weights[row] = sum;
   }
   return weights;
 }
