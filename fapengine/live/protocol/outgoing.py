@@ -1,0 +1,183 @@
+"""One utterance on its way out: what was sent when, what has come, what must go again."""
+
+from dataclasses import dataclass, field
+from math import inf
+
+from fapengine.live.engine.commands import Anchor
+from fapengine.live.protocol.schema import Ack, WirePhone, checksum
+
+CHUNK = 8
+"""Phones that are sent for the first time in one datagram."""
+PACE_S = 0.01
+"""Between the datagrams of an utterance that is known at once: far faster than speech, and no burst."""
+END_REPEATS_S = (0.0, 0.02, 0.06)
+DEADLINE_S = 0.3
+"""So long after its end a phone that has not come is not sent any more."""
+FASTEST_S, SLOWEST_S = 0.06, 0.25
+"""Bounds of the time after which a phone that was not acknowledged is sent again."""
+BACKOFF = 1.5
+MOST_TRIES = 60
+FORGOTTEN_S = 60.0
+"""An utterance of which nothing is heard for so long is given up."""
+
+
+@dataclass(slots=True)
+class _Sent:
+    at_s: float
+    tries: int = 1
+
+
+@dataclass(slots=True)
+class Outgoing:
+    """Stateful: one utterance. Times are of the sender's clock."""
+
+    number: int
+    anchor: Anchor
+    anchor_s: float
+    """For ``"at"``."""
+    created_s: float
+    phones: list[WirePhone] = field(default_factory=list)
+    revision: int = 0
+    zero_s: float | None = None
+    """When its sound begins, as far as that is known."""
+    duration_us: int = -1
+    is_ended: bool = False
+    is_announced: bool = False
+    """Its begin was sent before its first phones."""
+    is_begun: bool = False
+    """The engine knows of it."""
+    is_end_known: bool = False
+    chunks: list[tuple[int, int]] = field(default_factory=list)
+    """What went out together for the first time: first index, index behind the last."""
+    next_s: float = -inf
+    """Not before then goes the next chunk."""
+    sequence: int = 0
+    end_sent: int = 0
+    end_s: float = inf
+    """When the end goes out again."""
+    next_index: int = 0
+    """All below it have come."""
+    come: set[int] = field(default_factory=set)
+    """Others that have come."""
+    active_s: float = -inf
+    """When something was last heard of it."""
+    is_corrected: bool = False
+    _sent: dict[int, _Sent] = field(default_factory=dict)
+
+    @property
+    def chunked(self) -> int:
+        """Index behind the last phone that was sent."""
+        return self.chunks[-1][1] if self.chunks else 0
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether everything is known to have come."""
+        return self.is_end_known and self.next_index >= len(self.phones)
+
+    @property
+    def checksum(self) -> int:
+        """Of all phones."""
+        return checksum(self.phones)
+
+    def next_chunk(self, now_s: float) -> tuple[int, int] | None:
+        """Take the phones whose first time it is."""
+        first = self.chunked
+        if first >= len(self.phones) or now_s < self.next_s:
+            return None
+        chunk = (first, min(first + CHUNK, len(self.phones)))
+        self.chunks.append(chunk)
+        self.next_s = now_s + PACE_S
+        return chunk
+
+    def sent(self, first: int, stop: int, now_s: float) -> None:
+        """Remember that phones went out."""
+        for index in range(first, stop):
+            before = self._sent.get(index)
+            self._sent[index] = _Sent(now_s, before.tries + 1 if before else 1)
+
+    def overdue(self, now_s: float, rtt_s: float) -> list[tuple[int, int]]:
+        """Find runs of phones that should have been acknowledged by now."""
+        runs: list[tuple[int, int]] = []
+        for index in self._open(now_s):
+            if now_s >= self._again_s(index, rtt_s):
+                if runs and runs[-1][1] == index:
+                    runs[-1] = (runs[-1][0], index + 1)
+                else:
+                    runs.append((index, index + 1))
+        return runs
+
+    def overdue_s(self, now_s: float, rtt_s: float) -> float:
+        """When the next phone must go again, if nothing is heard."""
+        return min((self._again_s(index, rtt_s) for index in self._open(now_s)), default=inf)
+
+    def wanted(self, first: int, stop: int, now_s: float, rtt_s: float) -> tuple[int, int] | None:
+        """Clip a request to what was sent, and not just now."""
+        stop = min(stop, self.chunked)
+        if first >= stop or all(now_s - self._sent[index].at_s < rtt_s for index in range(first, stop)):
+            return None
+        return first, stop
+
+    def take(self, ack: Ack, now_s: float) -> None:
+        """Learn what has come."""
+        if ack.revision != self.revision:
+            return
+        self.is_begun, self.active_s = True, now_s
+        self.next_index = max(self.next_index, ack.next_index)
+        bits = ack.bitmap64 & (2**64 - 1)
+        self.come.update(ack.next_index + 1 + n for n in range(64) if bits >> n & 1)
+        self.come = {index for index in self.come if index > self.next_index}
+        if ack.is_ended and self.is_ended:
+            self.is_end_known, self.end_s = True, inf
+
+    def end_sent_at(self, now_s: float, repeats: bool, rtt_s: float) -> None:
+        """Remember that the end went out, and when it goes again."""
+        self.end_sent += 1
+        if self.end_sent < len(END_REPEATS_S) and repeats:
+            self.end_s = now_s + END_REPEATS_S[self.end_sent] - END_REPEATS_S[self.end_sent - 1]
+        elif self.end_sent < MOST_TRIES and not self.is_end_known:
+            self.end_s = now_s + _wait_s(self.end_sent, rtt_s)
+        else:
+            self.end_s = inf
+
+    def restart(self, now_s: float) -> None:
+        """Send everything again, at the time that it had: the engine has forgotten it."""
+        self.created_s = now_s
+        if self.zero_s is not None:
+            self.anchor, self.anchor_s = "at", self.zero_s
+        self.is_begun = self.is_end_known = False
+        self.chunks, self.come, self._sent = [], set(), {}
+        self.next_index, self.end_sent = 0, 0
+        self.next_s = -inf
+        self.end_s = -inf if self.is_ended else inf
+
+    def is_past(self, now_s: float) -> bool:
+        """Whether its time is over, whatever has come."""
+        if not self.is_ended:
+            return False
+        if self.zero_s is None:
+            return now_s - max(self.active_s, self.created_s) > FORGOTTEN_S
+        length_s = max([self.duration_us, *(phone.start_us + phone.duration_us for phone in self.phones)]) * 1e-6
+        return now_s > self.zero_s + length_s + 2.0
+
+    def _open(self, now_s: float) -> list[int]:
+        """Give the indices that were sent, have not come, and may still be of use."""
+        if self.next_index >= self.chunked:
+            return []
+        waiting = []
+        for index in range(self.next_index, self.chunked):
+            if index in self.come or self._sent[index].tries > MOST_TRIES:
+                continue
+            phone = self.phones[index]
+            end_s = (phone.start_us + phone.duration_us) * 1e-6 + DEADLINE_S
+            if self.zero_s is None or now_s <= self.zero_s + end_s:
+                waiting.append(index)
+        return waiting
+
+    def _again_s(self, index: int, rtt_s: float) -> float:
+        sent = self._sent[index]
+        return sent.at_s + _wait_s(sent.tries, rtt_s)
+
+
+def _wait_s(tries: int, rtt_s: float) -> float:
+    first_s = max(2 * rtt_s + 0.03, FASTEST_S)
+    return max(min(first_s * BACKOFF ** min(tries - 1, 20), SLOWEST_S), first_s)
