@@ -36,3 +36,11 @@ Seed = Annotated[
 ]
 Strict = Annotated[bool, typer.Option("--strict", help="An unknown phone is an error, not a neutral vowel.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Device = Annotated[
+    str | None, typer.Option("--device", help="Where live sound goes out: a number, or a part of a device's name.")
+]
+Silent = Annotated[bool, typer.Option("--silent", help="Play no sound; the face keeps time by the clock.")]
+Sinks = Annotated[
+    list[str],
+    typer.Option("--sink", help="Where live frames go too, such as vmc://127.0.0.1, vrchat://HOST, osc://HOST:PORT."),
+]

@@ -28,12 +28,22 @@ def say(
     seed: shared.Seed = 1,
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Speak and move now, in a window or on the terminal; writes no file.")
+    ] = False,
+    device: shared.Device = None,
+    silent: shared.Silent = False,
+    window: Annotated[
+        bool | None, typer.Option("--window/--no-window", help="Of --live; by default where there is a display.")
+    ] = None,
+    sink: shared.Sinks = [],  # noqa: B006
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
 
-    Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet).
+    Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet). With --live nothing is written: the sound is
+    played, and the face follows the sound card's clock.
 
-    Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4
+    Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4; fapengine say "Hello there." --live
     """
     import sys
 
@@ -48,5 +58,11 @@ def say(
     with report.stage("voice"):
         speech = EspeakVoice(voice, rate).speak(spoken).padded(lead_s=0.3, tail_s=0.5)
     refuse_unknown(speech.phones, f"voice {voice}", strict=strict)
+    if live:
+        from fapengine.cli._say_live import LiveOptions, print_live, say_live
+
+        done = say_live(speech, spoken.strip(), options, LiveOptions(device, silent, window, tuple(sink)))
+        print_live(done, as_json=as_json)
+        return
     talk(speech.phones, (speech.samples, speech.sample_rate_hz), options, report, spoken.strip())
     print_report(report, as_json=as_json)

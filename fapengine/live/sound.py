@@ -22,6 +22,8 @@ from fapengine.live.sound_queue import SoundQueue
 
 LATENCY_S = 0.08
 """Asked of the device: a busy machine needs it, and a face that follows the sound is not late by it."""
+SETTLE_S = 0.2
+"""Of silence, heard before a device's clock is trusted: PulseAudio's first reports are 45 ms early, for 0.1 s."""
 MEND_LIBRARY = "sudo apt-get install -y libportaudio2"
 
 
@@ -31,6 +33,10 @@ class Output(Protocol):
     description: str
     """Device, or why there is none."""
     is_silent: bool
+
+    def is_settled(self, now_s: float) -> bool:
+        """Whether its clock is to be trusted: a device that was just opened starts when it likes."""
+        ...
 
     def play(self, samples: ArrayLike) -> int:
         """Put a sound behind all others, (N,) int16 mono; return its number."""
@@ -172,6 +178,11 @@ class Player:
             heard_s = times.outputBufferDacTime
             self.clock.tell(Fetch(called_s, times.currentTime, heard_s, frames, bool(status.output_underflow)))
 
+    def is_settled(self, now_s: float) -> bool:
+        """See :class:`Output`."""
+        with self._lock:
+            return self.clock.position_s(now_s) >= SETTLE_S
+
     def play(self, samples: ArrayLike) -> int:
         """See :class:`Output`."""
         given = frozen(samples, "samples", ("N",), np.int16)
@@ -218,11 +229,14 @@ class SilentOutput:
         self._queue, self._rate_hz = SoundQueue(sample_rate_hz), sample_rate_hz
         self._now, self._start_s = now, now()
 
+    def is_settled(self, now_s: float) -> bool:
+        """See :class:`Output`."""
+        return True
+
     def play(self, samples: ArrayLike) -> int:
         """See :class:`Output`."""
         self._reach(self._now())
-        sound = self._queue.add(samples)
-        return sound
+        return self._queue.add(samples)
 
     def position_s(self, sound: int, now_s: float) -> float | None:
         """See :class:`Output`."""

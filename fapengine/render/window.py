@@ -175,6 +175,10 @@ class FaceWindow:
         self._turn(PRESETS[camera])
         self.panel.lit |= {_label(camera)}
 
+    def hide_panel(self) -> None:
+        """Show the face alone; Tab brings the panel back."""
+        self._shows_panel = False
+
     def close(self) -> None:
         """Close it and give the GPU's memory back; once more does nothing."""
         if self._window is None:

@@ -28,6 +28,8 @@ def main() -> None:
     microphone = sounddevice.InputStream(samplerate=RATE_HZ, channels=1, dtype="int16", callback=listen, latency=0.05)
     told: list[tuple[float, float]] = []
     with microphone, Player(RATE_HZ) as player:
+        while not player.is_settled(time.monotonic()):
+            time.sleep(0.01)
         number = player.play(sound)
         begun = time.monotonic()
         while not player.is_over(number, now := time.monotonic()):

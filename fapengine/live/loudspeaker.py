@@ -1,0 +1,143 @@
+"""Plays what a hub's faces say, and tells the faces where the sound really is, so that they follow it.
+
+Theory of operation
+-------------------
+An utterance whose sound is played here is begun with the anchor ``"audio"``: its face waits. :meth:`Loudspeaker.follow`
+is called before every frame; it reads each sound's place from the output, whose clock is the sound card's, and hands it
+on as :class:`fapengine.live.engine.commands.Audio`. The engine slews to it, or jumps where it must. A sound that stands
+still is told as one that does, and its face rests; one that was stopped ends its utterance.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fapengine.live.engine.commands import Audio, Cancel
+from fapengine.live.server.hub import Hub, Spoken
+from fapengine.live.sound import Output, open_output
+
+TELL_EVERY_S = 0.02
+"""Between two words on where a sound is."""
+STILL_S = 0.1
+"""A sound whose place has not changed for so long stands still; a callback that is late does not make it so."""
+
+SETTLE_S = 1.2
+"""So long a sound waits at most for a device that was just opened; a hub begins without sound after 1.5 s."""
+
+OpenOutput = Callable[[int], Output]
+
+
+@dataclass(slots=True)
+class _Playing:
+    spoken: Spoken
+    output: Output
+    since_s: float
+    sound: int | None = None
+    """None: it waits for the device."""
+    zero_s: float | None = None
+    """Engine time at which the sound was at its beginning."""
+    told_s: float = 0.0
+    place_s: float | None = None
+    moved_s: float = 0.0
+    """When the place last changed."""
+    is_still: bool = False
+
+
+class Loudspeaker:
+    """Stateful: the sound of a hub's faces; on the hub's thread. Close it.
+
+    Parameters
+    ----------
+    hub : Hub
+    session : str, optional
+        Whose voice is played; by default all.
+    opens : callable
+        Sample rate in Hz to an output; called once for each rate.
+    """
+
+    def __init__(self, hub: Hub, *, session: str | None = None, opens: OpenOutput = open_output) -> None:
+        self._hub, self._opens = hub, opens
+        self._outputs: dict[int, Output] = {}
+        self._playing: list[_Playing] = []
+        self._off_s: float | None = None
+        self._unsubscribe = hub.on_speech(session, self._play, plays=True)
+
+    @property
+    def description(self) -> str:
+        """The device, or why there is none; empty before anything was played."""
+        return "; ".join(output.description for output in self._outputs.values())
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether sounds are only kept time of."""
+        return any(output.is_silent for output in self._outputs.values())
+
+    @property
+    def off_s(self) -> float | None:
+        """How far the face was ahead of the sound at the last :meth:`follow`; None while nothing sounds."""
+        return self._off_s
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a sound plays or waits."""
+        return bool(self._playing)
+
+    def zero_s(self, utterance: int) -> float | None:
+        """Engine time of the beginning of an utterance's sound; None if that is not known (yet, or any more)."""
+        return next((one.zero_s for one in self._playing if one.spoken.utterance == utterance), None)
+
+    def open(self, sample_rate_hz: int) -> Output:
+        """Open the output now, so that the first sound need not wait for it."""
+        if sample_rate_hz not in self._outputs:
+            self._outputs[sample_rate_hz] = self._opens(sample_rate_hz)
+        return self._outputs[sample_rate_hz]
+
+    def follow(self, now_s: float) -> None:
+        """Tell every face where its sound is; call it before each frame.
+
+        Parameters
+        ----------
+        now_s : float
+            The hub's clock.
+        """
+        self._off_s = None
+        for one in tuple(self._playing):
+            if one.sound is None and (one.output.is_settled(now_s) or now_s - one.since_s > SETTLE_S):
+                one.sound = one.output.play(one.spoken.speech.samples)
+            if one.spoken.session not in self._hub.engine or (one.sound and one.output.is_over(one.sound, now_s)):
+                self._playing.remove(one)
+                continue
+            place_s = one.output.position_s(one.sound, now_s) if one.sound else None
+            if place_s is not None:
+                self._follow(one, place_s, now_s)
+
+    def stop(self) -> None:
+        """Fall silent at once, and end what was being said."""
+        for output in self._outputs.values():
+            output.stop()
+        for one in self._playing:
+            if one.spoken.session in self._hub.engine:
+                self._hub.apply(one.spoken.session, Cancel(one.spoken.utterance))
+        self._playing.clear()
+
+    def close(self) -> None:
+        """Play no more, and give the devices back."""
+        self.stop()
+        self._unsubscribe()
+        for output in self._outputs.values():
+            output.close()
+
+    def _play(self, spoken: Spoken) -> None:
+        output = self.open(spoken.speech.sample_rate_hz)
+        self._playing.append(_Playing(spoken, output, self._hub.clock()))
+
+    def _follow(self, one: _Playing, place_s: float, now_s: float) -> None:
+        hub, session, number = self._hub, one.spoken.session, one.spoken.utterance
+        if place_s != one.place_s:
+            one.place_s, one.moved_s = place_s, now_s
+        stands = now_s - one.moved_s > STILL_S
+        if one.zero_s is None or stands != one.is_still or (not stands and now_s - one.told_s >= TELL_EVERY_S):
+            hub.apply(session, Audio(number, now_s, place_s, 0.0 if stands else 1.0))
+            one.told_s, one.is_still, one.zero_s = now_s, stands, now_s - place_s
+        utterance = hub.engine.utterance(session, number)
+        if utterance is not None and utterance.anchored and place_s >= 0:
+            self._off_s = utterance.position_s(now_s) - place_s
