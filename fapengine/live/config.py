@@ -1,7 +1,14 @@
-"""One TOML for everything that ``fapengine serve`` can be told.
+"""One TOML for everything that ``fapengine serve`` can be told: :data:`EXAMPLE` shows all of it."""
 
-Every key may be left out; these are the defaults, and one sink::
+from dataclasses import dataclass, field, fields
+from typing import Any
 
+from fapengine._toml import TomlTable, parse_toml
+from fapengine.errors import UsageError
+from fapengine.live.engine.session import Limits
+from fapengine.trajectory.style import Style
+
+EXAMPLE = """\
 [listen]
 host = "127.0.0.1"      # "0.0.0.0": the whole network may speak; set a token then
 port = 9110             # OSC: UDP and TCP
@@ -37,17 +44,8 @@ format = "text"         # or "json": one object a line
 
 [[sink]]
 url = "vmc://127.0.0.1:39539"
-
 """
-
-from dataclasses import dataclass, field, fields
-from typing import Any
-
-from fapengine._toml import TomlTable, parse_toml
-from fapengine.errors import UsageError
-from fapengine.live.engine.session import Limits
-from fapengine.trajectory.style import Style
-
+"""Every key, with its default; every one may be left out. And one sink."""
 OSC_PORT, WEB_PORT = 9110, 8110
 LEVELS = ("debug", "info", "warning", "error")
 FORMATS = ("text", "json")

@@ -95,7 +95,7 @@ class Intake:
         queue: FairQueue | None = None,
     ) -> None:
         self.receiver = receiver
-        self.queue = queue or FairQueue()
+        self.queue = FairQueue() if queue is None else queue
         self.counts = IntakeCounts()
         self._clock, self._wall = clock, wall
         self._working = False
