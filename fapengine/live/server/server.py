@@ -271,7 +271,7 @@ class Server:
         return web.Response(body=self.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
 
     def _log_event(self, event: Event) -> None:
-        level = logging.WARNING if event.kind in ("error", "underrun") else logging.DEBUG
+        level = logging.WARNING if event.kind == "error" else logging.DEBUG
         if log.isEnabledFor(level):
             told: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
             log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=told)
