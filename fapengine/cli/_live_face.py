@@ -86,7 +86,7 @@ class LiveFace:
         sinks: Sequence[str] = (),
     ) -> None:
         addresses = [_datagrams(url) for url in sinks]
-        wanted = int(device) if device is not None and device.isdecimal() else device
+        wanted = device_of(device)
         engine = Engine(load_profile(profile), rng=np.random.default_rng(seed), style=style)
         self.hub = Hub(engine, rate_hz=rate_hz)
         self.hub.open(SESSION)
@@ -174,6 +174,11 @@ class Ticks:
             time.sleep(max(self._pacer.next_s - self._clock() - SLEEP_MARGIN_S / 2, 0.0))
         self.frames += 1
         self.skipped += due[1]
+
+
+def device_of(text: str | None) -> int | str | None:
+    """Read ``--device``: a number, or a part of a name."""
+    return int(text) if text is not None and text.isdecimal() else text
 
 
 def has_display() -> bool:

@@ -9,7 +9,7 @@ import sys
 import typer
 
 from fapengine import __version__
-from fapengine.cli import animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve
+from fapengine.cli import animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve, view
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ app = typer.Typer(
 VERBS = (
     say.say,
     serve.serve,
+    view.view,
     animate.animate,
     render.render,
     encode.encode,

@@ -110,6 +110,11 @@ class Loudspeaker:
             if place_s is not None:
                 self._follow(one, place_s, now_s)
 
+    def pause(self, on: bool) -> None:
+        """Let sound stand still, or go on; the faces do as it does."""
+        for output in self._outputs.values():
+            output.pause(on)
+
     def stop(self) -> None:
         """Fall silent at once, and end what was being said."""
         for output in self._outputs.values():

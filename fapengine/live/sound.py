@@ -50,6 +50,10 @@ class Output(Protocol):
         """Whether it was heard to its end, or was dropped."""
         ...
 
+    def pause(self, on: bool) -> None:
+        """Stand still, or go on."""
+        ...
+
     def stop(self) -> None:
         """Fall silent within 10 ms of sound, and drop what waits."""
         ...
@@ -200,6 +204,11 @@ class Player:
         with self._lock:
             return self._queue.is_over(sound, self.clock.position_s(now_s))
 
+    def pause(self, on: bool) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._queue.pause(on)
+
     def stop(self) -> None:
         """See :class:`Output`."""
         with self._lock:
@@ -245,6 +254,11 @@ class SilentOutput:
     def is_over(self, sound: int, now_s: float) -> bool:
         """See :class:`Output`."""
         return self._queue.is_over(sound, self._reach(now_s))
+
+    def pause(self, on: bool) -> None:
+        """See :class:`Output`."""
+        self._reach(self._now())
+        self._queue.pause(on)
 
     def stop(self) -> None:
         """See :class:`Output`."""

@@ -9,8 +9,8 @@ the sound was when it happened, some milliseconds wrong. A Kalman filter of two 
 of these; the drift is that of the device's quartz, tens of ppm.
 
 The line that is shown does not leap for less than :data:`LEAP_S`: it runs a little faster or slower until it has met
-the estimate. Nothing that was not fetched yet is ever said to be heard, so a device that stalls stops the line. All times
-are arguments, in seconds of the monotonic clock; ``position`` counts from the first frame the device fetched.
+the estimate. Nothing that was not fetched yet is ever said to be heard, so a device that stalls stops the line. All
+times are arguments, in seconds of the monotonic clock; ``position`` counts from the first frame the device fetched.
 """
 
 from collections import deque

@@ -11,7 +11,7 @@ from fapengine.errors import UsageError
 
 Samples = NDArray[np.int16]
 FADE_S = 0.01
-"""Over which a sound that is stopped dies away; shorter ones click."""
+"""Over which a sound that is stopped dies away, and one that goes on comes back; shorter ones click."""
 KEPT = 64
 """Sounds that are over and still remembered."""
 
@@ -23,11 +23,18 @@ class _Sound:
     """Frame of the stream at which it begins; None while it waits."""
     done: int = 0
     """Frames of it that were handed out."""
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    """Silence in the midst of it: frame of the stream, and how many."""
 
     @property
     def end(self) -> int:
         """Frame of the stream behind its last, once it has begun."""
-        return (self.first or 0) + len(self.samples)
+        return (self.first or 0) + len(self.samples) + sum(length for _, length in self.gaps)
+
+    def place(self, frame: float) -> float:
+        """Frame of it that is at one of the stream."""
+        lost = sum(min(max(frame - start, 0.0), length) for start, length in self.gaps)
+        return min(frame - (self.first or 0) - lost, len(self.samples))
 
 
 @dataclass(slots=True)
@@ -45,6 +52,9 @@ class SoundQueue:
     _count: int = 0
     _waiting: deque[_Sound] = field(default_factory=deque)
     _known: dict[int, _Sound] = field(default_factory=dict)
+    _is_paused: bool = False
+    _ramp: int = 0
+    """Frames that are left of a fade."""
 
     def add(self, samples: ArrayLike) -> int:
         """Put a sound behind all others; return its number: (N,) int16."""
@@ -66,33 +76,64 @@ class SoundQueue:
     def take(self, frames: int) -> Samples:
         """Hand out the next buffer, (frames,) int16."""
         buffer = np.zeros(frames, np.int16)
+        sounding = min(self._ramp, frames) if self._is_paused else frames
+        self._fill(buffer[:sounding])
+        ramp = min(self._ramp, sounding)
+        if ramp:
+            left = np.arange(self._ramp, self._ramp - ramp, -1) / self._fade
+            buffer[:ramp] = buffer[:ramp] * (left if self._is_paused else 1.0 - left)
+            self._ramp -= ramp
+        self.taken += sounding
+        self._keep_silent(frames - sounding)
+        return buffer
+
+    def pause(self, on: bool) -> None:
+        """Stand still, or go on; nothing is dropped."""
+        if on != self._is_paused:
+            self._is_paused, self._ramp = on, self._fade
+
+    @property
+    def _fade(self) -> int:
+        return max(round(FADE_S * self.sample_rate_hz), 1)
+
+    def _fill(self, buffer: Samples) -> None:
         filled = 0
-        while filled < frames and self._waiting:
+        while filled < len(buffer) and self._waiting:
             sound = self._waiting[0]
             if sound.first is None:
                 sound.first = self.taken + filled
-            piece = sound.samples[sound.done : sound.done + frames - filled]
+            piece = sound.samples[sound.done : sound.done + len(buffer) - filled]
             buffer[filled : filled + len(piece)] = piece
             sound.done += len(piece)
             filled += len(piece)
             if sound.done == len(sound.samples):
                 self._waiting.popleft()
+
+    def _keep_silent(self, frames: int) -> None:
+        sound = self._waiting[0] if self._waiting else None
+        if sound is not None and sound.first is not None and frames:
+            if sound.gaps and sum(sound.gaps[-1]) == self.taken:
+                frames_before = sound.gaps[-1][1]
+                sound.gaps[-1] = (sound.gaps[-1][0], frames_before + frames)
+            else:
+                sound.gaps.append((self.taken, frames))
         self.taken += frames
-        return buffer
 
     def stop(self) -> None:
-        """Let what is handed out die away over :data:`FADE_S`, and drop what waits."""
+        """Let what is handed out die away over :data:`FADE_S`, and drop what waits; a pause ends."""
         for number, sound in list(self._known.items()):
             if sound.first is None:
                 del self._known[number]
         playing = self._waiting[0] if self._waiting and self._waiting[0].first is not None else None
         self._waiting.clear()
+        was_paused, self._is_paused, self._ramp = self._is_paused, False, 0
         if playing is None:
             return
-        tail = playing.samples[playing.done : playing.done + round(FADE_S * self.sample_rate_hz)]
+        tail = playing.samples[playing.done : playing.done + (0 if was_paused else self._fade)]
         faded = tail * np.linspace(1.0, 0.0, len(tail), endpoint=False)
         playing.samples = np.concatenate([playing.samples[: playing.done], faded.astype(np.int16)])
-        self._waiting.append(playing)
+        if len(tail):
+            self._waiting.append(playing)
 
     def position_s(self, sound: int, stream_s: float) -> float | None:
         """Find where a sound is when the stream is at ``stream_s``; None while it waits, or was dropped.
@@ -107,7 +148,7 @@ class SoundQueue:
         one = self._find(sound)
         if one is None or one.first is None:
             return None
-        return min(stream_s - one.first / self.sample_rate_hz, len(one.samples) / self.sample_rate_hz)
+        return one.place(stream_s * self.sample_rate_hz) / self.sample_rate_hz
 
     def is_over(self, sound: int, stream_s: float) -> bool:
         """Tell whether it was heard to its end, or was dropped.

@@ -16,9 +16,11 @@ from fapengine.errors import UsageError
 
 WIDTH = 260
 """Of the panel in points; a point is a pixel, or more on a dense display."""
-MARGIN, ROW, BAR, BUTTON, TEXT = 16, 38, 4, 30, 34
+MARGIN, ROW, BAR, BUTTON, TEXT = 16, 37, 4, 30, 34
 """Points: border, height of a slider, of its bar, of a button, and of the text line."""
 BUTTONS_A_ROW = 2
+LINE, LINES = 20, 3
+"""Points of a line of status, and lines that have room; more push the controls down."""
 PAPER, INK, FAINT, GROUND, ACCENT = (30, 33, 38), (238, 238, 234), (150, 155, 164), (58, 63, 71), (255, 176, 92)
 MOST_TEXT = 500
 """Characters of the text line."""
@@ -156,8 +158,11 @@ class Panel:
 
     # Where things are ----------------------------------------------------------------------------------------------
 
+    def _top(self) -> int:
+        return MARGIN + LINE * max(len(self.status), LINES) + 10
+
     def _slider_boxes(self) -> list[tuple[Slider, Box]]:
-        top = MARGIN + 20 * max(len(self.status), 1) + 10
+        top = self._top()
         return [
             (slider, (MARGIN - 8, top + ROW * row, WIDTH - MARGIN + 8, top + ROW * (row + 1)))
             for row, slider in enumerate(self.sliders)
@@ -165,7 +170,7 @@ class Panel:
 
     def _button_boxes(self) -> list[tuple[str, Box]]:
         boxes = self._slider_boxes()
-        top = (boxes[-1][1][3] if boxes else MARGIN + 20 * max(len(self.status), 1)) + 10
+        top = (boxes[-1][1][3] if boxes else self._top() - 10) + 10
         wide = (WIDTH - 2 * MARGIN - 8 * (BUTTONS_A_ROW - 1)) // BUTTONS_A_ROW
         found = []
         for row, names in enumerate(_rows(self.buttons)):
@@ -207,7 +212,7 @@ class Panel:
         image = Image.new("RGBA", size, (*PAPER, 255))
         pen = _Pen(ImageDraw.Draw(image), scale)
         for line, text in enumerate(self.status):
-            pen.text((MARGIN, MARGIN + 20 * line), text, 14, INK if line == 0 else FAINT)
+            pen.text((MARGIN, MARGIN + LINE * line), text, 14, INK if line == 0 else FAINT)
         for slider, (_, top, _, _) in self._slider_boxes():
             self._draw_slider(pen, slider, top)
         for name, box in self._button_boxes():

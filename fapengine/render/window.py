@@ -8,6 +8,7 @@ Pointer: pull the face to turn the camera, wheel to come nearer. Keys: 1 to 4 ca
 the panel, Enter types, Escape or Q closes; the caller adds its own.
 """
 
+import re
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -175,6 +176,10 @@ class FaceWindow:
         self._turn(PRESETS[camera])
         self.panel.lit |= {_label(camera)}
 
+    def title(self, text: str) -> None:
+        """Name the window."""
+        self._glfw.set_window_title(self._window, text)
+
     def hide_panel(self) -> None:
         """Show the face alone; Tab brings the panel back."""
         self._shows_panel = False
@@ -205,7 +210,8 @@ class FaceWindow:
             glfw.make_context_current(window)
             glfw.swap_interval(int(vsync))
         except glfw.GLFWError as error:
-            raise ResourceError(f"window: no OpenGL 3.3 on this display ({error}); try `fapengine doctor`") from error
+            why = _plain(error)
+            raise ResourceError(f"window: no OpenGL 3.3 on this display ({why}); try `fapengine doctor`") from error
         glfw.set_window_size_limits(window, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(window, self._on_key)
         glfw.set_char_callback(window, self._on_character)
@@ -362,5 +368,11 @@ def _glfw() -> Any:
     try:
         glfw.init()
     except glfw.GLFWError as error:
-        raise ResourceError(f"window: no display ({error}); `fapengine serve` shows the face in a browser") from error
+        why = _plain(error)
+        raise ResourceError(f"window: no display ({why}); `fapengine serve` shows the face in a browser") from error
     return glfw
+
+
+def _plain(error: BaseException) -> str:
+    """Spell GLFW's error without its number and Python's quotes."""
+    return re.sub(r"^\(\d+\) b?['\"]?(.*?)['\"]?$", r"\1", str(error))

@@ -68,6 +68,9 @@ class Card:
     def is_over(self, sound: int, now_s: float) -> bool:
         return self.queue.is_over(sound, self.heard_s(now_s))
 
+    def pause(self, on: bool) -> None:
+        self.queue.pause(on)
+
     def stop(self) -> None:
         self.queue.stop()
 
@@ -158,6 +161,23 @@ def test_a_sound_that_stands_still_stops_the_face() -> None:
     made.run(0.5)
     assert np.abs(made.off_s).max() < 0.01
     made.run(2.0)
+    assert made.hub.engine.state("face") == "idle"
+
+
+def test_a_pause_holds_sound_and_face() -> None:
+    made = stage()
+    made.hub.say("face", babble(3.0))
+    made.run(1.0)
+    made.speaker.pause(True)
+    made.run(1.0)
+    assert made.hub.engine.state("face") == "paused"
+    assert made.frames[-1][0] == pytest.approx(1.0, abs=0.03)  # what was fetched is heard to its end
+    made.speaker.pause(False)
+    made.run(0.5)
+    assert made.hub.engine.state("face") == "speaking"
+    assert abs(made.off_s[-1]) < 0.01
+    made.run(2.5)
+    assert made.frames[-1][0] == pytest.approx(3.0)
     assert made.hub.engine.state("face") == "idle"
 
 

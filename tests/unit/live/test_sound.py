@@ -75,6 +75,55 @@ def test_a_stop_fades_and_drops_what_waits() -> None:
     assert queue.position_s(after, 1.0) == pytest.approx(5 / RATE_HZ)
 
 
+@given(st.lists(st.integers(1, 300), min_size=1, max_size=12))
+def test_a_pause_loses_nothing_and_places_stay_true(buffers: list[int]) -> None:
+    """Every sample comes once, in order; what is at a place of the stream is what was told."""
+    queue = SoundQueue(RATE_HZ)
+    number = queue.add(np.arange(1, 1001, dtype=np.int16) * 30)
+    out = []
+    for turn, frames in enumerate(buffers):
+        queue.pause(turn % 2 == 1)
+        out.append(queue.take(frames))
+    queue.pause(False)
+    out.append(queue.take(1200 + round(FADE_S * RATE_HZ)))
+    heard = np.concatenate(out)
+    places = [queue.position_s(number, frame / RATE_HZ) or 0.0 for frame in range(len(heard))]
+    told = np.rint(np.array(places) * RATE_HZ).astype(int)
+    assert (np.diff(told) >= 0).all()
+    assert (np.diff(told) <= 1).all()
+    loud = np.flatnonzero(heard)
+    whole = heard[loud] == 30 * (told[loud] + 1)
+    assert whole.sum() >= 1000 - 2 * round(FADE_S * RATE_HZ) * len(buffers)  # outside the fades
+    assert (heard[loud] <= 30 * (told[loud] + 1)).all()
+    assert told[-1] == 1000
+    assert queue.is_over(number, len(heard) / RATE_HZ)
+
+
+def test_a_pause_fades_and_a_stop_ends_it() -> None:
+    queue = SoundQueue(RATE_HZ)
+    first = queue.add(tone(4000))
+    queue.take(100)
+    queue.pause(True)
+    queue.pause(True)
+    fade = round(FADE_S * RATE_HZ)
+    down = queue.take(200)
+    assert (np.diff(down[: fade + 1].astype(int)) < 0).all()
+    assert not down[fade:].any()
+    assert not queue.take(1000).any()
+    assert queue.position_s(first, 1300 / RATE_HZ) == pytest.approx((100 + fade) / RATE_HZ)
+    queue.pause(False)
+    up = queue.take(200)
+    assert (np.diff(up[: fade + 1].astype(int)) > 0).all()
+    assert up[-1] == 1000
+    queue.pause(True)
+    queue.take(200)
+    queue.stop()
+    assert not queue.take(200).any()
+    assert queue.is_over(first, 1.0)
+    queue.add(tone(10))
+    assert queue.take(10).all()  # the pause is over, too
+
+
 def test_old_sounds_are_forgotten_when_they_are_over() -> None:
     queue = SoundQueue(RATE_HZ)
     first = queue.add(tone(10))

@@ -182,7 +182,7 @@ def test_no_display_is_said_plainly() -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     code = "from fapengine.render.window import _glfw\n_glfw()"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert "ResourceError: window: no display" in done.stderr
+    assert "ResourceError: window: no display (X11: The DISPLAY environment variable is missing)" in done.stderr
     assert "`fapengine serve` shows the face in a browser" in done.stderr
 
 

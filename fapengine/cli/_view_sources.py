@@ -1,0 +1,380 @@
+"""What ``fapengine view`` can show: our own face that speaks, a file, or a live face from elsewhere."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from textwrap import wrap
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.cli._live_face import LiveFace
+from fapengine.cli._phone_ticker import ticker
+from fapengine.errors import FapEngineError
+from fapengine.live.engine.commands import Blink, Express, Look, Manner
+from fapengine.live.sound import Output
+from fapengine.live.watch import OscFrames, ServerLink
+from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import Expression
+from fapengine.render.panel import Event, Moved, Pressed, Said, Slider
+from fapengine.voices.protocol import Speech
+
+Faps = NDArray[np.int32]
+
+FEELINGS = tuple(expression for expression in Expression if expression)
+MOOD_ATTACK_S = 0.15
+"""A slider's expression follows the hand."""
+LEAD_S, TAIL_S = 0.15, 0.25
+"""Silence around what is said."""
+LOOK_RAD = 0.5
+PAUSE, STOP, BLINK = "Pause", "Stop", "Blink"
+KEYS = {" ": PAUSE, "b": BLINK, "s": STOP}
+
+
+class Source(Protocol):
+    """Something that moves a face."""
+
+    @property
+    def title(self) -> str:
+        """Of the window."""
+        ...
+
+    @property
+    def sliders(self) -> Sequence[Slider]:
+        """Its controls."""
+        ...
+
+    @property
+    def buttons(self) -> Sequence[str]:
+        """Their names."""
+        ...
+
+    @property
+    def has_text(self) -> bool:
+        """Whether there is something to type for."""
+        ...
+
+    def frame(self, lead_s: float) -> Faps:
+        """FAPs of what is seen ``lead_s`` from now: (68,) FAPU."""
+        ...
+
+    def status(self) -> tuple[str, ...]:
+        """Lines that tell how it goes."""
+        ...
+
+    def lit(self) -> frozenset[str]:
+        """Buttons that are on."""
+        ...
+
+    def handle(self, event: Event) -> None:
+        """Take what was done to the controls."""
+        ...
+
+    def close(self) -> None:
+        """Let go of everything."""
+        ...
+
+
+def feeling_sliders() -> list[Slider]:
+    """Make the sliders of a face that can be told what to feel and where to look."""
+    return [
+        *(Slider(expression.name.lower(), expression.name.capitalize()) for expression in FEELINGS),
+        Slider("yaw", "Look (left +)", 0.0, -LOOK_RAD, LOOK_RAD),
+        Slider("pitch", "Look (down +)", 0.0, -LOOK_RAD, LOOK_RAD),
+        Slider("articulation", "Articulation", 1.0, 0.0, 2.0),
+    ]
+
+
+class SpeakingSource:
+    """Stateful: our own face; it speaks what is typed. The voice works in a thread of its own.
+
+    Parameters
+    ----------
+    face : LiveFace
+        Closed with this.
+    speak : callable
+        Text to speech; may raise.
+    """
+
+    title = "fapengine"
+    buttons = (PAUSE, STOP, BLINK)
+    has_text = True
+
+    def __init__(self, face: LiveFace, speak: Callable[[str], Speech]) -> None:
+        self.sliders = feeling_sliders()
+        self._face, self._speak = face, speak
+        self._voice = ThreadPoolExecutor(1, "fapengine-voice")
+        self._asked: list[tuple[str, Future[Speech]]] = []
+        self._said: list[tuple[int, Speech]] = []
+        self._note = ""
+        self._is_paused = False
+
+    def say(self, text: str) -> None:
+        """Have it spoken, behind what is being said."""
+        self._asked.append((text, self._voice.submit(self._speak, text)))
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being said, or made ready."""
+        return bool(self._asked) or self._face.is_speaking
+
+    def frame(self, lead_s: float) -> Faps:
+        """See :class:`Source`."""
+        while self._asked and self._asked[0][1].done():
+            text, future = self._asked.pop(0)
+            try:
+                speech = future.result().padded(lead_s=LEAD_S, tail_s=TAIL_S)
+            except FapEngineError as error:
+                self._note = str(error)
+                continue
+            self._note = ""
+            self._said = [*self._said[-7:], (self._face.say(speech, text), speech)]
+        return self._face.frame(lead_s)
+
+    def status(self) -> tuple[str, ...]:
+        """See :class:`Source`."""
+        if self._note:
+            return _wrapped(self._note)
+        now_s = self._face.hub.clock()
+        for number, speech in self._said:
+            zero_s = self._face.speaker.zero_s(number)
+            if zero_s is not None and now_s < zero_s + speech.duration_s:
+                before, now, after = ticker(speech.phones, now_s - zero_s)
+                off_s = self._face.speaker.off_s or 0.0
+                return (f"{before[-14:]} [{now}] {after[:14]}", f"{1e3 * off_s:+.1f} ms from its sound")
+        return (self._face.speaker.description[:34] if self._face.speaker.is_silent else "",)
+
+    def lit(self) -> frozenset[str]:
+        """See :class:`Source`."""
+        return frozenset({PAUSE} if self._is_paused else ())
+
+    def handle(self, event: Event) -> None:
+        """See :class:`Source`."""
+        if isinstance(event, Said):
+            self.say(event.text)
+        elif isinstance(event, Moved):
+            self._move(event)
+        elif event.key == BLINK:
+            self._face.tell(Blink())
+        elif event.key == STOP:
+            self._is_paused = False
+            self._face.stop()
+        elif event.key == PAUSE:
+            self._is_paused = not self._is_paused
+            self._face.speaker.pause(self._is_paused)  # the face stands still with its sound
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        self._voice.shutdown(wait=True, cancel_futures=True)
+        self._face.close()
+
+    def _move(self, event: Moved) -> None:
+        if event.key in ("yaw", "pitch"):
+            angles = {slider.key: slider.value for slider in self.sliders}
+            self._face.tell(Look(angles["yaw"], angles["pitch"]))
+        elif event.key == "articulation":
+            self._face.tell(Manner("articulation", event.value))
+        else:
+            self._face.tell(Express(Expression[event.key.upper()], event.value, attack_s=MOOD_ATTACK_S))
+
+
+class TrackSource:
+    """Stateful: plays a track over and over, with its sound if there is one.
+
+    Parameters
+    ----------
+    track : FapTrack
+        At least one frame.
+    clock : callable
+        The monotonic clock.
+    title : str
+    samples : (N,) int16, optional
+        Its sound, from its first frame on.
+    output : Output, optional
+        Where that is played; closed with this.
+    """
+
+    buttons = (PAUSE,)
+    has_text = False
+
+    def __init__(
+        self,
+        track: FapTrack,
+        clock: Callable[[], float],
+        *,
+        title: str = "fapengine",
+        samples: NDArray[np.int16] | None = None,
+        sample_rate_hz: int = 0,
+        output: Output | None = None,
+    ) -> None:
+        self.title = title
+        self._track, self._clock = track, clock
+        self._times_s = track.times_s - track.times_s[0]
+        self._samples, self._sample_rate_hz, self._output = samples, sample_rate_hz, output
+        sound_s = len(samples) / sample_rate_hz if samples is not None and sample_rate_hz else 0.0
+        self.duration_s = max(float(self._times_s[-1]) + 1 / track.rate_hz, sound_s)
+        self.sliders = [Slider("time", "Time", 0.0, 0.0, self.duration_s)]
+        self._is_paused = False
+        self._zero_s = clock()
+        self._sound: int | None = None
+        self._sound_from_s = 0.0
+        self._place_s = 0.0
+        self._play(0.0)
+
+    @property
+    def place_s(self) -> float:
+        """Where it is, counted from its first frame."""
+        return self._place_s
+
+    def frame(self, lead_s: float) -> Faps:
+        """See :class:`Source`."""
+        if not self._is_paused:
+            now_s = self._clock()
+            self._follow(now_s)
+            self._place_s = now_s - self._zero_s
+            if self._place_s >= self.duration_s:
+                self._play(0.0)
+        seen_s = min(max(self._place_s + (0.0 if self._is_paused else lead_s), 0.0), self.duration_s)
+        self.sliders[0].value = seen_s
+        row = int(np.searchsorted(self._times_s, seen_s + 1e-9, side="right")) - 1
+        faps: Faps = self._track.values[max(row, 0)]
+        return faps
+
+    def status(self) -> tuple[str, ...]:
+        """See :class:`Source`."""
+        return (f"{self._place_s:.2f} of {self.duration_s:.2f} s, {self._track.rate_hz:g} Hz",)
+
+    def lit(self) -> frozenset[str]:
+        """See :class:`Source`."""
+        return frozenset({PAUSE} if self._is_paused else ())
+
+    def handle(self, event: Event) -> None:
+        """See :class:`Source`."""
+        if isinstance(event, Moved):
+            self._play(event.value)
+        elif isinstance(event, Pressed) and event.key == PAUSE:
+            self._is_paused = not self._is_paused
+            self._play(self._place_s)
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        if self._output is not None:
+            self._output.close()
+
+    def _play(self, place_s: float) -> None:
+        """Go to a place and on from there, unless it is paused."""
+        self._place_s, self._zero_s, self._sound = place_s, self._clock() - place_s, None
+        if self._output is None or self._samples is None:
+            return
+        self._output.stop()
+        rest = self._samples[round(place_s * self._sample_rate_hz) :]
+        if not self._is_paused and len(rest):
+            self._sound, self._sound_from_s = self._output.play(rest), place_s
+
+    def _follow(self, now_s: float) -> None:
+        """Be where the sound is; until it is heard, wait for it."""
+        if self._output is None or self._sound is None or self._output.is_over(self._sound, now_s):
+            return
+        heard_s = self._output.position_s(self._sound, now_s)
+        self._zero_s = now_s - self._sound_from_s - max(heard_s or 0.0, 0.0)
+
+
+class OscSource:
+    """Stateful: shows the frames that come to a port."""
+
+    buttons = ()
+    has_text = False
+    sliders: Sequence[Slider] = ()
+
+    def __init__(self, frames: OscFrames) -> None:
+        self._frames = frames
+        self.title = f"fapengine, port {frames.port}"
+
+    def frame(self, lead_s: float) -> Faps:
+        """See :class:`Source`."""
+        return self._frames.faps()
+
+    def status(self) -> tuple[str, ...]:
+        """See :class:`Source`."""
+        counts = self._frames.counts
+        if self._frames.is_silent:
+            return (f"nothing comes to port {self._frames.port}",)
+        return (f"session {self._frames.session}", f"{counts.frames} frames, {counts.missed} missed")
+
+    def lit(self) -> frozenset[str]:
+        """See :class:`Source`."""
+        return frozenset()
+
+    def handle(self, event: Event) -> None:
+        """See :class:`Source`."""
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        self._frames.close()
+
+
+class ServerSource:
+    """Stateful: a session of a server; what is typed is spoken there."""
+
+    buttons = (PAUSE, STOP, BLINK)
+    has_text = True
+
+    def __init__(self, link: ServerLink, *, voice: str = "en-us") -> None:
+        self.sliders = feeling_sliders()
+        self.title = "fapengine, server"
+        self._link, self._voice = link, voice
+        self._is_paused = False
+
+    def frame(self, lead_s: float) -> Faps:
+        """See :class:`Source`."""
+        return self._link.faps()
+
+    def status(self) -> tuple[str, ...]:
+        """See :class:`Source`."""
+        link = self._link
+        if link.state != "open":
+            return (link.state, *_wrapped(link.trouble))
+        age_s, trip_s = link.age_s, link.round_trip_s
+        if age_s is None or trip_s is None:
+            return ("open",)
+        return (
+            f"frames {1e3 * age_s:.0f} ms old, {1e3 * trip_s:.1f} ms there and back",
+            f"{link.counts.missed} missed",
+        )
+
+    def lit(self) -> frozenset[str]:
+        """See :class:`Source`."""
+        return frozenset({PAUSE} if self._is_paused else ())
+
+    def handle(self, event: Event) -> None:
+        """See :class:`Source`."""
+        if isinstance(event, Said):
+            self._link.send("say", text=event.text, voice=self._voice)
+        elif isinstance(event, Moved):
+            self._move(event)
+        elif event.key == PAUSE:
+            self._is_paused = not self._is_paused
+            self._link.send("pause" if self._is_paused else "resume")
+        elif event.key == STOP:
+            self._is_paused = False
+            self._link.send("cancel")
+        elif event.key == BLINK:
+            self._link.send("blink")
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        self._link.close()
+
+    def _move(self, event: Moved) -> None:
+        if event.key in ("yaw", "pitch"):
+            angles = {slider.key: slider.value for slider in self.sliders}
+            self._link.send("look", yaw=angles["yaw"], pitch=angles["pitch"])
+        elif event.key == "articulation":
+            self._link.send("manner", setting="articulation", value=event.value)
+        else:
+            self._link.send("express", name=event.key, level=event.value)
+
+
+def _wrapped(text: str) -> tuple[str, ...]:
+    """Lines that fit the panel."""
+    return tuple(wrap(text, 36)[:3])
