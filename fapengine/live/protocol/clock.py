@@ -5,8 +5,7 @@ Theory of operation
 *Sender* (:class:`EngineClock`). A ping leaves at t0, arrives at t1, is answered at t2 and back at t3. The engine's
 clock is ahead by ``((t1 - t0) + (t2 - t3)) / 2``, at worst wrong by half the round trip (RFC 5905, section 8). Of the
 last 16 the one with the shortest round trip counts, older ones less; two clocks differ in rate by up to some hundred
-ppm, which a line through the good samples finds once they span :data:`SLOPE_SPAN_S`. The sender tells its finding with
-each ping.
+ppm, which a line through the last 64 finds. The sender tells its finding with each ping.
 
 *Engine* (:class:`SenderClock`). It takes the sender's word. Of a sender that tells nothing it knows only when its pings
 left by their clock and came by its own: the least difference is the offset, too large by the shortest way here.
@@ -20,8 +19,9 @@ from dataclasses import dataclass, field
 from statistics import median
 
 WINDOW = 16
-SLOPE_SPAN_S = 8.0
-SLOPE_SAMPLES = 5
+SLOPE_WINDOW = 64
+EXPECTED_PPM = 150.0
+"""Two crystals differ by about so much; what a line says beyond it must be well founded."""
 MOST_PPM = 1000.0
 """A crystal is off by 100; more than this is no clock."""
 AGE_PPM = 300.0
@@ -56,7 +56,7 @@ class EngineClock:
 
     steps: int = 0
     """How often a clock was set."""
-    _samples: deque[_Sample] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _samples: deque[_Sample] = field(default_factory=lambda: deque(maxlen=SLOPE_WINDOW))
     _odd: list[_Sample] = field(default_factory=list)
     _slope: float = 0.0
 
@@ -86,7 +86,7 @@ class EngineClock:
             if len(self._odd) < ODD_IN_A_ROW:
                 return
             self.steps += 1
-            self._samples = deque(self._odd, maxlen=WINDOW)
+            self._samples = deque(self._odd, maxlen=SLOPE_WINDOW)
         else:
             self._samples.append(sample)
         self._odd = []
@@ -102,7 +102,8 @@ class EngineClock:
         """Engine's clock minus sender's; 0 while nothing is known."""
         if not self._samples:
             return 0.0
-        best = min(self._samples, key=lambda one: one.rtt_s / 2 + AGE_PPM * 1e-6 * abs(sender_s - one.at_s))
+        latest = list(self._samples)[-WINDOW:]
+        best = min(latest, key=lambda one: one.rtt_s / 2 + AGE_PPM * 1e-6 * abs(sender_s - one.at_s))
         return best.offset_s + self._slope * (sender_s - best.at_s)
 
     def engine_s(self, sender_s: float) -> float:
@@ -115,22 +116,17 @@ class EngineClock:
         return engine_s - self.offset_s(guess_s)
 
     def _fitted_slope(self) -> float:
+        """Fit a line: each sample weighs as much as its round trip allows, and clocks are expected to be good ones."""
         shortest_s = self.rtt_s
-        samples = self._samples
-        if len(samples) < SLOPE_SAMPLES or samples[-1].at_s - samples[0].at_s < SLOPE_SPAN_S:
-            return self._slope
-        weights = [1.0 / (one.rtt_s - shortest_s + 1e-3) ** 2 for one in samples]
+        weights = [4.0 / (one.rtt_s - shortest_s + 1e-3) ** 2 for one in self._samples]
+        pairs = list(zip(weights, self._samples, strict=True))
         total = sum(weights)
-        mean_t = sum(w * one.at_s for w, one in zip(weights, samples, strict=True)) / total
-        mean_o = sum(w * one.offset_s for w, one in zip(weights, samples, strict=True)) / total
-        spread = sum(w * (one.at_s - mean_t) ** 2 for w, one in zip(weights, samples, strict=True)) / total
-        if spread < (SLOPE_SPAN_S / 8) ** 2:  # one good sample among bad ones tells no rate
-            return self._slope
-        together = sum(
-            w * (one.at_s - mean_t) * (one.offset_s - mean_o) for w, one in zip(weights, samples, strict=True)
-        )
+        mean_t = sum(w * one.at_s for w, one in pairs) / total
+        mean_o = sum(w * one.offset_s for w, one in pairs) / total
+        spread = sum(w * (one.at_s - mean_t) ** 2 for w, one in pairs)
+        together = sum(w * (one.at_s - mean_t) * (one.offset_s - mean_o) for w, one in pairs)
         limit = MOST_PPM * 1e-6
-        return min(max(together / total / spread, -limit), limit)
+        return min(max(together / (spread + (EXPECTED_PPM * 1e-6) ** -2), -limit), limit)
 
 
 @dataclass(slots=True)
@@ -199,6 +195,9 @@ class SenderClock:
 
     def report(self, sent_s: float, offset_s: float, skew_ppm: float) -> None:
         """Take the sender's word for the offset, engine's clock minus its own."""
+        if self._offset_s is not None and abs(sent_s + offset_s - self.engine_s(sent_s)) > ODD_S:
+            self.steps += 1
+            self._ways.clear()
         self._offset_s, self._reported_s = offset_s, sent_s
         self._skew = min(max(skew_ppm, -MOST_PPM), MOST_PPM) * 1e-6
 

@@ -45,6 +45,8 @@ class Incoming:
     unbegun_s: float = inf
     follow_s: float = inf
     """When to compare its position with the sender's clock."""
+    clock_steps: int = 0
+    """How often that clock had been set when it began."""
     heard_s: float = -inf
     """When the sender last told where its sound is."""
     _passed: set[int] = field(default_factory=set)

@@ -12,6 +12,7 @@ session is opened by its first message, or by ``hello``, which alone lets its se
 names; it drives :data:`SIMPLE_SESSION`.
 """
 
+import heapq
 import hmac
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
@@ -33,6 +34,11 @@ from fapengine.live.protocol.simple_mode import SimpleMode
 SIMPLE_SESSION = "face"
 LOOKAHEAD_S = 0.5
 """Phones that are known so early are as good as all (:class:`fapengine.trajectory.stream.StreamingPlanner`)."""
+
+
+TOLD_AGAIN = ("started", "finished", "cancelled", "error")
+TOLD_AGAIN_S = (0.06, 0.4)
+"""What matters to a sender is told three times over UDP: the second survives a loss, the third a burst."""
 
 
 class OscReceiver:
@@ -76,6 +82,8 @@ class OscReceiver:
         self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
         self._sessions: dict[str, WireSession] = {}
         self._texts: deque[TextRequest] = deque()
+        self._again: list[tuple[float, int, Hashable, bytes]] = []
+        self._order = 0
 
     @property
     def peers(self) -> dict[Hashable, PeerCounts]:
@@ -129,6 +137,8 @@ class OscReceiver:
         for event in self._engine.events():
             self._tell_event(event, replies)
         self._simple.tick(now_s)
+        while self._again and self._again[0][0] <= now_s:
+            replies.append(heapq.heappop(self._again)[2:])
 
         def send(peer: Hashable, wire: schema.FromEngine) -> None:
             replies.append((peer, wire_format.encode(wire)))
@@ -361,7 +371,12 @@ class OscReceiver:
         position_us = min(max(microseconds(position_s), -(2**31)), 2**31 - 1)
         notice = schema.Notice(event.session, wire, event.kind, position_us, event.count, microseconds(event.time_s))
         packet = wire_format.encode(notice)
-        replies += [(peer, packet) for peer in session.peers]
+        for peer, flags in session.peers.items():
+            replies.append((peer, packet))
+            if event.kind in TOLD_AGAIN and not flags & schema.TCP:
+                for later_s in TOLD_AGAIN_S:
+                    self._order += 1
+                    heapq.heappush(self._again, (event.time_s + later_s, self._order, peer, packet))
 
 
 _OBEY = cast(

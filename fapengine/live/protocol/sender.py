@@ -14,6 +14,7 @@ sender's own clock, any that only rises.
 """
 
 import heapq
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from math import inf, isfinite
 
@@ -98,6 +99,7 @@ class OscSender:
         self._cancels: dict[int, _Cancel] = {}
         self._queue: list[tuple[float, int, bytes]] = []
         self._order = 0
+        self._told: deque[tuple[int, str, int]] = deque(maxlen=64)
 
     # What is told ---------------------------------------------------------------------------------------------------
 
@@ -268,7 +270,7 @@ class OscSender:
         Returns
         -------
         list of FromEngine
-            What was in it; what is no message of the schema is left out.
+            What was in it; what is no message of the schema is left out, and notices that came before.
         """
         try:
             messages = osc.parse_packet(packet)
@@ -283,10 +285,20 @@ class OscSender:
                 continue
             if not isinstance(told, schema.FromEngine) or getattr(told, "session", self.session) != self.session:
                 continue
-            heard.append(told)
             self._heard_s = now_s
+            if isinstance(told, schema.Notice) and not self._is_new(told):
+                continue
+            heard.append(told)
             self._hear(told, now_s)
         return heard
+
+    def _is_new(self, told: schema.Notice) -> bool:
+        """Whether it is no repeat. An utterance is over once; the rest may happen to it again at another time."""
+        key = (told.utterance, told.kind, 0 if told.kind in ("finished", "cancelled") else told.engine_us)
+        if key in self._told:
+            return False
+        self._told.append(key)
+        return True
 
     def _hear(self, told: schema.FromEngine, now_s: float) -> None:
         match told:

@@ -11,6 +11,7 @@ from math import inf
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.session import JUMP_S
 from fapengine.live.protocol import labels, schema
 from fapengine.live.protocol.clock import SenderClock
 from fapengine.live.protocol.counts import Tally
@@ -114,7 +115,7 @@ class WireSession:
         at_s = clock.engine_s(message.anchor_us * 1e-6)
         if message.anchor == "at" and clock.is_known:
             self.tell(Begin(one.number, "at", at_s, message.revision), now_s)
-            one.follow_s = max(at_s, now_s) + FOLLOW_S
+            one.follow_s, one.clock_steps = max(at_s, now_s) + FOLLOW_S, clock.steps
         else:  # without a common clock "at" can only mean now
             self.tell(Begin(one.number, "audio" if message.anchor == "audio" else "now", 0.0, message.revision), now_s)
         self.busy.setdefault(message.utterance, peer)
@@ -305,13 +306,13 @@ class WireSession:
         """Keep an utterance that was begun at a time of the sender's clock at it, though the clocks drift."""
         one.follow_s = now_s + FOLLOW_S
         known = self.faces.utterance(self.name, one.number)
-        if known is None or one.begun is None:
+        if known is None or one.begun is None or clock is None or clock.steps != one.clock_steps:
             one.follow_s = inf
             return
-        if clock is None or not clock.is_known or now_s - one.heard_s < HEARD_S or known.position_s(now_s) < 0:
+        if now_s - one.heard_s < HEARD_S or known.position_s(now_s) < 0:
             return
         heard_s = clock.sender_s(now_s) - one.begun.anchor_us * 1e-6
-        if FOLLOW_ERROR_S < abs(heard_s - known.position_s(now_s)) < FOLLOW_S:
+        if FOLLOW_ERROR_S < abs(heard_s - known.position_s(now_s)) < JUMP_S:
             self.tell(Audio(one.number, now_s, heard_s), now_s)
 
 

@@ -1,0 +1,194 @@
+"""Messages of the robust mode: bytes, defaults, leniency, and what is refused."""
+
+import re
+import struct
+import zlib
+from dataclasses import fields
+from typing import get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine.errors import DataError, UsageError
+from fapengine.live import osc
+from fapengine.live.protocol import schema, wire
+from fapengine.live.protocol.schema import WirePhone
+
+
+def h(text: str) -> bytes:
+    return bytes.fromhex(text)
+
+
+PHONES = schema.Phones("anna", 7, 3, 16, (WirePhone("m", 0, 80_000, 1, 1.0), WirePhone("aɪ", 80_000, 120_000)))
+CASES = [
+    (
+        schema.Hello("anna", 1, "ipa", "en", 1, "", 9),
+        h(
+            "2f666170 2f312f68 656c6c6f 00000000"  # /fap/1/hello
+            "2c736973 73697369 00000000"  # ,sissisi
+            "616e6e61 00000000 00000001 69706100 656e0000 00000001 00000000 00000009"
+        ),
+    ),
+    (
+        schema.Ping(2, 1_000_000, -5, 0.5, 3),
+        h("2f666170 2f312f70 696e6700 2c696868 66690000 00000002 00000000000f4240 fffffffffffffffb 3f000000 00000003"),
+    ),
+    (
+        PHONES,
+        h(
+            "2f666170 2f312f70 686f6e65 73000000"  # /fap/1/phones
+            "2c736969 69697369 69696673 69696966 00000000"  # ,siiiisiiifsiiif
+            "616e6e61 00000000 00000007 00000003 00000010 00000002"
+            "6d000000 00000000 00013880 00000001 3f800000"  # m
+            "61c9aa00 00013880 0001d4c0 00000000 3f800000"  # aɪ
+        ),
+    ),
+    (
+        schema.EndUtterance("a", 1, 2, 200_000, -5, 0),
+        h(
+            "2f666170 2f312f75 74742f65 6e640000"  # /fap/1/utt/end
+            "2c736969 69696900 61000000 00000001 00000002 00030d40 fffffffb 00000000"
+        ),
+    ),
+    (
+        schema.Ack("a", 1, 4, 5, 1000, 1, 0),
+        h(
+            "2f666170 2f312f61 636b0000 2c736969 68696969 00000000"
+            "61000000 00000001 00000004 0000000000000005 000003e8 00000001 00000000"
+        ),
+    ),
+]
+
+
+def kind_of(message: osc.Message) -> type:
+    return (schema.FROM_SENDER | schema.FROM_ENGINE)[message.address]
+
+
+def read(packet: bytes) -> schema.Wire:
+    (message,) = osc.parse_packet(packet)
+    return wire.parse(kind_of(message), message)
+
+
+@pytest.mark.parametrize(("value", "packet"), CASES)
+def test_layout(value, packet):
+    assert wire.encode(value) == packet
+    assert read(packet) == value
+
+
+@pytest.mark.parametrize("kind", [*get_args(schema.FromSender), *get_args(schema.FromEngine)])
+def test_every_message_comes_back_and_its_required_arguments_are_required(kind):
+    samples = {"s": "x", "i": 3, "h": 1 << 40, "f": 0.5}
+    names = [field.name for field in fields(kind)]
+    if kind is schema.Phones:
+        value = PHONES
+    else:
+        assert len(names) == len(kind.TAGS) >= kind.REQUIRED
+        value = kind(*(samples[tag] for tag in kind.TAGS))
+    assert read(wire.encode(value)) == value
+    (message,) = osc.parse_packet(wire.encode(value))
+    short = osc.Message(message.address, message.tags[: kind.REQUIRED - 1], message.arguments[: kind.REQUIRED - 1])
+    with pytest.raises(DataError, match=f"got {kind.REQUIRED - 1} arguments, expected {kind.REQUIRED} or more"):
+        wire.parse(kind, short)
+    if kind is not schema.Phones:
+        least = osc.Message(message.address, message.tags[: kind.REQUIRED], message.arguments[: kind.REQUIRED])
+        got = wire.parse(kind, least)
+        assert [getattr(got, name) for name in names[: kind.REQUIRED]] == list(least.arguments)
+
+
+def test_addresses_are_of_the_first_version_and_differ():
+    kinds = [*get_args(schema.FromSender), *get_args(schema.FromEngine)]
+    assert len({kind.ADDRESS for kind in kinds}) == len(kinds) >= 22
+    assert all(re.fullmatch(r"/fap/1/[a-z/]+", kind.ADDRESS) for kind in kinds)
+
+
+def test_numbers_are_taken_from_any_numeric_type():
+    given = osc.message(schema.AudioPosition.ADDRESS, "sfdfi", "a", 3.0, 2e12, 40_000.0, 1)
+    assert read(given) == schema.AudioPosition("a", 3, 2_000_000_000_000, 40_000, 1.0)
+    assert read(osc.message(schema.Gaze.ADDRESS, "siiT", "a", 5, -5, True)) == schema.Gaze("a", 5.0, -5.0, 1)
+
+
+def test_surplus_arguments_are_left_and_counted():
+    (message,) = osc.parse_packet(osc.message(schema.BlinkOnce.ADDRESS, "sif", "a", 1, 2.0))
+    assert wire.parse(schema.BlinkOnce, message) == schema.BlinkOnce("a")
+    assert wire.surplus(schema.BlinkOnce, message) == 2
+    tags, values = "siiiisiiif", ["a", 1, 0, 0, 1, "m", 0, 1, 0, 1.0]
+    (message,) = osc.parse_packet(osc.message(schema.Phones.ADDRESS, tags + "iss", *values, 4, "x", "y"))
+    assert wire.surplus(schema.Phones, message) == 2
+    assert wire.parse(schema.Phones, message).revision == 4
+    (message,) = osc.parse_packet(osc.message(schema.Phones.ADDRESS, tags, *values))
+    assert wire.surplus(schema.Phones, message) == 0
+    assert wire.parse(schema.Phones, message).revision is None
+
+
+@pytest.mark.parametrize(
+    ("address", "tags", "values", "said"),
+    [
+        (schema.Bye.ADDRESS, "i", (1,), "got 1, expected a string"),
+        (schema.Bye.ADDRESS, "s", ("",), r"session: got '', expected 1..32 bytes"),
+        (schema.Bye.ADDRESS, "s", ("é" * 17,), "expected 1..32 bytes"),
+        (schema.Gaze.ADDRESS, "sff", ("a", float("nan"), 0.0), "got nan, expected a number"),
+        (schema.Gaze.ADDRESS, "ssf", ("a", "b", 0.0), "got 'b', expected a number"),
+        (schema.SeekUtterance.ADDRESS, "sih", ("a", 1, 1 << 31), r"expected -2147483648..2147483647"),
+        (schema.Ping.ADDRESS, "id", (1, 1e300), "expected -9223372036854775808"),
+        (schema.Phones.ADDRESS, "siiii", ("a", 1, 0, 0, 0), r"got 0 phones from 0, expected 1..256"),
+        (schema.Phones.ADDRESS, "siiii", ("a", 1, 0, -1, 1), "got 1 phones from -1"),
+        (schema.Phones.ADDRESS, "siiii", ("a", 1, 0, 0, 257), "got 257 phones"),
+        (schema.Phones.ADDRESS, "siiiisiii", ("a", 1, 0, 0, 1, "m", 0, 1, 0), "got 9 arguments, expected 10"),
+        (schema.Phones.ADDRESS, "siiiisiiif", ("a", 1, 0, 0, 1, "m", -1, 1, 0, 1.0), "phone 'm': got -1 us for 1"),
+        (schema.Phones.ADDRESS, "siiiisiiif", ("a", 1, 0, 0, 1, "m", 0, -1, 0, 1.0), "for -1 us"),
+        (schema.Phones.ADDRESS, "siiiiiiiif", ("a", 1, 0, 0, 1, 5, 0, 1, 0, 1.0), "got 5, expected a string"),
+        (schema.Phones.ADDRESS, "siiiisiiifs", ("a", 1, 0, 0, 1, "m", 0, 1, 0, 1.0, "x"), "got 'x', expected a number"),
+    ],
+)
+def test_what_cannot_be_meant_is_a_data_error(address, tags, values, said):
+    with pytest.raises(DataError, match=said):
+        read(osc.message(address, tags, *values))
+
+
+def test_checksum_is_that_of_the_documented_bytes():
+    phones = [WirePhone("m", 0, 80_000), WirePhone("ʃ", 80_000, 120_000, flags=1, weight=0.5)]
+    spelled = b"m\0" + struct.pack(">ii", 0, 80_000) + "ʃ".encode() + b"\0" + struct.pack(">ii", 80_000, 120_000)
+    assert schema.checksum(phones) % 2**32 == zlib.crc32(spelled)
+    assert -(2**31) <= schema.checksum(phones) < 2**31
+    assert schema.checksum([]) == 0
+
+
+def test_session_names_have_a_length():
+    assert schema.check_session("x" * 32) == "x" * 32
+    for name in ("", "x" * 33, "é" * 17):
+        with pytest.raises(UsageError, match=r"session: got .*, expected 1..32 bytes"):
+            schema.check_session(name)
+
+
+def test_values_that_do_not_fit_are_a_usage_error():
+    with pytest.raises(UsageError, match="utt/end"):
+        wire.encode(schema.EndUtterance("a", 1, 1 << 40))
+
+
+TEXT = st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"), max_size=40)
+ARGUMENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("i"), st.integers(-(2**31), 2**31 - 1)),
+        st.tuples(st.just("h"), st.integers(-(2**63), 2**63 - 1)),
+        st.tuples(st.just("f"), st.floats(width=32)),
+        st.tuples(st.just("d"), st.floats()),
+        st.tuples(st.just("s"), TEXT),
+        st.tuples(st.just("T"), st.just(True)),
+        st.tuples(st.just("N"), st.none()),
+        st.tuples(st.just("b"), st.binary(max_size=8)),
+    ),
+    max_size=16,
+)  # fmt: skip
+
+
+@given(st.sampled_from([*get_args(schema.FromSender), *get_args(schema.FromEngine)]), ARGUMENTS)
+def test_any_arguments_are_read_or_a_data_error(kind, arguments):
+    message = osc.Message(kind.ADDRESS, "".join(tag for tag, _ in arguments), tuple(value for _, value in arguments))
+    assert wire.surplus(kind, message) >= 0
+    try:
+        value = wire.parse(kind, message)
+    except DataError:
+        return
+    assert isinstance(value, kind)
+    assert isinstance(wire.encode(value), bytes)
