@@ -1,10 +1,9 @@
-"""Brows: a tinted strip just above the skin, and hairs that lie on it."""
+"""Brows: hairs that lie on the skin; what lies under them is painted (:mod:`fapengine.mesh.painting`)."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.patch import MeshBuilder
@@ -17,11 +16,11 @@ Indices = NDArray[np.int64]
 MIDDLE = np.array([[10.5, 54.6], [20.0, 57.4], [32.0, 60.2], [43.0, 59.2], [53.5, 53.4]])
 """Middle line of the left brow, (x, y) mm, from the nose outwards (feature points 4.1, 4.3, 4.5)."""
 HALF_WIDTH = np.array([3.0, 3.7, 3.2, 2.2, 0.5])
-HAIRS = 110
+HAIRS = 140
 GOLDEN = 0.6180339887498949
 
 
-def _line(share: Array, thickness: float) -> tuple[Array, Array]:
+def line(share: Array, thickness: float) -> tuple[Array, Array]:
     """(N, 2) middle line and (N,) half width, mm, of the left brow."""
     knots = np.linspace(0, 1, len(MIDDLE))
     middle = np.stack([PchipInterpolator(knots, MIDDLE[:, axis])(share) for axis in range(2)], axis=-1)
@@ -38,22 +37,11 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
         out = height[..., None] * normal(angle, flat[..., 1], style)
         return (position(angle, flat[..., 1], style) + out) * [side, 1, 1]
 
-    share = np.linspace(-0.02, 1.02, max(10, round(16 * detail)))
-    middle, half = _line(np.clip(share, 0, 1), style.brow_thickness)
-    across = np.linspace(-1.15, 1.15, 5)[:, None]
-    flat = middle + (across * half)[..., None] * np.array([0.15, 1.0])
-    inside = np.clip(1 - np.abs(across) ** 2.5 / 1.4, 0, 1)
-    ends = smoothstep((share + 0.02) / 0.25) * smoothstep((1.02 - share) / 0.3)
-    points = on_face(flat, 0.25 + 0.35 * inside * ends)
-    albedo = palette.skin(points) + (0.7 * inside * ends)[..., None] * (dark - palette.skin(points))
-    strip = builder.add(points, albedo=albedo, material=Material.SKIN)
-    builder.quads(strip if side > 0 else strip[:, ::-1])
-
     number = np.arange(round(HAIRS * np.clip(detail, 0.5, 1.6)))
     at = (number + 0.5) / len(number)
     spread = 2 * ((number * GOLDEN) % 1) - 1
     wild = 2 * ((number * GOLDEN * 7.31) % 1) - 1
-    middle, half = _line(at, style.brow_thickness)
+    middle, half = line(at, style.brow_thickness)
     root = middle + (0.85 * spread * half)[:, None] * np.array([0.15, 1.0])
     # Hairs rise near the nose, then lie along the brow; those above its middle turn down, those below up.
     slope = np.interp(at, (0.0, 0.12, 0.35, 0.6, 1.0), (80.0, 55.0, 24.0, 0.0, -28.0)) - 16.0 * spread + 10.0 * wild
@@ -63,8 +51,8 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     normal_to = np.stack([-along[:, 1], along[:, 0]], axis=-1) * thick[:, None]
     tip = root + length[:, None] * along
     corners = np.stack([root - normal_to, root + normal_to, tip], axis=1)
-    height = np.stack([0.65 + 0 * at, 0.65 + 0 * at, 0.95 + 0 * at], axis=1)
+    height = np.stack([0.30 + 0 * at, 0.30 + 0 * at, 0.80 + 0 * at], axis=1)
     tint = dark * (0.85 + 0.35 * ((number * GOLDEN * 3.7) % 1))[:, None]
     hairs = builder.add(on_face(corners, height), albedo=tint[:, None], material=Material.HAIR)
     builder.loose(hairs[:, [0, 2, 1]] if side > 0 else hairs)
-    return np.concatenate([strip.ravel(), hairs.ravel()])
+    return hairs.ravel()

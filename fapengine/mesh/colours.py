@@ -17,7 +17,7 @@ BLUSHES = np.array(
     [[0.78, 0.35, 0.29], [0.67, 0.275, 0.205], [0.46, 0.17, 0.115], [0.23, 0.085, 0.055], [0.09, 0.035, 0.025]]
 )
 LIPS = np.array(
-    [[0.60, 0.25, 0.22], [0.53, 0.205, 0.178], [0.38, 0.135, 0.110], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
+    [[0.60, 0.25, 0.22], [0.52, 0.218, 0.182], [0.38, 0.135, 0.110], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
 )
 
 SKIN = TONES[1]
@@ -29,6 +29,9 @@ TEETH = np.array([0.80, 0.75, 0.66])
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])
+
+BLOOD = np.array([0.35, 1.0, 0.9])
+"""How much more a spot with more blood in it takes from green and blue than from red."""
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.colours import Palette
+from fapengine.mesh.colours import BLOOD, Palette
 from fapengine.mesh.patch import MeshBuilder
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MIDDLE = np.array([82.0, 12.0, -3.0])
+MIDDLE = np.array([83.0, 12.0, -3.0])
 UP_AXIS, BACK_AXIS = np.array([0.06, 0.975, -0.215]), np.array([0.30, -0.165, -0.939])
 HALF_LENGTH, HALF_WIDTH = 32.0, 17.5
 INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
@@ -67,6 +67,9 @@ def build_ear(builder: MeshBuilder, palette: Palette, side: float, detail: float
     albedo = palette.skin(points)
     deep = np.clip(-height / 7.0, 0, 1)[..., None]
     albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
+    albedo = albedo * (1 - 0.05 * BLOOD)  # as the painting does to the skin beside
     grid = builder.add(points, albedo=albedo)
     builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
+    middle = int(builder.add(points[0].mean(axis=0), albedo=albedo[0].mean(axis=0)))
+    builder.fan(grid[0, ::-1] if side > 0 else grid[0], middle)
     return grid

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
+from fapengine.mesh.atlas import skin_uv
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.face_mesh import Bone, Material
 from fapengine.mesh.patch import MeshBuilder
@@ -56,7 +57,7 @@ class Eye:
     """(N,) rad: elevation of the other lid's margin at the same place along the eye."""
 
 
-def _margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
+def margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
     """(N, 2): the rim of the opening; t is 1 at the outer corner."""
     share = (1 + t) / 2
     corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
@@ -65,8 +66,8 @@ def _margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
     above, below = np.clip(t + 0.06 * (1 - t**2), -1, 1), np.clip(t - 0.16 * (1 - t**2), -1, 1)
     rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(above) ** 2.25) ** 0.92
     sink = (middle_y - CENTRE[1] + half) * (1 - np.abs(below) ** 2.2)
-    margin: Array = corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
-    return margin
+    rim: Array = corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
+    return rim
 
 
 def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
@@ -77,7 +78,7 @@ def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
 
 def _forward(t: Array, level: float) -> Array:
     """(N,) mm: the inner corner lies before the ball, over the tear duct."""
-    out: Array = 1.6 * smoothstep((-t - 0.72) / 0.28) * smoothstep((level - 0.45) / 0.3)
+    out: Array = 3.8 * smoothstep((-t - 0.58) / 0.42) * smoothstep((level - 0.45) / 0.3)
     return out
 
 
@@ -89,13 +90,13 @@ def build_lids(
     t = side * along  # 1 at the outer corner on both sides
     palette = Palette.of(style)
     at_border = builder.column("points_mm")[border]
-    margin = _margin(t, upper, style) * np.array([side, 1.0])
+    rim_flat = margin(t, upper, style) * np.array([side, 1.0])
     centre = CENTRE * [side, 1, 1]
-    reach_mm = np.linalg.norm(at_border[:, :2] - margin, axis=1)
+    reach_mm = np.linalg.norm(at_border[:, :2] - rim_flat, axis=1)
     middle = 1 - np.abs(t) ** 4
     grids, levels = [border], [2.0]
     for level in resampled(OUTSIDE, detail):
-        flat = margin + (level - 1) * (at_border[:, :2] - margin)
+        flat = rim_flat + (level - 1) * (at_border[:, :2] - rim_flat)
         angle = angle_of(flat[:, 0], flat[:, 1], style)
         face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
@@ -108,11 +109,12 @@ def build_lids(
         shade = 1 - 0.30 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
         lash = (level <= 1.0) * upper
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
-        grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.SKIN)))
+        kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
         levels.append(float(level))
     rim = points
     for level, height, size in EDGE:
-        flat = centre[:2] + size * (margin - centre[:2])
+        flat = centre[:2] + size * (rim_flat - centre[:2])
         points = _on_sphere(flat, centre, RADIUS + height)
         points[:, 2] += _forward(t, level)
         lash = upper & (level > 0.8)
@@ -123,8 +125,11 @@ def build_lids(
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
     lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, detail)
+    _build_caruncle(builder, palette, side, detail)
     ball = _build_ball(builder, centre, side, detail)
-    angles = np.arctan2(margin[:, 1] - centre[1], _on_sphere(margin, centre, RADIUS + LID_THICKNESS)[:, 2] - centre[2])
+    angles = np.arctan2(
+        rim_flat[:, 1] - centre[1], _on_sphere(rim_flat, centre, RADIUS + LID_THICKNESS)[:, 2] - centre[2]
+    )
     closed = _other_lid(t, upper, angles)
     return Eye(Rings(rings, np.array(levels), t, upper), ball, lashes, roots, centre, side, angles, closed)
 
@@ -144,7 +149,7 @@ def _build_lashes(
     """Blades of five vertices on the lids' margins, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     blades, roots = [], []
-    for is_upper, count, length_mm in ((True, 30, 7.6), (False, 16, 3.6)):
+    for is_upper, count, length_mm in ((True, 30, 6.0), (False, 14, 2.6)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
         for number, place in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
             root = int(mine[np.abs(t[mine] - place).argmin()])
@@ -157,13 +162,29 @@ def _build_lashes(
             grow = outwards + (0.62 * place + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
             middle = base + 0.5 * length * grow
             tip = base + length * (grow + lift)
-            wide = np.array([0.30 if is_upper else -0.2, 0.0, 0.0])  # blades face forwards
+            wide = np.array([0.24 if is_upper else -0.15, 0.0, 0.0])  # blades face forwards
             blades.append([base - wide, base + wide, middle - 0.7 * wide, middle + 0.7 * wide, tip])
             roots.append(root)
     grid = builder.add(np.array(blades), albedo=colours.LASH, material=Material.LASH)
     for corners in ((0, 1, 3), (0, 3, 2), (2, 3, 4)):
         builder.loose(grid[:, list(corners)])
     return grid, np.array(roots)
+
+
+def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> None:
+    """Add the pink knot in the inner corner, over the tear duct."""
+    polar = np.linspace(0.35, 1.7, max(3, round(4 * detail)))[::-1, None]
+    around = np.linspace(0, 2 * np.pi, 4 * max(2, round(2.5 * detail)), endpoint=False)
+    unit = np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around], axis=-1
+    )
+    middle, size = np.array([INNER_CORNER[0] + 1.9, INNER_CORNER[1] + 0.5, 86.6]), np.array([2.6, 2.0, 3.4])
+    pink = palette.blush * np.array([1.0, 0.95, 0.9])
+    mirror = np.array([side, 1.0, 1.0])
+    grid = builder.add((middle + size * unit) * mirror, albedo=pink, material=Material.LIP)
+    builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
+    pole = builder.add((middle + size * [0, 0, 1]) * mirror, albedo=pink, material=Material.LIP)
+    builder.fan(grid[-1] if side > 0 else grid[-1, ::-1], int(pole))
 
 
 def _build_ball(builder: MeshBuilder, centre: Array, side: float, detail: float) -> Indices:

@@ -11,12 +11,13 @@ to lock are fractions of multiples of the golden ratio.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
 from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.atlas import strand_uv
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.face_mesh import Material
+from fapengine.mesh.hairline import hairline
 from fapengine.mesh.patch import MeshBuilder
 from fapengine.mesh.rings import resampled
 from fapengine.mesh.style import HeadStyle
@@ -25,20 +26,11 @@ from fapengine.mesh.surface import normal, position
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-HAIRLINE_DEG = (0, 18, 34, 46, 56, 64, 70, 76, 84, 96, 108, 120, 140, 180)
-HAIRLINE_MM = (92, 94, 91, 79, 62, 48, 28, 16, 34, 44, 20, -28, -46, -50)
-"""Height at which hair begins, by angle from the front."""
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.22, 0.42, 0.63, 0.82, 0.95)
-LOCKS = 122
+LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
 """Width of a lock from root towards the tip, which is a point."""
 GOLDEN = 0.6180339887498949
-
-
-def hairline(angle: Array) -> Array:
-    """Height at which hair begins, mm, by angle from the front."""
-    degrees = np.rad2deg(np.abs(angle))
-    return np.asarray(PchipInterpolator(HAIRLINE_DEG, HAIRLINE_MM)(degrees), dtype=np.float64)
 
 
 def _thickness(y: Array) -> Array:
@@ -65,11 +57,13 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     thick = np.where(share[:, None] < 0, -2.0, 0.3 + _thickness(y) * inside)
     points = base + thick[..., None] * out
     root = 1 - smoothstep((share - 0.005) / 0.045)
-    dark = 0.55 * palette.hair
+    dark = 0.75 * palette.hair
     albedo = dark + (0.55 * root)[:, None, None] * (palette.skin(base) - dark)
-    grid = builder.add(points, albedo=albedo, material=Material.HAIR)
+    uv = strand_uv(np.where(np.arange(len(angle)) % 2, 0.15, 0.85), 0.05 + 0.9 * share[:, None])
+    grid = builder.add(points, albedo=albedo, material=Material.HAIR, uv=uv)
     builder.quads(grid, closed=True)
-    crown = builder.add(points[-1].mean(axis=0) + np.array([0, 3.0, 0]), albedo=dark, material=Material.HAIR)
+    top = points[-1].mean(axis=0) + np.array([0, 3.0, 0])
+    crown = builder.add(top, albedo=dark, material=Material.HAIR, uv=strand_uv(0.5, 0.99))
     builder.fan(grid[-1], int(crown))
     return np.append(grid.ravel(), crown)
 
@@ -107,7 +101,7 @@ def _combed(points: Array, normals: Array) -> Array:
         [
             -away * (0.25 + 0.75 * top) * (1 - 0.8 * back),
             -(1 - top) * (1 - 1.3 * front * (1 - falling)) - 0.3 * front * falling,
-            top * front * (0.5 * falling - 0.6 * (1 - falling)) - 0.9 * top * back - (1 - top) * (0.6 - 0.6 * back),
+            top * front * (0.5 * falling - 0.6 * (1 - falling)) - 0.9 * top * back - (1 - top) * (0.32 - 0.32 * back),
         ],
         axis=-1,
     )
@@ -125,7 +119,8 @@ def _roots(scalp: _Scalp, count: int) -> Array:
     towards = np.stack([across * np.sin(round_about), high, across * np.cos(round_about)], axis=-1)
     points, _ = scalp.under(np.array([0.0, 52.0, 2.0]) + 92.0 * towards)
     behind = points[:, 1] > hairline(np.arctan2(points[:, 0], points[:, 2] - 10.0)) + 3.0
-    return points[behind & (points[:, 1] > -45)]
+    over_ear = (np.abs(points[:, 2] + 6) < 24) & (points[:, 1] < 52)
+    return points[behind & (points[:, 1] > -28) & ~over_ear]
 
 
 def _front_roots(style: HeadStyle) -> Array:
@@ -142,8 +137,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     top = smoothstep((at[:, 1] - 70.0) / 45.0)
     length = (44.0 + 36.0 * top) * (1 + 0.2 * vary)
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
-    nape = smoothstep((20.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
-    length = length * (1 - 0.52 * front) * (1 - 0.5 * nape)
+    nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
+    temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
+    length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
     half = (4.4 + 1.9 * top) * (1 + 0.25 * other) / np.sqrt(np.clip(detail, 0.6, 1.6))
     layer = 1.2 + 1.0 * vary
     taper = resampled([*TAPER, 0.0], min(detail, 1.6))
@@ -161,14 +157,16 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         sunk = (0.24 * wide * half)[:, None] * out
         tilt = (0.2 * vary * wide * half)[:, None] * out
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
-        shine = 0.62 + 0.55 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
+        shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
         tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
         at = foot + (length / (len(taper) - 1))[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]
-    body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR)
-    tips = builder.add(points[:, -1, 1], albedo=albedo[:, -1, 1], material=Material.HAIR)
+    strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
+    uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * ((number * GOLDEN * 1.7) % 1)[:, None, None])
+    body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR, uv=uv[:, :-1])
+    tips = builder.add(points[:, -1, 1], albedo=albedo[:, -1, 1], material=Material.HAIR, uv=uv[:, -1, 1])
     for left in (0, 1):
         a, b = body[:, :-1, left], body[:, :-1, left + 1]
         c, d = body[:, 1:, left + 1], body[:, 1:, left]

@@ -11,15 +11,18 @@ from scipy.spatial import cKDTree
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import nose, parts
+from fapengine.mesh.atlas import skin_uv
 from fapengine.mesh.basis import build_basis
 from fapengine.mesh.brows import build_brow
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.ears import build_ear
 from fapengine.mesh.eyes import build_lids
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
-from fapengine.mesh.hair import build_hair, hairline
+from fapengine.mesh.hair import build_hair
+from fapengine.mesh.hairline import hairline
 from fapengine.mesh.head_parts import HeadParts
 from fapengine.mesh.mouth import build_mouth
+from fapengine.mesh.painting import paint
 from fapengine.mesh.patch import MeshBuilder, bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mesh.points import locate
 from fapengine.mesh.rings import Block
@@ -53,7 +56,7 @@ def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: floa
 
 def _columns(detail: float) -> Array:
     positive = np.deg2rad(_spaced(0.0, COLUMNS, detail))
-    return np.concatenate([-positive[:0:-1], positive[:-1]])
+    return np.concatenate([-positive[:0:-1], positive])
 
 
 def _rows(detail: float) -> Array:
@@ -129,7 +132,7 @@ def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> Face
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette.base)),
     )
     parts.build_shirt(builder, detail)
-    return _finish(builder, head, detail)
+    return _finish(builder, head, detail, paint(style))
 
 
 def _build_skin(
@@ -142,25 +145,24 @@ def _build_skin(
     # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
     head_weight = np.maximum(smoothstep((y + 138.0) / 62.0), smoothstep((points[..., 2] - 55.0) / 25.0))
     albedo = palette.skin(points) * _nostril_shade(angle, y, style)
-    grid = builder.add(points, albedo=albedo, head_weight=head_weight)
+    grid = builder.add(points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y))
     blocks = _blocks(rows, columns)
-    keep = np.ones((len(rows) - 1, len(columns)), dtype=bool)
+    keep = np.ones((len(rows) - 1, len(columns) - 1), dtype=bool)
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
     if style.hair:
         keep &= ~_under_hair(y, angle)
-    builder.quads(grid, closed=True, keep=keep)
+    builder.quads(grid, keep=keep)  # closed by two columns in one place, where the painting ends
     crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
     if not style.hair:
-        builder.fan(grid[-1], crown)
+        builder.fan(grid[-1, :-1], crown)
     return grid, crown, blocks
 
 
 def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
-    """(rows - 1, columns): cells of the grid that hair covers wholly; drawing them would be for nothing."""
+    """(rows - 1, columns - 1): cells of the grid that hair covers wholly; drawing them would be for nothing."""
     covered = y > hairline(angle) + 14.0
-    beside = np.roll(covered, -1, axis=1)
-    return covered[:-1] & covered[1:] & beside[:-1] & beside[1:]
+    return covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:]
 
 
 def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
@@ -193,10 +195,13 @@ def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -
     return points + blend[:, None] * (softened - points)
 
 
-def _finish(builder: MeshBuilder, head: HeadParts, detail: float) -> FaceMesh:
+def _finish(builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArray[np.uint8]) -> FaceMesh:
     triangles = builder.triangles()
     points = _soften(builder.column("points_mm"), triangles, head, detail)
     normals = vertex_normals(points, triangles)
+    seam = head.grid[:, [0, -1]]
+    shared = normals[seam].sum(axis=1, keepdims=True)
+    normals[seam] = shared / np.maximum(np.linalg.norm(shared, axis=-1, keepdims=True), 1e-9)
     occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
     # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.
     lit = builder.column("material") == Material.TEETH
@@ -230,6 +235,7 @@ def _finish(builder: MeshBuilder, head: HeadParts, detail: float) -> FaceMesh:
         head_pivot_mm=HEAD_PIVOT,
         eye_pivots_mm=np.stack([eye.centre for eye in head.eyes]),
         fapu=fapu,
+        texture=texture,
         basis=DeformationBasis(
             channels=basis.channels,
             offsets=np.concatenate([[0], np.cumsum(np.diff(basis.offsets)[used])]),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
+from fapengine.mesh.atlas import skin_uv
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.patch import MeshBuilder
@@ -33,11 +34,17 @@ INSIDE = (  # level, away from the mouth line, backwards, share of the width
 
 def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
     """(N,) height of the lips' outer edge."""
-    arch = (1 - np.abs(t) ** 2.3) ** 0.9
+    arch = (1 - np.abs(t) ** 1.8) ** 1.0
     bow = 9.7 * arch - 1.1 * np.exp(-((t / 0.14) ** 2)) + 0.25 * np.exp(-(((np.abs(t) - 0.3) / 0.12) ** 2))
     lower = (1 - np.abs(t) ** 2.1) ** 0.92
     contour: Array = LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
     return contour
+
+
+def line(t: Array) -> Array:
+    """(N,) height of the line between the lips: as high in the middle as at the corners, a little wavy between."""
+    wave: Array = LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
+    return wave
 
 
 def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
@@ -65,7 +72,7 @@ def build_mouth(
     at_border = builder.column("points_mm")[border]
     palette = Palette.of(style)
     outer = np.stack([style.mouth_width * OUTER_HALF_WIDTH * t, outer_contour(t, upper, style.lip_fullness)], axis=-1)
-    inner = np.stack([style.mouth_width * INNER_HALF_WIDTH * t, np.full_like(t, LINE_Y)], axis=-1)
+    inner = np.stack([style.mouth_width * INNER_HALF_WIDTH * t, line(t)], axis=-1)
 
     grids, levels = [border], [2.0]
     for level in (*resampled(OUTSIDE, detail), *resampled(LIP, detail)[1:]):
@@ -78,7 +85,8 @@ def build_mouth(
         )
         on_lip = smoothstep((1.08 - level) / 0.14)
         albedo = palette.skin(points) + on_lip * (palette.lip(points, t, level) - palette.skin(points))
-        grids.append(builder.add(points, albedo=albedo, material=Material.LIP if level <= 1 else Material.SKIN))
+        kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
         levels.append(level)
     rim = points
     middle = 1 - np.abs(t) ** 3

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine.mesh.atlas import PLAIN_UV
 from fapengine.mesh.face_mesh import Bone, Material
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ class MeshBuilder:
         bone: ArrayLike = Bone.NONE,
         bone_weight: ArrayLike = 0.0,
         head_weight: ArrayLike = 1.0,
-        uv: ArrayLike = (0.0, 0.0),
+        uv: ArrayLike = PLAIN_UV,
     ) -> NDArray[np.int64]:
         """Add vertices, (..., 3) mm; everything else broadcasts. Returns their indices, of shape (...)."""
         shape = points_mm.shape[:-1]

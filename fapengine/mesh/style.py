@@ -47,6 +47,8 @@ class HeadStyle:
     """0 young, 1 old: folds beside nose and mouth, grooves under the eyes."""
     skin_tone: float = 0.2
     """0 very light .. 1 very dark."""
+    freckles: float = 0.4
+    """0 none .. 3 many."""
     hair_colour: str = "brown"
     """One of :data:`HAIR_COLOURS`."""
     hair: bool = True
@@ -56,6 +58,7 @@ class HeadStyle:
             ("jaw_width", 0.85, 1.15), ("cheek_fullness_mm", -4, 6), ("chin_mm", -5, 6), ("nose_length", 0.6, 1.3),
             ("nose_width", 0.75, 1.3), ("eye_opening_mm", 8, 13), ("lip_fullness", 0.5, 1.5),
             ("mouth_width", 0.85, 1.15), ("brow_thickness", 0.4, 2), ("age", 0, 1), ("skin_tone", 0, 1),
+            ("freckles", 0, 3),
         ):  # fmt: skip
             value = getattr(self, name)
             if not low <= value <= high:

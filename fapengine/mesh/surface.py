@@ -58,7 +58,7 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """Distance of the skin from the axis, mm."""
     a, h = np.broadcast_arrays(np.abs(np.asarray(angle, dtype=np.float64)), np.asarray(y, dtype=np.float64))
     r = _bare(a, h)
-    x = r * np.sin(a)
+    x = np.where(a < np.pi / 2, r * np.sin(a), 1000.0)  # everything below concerns the face
 
     # The lips are ours: bridge over the measured ones, from below the nose to the chin.
     inside = smoothstep((38.0 - x) / 18.0) * smoothstep((h + 61.0) / 13.0) * smoothstep((-15.0 - h) / 10.0)
