@@ -3,8 +3,8 @@
     python -m bench.live [--sessions 1 50 200 500] [--seconds 20] [--phones] [--json FILE] [--plot FILE]
 
 The server is ``fapengine serve`` in a process of its own, kept to one core; the senders (:mod:`bench.live_load`) and
-the probe have the other cores; where it may be done, all go before other work on the machine (nice -15). Every session speaks all the time, and every frame of every session leaves as
-``/fap/1/frame`` and is counted where it arrives.
+the probe have the other cores; where it may be done, all go before other work on the machine (nice -15). Every session
+speaks all the time, and every frame of every session leaves as ``/fap/1/frame`` and is counted where it arrives.
 
 *Latency*: the probe turns the eyes of a session of its own at random moments and looks for the first frame in which
 they have turned: from the moment before the datagram is sent to the kernel's time stamp on the frame's arrival. At 60
@@ -159,9 +159,11 @@ def measure(sessions: int, seconds: float, *, chunked: bool) -> dict[str, Any]:
     frames_port = frames.getsockname()[1]
     frames.close()
     with serving(frames_port, eyes.getsockname()[1], cores={cores[0]}) as server:
+        to = "{}:{}".format(*server.address)
         command = [
-            sys.executable, "-m", "bench.live_load", "--to", "{}:{}".format(*server.address),
-            "--hear", str(frames_port), "--sessions", str(sessions), "--seconds", str(seconds), *(["--phones"] if chunked else []),
+            sys.executable, "-m", "bench.live_load", "--to", to,
+            "--hear", str(frames_port), "--sessions", str(sessions), "--seconds", str(seconds),
+            *(["--phones"] if chunked else []),
         ]  # fmt: skip
         load = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         go_before(load.pid)

@@ -152,8 +152,9 @@ class Server:
         finally:
             stopping.cancel()
             self.hub.stop()
-            await asyncio.gather(ticking, return_exceptions=True)
-            self._say_goodbye()
+            await asyncio.wait({ticking})
+            if ticking.exception() is None:
+                self._say_goodbye()
             await self._close()
         ticking.result()
 

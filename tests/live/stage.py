@@ -1,0 +1,138 @@
+"""A whole server in a test: real sockets on loopback, the loop of the test, a receiver of frames."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+from fapengine._resources import profile_files
+from fapengine.live import osc
+from fapengine.live.config import Caps, Face, Listen, ServeConfig
+from fapengine.live.fap_osc import FapFrame, decode_frame
+from fapengine.live.server.server import Server
+from fapengine.mpeg4 import fap
+from fapengine.profiles import parse_profile
+from fapengine.trajectory.style import Style
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+JAW = fap.column(3)
+
+
+@dataclass(eq=False)
+class Ear:
+    """Hears frames, and remembers them by session."""
+
+    socket: socket.socket
+    frames: dict[str, list[FapFrame]] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls) -> "Ear":
+        own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+        own.bind(("127.0.0.1", 0))
+        own.setblocking(False)
+        return cls(own)
+
+    @property
+    def port(self) -> int:
+        port: int = self.socket.getsockname()[1]
+        return port
+
+    def listen(self) -> None:
+        while True:
+            try:
+                frame = decode_frame(self.socket.recv(4096))
+            except BlockingIOError:
+                return
+            self.frames.setdefault(frame.session, []).append(frame)
+
+    def jaw(self, session: str) -> list[int]:
+        """FAP 3 of every frame so far."""
+        self.listen()
+        return [int(frame.values[JAW]) for frame in self.frames.get(session, [])]
+
+    def missing(self, session: str) -> int:
+        """Frames lost on the way: gaps in the numbers."""
+        self.listen()
+        numbers = [frame.number for frame in self.frames.get(session, [])]
+        return numbers[-1] - numbers[0] + 1 - len(numbers) if numbers else 0
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class Sender:
+    """Sends OSC messages from a socket of its own."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(address)
+        self.socket.setblocking(False)
+
+    def tell(self, address: str, tags: str = "", *values: osc.Argument) -> None:
+        self.socket.send(osc.message(address, tags, *values))
+
+    def answers(self) -> list[osc.Message]:
+        found: list[osc.Message] = []
+        while True:
+            try:
+                found += osc.parse_packet(self.socket.recv(65536))
+            except (BlockingIOError, ConnectionRefusedError):
+                return found
+
+    def utter(self, session: str, utterance: int, labels: str, *, phone_s: float = 0.12, ends: bool = True) -> None:
+        """Say phones, all at once, in the robust mode: one letter a phone."""
+        step = round(1e6 * phone_s)
+        self.tell("/fap/1/utt/begin", "siishss", session, utterance, 0, "now", 0, "ipa", "")
+        phones = [part for n, label in enumerate(labels) for part in (label, n * step, step, 0, 1.0)]
+        self.tell("/fap/1/phones", "siiii" + "siiif" * len(labels), session, utterance, 0, 0, len(labels), *phones)
+        if ends:
+            self.tell("/fap/1/utt/end", "siii", session, utterance, len(labels), step * len(labels))
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: float) -> ServeConfig:
+    """A quiet server: nothing moves by itself, no page."""
+    return ServeConfig(
+        listen=Listen(port=port, web_port=None, token=token),
+        face=Face(rate_hz=60.0),
+        style=Style.still(),
+        limits=Caps(**limits),  # type: ignore[arg-type]
+        sinks=sinks,
+    )
+
+
+@asynccontextmanager
+async def running(config: ServeConfig) -> AsyncIterator[Server]:
+    """Run a server inside, and drain it at the end."""
+    server = Server(config, PROFILE)
+    await server.start()
+    task = asyncio.create_task(server.run())
+    try:
+        yield server
+    finally:
+        server.stop()
+        await task
+
+
+def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 60.0) -> None:
+    """Run a test, with a limit so that none hangs."""
+
+    async def whole() -> None:
+        await main()
+        for _ in range(5):
+            await asyncio.sleep(0)
+
+    asyncio.run(asyncio.wait_for(whole(), limit_s))
+
+
+async def until(true: Callable[[], bool], limit_s: float = 20.0) -> None:
+    """Let the loop work until something is so."""
+    stop_s = asyncio.get_running_loop().time() + limit_s
+    while not true():
+        if asyncio.get_running_loop().time() > stop_s:
+            raise AssertionError("it never became so")
+        await asyncio.sleep(0.005)
