@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, settings
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 collect_ignore = ["fuzz"]  # programs; importing one switches the compiler off for the whole process
-NO_SHARED = "measurement data absent"
-"""The one reason for which a test may be skipped."""
+NO_SHARED, NO_BROWSER = "measurement data absent", "no Chromium on this machine"
+"""The only reasons for which a test may be skipped."""
 
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
@@ -44,7 +44,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if not wanted or reporter is None or hasattr(session.config, "workerinput"):
         return
     skipped = reporter.stats.get("skipped", [])
-    strange = [report for report in skipped if NO_SHARED not in str(report.longrepr)]
+    strange = [
+        report for report in skipped if not any(reason in str(report.longrepr) for reason in (NO_SHARED, NO_BROWSER))
+    ]
     ran = len(reporter.stats.get("passed", [])) + len(skipped) - len(strange)
     reporter.write_line("")
     if skipped:

@@ -7,6 +7,7 @@ import itertools
 import os
 import shutil
 import tempfile
+from ctypes.util import find_library
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ FLAGS = (
     "--autoplay-policy=no-user-gesture-required", "--remote-debugging-port=0",
 )  # fmt: skip
 MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist")
-"""Draw with the same software OpenGL as the desktop renderer."""
+"""Draw with the same software OpenGL as the desktop renderer: twice as fast as the browser's own."""
+OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
 START_LIMIT_S = 30.0
 CALL_LIMIT_S = 20.0
 
@@ -46,12 +49,9 @@ class Browser:
         path = find_chromium()
         assert path is not None
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        flags = (
-            *FLAGS,
-            *MESA,
-            f"--window-size={self._size[0]},{self._size[1]}",
-            f"--user-data-dir={self._folder.name}",
-        )
+        graphics = MESA if find_library("GLESv2") and find_library("EGL") else OWN
+        window = f"--window-size={self._size[0]},{self._size[1]}"
+        flags = (*FLAGS, *graphics, window, f"--user-data-dir={self._folder.name}")
         self._log = (Path(self._folder.name) / "log").open("wb")
         surroundings = {**os.environ, "EGL_PLATFORM": "surfaceless", "LP_NUM_THREADS": "2"}
         self._process = await asyncio.create_subprocess_exec(

@@ -96,7 +96,7 @@ class _Server:
         trouble = ""
         if self.token is not None:
             given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
-            if not hmac.compare_digest(given.encode(), self.token.encode()):
+            if not hmac.compare_digest(given.encode("utf-8", "surrogateescape"), self.token.encode()):
                 trouble = "The token is missing or wrong: open the address that the server printed."
         elif not _is_address(host):
             trouble = f"Asked for as {host!r}: use the address, or start the server with a token."
@@ -114,6 +114,7 @@ class _Server:
 
 COUNTS: web.AppKey[WebCounts] = web.AppKey("counts", WebCounts)
 """Where the application keeps its counts, for the metrics."""
+SERVER: web.AppKey[_Server] = web.AppKey("server", _Server)
 
 
 def make_app(
@@ -152,7 +153,7 @@ def make_app(
     server = _Server(hub, token, hello)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
-    app[COUNTS] = server.counts
+    app[SERVER], app[COUNTS] = server, server.counts
     app.on_shutdown.append(server.stop)
     app.router.add_get("/ws", server.socket)
     app.router.add_get("/sound.wav", server.sound)

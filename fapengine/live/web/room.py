@@ -142,18 +142,18 @@ class Room:
         for member in self._members:
             member.put_frame(packed)
         if self._speaking is not None and frame.number % POSITION_EVERY == 0:
-            self._position(frame.time_s)
+            self._position(self._speaking, frame.time_s)
 
-    def _position(self, now_s: float) -> None:
-        utterance = self._hub.engine.utterance(self.session, self._speaking)
+    def _position(self, number: int, now_s: float) -> None:
+        utterance = self._hub.engine.utterance(self.session, number)
         if utterance is not None:
             position_s = utterance.position_s(now_s)
-            self._tell_all(text_of("position", utterance=self._speaking, position_s=position_s, time_s=now_s))
+            self._tell_all(text_of("position", utterance=number, position_s=position_s, time_s=now_s))
 
     def _event(self, event: Any) -> None:
         if event.kind == "started":
             self._speaking = event.utterance
-            self._position(event.time_s)
+            self._position(event.utterance, event.time_s)
         elif event.kind in OVER:
             self._said.pop(event.utterance, None)
             self._speaking = None if self._speaking == event.utterance else self._speaking
@@ -166,7 +166,7 @@ class Room:
             case Begin():
                 self._note(command.utterance, text_of("begin", utterance=command.utterance))
             case Append():
-                phones = [(p.label, round(p.start_s, 4), round(p.end_s, 4), p.word) for p in command.phones]
+                phones = [(p.label, round(p.start_s, 4), round(p.end_s, 4), p.word or None) for p in command.phones]
                 first = command.first_index
                 self._note(
                     command.utterance,

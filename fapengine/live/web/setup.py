@@ -76,7 +76,7 @@ def setup(*, voices: list[str]) -> dict[str, Any]:
 
 
 def _slider(row: FapSpec) -> dict[str, Any]:
-    reach = OWN_REACH.get(row.number, REACH[row.unit])
+    reach = min(OWN_REACH.get(row.number, REACH[row.unit]), row.intra_limit * row.quantiser_step)
     return {
         "number": row.number,
         "name": row.name,

@@ -105,6 +105,8 @@ class _Fields:
         value = self._take(name, default)
         if not isinstance(value, str) or len(value) > longest:
             raise DataError(f"{name}: got {_shown(value)}, expected up to {longest} letters", where=self._kind)
+        if any("\ud800" <= letter <= "\udfff" for letter in value):  # halves of letters, which no encoding knows
+            raise DataError(f"{name}: got {_shown(value)}, expected letters of Unicode", where=self._kind)
         return value
 
     def choice(self, name: str, known: tuple[str, ...]) -> str:
@@ -252,7 +254,7 @@ def text_of(kind: str, /, **fields: object) -> str:
     cleaned = {
         name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields.items()
     }
-    return json.dumps({"type": kind, **cleaned}, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return json.dumps({"type": kind, **cleaned}, separators=(",", ":"), allow_nan=False)
 
 
 def session_name(text: str) -> str:

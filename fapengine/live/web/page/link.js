@@ -8,7 +8,7 @@ const PING_EVERY_MS = 1000;
 const SILENCE_MS = 4000;
 
 export class Link {
-  // on: { state(name), message(object), frame(frame, arrival), pong(sent, server, received) }; times in s.
+  // on: { state(name), refused(why), message(object), frame(frame, arrival), pong(sent, server, received) }; times in s.
   constructor(url, on) {
     this.url = url;
     this.on = on;
@@ -63,8 +63,19 @@ export class Link {
   lost() {
     this.pings.clear();
     this.on.state("waiting");
+    this.ask();
     this.timer = setTimeout(() => this.connect(), this.wait * (0.75 + 0.5 * Math.random()));
     this.wait = Math.min(this.wait * 1.7, LONGEST_WAIT_MS);
+  }
+
+  // A WebSocket is not told why it was refused; plain HTTP is.
+  async ask() {
+    try {
+      const answer = await fetch(this.url.replace(/^ws/, "http"));
+      this.on.refused(answer.status === 403 ? await answer.text() : "");
+    } catch {
+      this.on.refused(""); // nobody there
+    }
   }
 
   hurry() {

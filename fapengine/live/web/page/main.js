@@ -64,6 +64,7 @@ class Page {
     url.searchParams.set("session", query.get("session") ?? "face");
     this.link = new Link(url.href, {
       state: (name) => this.connection(name),
+      refused: (why) => this.refused(why),
       message: (message) => this.message(message),
       frame: (frame, arrival) => this.cushion.push(frame, arrival),
       pong: (sent, server, received) => this.clock.add(sent, server, received),
@@ -264,6 +265,12 @@ class Page {
     document.body.dataset.connection = name;
     this.write("connection", CONNECTIONS[name]);
     if (name === "waiting") this.ticker.clear();
+    if (name === "connected") this.refused("");
+  }
+
+  refused(why) {
+    byId("notice").textContent = why;
+    byId("notice").hidden = !why;
   }
 
   message(message) {

@@ -1,6 +1,6 @@
 // The phones as they pass: what is being said stands in the middle, what comes is to the right.
 
-const PIXELS_A_SECOND = 210;
+const PIXELS_A_SECOND = 240;
 const KEEP = 6;
 const SILENT = "_";
 

@@ -1,0 +1,117 @@
+"""A server with the page, and a browser to look at it: one of each for all tests here."""
+
+import asyncio
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.browser.chromium import Browser, find_chromium
+from tests.conftest import NO_BROWSER
+
+SIZE = (900, 620)
+PROGRAM = Path(__file__).with_name("serve_page.py")
+
+
+class Server:
+    """Stateful: the page's server in a process of its own, always on the same port."""
+
+    def __init__(self) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self.start()
+
+    def start(self, *arguments: str) -> None:
+        command = [sys.executable, str(PROGRAM), str(self.port), *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def end(self) -> int:
+        """Ask it to stop; its exit code."""
+        self.process.terminate()
+        self.process.communicate(timeout=10)
+        return self.process.returncode
+
+
+class Page:
+    """Stateful: the browser without ``await``."""
+
+    def __init__(self, runner: asyncio.Runner, browser: Browser, server: Server) -> None:
+        self._runner, self._browser, self.server = runner, browser, server
+
+    @property
+    def complaints(self) -> list[str]:
+        return self._browser.complaints
+
+    def open(self, session: str = "face", query: str = "") -> None:
+        """Open the page and wait until frames come."""
+        self._runner.run(self._browser.open(f"{self.server.url}?session={session}{query}"))
+        self.until("document.body.dataset.connection === 'connected' && page.cushion.frames.length > 3")
+        # As many pixels as the window has, however slow the machine: pictures are compared.
+        self.run("page.budget.add = () => false; page.budget.scale = 1; page.resized = true")
+
+    def go(self, url: str) -> None:
+        self._runner.run(self._browser.open(url))
+
+    def run(self, code: str) -> Any:
+        return self._runner.run(self._browser.run(code))
+
+    def until(self, condition: str, limit_s: float = 15.0) -> Any:
+        return self._runner.run(self._browser.until(condition, limit_s))
+
+    def picture(self) -> np.ndarray:
+        return self._runner.run(self._browser.picture())
+
+    def call(self, method: str, **params: object) -> dict[str, Any]:
+        return self._runner.run(self._browser.call(method, **params))
+
+    def key(self, key: str) -> None:
+        """Press a key as a hand would."""
+        known = {"Escape": (27, ""), "Enter": (13, "\r"), "Tab": (9, ""), "ArrowRight": (39, ""), " ": (32, " ")}
+        code, text = known.get(key, (ord(key[0].upper()), key))
+        for kind in ("keyDown", "keyUp"):
+            typed = {"text": text} if text and kind == "keyDown" else {}
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **typed)
+
+    def sleep(self, seconds: float) -> None:
+        self._runner.run(asyncio.sleep(seconds))
+
+
+@pytest.fixture(scope="session")
+def server() -> Iterator[Server]:
+    if find_chromium() is None:
+        pytest.skip(NO_BROWSER)
+    made = Server()
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="session")
+def _browser(server: Server) -> Iterator[Page]:
+    with asyncio.Runner() as runner:
+        browser = Browser(SIZE)
+        runner.run(browser.__aenter__())
+        try:
+            yield Page(runner, browser, server)
+        finally:
+            runner.run(browser.__aexit__())
+
+
+@pytest.fixture
+def page(_browser: Page) -> Iterator[Page]:
+    """The browser as the test before left it; no test may leave a complaint in the console."""
+    _browser.complaints.clear()
+    yield _browser
+    assert _browser.complaints == []

@@ -1,0 +1,222 @@
+"""The page's arithmetic, run by the browser itself, against Python's."""
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fapengine.mesh.deform import bone_transforms, channel_weights
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.head import build_head
+from fapengine.mpeg4 import fap
+from fapengine.render.camera import PRESETS
+from fapengine.render.packing import frame_uniforms
+from fapengine.render.renderer import FaceRenderer
+from tests.browser.conftest import Page
+
+# sRGB steps of 255, mean over the picture: two compilers' rounding, and edges that fall on either side of a pixel.
+MEAN_STEPS = 0.5
+
+
+@pytest.fixture(scope="module")
+def head() -> FaceMesh:
+    return build_head()
+
+
+@pytest.fixture
+def modules(page: Page) -> Page:
+    page.open()
+    return page
+
+
+def plausible(count: int) -> np.ndarray:
+    """(count, 68): random frames that a face can do."""
+    rng = np.random.default_rng(5)
+    reach = np.array([0, 0] + [min(row.intra_limit, 500) * (60 if row.unit == "AU" else 1) for row in fap.FAPS])
+    frames = np.round(rng.uniform(-1, 1, (count, 68)) * reach)
+    return frames * rng.choice([0, 1], (count, 68), p=[0.3, 0.7])
+
+
+def calculated(page: Page, module: str, code: str, **given: object) -> Any:
+    """Run code in the page; ``m`` is the module, ``given`` what is passed in."""
+    return page.run(
+        f"import('/{module}').then((m) => {{ const given = {json.dumps(given)}; return (() => {{ {code} }})(); }})"
+    )
+
+
+def test_channels_bones_and_pupil_are_python_s(modules: Page, head: FaceMesh) -> None:
+    frames = plausible(25)
+    found = calculated(
+        modules,
+        "deform.js",
+        """const { head } = page.view;
+        return given.frames.map((faps) => [
+            [...m.channelWeights(head, faps)], [...m.boneMatrices(head, faps)], m.irisAndPupil(head, faps)]);""",
+        frames=frames.tolist(),
+    )
+    expected = frame_uniforms(head, frames)
+    assert np.array([row[0] for row in found]) == pytest.approx(expected.channels, rel=1e-5, abs=1e-5)
+    bones = np.array([row[1] for row in found]).reshape(-1, 5, 4, 4)
+    assert bones == pytest.approx(expected.bones, rel=1e-5, abs=1e-5)
+    assert np.array([row[2] for row in found]) == pytest.approx(expected.iris, rel=1e-5)
+    # Not by way of the packing: the reference itself.
+    assert np.array(found[3][0])[: len(head.basis.channels)] == pytest.approx(
+        channel_weights(head.basis, frames[3]), rel=1e-5, abs=1e-4
+    )
+    assert bones[3].swapaxes(-1, -2) == pytest.approx(bone_transforms(head, frames[3]), rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_cameras_see_as_python_s_do_but_upright(modules: Page, name: str) -> None:
+    camera = PRESETS[name]
+    given = {"name": name, "aspects": [1.0, 1.6]}
+    code = """const camera = page.setup.cameras[given.name];
+        return [m.cameraPosition(camera), ...given.aspects.map((aspect) => [...m.clipFromWorld(camera, aspect)])];"""
+    position, *clips = calculated(modules, "camera.js", code, **given)
+    assert position == pytest.approx(camera.position_mm.tolist())
+    for aspect, clip in zip(given["aspects"], clips, strict=True):
+        matrix = np.array(clip).reshape(4, 4).T
+        upright = np.diag([1.0, -1.0, 1.0, 1.0]) @ camera.clip_from_world(aspect)
+        assert matrix == pytest.approx(upright, rel=1e-5, abs=1e-4)
+
+
+def test_a_high_picture_keeps_the_width_of_a_square_one(modules: Page) -> None:
+    code = "return [1, 0.5].map((aspect) => [...m.clipFromWorld(page.setup.cameras.front, aspect)]);"
+    square, high = (np.array(clip).reshape(4, 4).T for clip in calculated(modules, "camera.js", code))
+    assert high[0] == pytest.approx(square[0])
+    assert high[1] == pytest.approx(square[1] / 2)
+
+
+@pytest.mark.parametrize("name", ["front", "three-quarter"])
+def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) -> None:
+    faps = np.zeros(68)
+    faps[[fap.column(number) for number in (3, 5, 10, 11, 19, 31, 49)]] = 400, -300, -250, -250, 300, 200, 10_000
+    code = """const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup.programs, null);
+        view.resize(256, 256);
+        view.draw(given.faps, page.setup.cameras[given.name]);
+        const pixels = new Uint8Array(256 * 256 * 4);
+        view.gl.readPixels(0, 0, 256, 256, view.gl.RGBA, view.gl.UNSIGNED_BYTE, pixels);
+        const lost = view.gl.getError();
+        let text = "";
+        for (const value of pixels) text += String.fromCharCode(value);
+        return [lost, btoa(text)];"""
+    error, encoded = calculated(modules, "face.js", code, faps=faps.tolist(), name=name)
+    assert error == 0
+    found = np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(256, 256, 4)[::-1].astype(int)
+    with FaceRenderer(head, size=(256, 256), camera=PRESETS[name], transparent=True) as renderer:
+        expected = renderer.draw(faps).astype(int)
+    assert (expected[..., 3] > 0).mean() > 0.3
+    difference = np.abs(found - expected)
+    assert difference.mean() < MEAN_STEPS
+    assert (difference.max(axis=-1) > 24).mean() < 0.004  # of the outline alone
+    flipped = np.abs(found[:, ::-1] - expected)
+    assert flipped.mean() > 10 * difference.mean()  # the measure would see another picture
+
+
+def test_the_server_s_clock_is_the_fastest_ping_s(modules: Page) -> None:
+    code = """const clock = new m.ServerClock();
+        const before = [clock.known, clock.at(5)];
+        clock.add(10, 1010.4, 10.6);  // 0.6 s on its way, one way slower than the other
+        clock.add(11, 1011.01, 11.02);
+        clock.add(12, 1012.9, 13);
+        const found = clock.at(20);
+        for (let n = 0; n < 16; ++n) clock.add(30 + n, 1040.1 + n, 30.2 + n);
+        return [...before, found, clock.at(20)];"""
+    known, unknown, best, later = calculated(modules, "time.js", code)
+    assert (known, unknown) == (False, 5)
+    assert best == pytest.approx(1020.0)
+    assert later == pytest.approx(1030.0)  # old pings are forgotten: clocks drift
+
+
+def test_uneven_frames_are_shown_evenly(modules: Page) -> None:
+    rng = np.random.default_rng(3)
+    times = 1000 + np.arange(600) / 60
+    arrivals = np.maximum.accumulate(times - 990 + 0.005 + rng.exponential(0.006, 600))
+    kept = rng.random(600) > 0.02
+    kept[0] = kept[-1] = True
+    code = """const cushion = new m.FrameCushion(60);
+        const shown = [cushion.sample(0)];
+        let next = 0;
+        for (let now = given.arrivals[0]; now < given.arrivals.at(-1) + 0.2; now += 1 / 144) {
+            while (next < given.times.length && given.arrivals[next] <= now) {
+                const faps = new Int32Array(68).fill(Math.round(1e4 * (given.times[next] - 1000)));
+                cushion.push({ number: given.numbers[next], time: given.times[next], faps }, given.arrivals[next]);
+                ++next;
+            }
+            const { faps, time } = cushion.sample(now);
+            shown.push([now, time, faps[0], faps[67]]);
+        }
+        return [shown, cushion.lost];"""
+    given = {"times": times[kept], "arrivals": arrivals[kept], "numbers": np.flatnonzero(kept)}
+    (before, *shown), lost = calculated(
+        modules, "time.js", code, **{key: value.tolist() for key, value in given.items()}
+    )
+    now, time_s, first, last = np.array(shown).T
+    assert before is None
+    assert lost == (~kept).sum()
+    assert (np.diff(time_s) >= 0).all()
+    assert np.allclose(first, 1e4 * (time_s - 1000), atol=2.0)  # between frames, not the nearest
+    assert (first == last).all()
+    settled = slice(300, 1300)
+    steps = np.diff(time_s[settled])
+    assert np.mean(np.abs(steps - 1 / 144) < 1 / 500) > 0.9  # time passes evenly
+    arrived = times[np.searchsorted(arrivals, now[settled], side="right") - 1]
+    assert np.mean(np.abs(np.diff(arrived) - 1 / 144) < 1 / 500) < 0.1  # as the newest frame would not
+    lag = now[settled] - (time_s[settled] - 990)
+    assert 0.005 < lag.mean() < 0.045
+    assert time_s[-1] == times[-1]  # it ends with the newest
+
+
+def test_a_new_server_or_a_long_sleep_begins_anew(modules: Page) -> None:
+    code = """const cushion = new m.FrameCushion(60);
+        const frame = (number, time) => ({ number, time, faps: new Int32Array(68) });
+        cushion.push(frame(100, 50), 1);
+        cushion.push(frame(101, 50.1), 1.1);
+        cushion.push(frame(3, 2), 1.2);
+        const restarted = [cushion.frames.length, cushion.lost, cushion.sample(1.3).time];
+        cushion.push(frame(900, 30), 1.4);
+        return [...restarted, cushion.frames.length];"""
+    assert calculated(modules, "time.js", code) == [1, 0, 2, 1]
+
+
+def test_a_silent_server_s_face_comes_to_rest_and_back(modules: Page) -> None:
+    code = """const presence = new m.Presence();
+        const silence = (now) => (now < 1 ? 0 : now < 2 ? now - 1 : 0);
+        return Array.from({ length: 180 }, (_, n) => presence.at(n / 60, silence(n / 60)));"""
+    value = np.array(calculated(modules, "time.js", code))
+    at_s = np.arange(180) / 60
+    assert value[0] == 0
+    assert (value[(at_s > 0.3) & (at_s < 1.29)] == 1).all()
+    assert (value[(at_s > 1.6) & (at_s < 2)] == 0).all()
+    assert (value[at_s > 2.3] == 1).all()
+    assert np.abs(np.diff(value)).max() < 0.15  # never a jump
+
+
+def test_pixels_are_given_up_for_the_rate_and_come_back_slowly(modules: Page) -> None:
+    code = """const budget = new m.PixelBudget();
+        const pass = (interval, count) => {
+            for (let n = 0; n < count; ++n) budget.add(interval);
+            return budget.scale;
+        };
+        return [pass(1 / 60, 600), pass(2, 50), pass(1 / 30, 15), pass(1 / 30, 30), pass(1 / 30, 1000),
+            pass(1 / 60, 3000), pass(1 / 60, 40000)];"""
+    steady, hidden, hiccup, slow, slowest, soon, later = calculated(modules, "time.js", code)
+    assert (steady, hidden, hiccup) == (1, 1, 1)
+    assert slow == pytest.approx(0.64)
+    assert slowest == pytest.approx(0.4)
+    assert soon < later == 1
+
+
+def test_damaged_files_and_frames_are_told(modules: Page) -> None:
+    code = """const told = [];
+        for (const bytes of [new Uint8Array(4), new Uint8Array(64)]) {
+            try { m.parseHead(bytes.buffer); } catch (error) { told.push(error.message); }
+        }
+        return told;"""
+    assert calculated(modules, "head.js", code) == [
+        f"head.bin: got {count} bytes that do not begin with FAPHEAD1" for count in (4, 64)
+    ]
+    code = "return [new ArrayBuffer(100), new ArrayBuffer(288)].map((buffer) => m.parseFrame(buffer));"
+    assert calculated(modules, "wire.js", code) == [None, None]

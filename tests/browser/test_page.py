@@ -1,0 +1,295 @@
+"""The page as somebody sees and uses it, in a real browser."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fapengine.mpeg4 import fap
+from tests.browser.conftest import Page
+
+REST = "page.cushion.frames.at(-1).faps.every((value) => value === 0)"
+KEEP_FRAMES = """
+    window.kept = { frames: [], texts: [] };
+    const push = page.cushion.push.bind(page.cushion);
+    page.cushion.push = (frame, arrival) => { kept.frames.push(frame); push(frame, arrival); };
+    const message = page.message.bind(page);
+    page.message = (said) => { kept.texts.push(said); message(said); };
+"""
+HOLD = """(() => {
+    const apart = ({ time }) => Math.abs(time - %r);
+    const frame = kept.frames.reduce((best, one) => (apart(one) < apart(best) ? one : best));
+    page.cushion.sample = (now, faps) => { faps.set(frame.faps); return { faps, time: frame.time }; };
+    page.presence.at = () => 1;
+    return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+})()"""
+"""Show the frame of one moment, for as long as one likes to look at it."""
+
+
+def say(page: Page, text: str) -> None:
+    """Type a sentence and press Enter, with the sound off."""
+    page.run("page.hasChosenSilence = true; document.getElementById('text').value = ''")
+    page.run("document.getElementById('text').focus()")
+    page.call("Input.insertText", text=text)
+    page.key("Enter")
+
+
+def stage(picture: np.ndarray, page: Page) -> np.ndarray:
+    """The part of a picture that shows the face."""
+    box = page.run(
+        "(({ left, top, width, height }) => [left, top, width, height])(page.view.canvas.getBoundingClientRect())"
+    )
+    left, top, width, height = (round(value) for value in box)
+    whole = picture[top : top + height, left : left + width].astype(int)
+    return whole[int(0.16 * height) : int(0.84 * height)]  # without what is written over it
+
+
+def slide(page: Page, slider: str, value: float) -> None:
+    page.run(
+        f"(() => {{ const input = document.getElementById('{slider}'); input.value = {value};"
+        " input.dispatchEvent(new Event('input')); })()"
+    )
+
+
+def test_the_page_loads_and_shows_a_face(page: Page) -> None:
+    page.open("anna")
+    page.until("document.getElementById('fps').textContent !== '–'")
+    page.until("document.getElementById('latency').textContent.endsWith('ms')")
+    assert page.run("document.getElementById('session').textContent") == "anna"
+    picture = stage(page.picture(), page)
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
+    assert middle[0] > 140 > picture[5, 5].max()  # skin in the middle, a dark wall in the corner
+    assert middle[0] > middle[2] + 20
+    assert page.run("document.querySelectorAll('#expressions input').length") == 6
+    assert page.run("document.querySelectorAll('.fap').length") == 66
+    every_field_is_named = (
+        "[...document.querySelectorAll('input, button')].every((one) => one.labels?.length || one.textContent)"
+    )
+    assert page.run(every_field_is_named)
+
+
+def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -> None:
+    page.open("berta")
+    page.until(REST)
+    page.run(KEEP_FRAMES)
+    before = [stage(page.picture(), page) for _ in range(2)]
+    say(page, "Many people like to sing along with the radio.")
+    page.until("kept.texts.some((text) => text.kind === 'started')")
+    speaking = [stage(page.picture(), page) for _ in range(5)]
+    page.until("kept.texts.some((text) => text.kind === 'finished')")
+    page.until(REST)
+    page.sleep(0.3)
+    after = stage(page.picture(), page)
+    assert (before[0] == before[1]).all()
+    assert np.abs(before[0] - after).max() <= 2
+    for one, other in pairwise(speaking):
+        assert (np.abs(one - other).max(axis=-1) > 20).sum() > 100
+    phones = [label for text in page.run("kept.texts") if text["type"] == "phones" for label, *_ in text["phones"]]
+    assert "ŋ" in phones
+    frames = np.array(
+        [
+            [frame["number"], frame["time"]]
+            for frame in page.run("kept.frames.map(({ number, time }) => ({ number, time }))")
+        ]
+    )
+    assert len(frames) > 100
+    assert (np.diff(frames, axis=0) > 0).all()
+
+
+def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
+    page.open("clara")
+    page.run(KEEP_FRAMES)
+    say(page, "Mama, mama.")
+    page.until("kept.texts.some((text) => text.kind === 'finished')")
+    texts = page.run("kept.texts")
+    zero_s = next(text["time_s"] - text["position_s"] for text in texts if text["type"] == "position")
+    phones = [phone for text in texts if text["type"] == "phones" for phone in text["phones"]]
+    page.run("page.fly(page.presets.findIndex(([name]) => name === 'mouth'))")
+    page.until("page.flight === null")
+
+    def opening(label: str) -> list[int]:
+        """Pixels between the lips, in the middle of every such phone."""
+        found = []
+        for at_s in (zero_s + (start_s + end_s) / 2 for name, start_s, end_s, _ in phones if name == label):
+            page.run(HOLD % at_s)
+            picture = stage(page.picture(), page)
+            height, width, _ = picture.shape
+            column = picture[int(0.2 * height) : int(0.7 * height), width // 2 - 3 : width // 2 + 3].mean(axis=1)
+            found.append(int((column[:, 0] - column[:, 2] < 42).sum()))  # skin and lips are red, teeth and cavity not
+        return found
+
+    closed, opened = opening("m"), opening("ɑː")
+    assert (len(closed), len(opened)) == (4, 2)
+    assert max(closed) <= 3  # the line where the lips meet
+    assert min(opened) >= 10
+
+
+def test_a_slider_moves_the_face_and_lets_it_go(page: Page) -> None:
+    page.open("dora")
+    page.until(REST)
+    rest = stage(page.picture(), page)
+    page.run("[...document.querySelectorAll('.faps details')].forEach((details) => (details.open = true))")
+    slide(page, "fap-3", 900)
+    slide(page, "fap-5", -600)
+    jaw, lip = fap.column(3), fap.column(5)
+    page.until(f"page.cushion.frames.at(-1).faps[{lip}] === -600 && page.cushion.frames.at(-1).faps[{jaw}] === 900")
+    page.sleep(0.3)
+    moved = stage(page.picture(), page)
+    assert (np.abs(moved - rest).max(axis=-1) > 30).sum() > 300
+    assert page.run("document.querySelectorAll('.fap.held').length") == 2
+    page.run("document.querySelector('.fap.held .let-go').click()")
+    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] === 0 && page.cushion.frames.at(-1).faps[{lip}] === -600")
+    page.run("document.getElementById('release').click()")
+    page.until(REST)
+    page.until("document.querySelectorAll('.fap.held').length === 0 && document.getElementById('release').disabled")
+
+
+def test_an_expression_shows_and_sliders_follow_the_face(page: Page) -> None:
+    page.open("emma")
+    page.until(REST)
+    page.run("document.querySelector('.faps details').open = true")
+    slide(page, "expression-joy", 1)
+    page.until(f"page.cushion.frames.at(-1).faps[{fap.column(59)}] > 100")
+    page.until("Number(document.getElementById('fap-12').value) > 50")
+    page.run("document.getElementById('neutral').click()")
+    page.until(REST)
+    page.until("document.getElementById('fap-12').value === '0'")
+
+
+def test_faps_are_found_by_name_and_number(page: Page) -> None:
+    page.open("fee")
+
+    def found(text: str) -> list[str]:
+        page.run(
+            "(() => { const box = document.getElementById('search');"
+            f" box.value = {text!r}; box.dispatchEvent(new Event('input')); }})()"
+        )
+        return page.run(
+            "[...document.querySelectorAll('.fap')]"
+            ".filter((one) => !one.hidden && one.closest('details').open && !one.closest('details').hidden)"
+            ".map((one) => one.querySelector('.number').textContent)"
+        )
+
+    assert found("eyebrow raise l") == ["31", "33", "35"]
+    assert found("48") == ["48"]
+    assert found("") == []
+
+
+def test_the_keyboard_is_enough(page: Page) -> None:
+    page.open("greta")
+    page.run("document.getElementById('face').focus(); page.hasChosenSilence = true")
+    yaw = page.run("page.camera.yaw")
+    page.key("ArrowRight")
+    assert page.run("page.camera.yaw") > yaw
+    page.key("3")
+    page.until("page.flight === null && page.camera.yaw === page.presets[2][1].yaw")
+    assert page.run("document.querySelector('.views [aria-pressed=true]').textContent") == page.run(
+        "document.querySelector('.views').children[2].textContent"
+    )
+    page.run(KEEP_FRAMES)
+    page.key("/")
+    assert page.run("document.activeElement.id") == "text"
+    page.call("Input.insertText", text="This sentence is long, and nobody will hear the end of it.")
+    page.key("Enter")
+    page.until("kept.texts.some((text) => text.kind === 'started')")
+    page.key("Escape")
+    page.until("kept.texts.some((text) => text.kind === 'cancelled')")
+    page.until(REST)
+
+
+def test_a_drag_turns_the_head_and_the_wheel_comes_nearer(page: Page) -> None:
+    page.open("hilde")
+    before = page.run("page.camera")
+    for kind, x, buttons in (("mousePressed", 200, 1), ("mouseMoved", 260, 1), ("mouseReleased", 260, 0)):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=200, button="left", buttons=buttons, clickCount=1)
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=200, y=200, deltaX=0, deltaY=-120)
+    page.until(f"page.camera.distance < {before['distance']}")
+    assert page.run("page.camera.yaw") == pytest.approx(before["yaw"] - 60 * 0.35)
+
+
+def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
+    page.open("ida")
+    page.run(KEEP_FRAMES + "page.hasChosenSilence = false")
+    assert page.run("page.setSound(true).then(() => page.sound.on)")
+    page.run(
+        "document.getElementById('text').value = 'One, two, three, four, five.'; document.getElementById('say').click()"
+    )
+    page.until("page.sound.playing.size && Boolean([...page.sound.playing.values()][0].source)")
+    page.until("page.ticker.current !== null")
+    page.sleep(0.8)
+    # Where the sound is, against where the face is that is on the screen now.
+    apart = page.run(
+        "(() => { const [[number, { starts }]] = page.sound.playing; const now = performance.now() / 1000;"
+        " const shown = page.cushion.sample(now).time + page.ticker.said.get(number).position;"
+        " return page.sound.heard() - starts - shown; })()"
+    )
+    assert abs(apart) < 0.25
+    page.key("Escape")
+    page.until("page.sound.playing.size === 0")
+    page.run("page.setSound(false)")
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_the_page_fits_a_narrow_screen(page: Page, width: int) -> None:
+    page.open("jana")
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=740, deviceScaleFactor=2, mobile=True)
+    page.sleep(0.2)
+    wide, canvas = page.run("[document.documentElement.scrollWidth, page.view.canvas.getBoundingClientRect().height]")
+    page.call("Emulation.clearDeviceMetricsOverride")
+    assert wide <= width
+    assert canvas > 300
+
+
+def test_after_a_restart_the_page_finds_the_server_again(page: Page) -> None:
+    page.open("karla")
+    page.run(KEEP_FRAMES)
+    say(page, "Ah, ah, ah, this mouth is wide open when the server goes away.")
+    jaw = fap.column(3)
+    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 150")
+    page.server.kill()
+    page.until("document.body.dataset.connection === 'waiting'")
+    page.until("page.faps.every((value) => value === 0)")  # the mouth does not stay open
+    page.server.start()
+    page.until("document.body.dataset.connection === 'connected'")
+    page.until("page.presence.value === 1")
+    say(page, "Hello again.")
+    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 100")
+    excused = [complaint for complaint in page.complaints if "ERR_CONNECTION_REFUSED" in complaint]
+    page.complaints[:] = [complaint for complaint in page.complaints if complaint not in excused]
+
+
+def test_a_server_that_ends_orderly_is_looked_for_too(page: Page) -> None:
+    page.open("lena")
+    assert page.server.end() == 0
+    page.until("document.body.dataset.connection === 'waiting'")
+    page.server.start("a secret")
+    page.until("!document.getElementById('notice').hidden")
+    assert "token" in page.run("document.getElementById('notice').textContent")
+    page.complaints.clear()  # refused, and nobody there: the browser says so
+    page.open("lena", "&token=a%20secret")
+    page.open("lena")  # it is remembered
+    assert page.run("document.getElementById('notice').hidden")
+    page.server.end()
+    page.complaints.clear()
+    page.run("sessionStorage.clear()")
+    page.go("about:blank")
+    page.server.start()
+    page.complaints.clear()
+
+
+def test_what_the_server_refuses_is_told(page: Page) -> None:
+    page.open("mia")
+    say(page, "...")
+    page.until("document.getElementById('said').classList.contains('wrong')")
+    assert "expected something to speak" in page.run("document.getElementById('said').textContent")
+
+
+def test_without_webgl_the_page_says_so(page: Page) -> None:
+    page.call("Page.addScriptToEvaluateOnNewDocument", source="HTMLCanvasElement.prototype.getContext = () => null")
+    page.go(page.server.url)
+    page.until("!document.getElementById('notice').hidden")
+    assert "WebGL2" in page.run("document.getElementById('notice').textContent")
+    assert len(page.complaints) == 1
+    page.complaints.clear()
+    assert json.loads(page.run("JSON.stringify([typeof window.page])")) == ["undefined"]

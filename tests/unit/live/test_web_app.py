@@ -1,0 +1,323 @@
+"""The web server over real sockets: who is let in, what is served, what a page may do to it."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from aiohttp import ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+from aiohttp.test_utils import TestClient, TestServer
+
+from fapengine._resources import profile_files
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Limits
+from fapengine.live.server.hub import Hub
+from fapengine.live.web import app as web_app
+from fapengine.live.web import connection as connections
+from fapengine.live.web.app import COUNTS, make_app
+from fapengine.live.web.wire import FRAME
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.head import build_head
+from fapengine.mpeg4 import fap
+from fapengine.profiles import parse_profile
+from fapengine.trajectory.style import Style
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+LIMIT_S = 20.0
+Use = Callable[[TestClient, Hub], Awaitable[None]]
+
+
+@pytest.fixture(scope="module")
+def head() -> FaceMesh:
+    return build_head()
+
+
+def serve(head: FaceMesh, use: Use, *, token: str | None = None, sessions: int = 4) -> None:
+    """Run a server, and a client against it."""
+
+    async def run() -> None:
+        engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
+        hub = Hub(engine, rate_hz=100.0)
+        app = make_app(hub, head, token=token, profile="grid_s1_en")
+        async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
+            ticking = asyncio.create_task(hub.run())
+            try:
+                await use(client, hub)
+            finally:
+                hub.stop()
+                await ticking
+        assert app[COUNTS].pages == 0
+
+    asyncio.run(run())
+
+
+async def text_from(socket: ClientWebSocketResponse, kind: str) -> dict[str, Any]:
+    """The next JSON message of a kind."""
+    while True:
+        message = await socket.receive()
+        assert message.type in (WSMsgType.TEXT, WSMsgType.BINARY), message
+        if message.type is WSMsgType.TEXT and (said := json.loads(message.data))["type"] == kind:
+            return said
+
+
+async def frame_from(socket: ClientWebSocketResponse) -> tuple[int, float, np.ndarray]:
+    while True:
+        message = await socket.receive()
+        if message.type is WSMsgType.BINARY:
+            kind, number, time_s, *faps = FRAME.unpack(message.data)
+            assert kind == 1
+            return number, time_s, np.array(faps)
+
+
+def test_the_page_and_all_that_it_asks_for_is_served(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        kinds = {
+            "/": "text/html",
+            "/main.js": "text/javascript",
+            "/style.css": "text/css",
+            "/icon.svg": "image/svg+xml",
+            "/setup.json": "application/json",
+            "/head.bin": "application/octet-stream",
+        }
+        for path, kind in kinds.items():
+            async with client.get(path) as answer:
+                assert (answer.status, answer.content_type) == (200, kind), path
+                assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+                packed = await answer.read()  # the client asks for gzip and unpacks it
+            async with client.get(path, headers={"Accept-Encoding": "identity"}) as answer:
+                assert "Content-Encoding" not in answer.headers
+                assert await answer.read() == packed
+        for path in ("/index.html", "/../app.py", "/app.py", "/sound.wav", "/sound.wav?utterance=x"):
+            async with client.get(path) as answer:
+                assert answer.status == 404, path
+
+    serve(head, use)
+
+
+def test_hello_comes_first_then_frames_at_the_rate(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            hello = await socket.receive_json()
+            assert hello.items() >= {
+                "type": "hello", "protocol": "fapengine-web/1", "session": "anna", "rate_hz": 100.0,
+                "profile": "grid_s1_en",
+            }.items()  # fmt: skip
+            frames = [await frame_from(socket) for _ in range(20)]
+            numbers, times = [frame[0] for frame in frames], np.array([frame[1] for frame in frames])
+            assert numbers == sorted(set(numbers))
+            assert (np.diff(times) > 0).all()
+            await socket.send_json({"type": "ping", "number": 7})
+            pong = await text_from(socket, "pong")
+            assert pong["number"] == 7
+            assert times[-1] <= pong["time_s"] <= hub.clock()
+
+    serve(head, use)
+
+
+def test_a_slider_holds_a_fap_and_lets_it_go(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await socket.send_json({"type": "pin", "values": {"3": 512}})
+            assert (await text_from(socket, "pins"))["values"] == {}
+            assert (await text_from(socket, "pins"))["values"] == {"3": 512}
+            while (await frame_from(socket))[2][fap.column(3)] != 512:
+                pass
+            await socket.send_json({"type": "release"})
+            while (await frame_from(socket))[2][fap.column(3)] == 512:
+                pass
+
+    serve(head, use)
+
+
+def test_a_text_becomes_phones_frames_and_sound(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            await socket.send_json({"type": "say", "text": "Mama."})
+            phones = (await text_from(socket, "phones"))["phones"]
+            assert [phone[0] for phone in phones if phone[3]] == ["m", "ɑː", "m", "ɐ"]
+            sound = await text_from(socket, "sound")
+            async with client.get(sound["url"]) as answer:
+                assert answer.content_type == "audio/wav"
+                assert (await answer.read())[:4] == b"RIFF"
+            event = await text_from(socket, "event")
+            assert (event["kind"], event["utterance"]) == ("started", sound["utterance"])
+            jaw = [(await frame_from(socket))[2][fap.column(3)] for _ in range(60)]
+            assert max(jaw) > 100
+
+    serve(head, use)
+
+
+def test_the_face_waits_for_the_sound_of_a_page_that_plays(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            await socket.send_json({"type": "plays", "on": True})
+            await socket.send_json({"type": "say", "text": "Papa."})
+            number = (await text_from(socket, "sound"))["utterance"]
+            assert hub.engine.state("anna") == "waiting"
+            at_s = hub.clock()
+            await socket.send_json({"type": "audio", "utterance": number, "at_s": at_s, "position_s": 0.1})
+            place = await text_from(socket, "position")
+            assert place["position_s"] == pytest.approx(0.1 + place["time_s"] - at_s, abs=0.02)
+
+    serve(head, use)
+
+
+@pytest.mark.parametrize(
+    ("sent", "complaint"),
+    [
+        ({"type": "say", "text": "..."}, "expected something to speak"),
+        ({"type": "say", "text": "Hello", "voice": "klingonish"}, "voice: got 'klingonish'"),
+        ({"type": "shout"}, "expected an object of type"),
+    ],
+)
+def test_what_cannot_be_done_is_answered(head: FaceMesh, sent: dict, complaint: str) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await socket.send_json(sent)
+            assert complaint in (await text_from(socket, "error"))["message"]
+            await socket.send_json({"type": "ping", "number": 1})
+            await text_from(socket, "pong")
+
+    serve(head, use)
+
+
+def test_one_page_is_not_spoken_for_without_end(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            for _ in range(connections.MOST_VOICES + 1):
+                await socket.send_json({"type": "say", "text": "One sentence after the other. " * 20})
+            assert "busy" in (await text_from(socket, "error"))["message"]
+
+    serve(head, use)
+
+
+def test_bytes_and_nonsense_are_counted_and_too_much_of_it_ends_the_connection(
+    head: FaceMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "MOST_REFUSED", 300)
+
+    async def use(client: TestClient, hub: Hub) -> None:
+        counts = client.app[COUNTS]
+        async with client.ws_connect("/ws") as healthy, client.ws_connect("/ws") as socket:
+            await socket.send_bytes(b"\0\1")
+            assert "got binary, expected text" in (await text_from(socket, "error"))["message"]
+            for _ in range(400):
+                await socket.send_str("{")
+            while not socket.closed:
+                await socket.receive()
+            assert socket.close_code == 1008
+            assert counts.bad_messages >= 2
+            assert counts.too_fast > 50
+            assert counts.bad_messages + counts.too_fast >= 300
+            assert counts.lost == 1
+            await healthy.send_json({"type": "ping", "number": 1})
+            await text_from(healthy, "pong")
+
+    serve(head, use)
+
+
+def test_a_message_that_is_too_long_ends_the_connection(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await socket.send_str("x" * 100_000)
+            while not socket.closed:
+                await socket.receive()
+            assert socket.close_code == 1009
+
+    serve(head, use)
+
+
+def test_a_page_that_does_not_read_is_closed(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await socket.receive_json()
+            (connection,) = client.app[web_app.SERVER].connections
+            for _ in range(2000):
+                connection.put_text('{"type":"chatter"}')
+            while not socket.closed:
+                await socket.receive()
+            assert socket.close_code == 1013
+            assert client.app[COUNTS].lost == 1
+
+    serve(head, use)
+
+
+def test_a_token_keeps_strangers_out(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        for path in ("/ws", "/ws?token=wrong", "/ws?token=s%C3%A9cret%20"):
+            with pytest.raises(WSServerHandshakeError) as caught:
+                await client.ws_connect(path)
+            assert caught.value.status == 403
+        async with client.get("/sound.wav?utterance=1") as answer:
+            assert answer.status == 403
+        async with client.ws_connect("/ws?token=s%C3%A9cret") as socket:
+            assert (await socket.receive_json())["type"] == "hello"
+        async with client.get("/sound.wav?utterance=1", headers={"Authorization": "Bearer sécret"}) as answer:
+            assert answer.status == 404
+        async with client.get("/") as answer:
+            assert answer.status == 200
+        assert client.app[COUNTS].refused == 4
+
+    serve(head, use, token="sécret")
+
+
+def test_pages_of_others_are_refused(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        own = f"http://127.0.0.1:{client.port}"
+        for headers in ({"Origin": "http://evil.example"}, {"Origin": "null"}, {"Host": f"evil.example:{client.port}"}):
+            with pytest.raises(WSServerHandshakeError) as caught:
+                await client.ws_connect("/ws", headers=headers)
+            assert caught.value.status == 403
+        for headers in (
+            {"Origin": own},
+            {"Host": f"localhost:{client.port}", "Origin": f"http://localhost:{client.port}"},
+            {"Host": f"[::1]:{client.port}"},
+        ):
+            async with client.ws_connect("/ws", headers=headers) as socket:
+                assert (await socket.receive_json())["type"] == "hello"
+
+    serve(head, use)
+
+
+def test_names_are_enough_with_a_token(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?token=a", headers={"Host": "studio.example"}) as socket:
+            assert (await socket.receive_json())["type"] == "hello"
+
+    serve(head, use, token="a")
+
+
+def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_app, "MOST_PAGES", 3)
+
+    async def use(client: TestClient, hub: Hub) -> None:
+        async def refused(path: str) -> None:
+            with pytest.raises(WSServerHandshakeError) as caught:
+                await client.ws_connect(path)
+            assert caught.value.status == 400
+
+        await refused("/ws?session=%0A")
+        one, other = await client.ws_connect("/ws?session=a"), await client.ws_connect("/ws?session=b")
+        await refused("/ws?session=c")  # sessions
+        third = await client.ws_connect("/ws?session=b")
+        await third.receive_json()
+        await refused("/ws?session=b")  # pages
+        for socket in (one, other, third):
+            await socket.close()
+
+    serve(head, use, sessions=2)
+
+
+def test_a_server_that_stops_says_goodbye(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        socket = await client.ws_connect("/ws")
+        await socket.receive_json()
+        stopping = asyncio.create_task(client.server.close())
+        while not socket.closed:
+            await socket.receive()
+        assert socket.close_code == 1001
+        await stopping
+
+    serve(head, use)

@@ -1,0 +1,240 @@
+"""What pages of one session are told, and who of them leads."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fapengine._resources import profile_files
+from fapengine.errors import UsageError
+from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, End, Express
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Limits
+from fapengine.live.server.hub import Hub
+from fapengine.live.web import room as rooms
+from fapengine.live.web.room import Room, open_room
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import parse_profile
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.style import Style
+from fapengine.voices.protocol import Speech
+
+PROFILE = parse_profile(profile_files("grid_s1_en"))
+PHONES = (Phone("m", 0.1, 0.2), Phone("ɑː", 0.2, 0.5, word="ma"))
+
+
+class Page:
+    """A member that keeps what it is sent."""
+
+    def __init__(self) -> None:
+        self.texts: list[dict] = []
+        self.frames: list[bytes] = []
+
+    def put_text(self, text: str) -> None:
+        self.texts.append(json.loads(text))
+
+    def put_frame(self, frame: bytes) -> None:
+        self.frames.append(frame)
+
+    def kinds(self) -> list[str]:
+        return [text["type"] for text in self.texts]
+
+    def of(self, kind: str) -> list[dict]:
+        return [text for text in self.texts if text["type"] == kind]
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def hub(clock: Clock) -> Hub:
+    engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=2))
+    return Hub(engine, clock=clock)
+
+
+def run(hub: Hub, clock: Clock, seconds: float) -> None:
+    for _ in range(round(60 * seconds)):
+        clock.now_s += 1 / 60
+        hub.tick(clock.now_s)
+
+
+def say(hub: Hub, number: int = 1) -> None:
+    hub.apply("anna", Begin(number))
+    hub.apply("anna", Append(number, 0, PHONES))
+    hub.apply("anna", End(number, 2, 0.6))
+
+
+def faps_of(frame: bytes) -> np.ndarray:
+    return np.frombuffer(frame, "<i4", offset=16)
+
+
+def test_all_pages_see_the_frames(hub: Hub, clock: Clock) -> None:
+    room, one, other = Room(hub, "anna"), Page(), Page()
+    room.enter(one)
+    run(hub, clock, 0.1)
+    room.enter(other)
+    run(hub, clock, 0.1)
+    assert (len(one.frames), len(other.frames)) == (12, 6)
+    assert one.frames[6:] == other.frames
+
+
+def test_an_utterance_is_told_from_beginning_to_end(hub: Hub, clock: Clock) -> None:
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    run(hub, clock, 0.1)
+    say(hub)
+    run(hub, clock, 1.0)
+    assert page.of("begin")[0]["utterance"] == 1
+    assert page.of("phones")[0]["phones"] == [["m", 0.1, 0.2, None], ["ɑː", 0.2, 0.5, "ma"]]
+    assert page.of("end")[0]["duration_s"] == 0.6
+    assert [event["kind"] for event in page.of("event")] == ["started", "finished"]
+    places = page.of("position")
+    assert len(places) >= 2
+    zeros = [place["time_s"] - place["position_s"] for place in places]
+    assert max(zeros) - min(zeros) < 1e-6  # it passes as time does
+    run(hub, clock, 0.5)
+    assert page.of("position") == places  # nothing more behind its end
+
+
+def test_a_page_that_comes_late_is_told_what_is_being_said(hub: Hub, clock: Clock) -> None:
+    room, early, late = Room(hub, "anna"), Page(), Page()
+    room.enter(early)
+    say(hub)
+    hub.apply("anna", Express(Expression.JOY, 0.5))
+    run(hub, clock, 0.3)
+    hub.pin("anna", 3, 50)
+    room.enter(late)
+    assert late.kinds() == ["pins", "express", "begin", "phones", "end"]
+    assert late.texts[0]["values"] == {"3": 50}
+    assert late.texts[1] == {"type": "express", "name": "joy", "level": 0.5}
+    run(hub, clock, 1.0)
+    last = Page()
+    room.enter(last)
+    assert last.kinds() == ["pins", "express"]  # it is over
+
+
+def test_a_repeated_message_is_told_once(hub: Hub) -> None:
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    say(hub)
+    say(hub)
+    assert page.kinds() == ["pins", "begin", "phones", "end"]
+
+
+def test_a_room_remembers_a_bounded_number_of_utterances(hub: Hub) -> None:
+    room, page, late = Room(hub, "anna"), Page(), Page()
+    room.enter(page)
+    for number in range(rooms.MOST_UTTERANCES + 5):
+        hub.apply("anna", Append(number, 0, PHONES))
+    room.enter(late)
+    assert len(late.of("phones")) == rooms.MOST_UTTERANCES
+    assert late.of("phones")[-1]["utterance"] == rooms.MOST_UTTERANCES + 4
+
+
+def test_a_cancel_is_told(hub: Hub) -> None:
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    say(hub)
+    hub.apply("anna", Cancel())
+    assert page.of("cancel") == [{"type": "cancel", "utterance": None}]
+
+
+def test_a_held_fap_stays_whatever_is_said_and_all_pages_know(hub: Hub, clock: Clock) -> None:
+    room, one, other = Room(hub, "anna"), Page(), Page()
+    room.enter(one)
+    room.enter(other)
+    room.pin({3: 777, 19: -5})
+    assert other.of("pins")[-1]["values"] == {"3": 777, "19": -5}
+    say(hub)
+    run(hub, clock, 0.4)
+    jaw = fap.column(3)
+    assert {int(faps_of(frame)[jaw]) for frame in one.frames} == {777}
+    assert len({faps_of(frame)[fap.column(5)].item() for frame in one.frames}) > 3  # the lips go on
+    room.pin({19: None})
+    assert hub.pinned("anna") == {3: 777}
+    room.release()
+    assert other.of("pins")[-1]["values"] == {}
+    run(hub, clock, 1.0)
+    assert faps_of(one.frames[-1])[jaw] == 0
+
+
+def test_sound_is_offered_with_its_address(hub: Hub, clock: Clock) -> None:
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    room, page = Room(hub, "a b"), Page()
+    room.enter(page)
+    spoken = hub.say("a b", speech, text="Ma!")
+    assert spoken.anchor == "now"
+    assert page.of("sound") == [
+        {"type": "sound", "utterance": spoken.utterance, "text": "Ma!",
+         "url": f"/sound.wav?session=a+b&utterance={spoken.utterance}"}
+    ]  # fmt: skip
+    room.plays(page, on=True)
+    assert hub.say("a b", speech).anchor == "audio"
+    room.plays(page, on=False)
+    assert hub.say("a b", speech).anchor == "now"
+    assert len(page.of("sound")) == 3
+
+
+def test_one_page_leads_a_sound_and_another_takes_over_when_it_goes(hub: Hub) -> None:
+    heard: list[Audio] = []
+    hub.on_command(
+        "anna", lambda session, command, now_s: heard.append(command) if isinstance(command, Audio) else None
+    )
+    room, one, other = Room(hub, "anna"), Page(), Page()
+    room.enter(one)
+    room.enter(other)
+    say(hub)
+    hub_time = 100.0
+    room.tell(one, Audio(1, hub_time, 0.1))
+    room.tell(other, Audio(1, hub_time, 0.4))
+    room.tell(one, Audio(1, hub_time, 0.2))
+    room.tell(one, Audio(99, hub_time, 0.2))  # nobody says that
+    assert [audio.position_s for audio in heard] == [0.1, 0.2]
+    room.leave(one)
+    room.tell(other, Audio(1, hub_time, 0.5))
+    assert [audio.position_s for audio in heard] == [0.1, 0.2, 0.5]
+
+
+def test_the_last_page_closes_the_door(hub: Hub, clock: Clock) -> None:
+    opened: dict[str, Room] = {}
+    page, other = Page(), Page()
+    room = open_room(hub, "anna", opened)
+    room.enter(page)
+    assert open_room(hub, "anna", opened) is room
+    room.enter(other)
+    room.leave(page)
+    run(hub, clock, 0.05)
+    assert len(other.frames) == 3
+    room.leave(other)
+    run(hub, clock, 0.05)
+    say(hub)
+    assert (len(other.frames), other.of("begin")) == (3, [])
+    assert open_room(hub, "anna", opened) is not room
+
+
+def test_a_full_server_opens_no_room(hub: Hub) -> None:
+    Room(hub, "anna").enter(Page())
+    Room(hub, "bert").enter(Page())
+    with pytest.raises(UsageError, match="limit of 2"):
+        Room(hub, "carl")
+    assert hub.engine.sessions == ("anna", "bert")
+
+
+def test_what_is_asked_of_a_lost_session_is_refused(hub: Hub) -> None:
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    hub.close("anna")
+    with pytest.raises(UsageError, match="session: got 'anna'"):
+        room.pin({3: 1})
+    with pytest.raises(UsageError, match="anna"):
+        room.tell(page, Blink())
