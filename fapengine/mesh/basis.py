@@ -5,8 +5,10 @@ Theory of operation
 A FAP moves its feature point by one FAPU step in its direction; the skin around follows with a weight that is 1 at the
 point and falls smoothly to 0. On the lips the weight is a product: *along* the contour a cosine between neighbouring
 feature points, *across* it a step between inner and outer contour, so that the contours stay smooth curves and neither
-lip moves the other. The jaw is a bone; its weight is 0 on the lips, whose own FAPs say where they are (Table C.1:
-open_jaw does not move them), and grows to 1 at the chin as the lips' weight falls. Lids turn about the eyeball in
+lip moves the other. Round the lips, on cheeks and chin, the skin follows the feature points of the lower face as that
+of a real face does (:mod:`.skin`); what those fields say at another FAP's point is taken off, so that every point goes
+where its own FAP says. The jaw is a bone; its weight is 0 on the lips, whose own FAPs say where they are (Table C.1:
+open_jaw does not move them), and elsewhere the share that real skin has in the jaw's turn. Lids turn about the eye in
 piecewise-linear steps (the standard's FaceDefTables).
 """
 
@@ -19,6 +21,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mesh.head_parts import HeadParts
+from fapengine.mesh.skin import skin_fields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 
@@ -32,6 +35,16 @@ LIP_KNOT = 0.55
 UPPER_LID_KNOTS = (0.0, 180.0, 360.0, 540.0, 720.0, 900.0, 1024.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 200.0, 400.0, 600.0)
 WIDE_KNOTS = (0.0, -300.0, -600.0)
+JAW_FAP = 3
+JAW_PIVOT = np.array([0.0, 2.0, 18.0])
+"""Middle of the axis through the jaw's joints, mm."""
+UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
+OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
+"""FAPs whose points lie on the skin that :mod:`.skin` moves."""
+OWN_MM = 16.0
+"""Around a feature point, so far reaches the correction that keeps it to its own FAP."""
+SLIT_MM = 6.0
+"""Over which the skin beside the mouth line passes from upper to lower lip."""
 
 
 class Collector:
@@ -92,8 +105,10 @@ def build_basis(
 
     _lips(head, linear)
     around((18,), skin, (24, 17, 30))
-    around((39, 40), skin, (30, 28, 60))
-    around((41, 42), skin, (32, 26, 60))
+    fields = _skin_fields(points, skin, head, feature_points)
+    for number, moves in fields.items():
+        if number != JAW_FAP:
+            collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
     around((61, 62), skin, (13, 14, 20))
     around((63, 64), skin, (26, 30, 40))
     for side, ear in enumerate(head.ears):
@@ -102,7 +117,8 @@ def build_basis(
     for side, eye in enumerate(head.eyes):
         _lids(points, eye, side, feature_points, fapu, collector)
     _tongue(points, head, feature_points, linear, collector)
-    return _jaw_weight(points, head, skin), collector.basis()
+    chin = points[feature_points[fap.spec(JAW_FAP).point]]
+    return _jaw_weight(points, head, skin, fields[JAW_FAP], chin), collector.basis()
 
 
 Linear = Callable[[int, Indices, Array], None]
@@ -130,8 +146,9 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     inwards = 1 - smoothstep(-level / 0.75)
     across = smoothstep(level)
     inner = np.where(level < 0, inwards, 1 - across)
-    outer = across * (1 - smoothstep(level - 1))
-    both = np.where(level < 0, inwards, 1 - smoothstep(level - 1))
+    ends = 1 - _skin_share(level)
+    outer = across * ends
+    both = np.where(level < 0, inwards, ends)
 
     def add(number: int, weight: Array) -> None:
         linear(number, vertices, weight.ravel()[unique])
@@ -156,6 +173,44 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     forward = (1 - t**2) ** 1.5
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
+
+
+def _skin_share(level: Array) -> Array:
+    """How far skin round the lips goes by the fields of real skin: 0 on the lips' edge, 1 where the rings end."""
+    return smoothstep(level - 1)
+
+
+def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]) -> dict[int, Array]:
+    """FAP to (N, 3): how the skin moves for a millimetre of it, corrected where feature points of other FAPs lie."""
+    at = points[skin]
+    places = {name: points[index] for name, index in feature_points.items()}
+    fields = skin_fields(at, places)
+    share = np.ones(len(points))
+    share[head.mouth.indices] = _skin_share(head.mouth.level)[:, None]
+    share[head.mouth.indices[0]] = 1.0
+    corners, line = abs(places["8.3"][0]), places["2.2"][1]
+    between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
+    above = smoothstep((at[:, 1] - line) / SLIT_MM + 0.5)
+    for number, moves in fields.items():
+        moves *= share[skin, None]
+        if number in UPPER_LIP_FAPS:
+            moves *= 1 - (between * (1 - above))[:, None]
+        elif number in LOWER_LIP_FAPS:
+            moves *= 1 - (between * above)[:, None]
+        for owner in OWNERS:
+            _keep_to_its_own(moves, number, owner, at, places[fap.spec(owner).point])
+    return fields
+
+
+def _keep_to_its_own(moves: Array, number: int, owner: int, at: Array, place: Array) -> None:
+    """Let one FAP's field be 1 along the owner's direction at the owner's point if it is the owner, or else 0."""
+    direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
+    bump = np.clip(1 - (np.linalg.norm(at - place, axis=1) / OWN_MM) ** 2, 0, None) ** 2
+    there = moves[np.linalg.norm(at - place, axis=1).argmin()] @ direction
+    if owner == number:
+        moves /= there
+    elif number != JAW_FAP:
+        moves -= there * bump[:, None] * direction
 
 
 def _brows(points: Array, skin: Indices, feature_points: dict[str, int], linear: Linear) -> None:
@@ -223,18 +278,18 @@ def _tongue(
     collector.add(Channel(47, 0.0, np.inf), vertices, lift)
 
 
-def _jaw_weight(points: Array, head: HeadParts, skin: Indices) -> Array:
-    """(V,) how much a skin vertex turns with the jaw; teeth and tongue are the jaw's wholly and are not named here."""
+def _jaw_weight(points: Array, head: HeadParts, skin: Indices, field: Array, chin: Array) -> Array:
+    """(V,) how much a skin vertex turns with the jaw; teeth and tongue are the jaw's wholly and are not named here.
+
+    ``field`` is what real skin does for a millimetre of open_jaw; its share in the direction of the jaw's turn is kept.
+    """
     weight = np.zeros(len(points))
-    p = points[skin]
-    line = -38.0 + 40.0 * np.clip((100.0 - p[:, 2]) / 75.0, 0, 1)
-    field = smoothstep((line + 6.0 - p[:, 1]) / 30.0) * smoothstep((p[:, 2] - 8.0) / 32.0)
-    field *= 1 - smoothstep((-80.0 - p[:, 1]) / 34.0)
-    weight[skin] = field
+    lever = points[skin] - JAW_PIVOT
+    turn = np.stack([0 * lever[:, 0], -lever[:, 2], lever[:, 1]], axis=-1) / (chin - JAW_PIVOT)[2]
+    share = (field * turn).sum(axis=1) / np.maximum((turn**2).sum(axis=1), 0.05)
+    weight[skin] = np.clip(share / share[np.linalg.norm(points[skin] - chin, axis=1).argmin()], 0, 1)
     mouth = head.mouth
     level = mouth.level[:, None]
-    outside = smoothstep(level - 1)
-    weight[mouth.indices] *= np.where(mouth.indices == mouth.indices[0], 1.0, outside)
     inside = np.where(mouth.upper & (np.abs(mouth.t) < 1), 0.0, smoothstep(-level / 0.75) * (1 - np.abs(mouth.t) ** 3))
-    weight[mouth.indices] = np.maximum(weight[mouth.indices], inside * (level < 0))
+    weight[mouth.indices] = np.maximum(weight[mouth.indices] * (level > 1), inside * (level < 0))
     return weight
