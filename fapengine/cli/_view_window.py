@@ -69,10 +69,11 @@ def _run(window: FaceWindow, source: Source, wish: Wish) -> Ticks:
     panel.sliders, panel.has_text = source.sliders, source.has_text
     panel.buttons = (*panel.buttons, *source.buttons)
     window.title(source.title)
+    own = frozenset(source.buttons)
+    window.show(source.frame(0.0))  # the first frame takes longest: the mesh goes to the GPU
     for sentence in wish.sentences:
         source.handle(Said(sentence))
     ticks, status_s, begun_s = Ticks(wish.rate_hz), 0.0, time.monotonic()
-    own = frozenset(source.buttons)
     while window.is_open and (wish.seconds is None or time.monotonic() < begun_s + wish.seconds):
         ticks.wait()
         for event in window.show(source.frame(window.busy_s)):

@@ -250,8 +250,7 @@ class OscFrames:
         self._values = np.zeros(fap.FAP_COUNT, np.int32)
         try:
             family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family, kind)
-            self._socket.bind(address)
+            self._socket = _bound(socket.socket(family, kind), address)
         except OSError as error:
             raise ResourceError(f"osc://{host}:{port}: got {error}, expected a port that is free") from error
         self._socket.setblocking(False)
@@ -300,6 +299,15 @@ class OscFrames:
         self.counts.frames += 1
         self._frame = frame
         self._values = np.where(frame.mask, frame.values, self._values).astype(np.int32)
+
+
+def _bound(made: socket.socket, address: Any) -> socket.socket:
+    try:
+        made.bind(address)
+    except OSError:
+        made.close()
+        raise
+    return made
 
 
 def _aiohttp() -> Any:

@@ -45,3 +45,15 @@ def _wait_for(socket: Path, server: subprocess.Popen[bytes]) -> None:
         if server.poll() is not None or time.monotonic() > until:
             pytest.fail(f"pulseaudio does not start (code {server.poll()}); .ci/system-packages installs it")
         time.sleep(0.05)
+
+
+@pytest.fixture(scope="session")
+def virtual_display() -> Iterator[str]:
+    """Name of a display of software (Xvfb), for processes that open a window."""
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
+    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+        os.close(write)
+        with os.fdopen(read) as pipe:
+            yield f":{pipe.readline().strip()}"
+        server.terminate()

@@ -1,0 +1,197 @@
+"""``fapengine view`` and ``say --live`` as somebody at a desk meets them: a display, a sound card, a process."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.fap import save_fap
+from fapengine.files.pictures import load_picture
+from fapengine.files.sound import save_wav
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.panel import Event, Panel, Pressed
+
+
+def run(environment: Mapping[str, str], display: str, *arguments: object) -> dict[str, float]:
+    command = [sys.executable, "-m", "fapengine", *map(str, arguments), "--json"]
+    done = subprocess.run(
+        command, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=90, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_window_opens_speaks_and_closes(null_sink: Mapping[str, str], virtual_display: str, tmp_path: Path) -> None:
+    """All that is real: display, sound card, voice, process."""
+    shot = tmp_path / "shot.png"
+    answer = run(
+        null_sink, virtual_display, "view", "--say", "Mama.", "--for", "1.5", "--shot", shot, "--size", "560x300",
+        "--fps", "30",
+    )  # fmt: skip
+    assert answer["frames"] > 5
+    picture = load_picture(shot)
+    assert picture.shape == (300, 560, 3)
+    assert np.ptp(picture[:, :300], axis=(0, 1)).min() > 100  # a face, not a wall
+
+
+class FakeWindow:
+    """A window of which only the calls are seen."""
+
+    made: "list[FakeWindow]"
+
+    def __init__(self, mesh: object, *, panel: Panel | None = None, **options: object) -> None:
+        self.panel, self.options = panel or Panel(), options
+        self.shown: list[np.ndarray] = []
+        self.events: list[list[Event]] = []
+        self.closes_after = 10**9
+        self.is_closed = False
+        self.busy_s, self.rate_hz, self.name = 0.004, 50.0, ""
+        self.made.append(self)
+
+    def __enter__(self) -> "FakeWindow":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def is_open(self) -> bool:
+        return len(self.shown) < self.closes_after
+
+    def show(self, faps: np.ndarray) -> list[Event]:
+        self.shown.append(faps.copy())
+        return [Pressed("Pause")] if len(self.shown) == 3 and "Pause" in self.panel.buttons else []
+
+    def title(self, text: str) -> None:
+        self.name = text
+
+    def hide_panel(self) -> None:
+        pass
+
+    def picture(self) -> np.ndarray:
+        return np.zeros((4, 4, 3), np.uint8)
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+@pytest.fixture
+def windows(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
+    FakeWindow.made = []
+    for place in ("fapengine.cli._view_window", "fapengine.cli._say_live"):
+        monkeypatch.setattr(f"{place}.FaceWindow", FakeWindow)
+    monkeypatch.setattr("fapengine.files.heads.load_head", lambda name: None)
+    monkeypatch.setattr("fapengine.cli._say_live.load_head", lambda name: None)
+    return FakeWindow.made
+
+
+def test_a_file_with_its_sound_is_shown_and_paused(windows: list[FakeWindow], tmp_path: Path) -> None:
+    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((30, 68), int), rate_hz=30.0))
+    save_wav(tmp_path / "a.wav", np.zeros(8000, np.int16), 8000)
+    call(
+        "view",
+        tmp_path / "a.fap",
+        "--audio",
+        tmp_path / "a.wav",
+        "--silent",
+        "--for",
+        "0.3",
+        "--shot",
+        tmp_path / "s.png",
+    )
+    (window,) = windows
+    assert window.name == "fapengine, a.fap"
+    assert window.is_closed
+    assert [slider.key for slider in window.panel.sliders] == ["time"]
+    assert "Pause" in window.panel.lit
+    assert window.panel.status[0] == "50 fps, 4.0 ms a frame"
+    assert (tmp_path / "s.png").exists()
+    assert 5 < len(window.shown) < 40
+
+
+def test_our_own_face_speaks_in_a_window(windows: list[FakeWindow]) -> None:
+    call("view", "--say", "Papa.", "--silent", "--for", "1.2", "--without", "all")
+    (window,) = windows
+    assert window.panel.has_text
+    assert not windows[0].shown[0].any()
+    call("say", "Papa.", "--live", "--window", "--silent", "--fps", "60", "--without", "all")
+    opened = [-(faps[fap.column(51)] + faps[fap.column(52)]) for faps in windows[1].shown]
+    assert max(opened) > 80
+    assert abs(opened[-1]) < 5
+    assert windows[1].is_closed
+
+
+def test_a_window_that_is_closed_ends_the_speech(windows: list[FakeWindow], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeWindow, "is_open", property(lambda self: len(self.shown) < 5))
+    call("say", "This is a long sentence that nobody hears to its end.", "--live", "--window", "--silent")
+    assert len(windows[0].shown) == 5
+
+
+def test_frames_of_a_port_are_shown(windows: list[FakeWindow]) -> None:
+    call("view", "osc://127.0.0.1:0", "--for", "0.2")
+    assert windows[0].name.startswith("fapengine, port ")
+    assert not windows[0].panel.has_text
+
+
+def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow]) -> None:
+    call("view", "http://127.0.0.1:9/", "--for", "0.5")
+    assert windows[0].panel.status[1] in ("connecting", "lost")
+
+
+def call(*arguments: object) -> None:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--audio", "a.wav"), "--audio: got a.wav, expected a file of FAPs before it"),
+        (("http://127.0.0.1:1/", "--audio", "a.wav"), "--audio: got"),
+        (("--for", "-1"), "--for: got -1.0 s"),
+        (("--size", "big"), "--size: got 'big'"),
+        (("--camera", "behind"), "camera: got 'behind'"),
+    ],
+)
+def test_refuses(arguments: tuple[str, ...], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        call("view", *arguments)
+
+
+def test_refuses_what_is_no_source(tmp_path: Path) -> None:
+    from fapengine.cli.view import _elsewhere, _file
+
+    for url, message in (
+        ("osc://127.0.0.1", "expected osc://HOST:PORT"),
+        ("osc://127.0.0.1:x", "expected osc://HOST:PORT"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            _elsewhere(url, None, "en-us")
+    save_fap(tmp_path / "none.fap", FapTrack.of(np.zeros((0, 68), int), rate_hz=30.0))
+    with pytest.raises(DataError, match="got no frame"):
+        _file(tmp_path / "none.fap", None, None, True)
+
+
+def test_a_stream_is_no_sink_of_a_single_face() -> None:
+    with pytest.raises(UsageError, match=r"--sink: got 'fba\+tcp://127.0.0.1:1', expected one that sends datagrams"):
+        call("say", "Hi.", "--live", "--no-window", "--silent", "--sink", "fba+tcp://127.0.0.1:1")
+
+
+def test_a_window_that_is_wished_for_must_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ResourceError("window: no display")
+
+    monkeypatch.setattr("fapengine.cli._say_live.FaceWindow", refuse)
+    with pytest.raises(ResourceError, match="no display"):
+        call("say", "Hi.", "--live", "--window", "--silent")

@@ -1,0 +1,167 @@
+"""A live face from elsewhere: from a real server over its WebSocket, and from datagrams."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fapengine.errors import ResourceError, UsageError
+from fapengine.live import watch
+from fapengine.live.fap_osc import FapFrame, SessionFrames, encode_frame
+from fapengine.live.watch import OscFrames, ServerLink, web_socket_of
+from fapengine.live.web.wire import pack_frame, text_of
+from fapengine.mpeg4 import fap
+
+
+def until(done: Callable[[], bool], seconds: float = 15.0) -> bool:
+    stop = time.monotonic() + seconds
+    while time.monotonic() < stop:
+        if done():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def serve(port: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "fapengine", "serve", "--port", "0", "--web-port", str(port), "--without", "all"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def opening(faps: np.ndarray) -> float:
+    return -float(faps[fap.column(51)] + faps[fap.column(52)])
+
+
+def test_a_server_is_watched_told_lost_and_found_again() -> None:
+    port = free_port()
+    server = serve(port)
+    link = ServerLink(f"http://127.0.0.1:{port}/", session="anna")
+    try:
+        assert not link.faps().any()
+        link.send("blink")  # nobody is there yet: nothing happens
+        assert until(lambda: link.counts.frames > 5)
+        assert link.state == "open"
+        assert link.hello["type"] == "hello"
+        assert until(lambda: link.age_s is not None)
+        assert -0.01 < link.age_s < 0.5
+        assert 0 < link.round_trip_s < 0.5
+        link.send("say", text="Mama, papa.", voice="en-us")
+        assert until(lambda: opening(link.faps()) > 80)
+        server.send_signal(signal.SIGKILL)
+        server.wait()
+        assert until(lambda: link.state == "lost")
+        assert not link.faps().any()  # the mouth does not stay open
+        assert link.trouble
+        assert link.age_s is None
+        server = serve(port)
+        before = link.counts.frames
+        assert until(lambda: link.counts.frames > before)
+        assert link.counts.refused == 0
+    finally:
+        link.close()
+        server.terminate()
+        server.wait()
+    assert not link._thread.is_alive()
+
+
+def test_what_is_no_message_is_counted() -> None:
+    link = ServerLink("http://127.0.0.1:9/")
+    link.close()
+    link.close()
+    for data in (b"", pack_frame(1, 0.0, np.zeros(68, np.int32))[:-1], b"\0" * watch.FRAME.size):
+        link._take_frame(data)
+    for text in ("{", "[]", "{}", text_of("pong", number="x", time_s=1), text_of("pong", number=1)):
+        link._take_text(text)
+    assert link.counts.refused == 8
+    link._take_text(text_of("pong", number=77, time_s=1.0))  # to a question that was not asked
+    link._take_text(text_of("utterance", number=1))  # for pages alone
+    assert link.round_trip_s is None
+    for number in (4, 5, 8):
+        link._take_frame(pack_frame(number, 0.0, np.arange(68, dtype=np.int32)))
+    assert (link.counts.frames, link.counts.missed, link.counts.refused) == (3, 2, 8)
+    np.testing.assert_array_equal(link.faps(), np.arange(68))
+
+
+@pytest.mark.parametrize("url", ["127.0.0.1:8110", "ftp://host/", "http:///x", ""])
+def test_refuses_an_address(url: str) -> None:
+    with pytest.raises(UsageError, match=r"source: got .*, expected an address such as http"):
+        web_socket_of(url)
+
+
+def test_aiohttp_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    with pytest.raises(ResourceError, match=r"pip install \"fapengine\[live\]\""):
+        ServerLink("http://127.0.0.1:9/")
+
+
+# Datagrams
+
+
+def frame(number: int, values: dict[int, int], *, time_us: int | None = None, session: str = "anna") -> bytes:
+    row, mask = np.zeros(68, np.int32), np.zeros(68, bool)
+    for fap_number, value in values.items():
+        row[fap.column(fap_number)], mask[fap.column(fap_number)] = value, True
+    nothing = {"visemes": np.zeros(4, np.int32), "expressions": np.zeros(6, np.int32)}
+    time_us = number * 10_000 if time_us is None else time_us
+    return encode_frame(FapFrame(session=session, number=number, time_us=time_us, values=row, mask=mask, **nothing))
+
+
+class Sender:
+    def __init__(self, port: int) -> None:
+        self._to = ("127.0.0.1", port)
+
+    def __call__(self, *datagrams: bytes) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for data in datagrams:
+                out.sendto(data, self._to)
+        time.sleep(0.02)
+
+
+def test_frames_come_by_datagram() -> None:
+    now = [5.0]
+    frames = OscFrames("127.0.0.1", 0, clock=lambda: now[0])
+    send = Sender(frames.port)
+    assert frames.is_silent
+    assert not frames.faps().any()
+    send(frame(1, {3: 100, 5: 7}), frame(2, {3: 150}))
+    faps = frames.faps()
+    assert (faps[fap.column(3)], faps[fap.column(5)]) == (150, 7)  # FAP 5 keeps its value
+    assert not frames.is_silent
+    assert frames.session == "anna"
+    send(frame(1, {3: 999}), frame(3, {3: 888}, session="bob"))
+    assert frames.faps()[fap.column(3)] == 150  # too late; somebody else's
+    send(frame(6, {3: 160}), b"junk", b"/other\0\0,\0\0\0")
+    assert frames.faps()[fap.column(3)] == 160
+    assert (frames.counts.frames, frames.counts.missed, frames.counts.refused) == (3, 3, 2)
+    send(frame(1, {3: 5}, time_us=99_000_000))  # the sender began anew
+    assert frames.faps()[fap.column(3)] == 5
+    now[0] += 3.0
+    assert frames.is_silent
+    frames.close()
+
+
+def test_a_servers_stream_is_understood() -> None:
+    frames = OscFrames("127.0.0.1", 0, session="b")
+    stream = SessionFrames()
+    rows = np.zeros((2, 68), np.int32)
+    rows[1, fap.column(3)] = 70
+    Sender(frames.port)(*stream.encode(("a", "b"), rows, 1000))
+    assert frames.faps()[fap.column(3)] == 70
+    frames.close()
+
+
+def test_a_port_that_is_taken_is_said() -> None:
+    first = OscFrames("127.0.0.1", 0)
+    with pytest.raises(ResourceError, match=rf"osc://127\.0\.0\.1:{first.port}: got .*, expected a port that is free"):
+        OscFrames("127.0.0.1", first.port)
+    first.close()
