@@ -9,7 +9,7 @@ TESTS_AT_LEAST := 1600
 SECONDS := 600
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: help demo test check quick bench fuzz fresh-machine clean env dev
+.PHONY: detector help demo test check quick bench fuzz fresh-machine clean env dev
 
 help:
 	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
@@ -21,7 +21,7 @@ help:
 demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 
-test: check
+test: check detector
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
 	@$(MAKE) --no-print-directory fuzz SECONDS=15
 
@@ -57,6 +57,16 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
 	$(BIN)/python -m pip install --quiet --editable ".[voice,fast,lab,live,window]"
+	@touch $@
+
+# Its tests are skipped, and counted, where it does not install.
+detector: $(VENV)/.ready-detector
+
+$(VENV)/.ready-detector: $(VENV)/.ready-dev
+	$(PYTHON) -m venv --without-pip $(VENV)/detector
+	$(BIN)/python -m pip --python $(VENV)/detector/bin/python install --quiet --group detector && \
+	    $(BIN)/python -m pip --python $(VENV)/detector/bin/python install --quiet --no-deps mediapipe==0.10.21 || \
+	    { echo "face detector absent: it does not install here" >&2; rm -rf $(VENV)/detector; }
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready
