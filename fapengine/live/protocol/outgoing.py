@@ -70,9 +70,14 @@ class Outgoing:
         return self.chunks[-1][1] if self.chunks else 0
 
     @property
+    def is_level(self) -> bool:
+        """Whether all phones so far are known to have come."""
+        return self.is_begun and self.next_index >= len(self.phones)
+
+    @property
     def is_settled(self) -> bool:
         """Whether everything is known to have come."""
-        return self.is_end_known and self.next_index >= len(self.phones)
+        return self.is_end_known and self.is_level
 
     @property
     def checksum(self) -> int:

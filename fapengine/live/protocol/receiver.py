@@ -284,8 +284,9 @@ class OscReceiver:
         session = self._session(wire.session, arrival)
         if session is None:
             return
-        for number in session.cancel(wire, arrival.now_s, arrival.peer.tally):  # its answer may have been lost
-            notice = schema.Notice(wire.session, number, "cancelled", engine_us=microseconds(arrival.now_s))
+        for number in session.cancel(wire, arrival.now_s, arrival.peer.tally):
+            now_us = microseconds(arrival.now_s)
+            notice = schema.Notice(wire.session, number, "cancelled", count=wire.number, engine_us=now_us)
             arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
 
     def _pause(self, wire: schema.PauseUtterance, arrival: Arrival) -> None:

@@ -113,6 +113,11 @@ class OscSender:
         """Utterances that are not known to be over."""
         return tuple(self._utterances)
 
+    def is_settled(self) -> bool:
+        """Whether everything that was told is known to have come."""
+        whole = all(one.is_settled or (one.is_level and not one.is_ended) for one in self._utterances.values())
+        return whole and not self._queue and not self._cancels
+
     def is_connected(self, now_s: float) -> bool:
         """Whether the engine was heard of late."""
         return now_s - self._heard_s < SILENT_S
@@ -184,13 +189,13 @@ class OscSender:
         numbers = list(self._utterances) if utterance is None else [utterance]
         below = self._next_number if utterance is None else -1
         wanted = schema.NOW if utterance is None else utterance
+        self._order += 1
         message = schema.CancelUtterance(
-            self.session, wanted, fade_ms=round(fade_s * 1e3), below=below, number=self._next_number + 1
+            self.session, wanted, fade_ms=round(fade_s * 1e3), below=below, number=self._order
         )
         for number in numbers:
             self._utterances.pop(number, None)
-        self._cancels[self._order] = _Cancel(wire.encode(message), now_s, frozenset(numbers))
-        self._order += 1
+        self._cancels[self._order] = _Cancel(message, now_s)
 
     def audio(
         self, utterance: int, position_s: float, now_s: float, *, at_s: float | None = None, rate: float = 1.0
@@ -294,7 +299,8 @@ class OscSender:
 
     def _is_new(self, told: schema.Notice) -> bool:
         """Whether it is no repeat. An utterance is over once; the rest may happen to it again at another time."""
-        key = (told.utterance, told.kind, 0 if told.kind in ("finished", "cancelled") else told.engine_us)
+        once = told.utterance >= 0 and told.kind in ("finished", "cancelled")
+        key = (told.utterance, told.kind, 0 if once else told.engine_us)
         if key in self._told:
             return False
         self._told.append(key)
@@ -323,7 +329,7 @@ class OscSender:
 
     def _notice(self, told: schema.Notice, now_s: float) -> None:
         for key, cancel in list(self._cancels.items()):
-            if told.kind in ("cancelled", "finished") and cancel.answered(told.utterance):
+            if told.kind in ("cancelled", "finished") and cancel.answered(told.utterance, told.count):
                 del self._cancels[key]
         one = self._utterances.get(told.utterance)
         if told.kind == "unknown" and told.reason == "no begin" and one is not None:
@@ -459,8 +465,8 @@ class OscSender:
 class _Cancel:
     """Stateful: a cancel, until it is answered."""
 
-    def __init__(self, packet: bytes, now_s: float, numbers: frozenset[int]) -> None:
-        self._packet, self._numbers, self._tries = packet, set(numbers), 0
+    def __init__(self, message: schema.CancelUtterance, now_s: float) -> None:
+        self._message, self._tries = message, 0
         self.next_s = now_s
 
     def due(self, now_s: float, asks: bool, reliable: bool) -> list[bytes]:
@@ -468,19 +474,19 @@ class _Cancel:
         if now_s < self.next_s:
             return []
         self._tries += 1
-        asks = asks and bool(self._numbers)
         if reliable or (self._tries >= len(END_REPEATS_S) and not asks) or self._tries >= CANCEL_TRIES:
             self.next_s = inf
         elif self._tries < len(END_REPEATS_S):
             self.next_s = now_s + END_REPEATS_S[self._tries] - END_REPEATS_S[self._tries - 1]
         else:
             self.next_s = now_s + SLOWEST_S
-        return [self._packet]
+        return [wire.encode(self._message)]
 
-    def answered(self, utterance: int) -> bool:
-        """Learn that one is stopped; whether all are."""
-        self._numbers.discard(utterance)
-        return not self._numbers
+    def answered(self, utterance: int, number: int) -> bool:
+        """Whether an answer is to this one."""
+        if self._message.utterance == schema.NOW:
+            return utterance == schema.NOW and number == self._message.number
+        return utterance == self._message.utterance
 
 
 def _to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:

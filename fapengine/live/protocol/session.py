@@ -155,31 +155,36 @@ class WireSession:
         self._due_ack(message.utterance, one, peer, now_s)
 
     def cancel(self, message: schema.CancelUtterance, now_s: float, tally: Tally) -> list[int]:
-        """Stop; returns the sender's numbers of those that are over already, to be told of again."""
-        key = (message.utterance, message.at_us, message.fade_ms, message.below, message.number)
-        came_s = self._cancels.get(key, -inf)
-        if message.utterance == schema.NOW and (message.number or now_s - came_s < CANCEL_REPEAT_S) and came_s > -inf:
-            tally.add("repeated")
-            return [wire for wire, one in self.utterances.items() if one.is_over]
-        self._cancels[key] = now_s
-        while len(self._cancels) > self.most_utterances:
-            del self._cancels[next(iter(self._cancels))]
+        """Stop speaking; returns what can be answered at once: -1 for all, or one that is over or never began."""
         fade_s = min(max(message.fade_ms, FADES_MS[0]), FADES_MS[1]) * 1e-3
         if message.utterance != schema.NOW:
             one = self._find(message.utterance)
             if one is None or one.is_over:
                 tally.add("repeated")
-                return [message.utterance] if one is not None and one.is_over else []
+                return [message.utterance]
             self._cancel(one, message.at_us, fade_s, now_s)
-            return []
+            return [message.utterance] if one.is_over else []
+        if self._is_repeat(message, now_s):
+            tally.add("repeated")
+            return [schema.NOW]
         self._cancelled_below = max(self._cancelled_below, message.below)
         everyone = message.below < 0
-        live = [one for wire, one in self.utterances.items() if not one.is_over and (everyone or wire < message.below)]
-        for one in live:
-            self._cancel(one, message.at_us, fade_s, now_s)
+        for wire, one in self.utterances.items():
+            if not one.is_over and (everyone or wire < message.below):
+                self._cancel(one, message.at_us, fade_s, now_s)
         if everyone and message.at_us < 0:  # what the server's voice or the simple mode says, too
             self.tell(Cancel(None, None, fade_s), now_s)
-        return []
+        return [schema.NOW]
+
+    def _is_repeat(self, message: schema.CancelUtterance, now_s: float) -> bool:
+        key = (message.at_us, message.fade_ms, message.below, message.number)
+        came_s = self._cancels.get(key, -inf)
+        if now_s - came_s < (AGAIN_S if message.number else CANCEL_REPEAT_S):
+            return True
+        self._cancels[key] = now_s
+        while len(self._cancels) > self.most_utterances:
+            del self._cancels[next(iter(self._cancels))]
+        return False
 
     def audio(self, message: schema.AudioPosition, at_s: float, now_s: float, tally: Tally) -> None:
         """Follow the sound; ``at_s`` is the engine's time that the message means."""
