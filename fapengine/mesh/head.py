@@ -12,7 +12,7 @@ from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import nose, parts
 from fapengine.mesh.atlas import skin_uv
-from fapengine.mesh.basis import build_basis
+from fapengine.mesh.basis import JAW_PIVOT, build_basis
 from fapengine.mesh.brows import build_brow
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.ears import build_ear
@@ -33,7 +33,6 @@ from fapengine.mpeg4.fapu import Fapu
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
