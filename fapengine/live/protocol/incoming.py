@@ -58,6 +58,11 @@ class Incoming:
         return self.over_s < inf
 
     @property
+    def is_stopped(self) -> bool:
+        """Whether it is over, or about to be."""
+        return self.is_cancelled or self.is_over
+
+    @property
     def is_whole(self) -> bool:
         """Whether its end is known and nothing is missing."""
         return self.end is not None and self.next_index >= self.end.phone_count

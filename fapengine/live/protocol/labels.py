@@ -121,7 +121,7 @@ def guess_set(labels: Sequence[str]) -> str:
 
 def to_engine_phone(phone: WirePhone, phone_set: str) -> Phone:
     """Give the engine's phone."""
-    start_s = phone.start_us * 1e-6
+    start_s, end_s = phone.start_us / 1e6, (phone.start_us + phone.duration_us) / 1e6
     label, stress = to_phone(phone.label, phone_set)
     if phone.flags & PRIMARY_STRESS:
         stress = 1
@@ -131,4 +131,4 @@ def to_engine_phone(phone: WirePhone, phone_set: str) -> Phone:
         return Phone(SILENCE, start_s, start_s + SHORTEST_S)
     if phone.weight < LOWEST_WEIGHT:
         label = SILENCE
-    return Phone(label, start_s, start_s + phone.duration_us * 1e-6, stress)
+    return Phone(label, start_s, end_s, stress)

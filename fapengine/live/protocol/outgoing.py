@@ -161,7 +161,7 @@ class Outgoing:
             return False
         if self.zero_s is None:
             return now_s - max(self.active_s, self.created_s) > FORGOTTEN_S
-        length_s = max([self.duration_us, *(phone.start_us + phone.duration_us for phone in self.phones)]) * 1e-6
+        length_s = max([self.duration_us, *(phone.start_us + phone.duration_us for phone in self.phones)]) / 1e6
         return now_s > self.zero_s + length_s + 2.0
 
     def _open(self, now_s: float) -> list[int]:
@@ -173,7 +173,7 @@ class Outgoing:
             if index in self.come or self._sent[index].tries > MOST_TRIES:
                 continue
             phone = self.phones[index]
-            end_s = (phone.start_us + phone.duration_us) * 1e-6 + DEADLINE_S
+            end_s = (phone.start_us + phone.duration_us) / 1e6 + DEADLINE_S
             if self.zero_s is None or now_s <= self.zero_s + end_s:
                 waiting.append(index)
         return waiting

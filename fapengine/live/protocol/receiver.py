@@ -257,9 +257,9 @@ class OscReceiver:
         peer, now_s = arrival.peer, arrival.now_s
         before = peer.clock.steps
         if wire.rtt_us >= 0:
-            peer.clock.report(wire.sent_us * 1e-6, wire.offset_us * 1e-6, wire.skew_ppm)
+            peer.clock.report(wire.sent_us / 1e6, wire.offset_us / 1e6, wire.skew_ppm)
         else:
-            peer.clock.ping(wire.sent_us * 1e-6, now_s)
+            peer.clock.ping(wire.sent_us / 1e6, now_s)
         peer.tally.add("clock_steps", peer.clock.steps - before)
         now_us = microseconds(now_s)
         pong = schema.Pong(wire.number, wire.sent_us, now_us, now_us, self._instance)
@@ -290,7 +290,7 @@ class OscReceiver:
             arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
 
     def _pause(self, wire: schema.PauseUtterance, arrival: Arrival) -> None:
-        fade_s = min(max(wire.fade_ms, FADES_MS[0]), FADES_MS[1]) * 1e-3
+        fade_s = min(max(wire.fade_ms, FADES_MS[0]), FADES_MS[1]) / 1e3
         self._move(wire.session, Pause(fade_s), arrival)
 
     def _resume(self, wire: schema.ResumeUtterance, arrival: Arrival) -> None:
@@ -302,7 +302,7 @@ class OscReceiver:
         if one is None or wire.position_us < 0:
             arrival.peer.tally.add("refused")
             return
-        self._move(wire.session, Seek(one.number, wire.position_us * 1e-6), arrival)
+        self._move(wire.session, Seek(one.number, wire.position_us / 1e6), arrival)
 
     def _move(self, name: str, command: Command, arrival: Arrival) -> None:
         session = self._session(name, arrival)
@@ -316,7 +316,7 @@ class OscReceiver:
             self._tell_unknown(wire.session, wire.utterance, arrival)
             return
         before = peer.clock.steps
-        at_s = peer.clock.audio(wire.sender_us * 1e-6, now_s)
+        at_s = peer.clock.audio(wire.sender_us / 1e6, now_s)
         peer.tally.add("clock_steps", peer.clock.steps - before)
         if at_s is None:
             peer.tally.add("odd_times")

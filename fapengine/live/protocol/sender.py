@@ -314,7 +314,7 @@ class OscSender:
                 self._meet(told.instance, now_s)
             case schema.Pong():
                 self._meet(told.instance, now_s)
-                self.clock.add(told.sent_us * 1e-6, told.received_us * 1e-6, told.answered_us * 1e-6, now_s)
+                self.clock.add(told.sent_us / 1e6, told.received_us / 1e6, told.answered_us / 1e6, now_s)
             case schema.Ack():
                 one = self._utterances.get(told.utterance)
                 if one is not None:
@@ -341,7 +341,7 @@ class OscSender:
         elif told.kind in ("finished", "cancelled"):
             del self._utterances[told.utterance]
         elif told.kind == "started" and one.anchor == "now" and self.clock.is_known:
-            one.zero_s = self.clock.sender_s(told.engine_us * 1e-6) - told.position_us * 1e-6
+            one.zero_s = self.clock.sender_s(told.engine_us / 1e6) - told.position_us / 1e6
         elif told.kind == "error" and told.reason == "checksum" and not one.is_corrected:
             one.is_corrected = True
             self.revise(told.utterance, one.phones, now_s)

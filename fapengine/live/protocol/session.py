@@ -77,7 +77,7 @@ class WireSession:
         if is_other:
             self.peers = {peer: hello.flags}
             for one in self.utterances.values():
-                if not one.is_over:
+                if not one.is_stopped:
                     self.tell(Cancel(one.number), now_s)
         if is_other or all(one.is_over for one in self.utterances.values()):
             self.utterances.clear()
@@ -112,7 +112,7 @@ class WireSession:
             tally.add("refused")
             phone_set = self.phone_set
         one.begin(message, phone_set)
-        at_s = clock.engine_s(message.anchor_us * 1e-6)
+        at_s = clock.engine_s(message.anchor_us / 1e6)
         if message.anchor == "at" and clock.is_known:
             self.tell(Begin(one.number, "at", at_s, message.revision), now_s)
             one.follow_s, one.clock_steps = max(at_s, now_s) + FOLLOW_S, clock.steps
@@ -156,10 +156,10 @@ class WireSession:
 
     def cancel(self, message: schema.CancelUtterance, now_s: float, tally: Tally) -> list[int]:
         """Stop speaking; returns what can be answered at once: -1 for all, or one that is over or never began."""
-        fade_s = min(max(message.fade_ms, FADES_MS[0]), FADES_MS[1]) * 1e-3
+        fade_s = min(max(message.fade_ms, FADES_MS[0]), FADES_MS[1]) / 1e3
         if message.utterance != schema.NOW:
             one = self._find(message.utterance)
-            if one is None or one.is_over:
+            if one is None or one.is_stopped:
                 tally.add("repeated")
                 return [message.utterance]
             self._cancel(one, message.at_us, fade_s, now_s)
@@ -170,7 +170,7 @@ class WireSession:
         self._cancelled_below = max(self._cancelled_below, message.below)
         everyone = message.below < 0
         for wire, one in self.utterances.items():
-            if not one.is_over and (everyone or wire < message.below):
+            if not one.is_stopped and (everyone or wire < message.below):
                 self._cancel(one, message.at_us, fade_s, now_s)
         if everyone and message.at_us < 0:  # what the server's voice or the simple mode says, too
             self.tell(Cancel(None, None, fade_s), now_s)
@@ -194,7 +194,7 @@ class WireSession:
             return
         one.heard_s = now_s
         rate = min(max(message.rate, 0.0), 4.0)
-        self.tell(Audio(one.number, at_s, message.position_us * 1e-6, rate), now_s)
+        self.tell(Audio(one.number, at_s, message.position_us / 1e6, rate), now_s)
 
     def let_go(self) -> None:
         """Follow no clock any more: the sender has moved what is said by hand."""
@@ -268,8 +268,8 @@ class WireSession:
     def _tell_end(self, one: Incoming, now_s: float) -> None:
         if one.end is None or one.begun is None:
             return
-        known_s = max((phone.start_us + phone.duration_us for phone in one.phones.values()), default=0) * 1e-6
-        duration_s = max(one.end.duration_us * 1e-6, known_s) if one.end.duration_us >= 0 else known_s
+        known_s = max((phone.start_us + phone.duration_us for phone in one.phones.values()), default=0) / 1e6
+        duration_s = max(one.end.duration_us / 1e6, known_s) if one.end.duration_us >= 0 else known_s
         self.tell(End(one.number, one.end.phone_count, duration_s, one.revision), now_s)
 
     def _check(self, one: Incoming, wire: int, now_s: float, tally: Tally) -> None:
@@ -300,7 +300,7 @@ class WireSession:
         if at_us >= 0:
             known = self.faces.utterance(self.name, one.number)
             if known is not None and known.anchored:
-                at_s = now_s + at_us * 1e-6 - known.position_s(now_s)
+                at_s = now_s + at_us / 1e6 - known.position_s(now_s)
         if one.begun is None:
             one.over_s, one.is_cancelled = now_s, True  # its begin is still to come, and too late
             return
@@ -316,7 +316,7 @@ class WireSession:
             return
         if now_s - one.heard_s < HEARD_S or known.position_s(now_s) < 0:
             return
-        heard_s = clock.sender_s(now_s) - one.begun.anchor_us * 1e-6
+        heard_s = clock.sender_s(now_s) - one.begun.anchor_us / 1e6
         if FOLLOW_ERROR_S < abs(heard_s - known.position_s(now_s)) < JUMP_S:
             self.tell(Audio(one.number, now_s, heard_s), now_s)
 
