@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bench.render import DEFORMING_CEILING, GOALS_FPS, PEER_GOAL, PEERS
+from bench.render import BROWSER_PEERS, DEFORMING_CEILING, GOALS_FPS, OTHER_GOALS, PEER_GOAL, PEERS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
@@ -38,9 +38,12 @@ nearly nothing, because each vertex knows the few FAPs that move it; in that plo
 
 The same mesh, 512 x 512, read back. A peer gets the moved vertices and turned normals ready-made, so it does not
 deform; ours does. *Bare* is without anti-aliasing; PyVista and pygfx have a softening pass (FXAA) like ours, and
-pyrender always multisamples. Their lights are one or two lamps, ours three with wrapped diffuse and two highlights.
+pyrender always multisamples. three.js draws in headless Chromium on the same Mesa, with its standard material and its
+multisampling; *bare* with Phong and stairs; *morphs* deforms by itself, each channel a morph target. *Our page* is the
+page of `fapengine serve` in that browser. Their lights are one to four lamps, ours three with wrapped diffuse and two
+highlights.
 
-| | ms a frame | times ours | goal: {peer_goal:g} |
+| | ms a frame | times ours | goal |
 |---|---|---|---|
 {peers}
 
@@ -75,9 +78,9 @@ def write_page(result: dict) -> None:
         f"| {name} | {best[name]:.1f} | {1000 / best[name]:.0f} | {goal} | {_met(1000 / best[name] >= goal)} |"
         for name, goal in GOALS_FPS.items()
     ]
-    peers = [_peer(name, result) for name in PEERS]
-    short = [name for name, peer in result["peers"].items() if peer["ratio"] < PEER_GOAL]
-    verdict = f"The goal of {PEER_GOAL:g} is missed against {'; '.join(short)}." if short else "The goal is met."
+    peers = [_peer(name, result) for name in PEERS + BROWSER_PEERS]
+    short = [name for name, peer in result["peers"].items() if peer["ratio"] < (OTHER_GOALS.get(name, PEER_GOAL) or 0)]
+    verdict = f"The goal is missed against {'; '.join(short)}." if short else "The goal is met."
     text = PAGE.format(
         **result["machine"],
         rounds=result["rounds"],
@@ -86,7 +89,6 @@ def write_page(result: dict) -> None:
         goals="\n".join(goals),
         deforming=100 * (result["deforming"] - 1),
         ceiling=100 * (DEFORMING_CEILING - 1),
-        peer_goal=PEER_GOAL,
         peers="\n".join(peers),
         verdict=verdict,
     )
@@ -102,7 +104,9 @@ def _peer(name: str, result: dict) -> str:
     if name in result["absent"]:
         return f"| {name} | absent: {result['absent'][name]} | | |"
     peer = result["peers"][name]
-    return f"| {name} | {peer['best_ms']:.1f} | {peer['ratio']:.1f} | {_met(peer['ratio'] >= PEER_GOAL)} |"
+    goal = OTHER_GOALS.get(name, PEER_GOAL)
+    judged = f"{goal:g}: {_met(peer['ratio'] >= goal)}" if goal else ""
+    return f"| {name} | {peer['best_ms']:.1f} | {peer['ratio']:.1f} | {judged} |"
 
 
 def plot(result: dict, path: Path) -> None:

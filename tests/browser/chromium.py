@@ -2,10 +2,12 @@
 
 import asyncio
 import base64
+import ctypes
 import io
 import itertools
 import os
 import shutil
+import signal
 import tempfile
 from ctypes.util import find_library
 from pathlib import Path
@@ -25,6 +27,7 @@ MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist")
 """Draw with the same software OpenGL as the desktop renderer: twice as fast as the browser's own."""
 OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
+PR_SET_PDEATHSIG = 1
 START_LIMIT_S = 30.0
 CALL_LIMIT_S = 20.0
 
@@ -55,7 +58,13 @@ class Browser:
         self._log = (Path(self._folder.name) / "log").open("wb")
         surroundings = {**os.environ, "EGL_PLATFORM": "surfaceless", "LP_NUM_THREADS": "2"}
         self._process = await asyncio.create_subprocess_exec(
-            path, *flags, "about:blank", stdout=asyncio.subprocess.DEVNULL, stderr=self._log, env=surroundings
+            path,
+            *flags,
+            "about:blank",
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=self._log,
+            env=surroundings,
+            preexec_fn=_end_with_parent,
         )
         self._session = aiohttp.ClientSession()
         port = await asyncio.wait_for(self._port(), START_LIMIT_S)
@@ -99,17 +108,17 @@ class Browser:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    async def until(self, condition: str, limit_s: float = 10.0) -> Any:
-        """Wait until an expression is true in the page; returns it."""
+    async def until(self, condition: str, limit_s: float = 10.0) -> None:
+        """Wait until an expression is true in the page."""
         async with asyncio.timeout(limit_s):
-            while True:
-                try:
-                    found = await self.run(condition)
-                except AssertionError:  # the page is not there yet
-                    found = None
-                if found:
-                    return found
+            while not await self._holds(condition):
                 await asyncio.sleep(0.03)
+
+    async def _holds(self, condition: str) -> bool:
+        try:
+            return bool(await self.run(f"Boolean({condition})"))
+        except AssertionError:  # the page is not there yet
+            return False
 
     async def picture(self) -> np.ndarray:
         """(H, W, 3) uint8: what the window shows."""
@@ -139,3 +148,8 @@ class Browser:
                     self.complaints.append(str([one.get("value", one.get("description")) for one in params["args"]]))
                 case "Log.entryAdded", {"entry": {"level": "error" | "warning"} as entry}:
                     self.complaints.append(f"{entry['text']} {entry.get('url', '')}")
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end the browser when the tests are killed."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

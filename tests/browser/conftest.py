@@ -68,8 +68,8 @@ class Page:
     def run(self, code: str) -> Any:
         return self._runner.run(self._browser.run(code))
 
-    def until(self, condition: str, limit_s: float = 15.0) -> Any:
-        return self._runner.run(self._browser.until(condition, limit_s))
+    def until(self, condition: str, limit_s: float = 15.0) -> None:
+        self._runner.run(self._browser.until(condition, limit_s))
 
     def picture(self) -> np.ndarray:
         return self._runner.run(self._browser.picture())

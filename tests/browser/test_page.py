@@ -215,7 +215,7 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
     page.run(
         "document.getElementById('text').value = 'One, two, three, four, five.'; document.getElementById('say').click()"
     )
-    page.until("page.sound.playing.size && Boolean([...page.sound.playing.values()][0].source)")
+    page.until("page.sound.playing.size && [...page.sound.playing.values()][0].source")
     page.until("page.ticker.current !== null")
     page.sleep(0.8)
     # Where the sound is, against where the face is that is on the screen now.

@@ -157,12 +157,12 @@ def make_app(
     app.on_shutdown.append(server.stop)
     app.router.add_get("/ws", server.socket)
     app.router.add_get("/sound.wav", server.sound)
-    for path, (kind, body) in _page_files(head, voices).items():
+    for path, (kind, body) in page_files(head, voices).items():
         app.router.add_get(path, partial(_serve, kind, body, gzip.compress(body, 6, mtime=0)))
     return app
 
 
-def _page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]]:
+def page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]]:
     """Path to kind and content of all that never changes."""
     found = {
         "/head.bin": ("application/octet-stream", head_binary(head)),
