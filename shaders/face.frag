@@ -1,23 +1,43 @@
-// Shades skin, lips, hair, teeth, cloth. In: world position (mm), normal, linear albedo. Out: sRGB, alpha 1.
+// Shades skin, lips, hair, teeth, cloth. In: world position (mm), normal, linear albedo; with LIT_AT_VERTICES light that
+// is ready but for the painting. PAINTED: a picture tints the surface; CUT_OUT: and has holes. Out: sRGB, alpha 1.
 
+#ifdef LIT_AT_VERTICES
+in vec4 v_diffuse;
+in vec4 v_shine;
+#else
 in vec3 v_position;
 in vec3 v_normal;
 in vec3 v_albedo;
 in vec3 v_surface;
+in vec2 v_uv;
 in float v_occlusion;
 
 uniform vec3 u_eye_position;  // camera in world space, mm
+#endif
+
+#ifdef PAINTED
+uniform sampler2D u_skin;  // sRGB; alpha below one half is a hole
+
+// Linear RGB. A square stands in for the power of 2.2, as in developed().
+vec3 painting(vec2 at) {
+    vec4 paint = texture(u_skin, at);
+#ifdef CUT_OUT
+    if (paint.a < 0.5) discard;
+#endif
+    return paint.rgb * paint.rgb;
+}
+#else
+const vec3 NO_PAINT = vec3(1.0);
+#define painting(at) NO_PAINT
+#endif
 
 out vec4 o_colour;
 
 void main() {
-    vec3 normal = normalize(v_normal);
-    vec3 view = normalize(u_eye_position - v_position);
-    float strength = v_surface.x;
-    vec3 colour = v_albedo * lit(normal, v_surface.z, v_occlusion);
-    colour += strength * v_occlusion * highlight(normal, view, v_surface.y);
-    float away = 1.0 - clamp(dot(normal, view), 0.0, 1.0);
-    float rim = away * away * away * clamp(dot(normal, RIM_FROM) + 0.3, 0.0, 1.0);
-    colour += RIM_COLOUR * rim * (0.10 + 0.5 * strength) * v_occlusion * (v_albedo + 0.15);
-    o_colour = developed(colour);
+#ifdef LIT_AT_VERTICES
+    o_colour = developed(painting(vec2(v_diffuse.a, v_shine.a)) * v_diffuse.rgb + v_shine.rgb);
+#else
+    Light light = seen(v_position, v_normal, u_eye_position, v_albedo, v_surface, v_occlusion);
+    o_colour = developed(painting(v_uv) * light.diffuse + light.shine);
+#endif
 }

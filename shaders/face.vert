@@ -1,5 +1,6 @@
 // Moves each vertex by its channels, its bone and the head (theory of operation: fapengine/mesh/face_mesh.py).
-// In: rest position in head space, mm. Out: clip space; world position (mm) and normal for shading.
+// In: rest position in head space, mm. Out: clip space; world position (mm) and normal for shading, or with
+// LIT_AT_VERTICES the light itself.
 
 in vec3 a_position;
 in vec3 a_normal;
@@ -16,12 +17,18 @@ uniform vec4 u_channels[32];  // channel weights, FAPU, four to a vector
 uniform mat4 u_bones[5];  // moved_from_rest: none, jaw, left eye, right eye, head
 uniform mat4 u_clip_from_world;
 
+#ifdef LIT_AT_VERTICES
+uniform vec3 u_eye_position;  // camera in world space, mm
+out vec4 v_diffuse;  // linear RGB for the painting to tint; u
+out vec4 v_shine;  // linear RGB on top of it; v
+#else
 out vec3 v_position;
 out vec3 v_normal;
 out vec3 v_albedo;
 out vec3 v_surface;
 out vec2 v_uv;
 out float v_occlusion;
+#endif
 
 void main() {
     vec3 position = a_position;
@@ -43,11 +50,17 @@ void main() {
     position += a_bones.z * ((u_bones[4] * vec4(position, 1.0)).xyz - position);
     normal += a_bones.z * (mat3(u_bones[4]) * normal - normal);
 
+#ifdef LIT_AT_VERTICES
+    Light light = seen(position, normal, u_eye_position, a_albedo, a_surface, a_occlusion);
+    v_diffuse = vec4(light.diffuse, a_uv.x);
+    v_shine = vec4(light.shine, a_uv.y);
+#else
     v_position = position;
     v_normal = normal;
     v_albedo = a_albedo;
     v_surface = a_surface;
     v_uv = a_uv;
     v_occlusion = a_occlusion;
+#endif
     gl_Position = u_clip_from_world * vec4(position, 1.0);
 }

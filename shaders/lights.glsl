@@ -1,4 +1,4 @@
-// The studio's lights, and what every surface does with them; joined in front of face.frag and eye.frag.
+// The studio's lights, and what every surface does with them; joined in front of face.vert, face.frag and eye.frag.
 
 const vec3 KEY_FROM = vec3(-0.42, 0.52, 0.745);
 const vec3 KEY_COLOUR = vec3(1.85, 1.72, 1.57);
@@ -37,6 +37,24 @@ vec3 highlight(vec3 normal, vec3 view, float gloss) {
     float high = pow(half_way(KEY_FROM, view, key + facing), gloss) * clamp(key * 4.0, 0.0, 1.0);
     high += 0.25 * pow(half_way(FILL_FROM, view, dot(normal, FILL_FROM) + facing), gloss);
     return (0.25 + fresnel) * (gloss + 8.0) / 25.0 * high * KEY_COLOUR;
+}
+
+struct Light {
+    vec3 diffuse;  // linear RGB that the surface's painting tints
+    vec3 shine;  // linear RGB on top
+};
+
+// What is seen of a point of the face. Position and eye in mm; the normal need not be of unit length; surface is specular
+// strength, gloss, softness of the terminator.
+Light seen(vec3 position, vec3 normal, vec3 eye, vec3 albedo, vec3 surface, float occlusion) {
+    normal = normalize(normal);
+    vec3 view = normalize(eye - position);
+    float away = 1.0 - clamp(dot(normal, view), 0.0, 1.0);
+    float rim = away * away * away * clamp(dot(normal, RIM_FROM) + 0.3, 0.0, 1.0);
+    vec3 rim_light = RIM_COLOUR * rim * (0.10 + 0.5 * surface.x) * occlusion;
+    return Light(
+        albedo * (lit(normal, surface.z, occlusion) + rim_light),
+        surface.x * occlusion * highlight(normal, view, surface.y) + 0.15 * rim_light);
 }
 
 // Linear RGB to sRGB, with a shoulder that keeps highlights. 2.0 stands in for 2.2: a root costs a tenth of a power.

@@ -56,6 +56,10 @@ class Camera:
         )
         return projection @ view
 
+    def pixels_per_mm(self, height_px: int) -> float:
+        """How large a millimetre at the target is in a picture of that height."""
+        return height_px / (2 * self.distance_mm * float(np.tan(np.deg2rad(self.field_deg) / 2)))
+
     def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
         """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in a picture of (width, height)."""
         matrix = self.clip_from_world(size[0] / size[1])

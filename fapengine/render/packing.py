@@ -7,7 +7,8 @@ vertex buffer has one row of floats a vertex; :data:`fapengine.render.programs.F
 that order and without gaps. Each vertex owns a run of entries in two textures of equal size, ``moves`` and ``turns``
 (an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it is. An entry moves
 the vertex and turns its normal by so much per FAPU of one channel, whose number is in ``moves``' fourth component.
-Triangles are sorted by how they are shaded: ``face``, ``eye``, and ``card``, whose painting has holes.
+Triangles are sorted by how they are shaded: ``face``; ``eye``; ``ball``, eyeballs that are painted, whose highlight is
+too small to be worked out at vertices; and ``card``, whose painting has holes.
 """
 
 from collections.abc import Mapping
@@ -57,8 +58,9 @@ class PackedMesh:
     vertices: NDArray[np.float32]
     """(V, 18) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
-    """``"face"``, ``"eye"`` and ``"card"`` to (F, 3) uint32 triangles; none that has no triangle. Face and card are
-    drawn by ``face`` of ``STAGES``, with ``PAINTED`` if there is a skin, card with ``CUT_OUT`` too; eye by ``eye``."""
+    """``"face"``, ``"card"``, ``"ball"``, ``"eye"`` to (F, 3) uint32 triangles; none that has no triangle. ``eye`` of
+    ``STAGES`` draws the eye; ``face`` all others, with ``PAINTED`` if there is a skin, the card with ``CUT_OUT`` too.
+    """
     moves: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     turns: NDArray[np.float32]
@@ -122,8 +124,9 @@ def pack(mesh: FaceMesh) -> PackedMesh:
     }
     skin = _with_alpha(mesh.texture)
     on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
-    holed = ~on_eye & _has_hole(mesh, skin)
-    sorts = {"face": ~on_eye & ~holed, "card": holed, "eye": on_eye}
+    on_ball = mesh.material[mesh.triangles[:, 0]] == Material.BALL
+    holed = ~on_eye & ~on_ball & _has_hole(mesh, skin)
+    sorts = {"face": ~(on_eye | on_ball | holed), "card": holed, "ball": on_ball, "eye": on_eye}
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
         parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},

@@ -1,5 +1,6 @@
 """Shader programs: their files, the header that suits the context, and the names that Python and GLSL share."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fapengine._resources import shader_source
@@ -28,25 +29,46 @@ MOTION_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_w
 """Uniforms of ``face.vert``."""
 FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
 EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris")
-BACKDROP_UNIFORMS = ("u_wall", "u_alpha")
-EDGES_UNIFORMS = SMOOTH_UNIFORMS = ("u_picture",)
+WIRE_UNIFORMS = ("u_moves", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
+BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
+EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)
+
+PAINTED, CUT_OUT, LIT_AT_VERTICES, PICTURE = "PAINTED", "CUT_OUT", "LIT_AT_VERTICES", "PICTURE"
+"""What a program may be compiled with. Of ``face``: a picture tints it (then ``u_skin`` is a uniform too), with holes
+where the picture's alpha is under one half, and light is worked out at vertices, not at pixels. Of ``backdrop``: a
+picture (``u_picture``) in place of a wall."""
 
 STAGES = {
-    "face": (("face.vert",), ("lights.glsl", "face.frag")),
+    "face": (("lights.glsl", "face.vert"), ("lights.glsl", "face.frag")),
     "eye": (("face.vert",), ("lights.glsl", "eye.frag")),
+    "wire": (("face.vert",), ("wire.frag",)),
     "backdrop": (("backdrop.vert",), ("backdrop.frag",)),
     "edges": (("backdrop.vert",), ("neighbours.glsl", "edges.frag")),
     "smooth": (("backdrop.vert",), ("neighbours.glsl", "smooth.frag")),
+    "enlarge": (("backdrop.vert",), ("enlarge.frag",)),
 }
 """Program to the files of its vertex and its fragment stage, joined in this order behind the header."""
+VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "face": (
+        (),
+        (PAINTED,),
+        (PAINTED, CUT_OUT),
+        (LIT_AT_VERTICES,),
+        (PAINTED, LIT_AT_VERTICES),
+        (PAINTED, CUT_OUT, LIT_AT_VERTICES),
+    ),
+    "backdrop": ((), (PICTURE,)),
+}
+"""All sets of definitions that a program is compiled with; of others only the empty one."""
 
 
-def stage_source(files: tuple[str, ...], header: str = CORE_HEADER) -> str:
-    """Text of one stage."""
-    return header + "\n".join(shader_source(name) for name in files)
+def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Sequence[str] = ()) -> str:
+    """Text of one stage, with each of ``defined`` as a ``#define``."""
+    definitions = "".join(f"#define {name}\n" for name in defined)
+    return header + definitions + "\n".join(shader_source(name) for name in files)
 
 
-def build_program(context: "moderngl.Context", name: str) -> "moderngl.Program":
+def build_program(context: "moderngl.Context", name: str, defined: Sequence[str] = ()) -> "moderngl.Program":
     """Compile and link one of :data:`STAGES`."""
-    vertex, fragment = (stage_source(files) for files in STAGES[name])
+    vertex, fragment = (stage_source(files, defined=defined) for files in STAGES[name])
     return context.program(vertex_shader=vertex, fragment_shader=fragment)

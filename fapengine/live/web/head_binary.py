@@ -37,6 +37,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
         **{f"part.{name}": triangles for name, triangles in packed.parts.items()},
         "moves": packed.moves,
         "turns": packed.turns,
+        **({} if packed.skin is None else {"skin": packed.skin}),
         "channels": np.array(channels, dtype=np.float64).reshape(-1, 3),  # starts and stops may be infinite
         "mix": np.zeros((0, 0), np.float32) if mesh.basis.mix is None else mesh.basis.mix,
     }

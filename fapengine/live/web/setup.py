@@ -6,7 +6,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.mpeg4.visemes import Expression
 from fapengine.render.camera import PRESETS
-from fapengine.render.programs import ES_HEADER, STAGES, stage_source
+from fapengine.render.programs import ES_HEADER, LIT_AT_VERTICES, PICTURE, STAGES, VARIANTS, stage_source
 
 GROUP_NAMES = {
     2: "Jaw, chin and inner lips",
@@ -42,6 +42,9 @@ OWN_REACH = {
 PAGE_WALL = (0.058, 0.066, 0.078)
 """Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
 
+UNUSED = ("wire", "enlarge")
+"""Programs that the page has no use for; nor has it for light at vertices, which only saves a CPU work."""
+
 
 def setup(*, voices: list[str]) -> dict[str, Any]:
     """Gather it; JSON can say all of it.
@@ -52,8 +55,13 @@ def setup(*, voices: list[str]) -> dict[str, Any]:
         Languages that the server's voice speaks; empty if it has none.
     """
     stages = {
-        name: {"vertex": stage_source(vertex, ES_HEADER), "fragment": stage_source(fragment, ES_HEADER)}
+        " ".join((name, *defined)): {
+            "vertex": stage_source(vertex, ES_HEADER, defined),
+            "fragment": stage_source(fragment, ES_HEADER, defined),
+        }
         for name, (vertex, fragment) in STAGES.items()
+        for defined in VARIANTS.get(name, ((),))
+        if name not in UNUSED and not {LIT_AT_VERTICES, PICTURE} & set(defined)
     }
     return {
         "programs": stages,

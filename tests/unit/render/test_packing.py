@@ -13,7 +13,7 @@ from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Material
 from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.render import packing
-from fapengine.render.packing import ATTRIBUTE_SIZES, PackedMesh, frame_uniforms, normal_turns, pack
+from fapengine.render.packing import ATTRIBUTE_SIZES, PackedMesh, frame_uniforms, halved, normal_turns, pack, wire_edges
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +149,80 @@ def test_pupils_widen_within_the_iris(head: FaceMesh) -> None:
     shares = frame_uniforms(head, faps).iris[:, 1] / packing.iris_share(head)
     assert shares == pytest.approx([0.42, 0.42 + 200 / 1024, 0.85, 0.15], rel=1e-5)
     assert pack(head).iris == pytest.approx(frame_uniforms(head, faps[0]).iris[0])
+
+
+def test_a_painting_gets_alpha_and_keeps_its_own(head: FaceMesh) -> None:
+    rng = np.random.default_rng(2)
+    picture = rng.integers(0, 255, (3, 5, 4), dtype=np.uint8)
+    packed = pack(replace(head, texture=picture[..., :3]))
+    assert packed.skin is not None
+    assert np.array_equal(packed.skin[..., :3], picture[..., :3])
+    assert (packed.skin[..., 3] == 255).all()
+    assert np.array_equal(pack(replace(head, texture=picture)).skin, picture)  # type: ignore[arg-type]
+    assert pack(replace(head, texture=None)).skin is None
+
+
+def test_texels_on_the_skin(head: FaceMesh) -> None:
+    """A picture of 300 x 600 texels over 300 x 300 mm as seen from the front, on what faces it: a root of two a mm."""
+    towards = head.normals[head.triangles].mean(axis=1)[:, 2] > 0.97
+    flat = replace(
+        head,
+        triangles=head.triangles[towards & (head.material[head.triangles[:, 0]] == Material.SKIN)],
+        uv=head.vertices_mm[:, :2] / 300 + 0.5,
+        texture=np.zeros((600, 300, 3), dtype=np.uint8),
+    )
+    assert pack(flat).texels_per_mm == pytest.approx(2**0.5, rel=0.03)
+    assert pack(replace(head, texture=None)).texels_per_mm == 0
+
+
+def test_median_edge(head: FaceMesh) -> None:
+    corners = head.vertices_mm[head.triangles]
+    lengths = [np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in ((0, 1), (1, 2), (2, 0))]
+    assert pack(head).edge_mm == pytest.approx(np.median(lengths), rel=1e-5)
+    assert pack(only(head, head.triangles[:0])).edge_mm == 0
+
+
+def test_triangles_over_holes_are_cards(head: FaceMesh) -> None:
+    picture = np.full((64, 64, 4), 255, dtype=np.uint8)
+    picture[10, 20, 3] = 127
+    uv = np.clip(head.vertices_mm[:, :2] / 300 + 0.5, 0.02, 0.98)
+    parts = pack(replace(head, uv=uv, texture=picture)).parts
+    assert len(np.concatenate(list(parts.values()))) == len(head.triangles)
+    boxes = uv[parts["card"]] * 64
+    low, high = boxes.min(axis=1), boxes.max(axis=1)
+    # Half a texel further on each side is where a bilinear filter still reads the hole.
+    assert len(low) > 0
+    assert ((low[:, 0] < 21.6) & (high[:, 0] > 19.4) & (low[:, 1] < 11.6) & (high[:, 1] > 9.4)).all()
+    boxes = uv[parts["face"]] * 64
+    middle = boxes.mean(axis=1)
+    assert not ((np.abs(middle[:, 0] - 20.5) < 0.5) & (np.abs(middle[:, 1] - 10.5) < 0.5)).any()
+
+
+def test_a_painting_that_repeats_over_holes(head: FaceMesh) -> None:
+    """Outside 0..1 nothing is known of where the hole is: a triangle there may have it."""
+    picture = np.full((64, 64, 4), 255, dtype=np.uint8)
+    picture[:, 0, 3] = 0
+    parts = pack(replace(head, uv=head.uv * 0.1 + 3.5, texture=picture)).parts
+    assert set(parts) == {"card", "eye"}
+
+
+def test_halving() -> None:
+    rows = np.zeros((3, 2, 4), dtype=np.uint8)
+    rows[0, 0] = (200, 100, 0, 255)
+    half = halved(rows)
+    assert half.shape == (2, 1, 4)
+    assert half[0, 0].tolist() == [100, 50, 0, 64]  # the root of a quarter is a half; alpha is a mean
+    assert not half[1].any()
+    assert halved(half).shape == (1, 1, 4)
+    assert np.array_equal(halved(halved(half)), halved(half))
+
+
+def test_wire_has_every_edge_once(packed: PackedMesh, head: FaceMesh) -> None:
+    edges = wire_edges(packed)
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    assert (edges[:, 0] < edges[:, 1]).all()
+    wanted = {tuple(sorted(pair)) for a, b, c in head.triangles[:50].tolist() for pair in ((a, b), (b, c), (c, a))}
+    assert wanted <= {tuple(edge) for edge in edges.tolist()}
 
 
 def test_packing_needs_no_graphics_library() -> None:

@@ -1,6 +1,7 @@
-"""The renderer against the numpy reference, its shaders against the table of names, and its pictures' invariants."""
+"""The renderer against the numpy reference, and its pictures' invariants."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import moderngl
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.head import build_head
 from fapengine.mesh.patch import vertex_normals
 from fapengine.mpeg4 import fap
@@ -17,7 +18,8 @@ from fapengine.render import context as context_module
 from fapengine.render import programs
 from fapengine.render.camera import PRESETS, Camera, preset
 from fapengine.render.context import create_context
-from fapengine.render.packing import normal_turns
+from fapengine.render.model import Shading
+from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_turns
 from fapengine.render.renderer import FaceRenderer
 
 SIZE = (192, 192)
@@ -43,53 +45,19 @@ def renderer(head: FaceMesh) -> Iterator[FaceRenderer]:
         yield made
 
 
-def test_shaders_have_the_names_of_the_table() -> None:
-    uniforms = {
-        "face": programs.FACE_UNIFORMS,
-        "eye": programs.EYE_UNIFORMS,
-        "backdrop": programs.BACKDROP_UNIFORMS,
-        "edges": programs.EDGES_UNIFORMS,
-        "smooth": programs.SMOOTH_UNIFORMS,
-    }
-    assert uniforms.keys() == programs.STAGES.keys()
-    seen: set[str] = set()
-    with create_context() as context:
-        for name, expected in uniforms.items():
-            program = programs.build_program(context, name)
-            assert {key for key in program if isinstance(program[key], moderngl.Uniform)} == set(expected)
-            seen |= {key for key in program if key.startswith("a_")}
-        face = programs.build_program(context, "face")
-        assert face["u_channels"].array_length * 4 == programs.MAX_CHANNELS  # type: ignore[union-attr]
-    assert seen == set(programs.FACE_ATTRIBUTES)
-
-
-def test_shaders_are_glsl_es_too() -> None:
-    """Mesa's desktop context compiles ES 3.00 sources (ARB_ES3_compatibility), with only the header changed."""
-    with create_context() as context:
-        assert len(programs.STAGES) == 5
-        for stages in programs.STAGES.values():
-            vertex, fragment = (programs.stage_source(files, programs.ES_HEADER) for files in stages)
-            context.program(vertex_shader=vertex, fragment_shader=fragment).release()
-
-
-def _positions(renderer: FaceRenderer, capture: moderngl.Program, head: FaceMesh) -> NDArray[np.float32]:
-    """Where the vertex shader puts every vertex, with the uniforms of the last draw."""
-    context = renderer._context
-    names = [name for name in programs.FACE_ATTRIBUTES if name in capture]
-    for name in capture:
-        if isinstance(capture[name], moderngl.Uniform):
-            capture[name].value = renderer._parts[0][0][name].value  # type: ignore[union-attr]
-    renderer._moves.use(0)
-    vertices = context.buffer(head.vertices_mm.astype("f4"))
-    columns = {
-        "a_position": vertices,
-        "a_bones": context.buffer(np.stack([head.bone, head.bone_weight, head.head_weight], axis=-1).astype("f4")),
-        "a_entries": context.buffer(
-            np.stack([head.basis.offsets[:-1], np.diff(head.basis.offsets)], axis=-1).astype("f4")
-        ),
-    }
-    content = [(columns[name], programs.FACE_ATTRIBUTES[name], name) for name in names if name in columns]
-    array = context.vertex_array(capture, content)
+def _positions(renderer: FaceRenderer, capture: moderngl.Program, faps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Where the vertex shader puts every vertex."""
+    context, model, head = renderer._context, renderer._model, renderer.mesh
+    uniforms = frame_uniforms(head, faps)
+    values = {"u_channels": uniforms.channels, "u_bones": uniforms.bones}
+    for name, value in values.items():
+        capture[name].write(value)  # type: ignore[union-attr]
+    model._moves.use(0)
+    used = [name for name in programs.FACE_ATTRIBUTES if name in capture]
+    layout = " ".join(
+        form if name in used else f"{4 * ATTRIBUTE_SIZES[name]}x" for name, form in programs.FACE_ATTRIBUTES.items()
+    )
+    array = context.vertex_array(capture, [(model._vertices, layout, *used)])
     out = context.buffer(reserve=head.vertices_mm.nbytes)
     array.transform(out, moderngl.POINTS, vertices=len(head.vertices_mm))
     return np.frombuffer(out.read(), dtype="f4").reshape(-1, 3)
@@ -108,9 +76,9 @@ def test_the_gpu_moves_vertices_as_the_reference_does(head: FaceMesh) -> None:
             faps[fap.column(19) : fap.column(23)] = rng.uniform(0, 900, 4)
             for number in (23, 24, 25, 26, 48, 49, 50):
                 faps[fap.column(number)] = rng.normal(0, 9000)
-            renderer.draw(faps)
+            renderer.draw(faps)  # without a target bound, nothing runs
             with context:
-                got = _positions(renderer, capture, head)
+                got = _positions(renderer, capture, faps)
             assert np.abs(got - deform(head, faps)).max() < 0.01  # mm
 
 
@@ -195,11 +163,163 @@ def test_multisampling_softens_edges_too(head: FaceMesh) -> None:
     assert picture[SIZE[1] // 2, SIZE[0] // 2, 0] > 100
 
 
+def painted(head: FaceMesh, picture: NDArray[np.uint8]) -> FaceMesh:
+    """The head with a picture that lies on it as seen from the front: 300 mm wide, v upwards."""
+    from_front = np.clip(head.vertices_mm[:, :2] / 300 + 0.5, 0.001, 0.999)
+    return replace(head, uv=np.where(is_eye(head)[:, None], head.uv, from_front), texture=picture)
+
+
+def is_eye(head: FaceMesh) -> NDArray[np.bool_]:
+    return np.asarray(head.material == Material.EYE)
+
+
+@pytest.mark.parametrize("shading", ["pixels", "vertices"])
+def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shading) -> None:
+    """A picture of four colours; the cheeks and the temples, far from its borders, take theirs."""
+    picture = np.full((256, 256, 3), 255, dtype=np.uint8)
+    picture[:128, 128:, 1:] = 0  # below, the subject's left: red
+    picture[128:, :128, :2] = 0  # above, the right: blue
+    with FaceRenderer(painted(head, picture), size=SIZE, shading=shading) as renderer:
+        seen = renderer.draw(np.zeros(68)).astype(int)
+        camera = renderer.camera
+
+    def at(x_mm: float, y_mm: float) -> NDArray[np.int_]:
+        x, y = camera.project(np.array([x_mm, y_mm, 60.0]), SIZE).astype(int)
+        return np.asarray(seen[y, x])
+
+    red, blue, plain = at(45, -25), at(-40, 60), at(-45, -25)
+    assert red[0] > 150
+    assert red[1:].max() < 75  # only what shines on top of the skin
+    assert blue[:2].max() < 75
+    assert blue[2] > blue[0] + 40
+    assert plain.min() > 80
+
+
+@pytest.mark.parametrize("grey", [255, 140])
+def test_paint_tints_the_surface(head: FaceMesh, renderer: FaceRenderer, grey: int) -> None:
+    """A grey all over is what a darker surface without paint is; white is nothing at all."""
+    plain = replace(head, texture=None, albedo=np.where(is_eye(head)[:, None], 1, (grey / 255) ** 2) * head.albedo)
+    pictures = []
+    for mesh in (plain, painted(head, np.full((2, 2, 3), grey, dtype=np.uint8))):
+        with FaceRenderer(mesh, size=SIZE, context=renderer._context) as other:
+            pictures.append(other.draw(np.zeros(68)).astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
+@pytest.mark.parametrize("shading", ["pixels", "vertices"])
+def test_holes_in_the_painting_are_seen_through(head: FaceMesh, shading: Shading) -> None:
+    picture = np.full((128, 128, 4), 255, dtype=np.uint8)
+    picture[100:, :, 3] = 0
+    mesh = painted(head, picture)
+    with FaceRenderer(mesh, size=SIZE, transparent=True, shading=shading) as renderer:
+        assert set(renderer._model.packed.parts) == {"face", "card", "eye"}
+        alpha = renderer.draw(np.zeros(68))[..., 3]
+        y = int(renderer.camera.project(np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
+    # The back of the head is culled, so through the hole in its front nothing is seen.
+    assert (alpha[: y - 6] == 0).all()
+    assert (alpha[y + 6, SIZE[0] // 2 - 30 : SIZE[0] // 2 + 30] == 255).all()
+
+
+def test_a_painting_is_taken_in_the_pictures_resolution(head: FaceMesh) -> None:
+    """A chequered picture finer than the pixels: without a coarser level it would be noise."""
+    squares = (255 * (np.indices((2048, 2048)).sum(axis=0) % 2)).astype(np.uint8)
+    mesh = painted(head, np.repeat(squares[..., None], 3, axis=2))
+    with FaceRenderer(mesh, size=SIZE) as renderer:
+        far = renderer.draw(np.zeros(68)).astype(int)
+        assert list(renderer._model._skins) == [3]  # 2048 texels over 300 mm, 0.66 pixels a mm
+        renderer.camera = preset("mouth")
+        renderer.draw(np.zeros(68))
+        assert sorted(renderer._model._skins) == [1, 3]
+    cheek = far[105:112, 70:77]
+    assert np.abs(np.diff(cheek, axis=0)).max() < 12
+
+
+def test_light_at_vertices_is_nearly_light_at_pixels(head: FaceMesh) -> None:
+    rng = np.random.default_rng(3)
+    faps = rng.normal(0, 60, 68)
+    with FaceRenderer(head, size=SIZE) as renderer:
+        renderer.shading = "pixels"
+        fine = renderer.draw(faps).astype(int)
+        renderer.shading = "vertices"
+        change = np.abs(renderer.draw(faps) - fine)
+    assert change.mean() < 0.4
+    assert np.quantile(change, 0.99) <= 5
+    assert change.max() > 0
+
+
+def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> None:
+    model, front = renderer._model, preset("front")
+    assert model.is_lit_at_vertices(front, (512, 512), "auto")
+    assert not model.is_lit_at_vertices(front, (2048, 2048), "auto")
+    assert not model.is_lit_at_vertices(preset("mouth"), (512, 512), "auto")
+    assert model.is_lit_at_vertices(preset("mouth"), (512, 512), "vertices")
+    assert not model.is_lit_at_vertices(front, (128, 128), "pixels")
+
+
+def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
+    context = renderer._context
+    with FaceRenderer(head, size=SIZE, background=(12, 200, 90), context=context) as flat:
+        picture = flat.draw(np.zeros(68)).astype(int)
+    assert np.abs(picture[:8, :8] - (12, 200, 90)).max() <= 1
+    behind = np.zeros((100, 400, 3), dtype=np.uint8)
+    behind[:, 150:250] = (200, 30, 60)
+    behind[:50, 150:250, 2] = 0
+    with FaceRenderer(head, size=SIZE, background=behind, context=context) as framed:
+        picture = framed.draw(np.zeros(68)).astype(int)
+    assert np.abs(picture[2, [2, -3]] - (200, 30, 0)).max() <= 1  # its middle square, upright
+    assert np.abs(picture[60, [2, -3], 2] - 0).max() <= 1
+    assert np.abs(picture[110, [2, -3], 2] - 60).max() <= 1
+
+
+def test_the_wire_mesh_lies_over_the_face(head: FaceMesh) -> None:
+    with FaceRenderer(head, size=(512, 512), camera=preset("mouth")) as renderer:
+        bare = renderer.draw(np.zeros(68)).astype(int)
+        renderer.wire = True
+        wired = renderer.draw(np.zeros(68)).astype(int)
+        renderer.wire = False
+        assert np.array_equal(renderer.draw(np.zeros(68)), bare)
+    darker = (wired.sum(axis=-1) < bare.sum(axis=-1) - 60).mean()
+    assert 0.1 < darker < 0.6
+
+
+def test_a_smaller_drawing_is_enlarged(head: FaceMesh) -> None:
+    with FaceRenderer(head, size=SIZE) as renderer:
+        full = renderer.draw(np.zeros(68)).astype(int)
+        renderer.scale = 0.5
+        assert renderer._canvas.drawn == (SIZE[0] // 2, SIZE[1] // 2)
+        half = renderer.draw(np.zeros(68)).astype(int)
+        assert half.shape == full.shape
+        change = np.abs(half - full)
+        assert 0.1 < change.mean() < 4
+        renderer.scale = 1.0
+        assert np.array_equal(renderer.draw(np.zeros(68)), full)
+        with pytest.raises(UsageError, match=r"scale: got 1\.5, expected 0\.1 to 1"):
+            renderer.scale = 1.5
+
+
+def test_stairs_may_stay(head: FaceMesh) -> None:
+    with FaceRenderer(head, size=SIZE) as renderer:
+        soft = renderer.draw(np.zeros(68)).astype(int)
+        assert renderer.softens
+        renderer.softens = False
+        hard = renderer.draw(np.zeros(68))
+    with FaceRenderer(head, size=SIZE, samples=1) as renderer:
+        assert np.array_equal(renderer.draw(np.zeros(68)), hard)
+    assert np.abs(soft - hard).max() > 20
+
+
+def test_a_picture_may_stay_on_the_gpu(renderer: FaceRenderer) -> None:
+    painted = renderer.paint(frame({3: 300}))
+    with renderer._context:
+        there = np.frombuffer(painted.read(), dtype=np.uint8).reshape(*SIZE[::-1], 4)
+    assert np.array_equal(there[..., :3], renderer.draw(frame({3: 300})))
+
+
 def test_softening_changes_edges_alone(renderer: FaceRenderer) -> None:
     """Edges by the shader's rule, from five pixels' brightness in numpy; the shader must touch no other pixel."""
     softened = renderer.draw(np.zeros(68)).astype(int)
     with renderer._context:
-        raw = renderer._canvas.read(components=3, alignment=1)
+        raw = renderer._canvas._canvas.read(components=3, alignment=1)
     drawn = np.frombuffer(raw, dtype=np.uint8).reshape(softened.shape).astype(int)
     brightness = np.pad(drawn @ [0.299, 0.587, 0.114] / 255 + 0.25, 1, mode="edge")
     height, width = softened.shape[:2]
@@ -249,6 +369,15 @@ def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
         preset("behind")
     with pytest.raises(UsageError, match="distance"):
         Camera(distance_mm=5.0)
+    with pytest.raises(UsageError, match="shading: got 'flat', expected one of auto, pixels, vertices"):
+        FaceRenderer(head, shading="flat")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="samples: got 3"):
+        FaceRenderer(head, samples=3)
+    for wrong in ((1, 2), (0, 0, 256), "blue"):
+        with pytest.raises(UsageError, match=r"background: got .* expected 'studio' or three numbers"):
+            FaceRenderer(head, background=wrong)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"background: got float64 of shape \(2, 2, 3\)"):
+        FaceRenderer(head, background=np.zeros((2, 2, 3)))  # type: ignore[arg-type]
     monkeypatch.setattr("fapengine.render.packing.MAX_CHANNELS", 3)
     with pytest.raises(UsageError, match="at most 3"):
         FaceRenderer(head)

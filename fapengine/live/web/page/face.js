@@ -29,18 +29,27 @@ export class FaceView {
     this.empty = gl.createVertexArray();
     this.moves = entries(gl, this.head.moves);
     this.turns = entries(gl, this.head.turns);
+    this.skin = this.head.skin ? painting(gl, this.head.skin) : null;
     this.size = [0, 0];
+  }
+
+  // The program that draws a part: see PackedMesh.parts in fapengine/render/packing.py.
+  programOf(part) {
+    if (part === "eye") return this.programs.eye;
+    const words = ["face", ...(this.head.skin ? ["PAINTED"] : []), ...(part === "card" ? ["CUT_OUT"] : [])];
+    return this.programs[words.join(" ")];
   }
 
   part(name, vertices, triangles) {
     const { gl } = this;
+    const used = this.programOf(name);
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     gl.bindBuffer(gl.ARRAY_BUFFER, vertices);
     const stride = this.head.attributes.reduce((sum, [, size]) => sum + size, 0) * FLOAT_BYTES;
     let offset = 0;
     for (const [attribute, size] of this.head.attributes) {
-      const place = gl.getAttribLocation(this.programs[name].program, attribute);
+      const place = gl.getAttribLocation(used.program, attribute);
       if (place >= 0) {
         gl.enableVertexAttribArray(place);
         gl.vertexAttribPointer(place, size, gl.FLOAT, false, stride, offset);
@@ -49,7 +58,7 @@ export class FaceView {
     }
     buffer(gl, gl.ELEMENT_ARRAY_BUFFER, triangles);
     gl.bindVertexArray(null);
-    return { ...this.programs[name], array, count: triangles.length };
+    return { ...used, array, count: triangles.length };
   }
 
   resize(width, height) {
@@ -82,6 +91,7 @@ export class FaceView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     bind(gl, 0, this.moves);
     bind(gl, 1, this.turns);
+    if (this.skin) bind(gl, 2, this.skin);
     for (const { program, uniforms, array, count } of this.parts) {
       gl.useProgram(program);
       gl.uniform4fv(uniforms.u_channels, this.weights);
@@ -90,12 +100,13 @@ export class FaceView {
       gl.uniform3fv(uniforms.u_eye_position, cameraPosition(camera));
       gl.uniform1i(uniforms.u_moves, 0);
       gl.uniform1i(uniforms.u_turns, 1);
+      if (uniforms.u_skin) gl.uniform1i(uniforms.u_skin, 2);
       if (uniforms.u_iris) gl.uniform2fv(uniforms.u_iris, irisAndPupil(this.head, faps));
       gl.bindVertexArray(array);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
     }
     gl.disable(gl.CULL_FACE);
-    if (this.wall) this.cover("backdrop", { u_wall: this.wall, u_alpha: 1 });
+    if (this.wall) this.cover("backdrop", { u_wall: this.wall, u_falloff: 1 });
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     bind(gl, 0, this.target.picture);
     gl.depthFunc(gl.ALWAYS);
@@ -169,6 +180,15 @@ function texture(gl, filter) {
 function entries(gl, { array, shape: [rows, width] }) {
   const made = texture(gl, gl.NEAREST);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, rows, 0, gl.RGBA, gl.FLOAT, array);
+  return made;
+}
+
+function painting(gl, { array, shape: [height, width] }) {
+  const made = texture(gl, gl.LINEAR);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, array);
+  gl.generateMipmap(gl.TEXTURE_2D);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+  for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.REPEAT);
   return made;
 }
 

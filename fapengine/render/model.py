@@ -1,0 +1,182 @@
+"""One head on the GPU: its buffers, and how a frame of it is drawn into whatever is being drawn into."""
+
+from typing import Any, Literal
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.render.camera import Camera
+from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
+from fapengine.render.programs import (
+    CUT_OUT,
+    FACE_ATTRIBUTES,
+    LIT_AT_VERTICES,
+    PAINTED,
+    build_program,
+)
+
+Shading = Literal["auto", "pixels", "vertices"]
+"""Where light is worked out. ``auto``: at vertices while they stand closer than :data:`FINE_PX` in the picture."""
+SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
+FINE_PX = 8.0
+"""Median edge in pixels up to which light is worked out at vertices: see docs/render.md for what that changes."""
+SHARPER = 0.3
+"""Level of the painting: log2 of texels a pixel, and this much finer, rounded down."""
+UNITS = {"u_moves": 0, "u_turns": 1, "u_skin": 2}
+"""Texture units."""
+WIRE_INK = (0.05, 0.08, 0.12, 0.55)
+PART_DEFINITIONS = {"face": ("face", ()), "card": ("face", (CUT_OUT,)), "ball": ("face", ()), "eye": ("eye", ())}
+"""Part of a packed mesh to its program and what that is compiled with besides."""
+LIGHT_FROM_VERTICES = ("face", "card")
+"""Parts whose light may be worked out at vertices."""
+
+
+class Programs:
+    """Stateful: a context's programs, each compiled when it is first wanted."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self.context = context
+        self._made: dict[tuple[str, tuple[str, ...]], moderngl.Program] = {}
+
+    def get(self, name: str, defined: tuple[str, ...] = ()) -> moderngl.Program:
+        """Return a program of :data:`fapengine.render.programs.STAGES`."""
+        key = name, defined
+        if key not in self._made:
+            self._made[key] = build_program(self.context, name, defined)
+        return self._made[key]
+
+    def release(self) -> None:
+        """Give them all back."""
+        while self._made:
+            self._made.popitem()[1].release()
+
+
+class Model:
+    """Stateful: a packed mesh on the GPU."""
+
+    def __init__(self, programs: Programs, packed: PackedMesh) -> None:
+        self.packed, self._programs, self._context = packed, programs, programs.context
+        self._vertices = self._context.buffer(packed.vertices)
+        self._indices: dict[str, moderngl.Buffer] = {
+            name: self._context.buffer(triangles) for name, triangles in packed.parts.items()
+        }
+        self._moves, self._turns = self._data_texture(packed.moves), self._data_texture(packed.turns)
+        self._skins: dict[int, moderngl.Texture] = {}
+        self._arrays: dict[tuple[str, bool], tuple[list[tuple[str, Any]], moderngl.VertexArray]] = {}
+
+    def release(self) -> None:
+        """Give the GPU memory back."""
+        for _, array in self._arrays.values():
+            array.release()
+        resources: list[Any] = [
+            self._vertices,
+            *self._indices.values(),
+            self._moves,
+            self._turns,
+            *self._skins.values(),
+        ]
+        for resource in resources:
+            resource.release()
+
+    def draw(
+        self,
+        uniforms: FrameUniforms,
+        camera: Camera,
+        size: tuple[int, int],
+        *,
+        shading: Shading = "auto",
+        wire: bool = False,
+    ) -> None:
+        """Draw one frame over what is there; depth test and culling are set here."""
+        context = self._context
+        values: dict[str, NDArray[Any]] = {
+            "u_channels": uniforms.channels,
+            "u_bones": uniforms.bones,
+            "u_iris": uniforms.iris,
+            "u_clip_from_world": np.ascontiguousarray(camera.clip_from_world(size[0] / size[1]).T, dtype="f4"),
+            "u_eye_position": camera.position_mm.astype("f4"),
+        }
+        self._moves.use(UNITS["u_moves"])
+        self._turns.use(UNITS["u_turns"])
+        if self.packed.skin is not None:
+            self._skin(camera.pixels_per_mm(size[1])).use(UNITS["u_skin"])
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.front_face = "cw"  # the picture is drawn upside down
+        context.polygon_offset = (1.0, 1.0) if wire else (0.0, 0.0)
+        at_vertices = self.is_lit_at_vertices(camera, size, shading)
+        for part in self.packed.parts:
+            self._render(part, at_vertices and part in LIGHT_FROM_VERTICES, values)
+        if wire:
+            self._draw_wire(values)
+        context.disable(moderngl.CULL_FACE)
+
+    def is_lit_at_vertices(self, camera: Camera, size: tuple[int, int], shading: Shading) -> bool:
+        """Tell what ``shading`` comes to."""
+        if shading == "auto":
+            return self.packed.edge_mm * camera.pixels_per_mm(size[1]) <= FINE_PX
+        return shading == "vertices"
+
+    def _draw_wire(self, values: dict[str, NDArray[Any]]) -> None:
+        context = self._context
+        if "wire" not in self._indices:
+            self._indices["wire"] = context.buffer(wire_edges(self.packed))
+        context.enable(moderngl.BLEND)
+        over: Any = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE)
+        context.blend_func = over
+        context.depth_func = "<="
+        self._render("wire", False, {**values, "u_ink": np.array(WIRE_INK, dtype="f4")}, moderngl.LINES)
+        context.depth_func = "<"
+        context.disable(moderngl.BLEND)
+
+    def _render(
+        self, part: str, at_vertices: bool, values: dict[str, NDArray[Any]], mode: int = moderngl.TRIANGLES
+    ) -> None:
+        if (part, at_vertices) not in self._arrays:
+            self._arrays[part, at_vertices] = self._array(part, at_vertices)
+        members, array = self._arrays[part, at_vertices]
+        for name, member in members:
+            member.write(values[name])
+        array.render(mode)
+
+    def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
+        """Join a part with the program that draws it; beside it those of its uniforms that change."""
+        name, defined = PART_DEFINITIONS.get(part, (part, ()))
+        if name == "face":
+            defined = (*(PAINTED,) * (self.packed.skin is not None), *defined, *(LIT_AT_VERTICES,) * at_vertices)
+        program = self._programs.get(name, defined)
+        used = [attribute for attribute in FACE_ATTRIBUTES if attribute in program]
+        layout = " ".join(
+            form if attribute in used else f"{4 * ATTRIBUTE_SIZES[attribute]}x"
+            for attribute, form in FACE_ATTRIBUTES.items()
+        )
+        array = self._context.vertex_array(
+            program, [(self._vertices, layout, *used)], index_buffer=self._indices[part], index_element_size=4
+        )
+        members = []
+        for uniform in program:
+            if uniform in UNITS:
+                program[uniform] = UNITS[uniform]
+            elif uniform not in FACE_ATTRIBUTES:
+                members.append((uniform, program[uniform]))
+        return members, array
+
+    def _data_texture(self, texels: NDArray[np.float32]) -> moderngl.Texture:
+        texture = self._context.texture((texels.shape[1], texels.shape[0]), 4, texels, dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def _skin(self, pixels_per_mm: float) -> moderngl.Texture:
+        """Choose the painting's level for the whole picture: to choose for every pixel costs llvmpipe a tenth of it."""
+        assert self.packed.skin is not None
+        finest = max(self.packed.skin.shape[:2]).bit_length() - 1
+        wanted = np.log2(max(self.packed.texels_per_mm, 1e-9) / pixels_per_mm) + SHARPER
+        level = int(np.clip(np.floor(wanted), 0, finest))
+        if level not in self._skins:
+            picture = self.packed.skin
+            for _ in range(level):
+                picture = halved(picture)
+            texture = self._context.texture((picture.shape[1], picture.shape[0]), 4, np.ascontiguousarray(picture))
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._skins[level] = texture
+        return self._skins[level]
