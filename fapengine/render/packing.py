@@ -45,8 +45,10 @@ PUPIL_SHARE = 0.42
 """Pupil to iris in room light."""
 PUPIL_RANGE = (0.15, 0.85)
 TEXTURE_WIDTH = 1024
-PROBE_FAPU = 300.0
-"""How far a channel is moved to see how it turns normals."""
+PROBE_FAPU = 1.0
+"""How far a channel is moved to see how it turns normals: so little that turns add up as the moves do, which several
+channels that together carry a piece of skin along need. In speech normals are 2.7 degrees off, with 300 they were 4.3.
+"""
 SAME_NORMAL = 1e-3
 """Vertices at one place whose normals agree to this are one point of the surface, split by a seam of the texture."""
 
