@@ -1,6 +1,7 @@
 """Frames of the hub to what each kind of receiver reads. Values in, datagrams out: the sockets are in :mod:`.sinks`.
 
-A face that goes away leaves a last frame at rest, so that no receiver keeps a mouth open.
+A face that goes away leaves a last frame at rest, so that no receiver keeps a mouth open; and what is shown first is a
+face at rest, for a server may have been killed before.
 """
 
 from collections.abc import Callable
@@ -49,19 +50,23 @@ class OneFace:
         self._write = write
         self._wanted = session
         self._shown: str | None = None
+        self._rests = False
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write the face's frame; at rest when it has just gone, nothing when there is none."""
-        found: list[bytes] = []
-        if self._shown is not None and self._shown not in frames.sessions:
+        """Write the face's frame; once at rest, then nothing, while there is none."""
+        gone = self._shown is not None and self._shown not in frames.sessions
+        if gone:
             self._shown = None
-            found = self._write(frames.number, frames.time_s, np.zeros(fap.FAP_COUNT, np.int32))
-        if self._shown is None and frames.sessions and not found:
+        elif self._shown is None and frames.sessions:
             first = frames.sessions[0] if self._wanted is None else self._wanted
             self._shown = first if first in frames.sessions else None
         if self._shown is not None:
-            found = self._write(frames.number, frames.time_s, frames.faps[frames.sessions.index(self._shown)])
-        return found
+            self._rests = False
+            return self._write(frames.number, frames.time_s, frames.faps[frames.sessions.index(self._shown)])
+        if self._rests:
+            return []
+        self._rests = True
+        return self._write(frames.number, frames.time_s, np.zeros(fap.FAP_COUNT, np.int32))
 
 
 class OscFaces:
