@@ -61,6 +61,10 @@ class TomlTable:
         """Whether the key is there and not yet taken."""
         return key in self._values
 
+    def is_table(self, key: str) -> bool:
+        """Whether the key is there and holds a table."""
+        return isinstance(self._values.get(key), dict)
+
     def __iter__(self) -> Iterator[str]:
         """Keys not yet taken; they may be taken meanwhile."""
         return iter(list(self._values))

@@ -1,33 +1,44 @@
-"""Heads of one's own: a mesh file and its feature points in, a head folder out, and back.
+"""Heads of one's own: a mesh file in, a head folder out, and back.
 
-A head is a folder: ``head.toml`` (schema, name, source, licence) and ``head.npz`` (all arrays of the mesh, float32).
+A head is a folder: ``head.toml`` (schema, source, licence, what of the file was used), ``head.npz`` (all arrays of the
+mesh, float32) and, where it is painted, ``head.png``.
 """
 
 import csv
 import hashlib
 import io
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 from scipy.spatial import cKDTree
 
 from fapengine._toml import parse_toml, quoted
 from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
+from fapengine.files.heads_rigs import is_rig, load_mapping, load_rig
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.recordings import MESHES, load_mesh
+from fapengine.mesh.adopted import Adopted, adopt
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.head import build_head
+from fapengine.mesh.morphs import MorphMesh
+from fapengine.mesh.morphs_adopt import adopt_morphs
+from fapengine.mesh.morphs_locate import BOTH, JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_names import Choice, choose
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.retarget.arkit import ARKIT_NAMES
 
-SCHEMA = 1
-TOML_NAME, ARRAYS_NAME = "head.toml", "head.npz"
+SCHEMA = 2
+TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"
 DEFAULT_HEAD = "default"
-ARRAYS = tuple(field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis"))
+ARRAYS = tuple(
+    field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
+)
 NEAREST_SHARE = 0.05
 """A feature point given as a place must have a vertex within this share of the mesh's size."""
 
@@ -109,7 +120,93 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
     return found
 
 
-def save_head(folder: Path, mesh: FaceMesh, *, source: str, licence: str) -> None:
+@dataclass(frozen=True, slots=True)
+class HeadInfo:
+    """Where a head comes from, and what of its file moves it."""
+
+    source: str
+    licence: str
+    used: tuple[str, ...] = ()
+    """Shapes that FAPs blend."""
+    lacking: tuple[str, ...] = ()
+    """ARKit's shapes that it does not have."""
+
+
+def adopt_file(path: Path, points: Path | None = None, mapping: Path | None = None) -> tuple[Adopted, HeadInfo]:
+    """Make a head of a file: by its shapes, where it has some that are known, else by feature points.
+
+    Parameters
+    ----------
+    path : Path
+        A mesh, or ICT-FaceKit's folder.
+    points : Path, optional
+        Table of feature points; needed for a mesh without shapes. With shapes, its points go before those found.
+    mapping : Path, optional
+        What shapes with other names mean.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or a mesh without shapes comes without points.
+    DataError
+        If its content is wrong, or no face can be made of it; ``where`` is the file.
+    ResourceError
+        If trimesh is needed and not installed.
+    """
+    if is_rig(path):
+        rig = load_rig(path)
+        moving = [name for name, shape in rig.shapes.items() if len(shape.vertices)]
+        choice = choose(moving, ARKIT_NAMES, load_mapping(mapping) if mapping else None)
+        absent = [name for name in choice.given if name not in rig.shapes]
+        if absent:
+            raise DataError(f"mapping: got shape {absent[0]!r}, which the mesh does not have", where=str(mapping))
+        if choice.blended or choice.given:
+            return _adopt_rig(path, rig, choice, points)
+        if points is None:
+            shown = ", ".join(list(rig.shapes)[:8]) or "none"
+            raise DataError(
+                f"shapes: got {shown}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"
+                " (--map), or feature points (--points)",
+                where=str(path),
+            )
+    elif points is None:
+        raise UsageError(f"{path}: has no shapes, so its feature points are needed (--points)")
+    return _adopt_neutral(path, points), HeadInfo(path.name, "")
+
+
+def _adopt_neutral(path: Path, points: Path) -> Adopted:
+    vertices, triangles, albedo = load_face_file(path)
+    marked = load_feature_points(points, vertices)
+    try:
+        return adopt(vertices, triangles, marked, build_head(), albedo)
+    except DataError as error:
+        raise type(error)(error.message, where=f"{path} with {points}") from error
+
+
+def _adopt_rig(path: Path, rig: MorphMesh, choice: Choice, points: Path | None) -> tuple[Adopted, HeadInfo]:
+    standard = build_head()
+    marked = load_feature_points(points, rig.vertices) if points else {}
+    moves = {
+        role: rig.dense(names[0])
+        for role, names in ((LEFT, choice.left), (RIGHT, choice.right), (BOTH, choice.both), (JAW, choice.jaw))
+        if names
+    }
+    try:
+        found: dict[str, int] = {}
+        try:
+            found = locate(rig, moves, standard)
+        except DataError:
+            if not marked:
+                raise
+        taken = set(marked.values())
+        found = {name: vertex for name, vertex in found.items() if vertex not in taken} | marked
+        adopted = adopt_morphs(rig, choice.blended, found, standard, choice.given)
+    except DataError as error:
+        raise type(error)(error.message, where=str(path)) from error
+    return adopted, HeadInfo(path.name, "", adopted.used, choice.missing)
+
+
+def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
     """Write a head.
 
     Raises
@@ -129,14 +226,27 @@ def save_head(folder: Path, mesh: FaceMesh, *, source: str, licence: str) -> Non
         "channels": channels, "offsets": basis.offsets, "entry_channels": basis.entry_channels,
         "entry_mm": basis.entry_mm, "fapu_mm": lengths,
     }  # fmt: skip
+    if basis.mix is not None:
+        arrays["mix"] = basis.mix
     np.savez_compressed(buffer, **arrays)
-    data = buffer.getvalue()
-    toml = (
-        f'schema = {SCHEMA}\nsource = {quoted(source)}\nlicence = {quoted(licence)}\nfile = "{ARRAYS_NAME}"\n'
-        f'sha256 = "{hashlib.sha256(data).hexdigest()}"\n'
-    )
-    write_bytes(folder / ARRAYS_NAME, data)
-    write_bytes(folder / TOML_NAME, toml.encode())
+    files = {ARRAYS_NAME: buffer.getvalue()}
+    if mesh.texture is not None:
+        files[TEXTURE_NAME] = _png(mesh.texture)
+    lines = [f"schema = {SCHEMA}", f"source = {quoted(info.source)}", f"licence = {quoted(info.licence)}"]
+    lines += [f"{key} = [{', '.join(map(quoted, getattr(info, key)))}]" for key in ("used", "lacking")]
+    lines += [
+        "[sha256]",
+        *(f"{quoted(name)} = {quoted(hashlib.sha256(data).hexdigest())}" for name, data in files.items()),
+    ]
+    for name, data in files.items():
+        write_bytes(folder / name, data)
+    write_bytes(folder / TOML_NAME, ("\n".join(lines) + "\n").encode())
+
+
+def _png(texture: NDArray[np.uint8]) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(texture).save(buffer, "PNG", compress_level=3)
+    return buffer.getvalue()
 
 
 def load_head(name: str) -> FaceMesh:
@@ -151,6 +261,25 @@ def load_head(name: str) -> FaceMesh:
     """
     if name == DEFAULT_HEAD:
         return build_head()
+    _, files = _read(name)
+    folder = Path(name)
+    try:
+        texture = None
+        if TEXTURE_NAME in files:
+            with Image.open(io.BytesIO(files[TEXTURE_NAME])) as image:
+                texture = np.asarray(image, np.uint8)
+        with np.load(io.BytesIO(files[ARRAYS_NAME]), allow_pickle=False) as arrays:
+            return _mesh({name: arrays[name] for name in arrays.files}, texture)
+    except (*DAMAGE, UnidentifiedImageError) as error:
+        raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
+
+
+def load_head_info(name: str) -> HeadInfo:
+    """Tell where a head comes from. Raises as :func:`load_head`."""
+    return HeadInfo("fapengine", "Apache-2.0") if name == DEFAULT_HEAD else _read(name)[0]
+
+
+def _read(name: str) -> tuple[HeadInfo, dict[str, bytes]]:
     folder = Path(name)
     if not (folder / TOML_NAME).is_file():
         raise UsageError(
@@ -158,22 +287,25 @@ def load_head(name: str) -> FaceMesh:
         )
     table = parse_toml(read_bytes(folder / TOML_NAME), str(folder / TOML_NAME), ProfileError)
     if (schema := table.take("schema", int)) != SCHEMA:
-        raise table.fail("schema", f"got {schema}, expected {SCHEMA}")
-    for key in ("source", "licence"):
-        table.take(key, str)
-    data = read_bytes(folder / table.take("file", str))
-    digest = table.take("sha256", str)
+        raise table.fail("schema", f"got {schema}, expected {SCHEMA}: import the head again")
+    info = HeadInfo(
+        table.take("source", str), table.take("licence", str), table.strings("used"), table.strings("lacking")
+    )
+    hashes = table.table("sha256")
     table.finish()
-    if (found := hashlib.sha256(data).hexdigest()) != digest:
-        raise table.fail("sha256", f"got {found}, expected {digest}")
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return _mesh({name: arrays[name] for name in arrays.files})
-    except DAMAGE as error:
-        raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
+    digests = {key: hashes.take(key, str) for key in hashes}
+    if ARRAYS_NAME not in digests or set(digests) - {ARRAYS_NAME, TEXTURE_NAME}:
+        raise table.fail(
+            "sha256", f"got {', '.join(digests) or 'none'}, expected {ARRAYS_NAME} and {TEXTURE_NAME} alone"
+        )
+    files = {key: read_bytes(folder / key) for key in digests}
+    for key, data in files.items():
+        if (found := hashlib.sha256(data).hexdigest()) != digests[key]:
+            raise hashes.fail(key, f"got {found}, expected {digests[key]}")
+    return info, files
 
 
-def _mesh(arrays: dict[str, Any]) -> FaceMesh:
+def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh:
     channels = tuple(Channel(int(number), float(start), float(stop)) for number, start, stop in arrays["channels"])
     names = [str(name) for name in arrays["point_names"]]
     return FaceMesh(
@@ -185,5 +317,7 @@ def _mesh(arrays: dict[str, Any]) -> FaceMesh:
             offsets=arrays["offsets"],
             entry_channels=arrays["entry_channels"],
             entry_mm=arrays["entry_mm"],
+            mix=arrays.get("mix"),
         ),
+        texture=texture,
     )

@@ -12,7 +12,7 @@ by exactly its step and no other point at all. Lids turn about the eyeball in pi
 whose weight is continued the same way from chin to lips.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,10 @@ class Adopted:
     scale: float
     """Millimetres of the standard's face for one unit of the file."""
     notes: tuple[str, ...]
+    used: tuple[str, ...] = ()
+    """Shapes of the file that FAPs blend."""
+    unused: tuple[str, ...] = ()
+    """Shapes of the file that nothing asks for."""
 
 
 def adopt(
@@ -104,7 +108,7 @@ def adopt(
     points = {name: int(np.searchsorted(used, index)) for name, index in points.items()}
     painted = None if albedo is None else frozen(albedo, "albedo", (len(given), 3), np.float64)[used]
     given = given[used]
-    placed, scale = place(given, points, standard)
+    placed, scale, _ = place(given, points, standard)
     at = {name: placed[index] for name, index in points.items()}
     node, part = parts(placed, faces)
     notes: list[str] = []
@@ -112,13 +116,13 @@ def adopt(
     skin = np.flatnonzero(part == part[points["8.1"]])
     eyes = find_eyes(placed, part, points, at, skin)
     on_skin = {name: index for name, index in points.items() if part[index] == part[points["8.1"]]}
-    fields = _fields(placed, faces, node, skin, on_skin)
+    fields = point_fields(placed, faces, node, skin, on_skin)
     collector = Collector(len(given))
-    moved = _move_points(collector, skin, fields, fapu)
+    moved = move_points(collector, skin, fields, fapu)
     moved += _move_lids(collector, placed, skin, fields, at, eyes, fapu)
-    moved += _move_tongue(collector, placed, part, points, at, fapu)
-    bone, weight = _bones(placed, part, points, skin, on_skin, at, eyes, faces, node)
-    reached = set(moved) | {number for number in BONE_FAPS if number not in _boneless(eyes)}
+    moved += move_tongue(collector.add, placed, part, points, at, fapu)
+    bone, weight = bind_bones(placed, part, points, skin, on_skin, at, eyes, faces, node)
+    reached = set(moved) | {number for number in BONE_FAPS if number not in boneless(eyes)}
     low = [row.number for row in fap.FAPS if row.number > 2]
     normals = smooth_normals(placed, faces, node)
     occlusion = np.clip(smooth_over_mesh(bake_occlusion(placed, normals), faces, 2), 0.0, 1.0)
@@ -147,17 +151,20 @@ def adopt(
     return Adopted(mesh, tuple(sorted(reached)), missing, scale, tuple(notes))
 
 
+Add = Callable[[Channel, Indices, Array], None]
+"""Takes a channel, vertices and their displacement (N, 3) mm per FAPU."""
 Fields = dict[str, Array]
 """By feature point: (skin vertices,) its share of the point's motion."""
 
 
-def _fields(placed: Array, faces: Indices, node: Indices, skin: Indices, on_skin: Mapping[str, int]) -> Fields:
-    shares = _continued(placed, faces, node, skin, on_skin, np.eye(len(on_skin)))
+def point_fields(placed: Array, faces: Indices, node: Indices, skin: Indices, on_skin: Mapping[str, int]) -> Fields:
+    """Share of each point's motion that the skin around it takes."""
+    shares = continued(placed, faces, node, skin, on_skin, np.eye(len(on_skin)))
     shares[np.abs(shares) < SMALLEST] = 0.0
     return dict(zip(on_skin, shares.T, strict=True))
 
 
-def _continued(
+def continued(
     placed: Array, faces: Indices, node: Indices, skin: Indices, on_skin: Mapping[str, int], values: Array
 ) -> Array:
     """Continue values of the feature points, (P, C), over the skin; far from all of them they are 0."""
@@ -176,7 +183,7 @@ def _continued(
     return whole[local[node[skin]]]
 
 
-def _move_points(collector: Collector, skin: Indices, fields: Fields, fapu: Fapu) -> list[int]:
+def move_points(collector: Collector, skin: Indices, fields: Fields, fapu: Fapu) -> list[int]:
     """Add the FAPs that shift a point of the skin along an axis."""
     moved = []
     for row in fap.FAPS:
@@ -229,23 +236,25 @@ def _move_lids(
     return moved
 
 
-def _move_tongue(
-    collector: Collector, placed: Array, part: Indices, points: Mapping[str, int], at: Mapping[str, Array], fapu: Fapu
-) -> list[int]:
-    """Move a tongue of its own: most at its tip, not at its root."""
+def move_tongue(
+    add: Add, placed: Array, part: Indices, points: Mapping[str, int], at: Mapping[str, Array], fapu: Fapu,
+    without: Sequence[int] = (),
+) -> list[int]:  # fmt: skip
+    """Move a tongue of its own, most at its tip, not at its root; ``without`` FAPs that move it already."""
     if "6.1" not in points or part[points["6.1"]] == part[points["8.1"]]:
         return []
     tongue = np.flatnonzero(part == part[points["6.1"]])
     back = placed[tongue, 2].min()
     share = np.clip((placed[tongue, 2] - back) / max(at["6.1"][2] - back, 1.0), 0.0, 1.0) ** 1.6
-    for number in (43, 44, 45):
+    moved = [number for number in (43, 44, 45) if number not in without]
+    for number in moved:
         row = fap.spec(number)
         step = fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
-        collector.add(Channel(number, -np.inf, np.inf), tongue, share[:, None] * step)
-    return [43, 44, 45]
+        add(Channel(number, -np.inf, np.inf), tongue, share[:, None] * step)
+    return moved
 
 
-def _bones(
+def bind_bones(
     placed: Array, part: Indices, points: Mapping[str, int], skin: Indices, on_skin: Mapping[str, int],
     at: Mapping[str, Array], eyes: Eyes, faces: Indices, node: Indices,
 ) -> tuple[NDArray[np.uint8], Array]:  # fmt: skip
@@ -260,7 +269,7 @@ def _bones(
         if one != part[skin[0]] and (one in lower_teeth or inside):
             bone[members], weight[members] = Bone.JAW, 1.0
     turns = np.array([[float(name in CHIN)] for name in on_skin])
-    fields = _continued(placed, faces, node, skin, on_skin, turns)[:, 0]
+    fields = continued(placed, faces, node, skin, on_skin, turns)[:, 0]
     share = np.clip(fields, 0.0, 1.0)
     bone[skin[share > SMALLEST]] = Bone.JAW
     weight[skin] = np.where(share > SMALLEST, share, 0.0)
@@ -270,8 +279,8 @@ def _bones(
     return bone, weight
 
 
-def _boneless(eyes: Eyes) -> set[int]:
-    """FAPs of bones that this mesh does not have."""
+def boneless(eyes: Eyes) -> set[int]:
+    """FAPs of eye bones that this mesh does not have."""
     without = set()
     for pupil, numbers in (("3.5", (23, 25, 27)), ("3.6", (24, 26, 28))):
         if pupil not in eyes or not len(eyes[pupil][0]):

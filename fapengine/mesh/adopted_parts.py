@@ -53,8 +53,8 @@ def check(points: Mapping[str, int], count: int, faces: Indices) -> None:
             raise DataError(f"feature points {name} and {other}: got one vertex for both, {index}")
 
 
-def place(given: Array, points: Mapping[str, int], standard: FaceMesh) -> tuple[Array, float]:
-    """Lay the mesh onto the standard's face."""
+def place(given: Array, points: Mapping[str, int], standard: FaceMesh) -> tuple[Array, float, Array]:
+    """Lay the mesh onto the standard's face: where it lies, mm for one unit, and the rotation."""
     common = [name for name in points if name in standard.feature_points]
     ours = given[[points[name] for name in common]]
     theirs = np.stack([standard.point_mm(name) for name in common]).astype(np.float64)
@@ -75,7 +75,7 @@ def place(given: Array, points: Mapping[str, int], standard: FaceMesh) -> tuple[
     rotation, off = fit(ours)
     if fit(ours * [-1.0, 1.0, 1.0])[1] < MIRROR_RATIO * off:
         raise DataError("feature points: left and right are exchanged (left is the subject's)")
-    return scale * (given - centre) @ rotation.T + goal, scale
+    return scale * (given - centre) @ rotation.T + goal, scale, rotation
 
 
 def parts(placed: Array, faces: Indices) -> tuple[Indices, Indices]:

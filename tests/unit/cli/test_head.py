@@ -1,5 +1,8 @@
 """``fapengine head``, and --head everywhere."""
 
+import hashlib
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +13,14 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.fap import save_fap
-from fapengine.files.heads import load_face_file, load_head
+from fapengine.files.heads import load_face_file, load_head, load_head_info
+from fapengine.files.heads_rigs import load_rig
+from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.head import build_head
+from fapengine.mesh.morphs import Shape
 from fapengine.mpeg4.track import FapTrack
+from tests.unit.files.glb import Builder, square, write_rig
+from tests.unit.mesh.rigs import own_rig
 
 
 def run(*arguments: object):
@@ -46,6 +54,202 @@ def imported(brought) -> Path:
     ).stdout
     assert "of 66 FAPs move it; one unit of the file is 1000 mm" in text
     return brought / "head"
+
+
+@pytest.fixture(scope="module")
+def avatar(tmp_path_factory) -> Path:
+    """A GLB whose shapes are ARKit's, in metres, its colours in a texture."""
+    rig = own_rig()
+    uv = np.clip(np.stack([rig.vertices[:, 0] / 400 + 0.5, 0.5 - rig.vertices[:, 1] / 800], axis=1), 0.01, 0.99)
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:] = np.linspace(60, 250, 64, dtype=np.uint8)[None, :, None]
+    scaled = {name: Shape(one.vertices, one.moves / 1000) for name, one in rig.shapes.items()}
+    builder = write_rig(replace(rig, vertices=rig.vertices / 1000, shapes=scaled, uv=uv, albedo=None), material=0)
+    builder.row("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": builder.image(picture)}}})
+    path = tmp_path_factory.mktemp("avatar") / "avatar.glb"
+    path.write_bytes(builder.glb())
+    return path
+
+
+@pytest.fixture(scope="module")
+def adopted(avatar) -> tuple[Path, dict]:
+    head = avatar.parent / "head"
+    return head, json.loads(run("head", "import", avatar, "-o", head, "--licence", "CC0", "--json").stdout)
+
+
+def test_an_avatar_needs_nothing_but_its_shapes(adopted):
+    head, found = adopted
+    assert found["mm_per_unit"] == pytest.approx(1000, rel=0.05)
+    assert len(found["shapes"]["used"]) == 44
+    assert found["shapes"]["lacking"] == []
+    assert [name for name in found["shapes"]["unused"] if not name.startswith("eyeLook")] == []
+    assert set(range(3, 27)) <= set(found["faps"]["moving"])
+    assert set(found["faps"]["still"]) >= {29, 30}
+    assert found["texture"][0] >= 64
+    mesh = load_head(str(head))
+    assert mesh.texture is not None
+    assert mesh.basis.mix is not None
+    assert len(mesh.feature_points) == len(found["feature_points"]) >= 55
+    left, right = (mesh.uv[mesh.feature_points[name]] for name in ("8.3", "8.4"))
+    height, width = mesh.texture.shape[:2]
+    shades = [int(mesh.texture[int(v * height), int(u * width), 0]) for u, v in (left, right)]
+    assert shades[0] > shades[1] + 10  # brighter towards the subject's left
+    info = load_head_info(str(head))
+    assert (info.source, info.licence, len(info.used), info.lacking) == ("avatar.glb", "CC0", 44, ())
+    assert load_head_info("default").source == "fapengine"
+
+
+def test_its_sheet_says_what_is_missing(adopted, tmp_path):
+    head, found = adopted
+    said = json.loads(run("head", "check", head, "-o", tmp_path / "a.png", "--json").stdout)
+    assert said["pictures"] == 109
+    assert set(said["still_faps"]) == set(found["faps"]["still"])
+    assert said["lacking_shapes"] == []
+    assert (tmp_path / "a.png").stat().st_size > 50_000
+
+
+def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
+    data = avatar.read_bytes()
+    for name in (b"jawOpen", b"eyeBlinkLeft", b"eyeBlinkRight"):
+        data = data.replace(b'"' + name + b'"', b'"' + name[::-1].replace(b"n", b"_") + b'"')
+    (tmp_path / "b.glb").write_bytes(data)
+    with pytest.raises(DataError, match=r"got none for left lid, right lid, jaw.*b\.glb"):
+        run("head", "import", tmp_path / "b.glb", "-o", tmp_path / "h")
+    (tmp_path / "map.toml").write_text(
+        '[shapes]\n"_epOwaj" = "jawOpen"\n"tfeLk_ilBeye" = "eyeBlinkLeft"\n"thgiRk_ilBeye" = "blinkRight"\n'
+        'cheekPuff = {"65" = 300, pull_l_ear = -200}\nmouthLeft = "unused"\n'
+    )
+    text = run("head", "import", tmp_path / "b.glb", "--map", tmp_path / "map.toml", "-o", tmp_path / "h").stdout
+    assert "44 shapes" not in text
+    assert "43 shapes" in text
+    still = text.splitlines()[-1]
+    assert "raise_l_ear" not in still
+    assert "pull_l_ear" not in still
+    assert "pull_r_ear" in still
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("[shapes]\nnose = {}", r"got no FAP, expected some .at .*map.toml, shapes.nose"),
+        ("[shapes]\nnose = {2 = 5}", "got '2', expected a FAP by number, 3..68"),
+        ("[shapes]\nnose = {lift = 5}", "got 'lift', expected a FAP"),
+        ("[shapes]\nnose = {63 = 0}", "got 0.0, expected FAPU"),
+        ("[shapes]\nnose = 5", "expected a str"),
+        ("[shapes]\nnose = {63 = 5}", "got shape 'nose', which the mesh does not have"),
+        ("[shape]", "'shapes' is missing"),
+    ],
+)
+def test_mappings_that_cannot_be(avatar, tmp_path, table, message):
+    (tmp_path / "map.toml").write_text(table)
+    with pytest.raises(DataError, match=message):
+        run("head", "import", avatar, "--map", tmp_path / "map.toml", "-o", tmp_path / "h")
+
+
+def test_points_correct_what_the_shapes_showed(avatar, adopted, tmp_path):
+    rig = own_rig()
+    place = rig.vertices[rig.triangles[:, 0]]
+    far = place[np.argmax(place[:, 2])] / 1000
+    (tmp_path / "p.csv").write_text("point,x,y,z\n9.3," + ",".join(map(str, far)))
+    found = json.loads(
+        run("head", "import", avatar, "--points", tmp_path / "p.csv", "-o", tmp_path / "h", "--json").stdout
+    )
+    mesh = load_head(str(tmp_path / "h"))
+    assert mesh.point_mm("9.3")[2] == pytest.approx(mesh.vertices_mm[:, 2].max(), abs=1e-3)
+    assert len(found["feature_points"]) >= 55
+
+
+def obj(vertices: np.ndarray, faces: str = "") -> str:
+    return "".join("v {:.5f} {:.5f} {:.5f}\n".format(*row) for row in vertices) + faces
+
+
+@pytest.fixture(scope="module")
+def ict_folder(tmp_path_factory) -> Path:
+    """Laid out as ICT-FaceKit is: a neutral OBJ with materials, one more for each shape."""
+    folder = tmp_path_factory.mktemp("FaceXModel")
+    rig = own_rig()
+    centimetres = rig.vertices / 10
+    faces, last = [], -1
+    for triangle, number in zip(rig.triangles, rig.surface[rig.triangles[:, 0]], strict=True):
+        faces += [f"usemtl M_{rig.surfaces[number]}"] if number != last else []
+        faces.append("f " + " ".join(f"{corner + 1}/1/1" for corner in triangle))
+        last = number
+    (folder / "generic_neutral_mesh.obj").write_text(obj(centimetres, "vt 0 0\n" + "\n".join(faces)))
+    for name in rig.shapes:
+        if name.startswith(("jawOpen", "eyeBlink", "cheekSquint")):
+            spelled = name.replace("cheekSquint", "cheekRaiser").replace("Left", "_L").replace("Right", "_R")
+            (folder / f"{spelled}.obj").write_text(obj(centimetres + rig.dense(name) / 10))
+    (folder / "identity000.obj").write_text("v what\n")
+    return folder
+
+
+def test_ict_facekit_s_folder(ict_folder, tmp_path):
+    found = json.loads(run("head", "import", ict_folder, "-o", tmp_path / "h", "--json").stdout)
+    assert found["mm_per_unit"] == pytest.approx(10, rel=0.05)
+    assert set(found["shapes"]["used"]) == {
+        "jawOpen", "eyeBlink_L", "eyeBlink_R", "cheekRaiser_L", "cheekRaiser_R",
+    }  # fmt: skip
+    assert "mouthPucker" in found["shapes"]["lacking"]
+    mesh = load_head(str(tmp_path / "h"))
+    assert (mesh.material == Material.EYE).sum() > 100
+    assert (mesh.material == Material.TEETH).sum() > 100
+    assert (
+        "that its file lacks: eyeLookDownLeft" in run("head", "check", tmp_path / "h", "-o", tmp_path / "c.png").stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("neutral", "shape", "message"),
+    [
+        (None, "v 0 0 0", "got no generic_neutral_mesh.obj"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "v 0 0 0\n", "got 1 vertices, expected 3 as in generic"),
+        ("v 0 0\n", "", "not three numbers"),
+        ("v 0 0 inf\nf 1 1 1\n", "", "expected some, all finite"),
+        ("v 0 0 0\nf 1 1 2\n", "", "got b'1 1 2', expected 3 or more of 1..1.*line 2"),
+        ("v 0 0 0\nf 1 1 one\n", "", "expected indices"),
+        ("v 0 0 0\n", "", "got no face"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n",
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+            "shapes: got jawOpen; expected some",
+        ),
+    ],
+)
+def test_folders_that_hold_no_face(tmp_path, neutral, shape, message):
+    if neutral is not None:
+        (tmp_path / "generic_neutral_mesh.obj").write_text(neutral)
+    (tmp_path / "jawOpen.obj").write_text(shape)
+    with pytest.raises((DataError, UsageError), match=message):
+        run("head", "import", tmp_path, "-o", tmp_path / "h")
+
+
+def test_meshes_without_shapes_need_points(brought, tmp_path):
+    with pytest.raises(UsageError, match="has no shapes, so its feature points are needed"):
+        run("head", "import", brought / "face.ply", "-o", tmp_path / "h")
+    with pytest.raises(UsageError, match=r"got ending '\.doc'"):
+        load_rig(Path("face.doc"))
+    trimesh.load(brought / "face.ply", process=False).export(tmp_path / "face.glb")
+    with pytest.raises(DataError, match="shapes: got none; expected some that are named"):
+        run("head", "import", tmp_path / "face.glb", "-o", tmp_path / "h")
+    run("head", "import", tmp_path / "face.glb", "--points", brought / "places.csv", "-o", tmp_path / "h")
+
+
+def test_files_beside_a_document_stay_in_its_folder(avatar, tmp_path):
+    builder = plain_square()
+    (tmp_path / "a.gltf").write_bytes(builder.gltf("../b.bin"))
+    with pytest.raises(DataError, match=r"expected a file in the folder of a\.gltf"):
+        load_rig(tmp_path / "a.gltf")
+    (tmp_path / "a.gltf").write_bytes(builder.gltf("b.bin"))
+    with pytest.raises(DataError, match="cannot be read"):
+        load_rig(tmp_path / "a.gltf")
+    (tmp_path / "b.bin").write_bytes(builder.blob)
+    assert len(load_rig(tmp_path / "a.gltf").vertices) == 4
+
+
+def plain_square() -> Builder:
+    builder = Builder()
+    builder.node(mesh=square(builder))
+    return builder
 
 
 def test_a_head_goes_there_and_back(imported):
@@ -122,17 +326,18 @@ def test_heads_that_are_none(imported, tmp_path):
         return str(tmp_path)
 
     for text, data, message in (
-        (toml.replace("schema = 1", "schema = 7"), arrays, "got 7, expected 1"),
-        (toml + "more = 1\n", arrays, "'more' is unknown"),
-        (toml, arrays[:-9], "sha256"),
+        (toml.replace("schema = 2", "schema = 1"), arrays, "got 1, expected 2: import the head again"),
+        (toml.replace("[sha256]", "more = 1\n[sha256]"), arrays, "'more' is unknown"),
+        (toml, arrays[:-9], "sha256.*head.npz"),
+        (toml.replace('"head.npz"', '"other.npz"'), arrays, "got other.npz, expected head.npz"),
     ):
         with pytest.raises(ProfileError, match=message):
             load_head(write(text, data))
-    import hashlib
-
     cut = arrays[:2000]
-    digest = hashlib.sha256(cut).hexdigest()
+    digests = toml.replace(hashlib.sha256(arrays).hexdigest(), hashlib.sha256(cut).hexdigest())
     with pytest.raises(ProfileError, match="arrays"):
-        load_head(
-            write("\n".join(line if "sha" not in line else f'sha256 = "{digest}"' for line in toml.splitlines()), cut)
-        )
+        load_head(write(digests, cut))
+    (tmp_path / "head.png").write_bytes(b"no picture")
+    painted = toml + f'"head.png" = "{hashlib.sha256(b"no picture").hexdigest()}"\n'
+    with pytest.raises(ProfileError, match="arrays: cannot identify"):
+        load_head(write(painted))

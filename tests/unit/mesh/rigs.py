@@ -1,0 +1,46 @@
+"""Our own head as a stranger would bring it: its surface, and ARKit's shapes that our own basis makes of it."""
+
+from functools import cache
+
+import numpy as np
+
+from fapengine.mesh.deform import deform
+from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mesh.head import build_head
+from fapengine.mesh.morphs import MorphMesh, Shape
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+
+PARTS = {
+    Material.EYE: "Eyeball", Material.TEETH: "Teeth", Material.TONGUE: "Tongue", Material.HAIR: "Hair",
+    Material.LASH: "Lashes", Material.CLOTH: "Clothes", Material.GUM: "Gums", Material.MOUTH: "Mouth",
+}  # fmt: skip
+
+
+def shape_of(head: FaceMesh, faps: np.ndarray) -> Shape:
+    moves = deform(head, faps) - head.vertices_mm
+    kept = np.flatnonzero(np.abs(moves).max(axis=1) > 1e-3)
+    return Shape(kept, moves[kept])
+
+
+@cache
+def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> MorphMesh:
+    """In mm, on the standard's axes."""
+    head = build_head()
+    shapes = arkit_map()
+    kinds = [None, *PARTS]
+    surface = np.zeros(len(head.vertices_mm), int)
+    for number, kind in enumerate(kinds):
+        if kind is not None:
+            surface[head.material == kind] = number
+    return MorphMesh(
+        vertices=head.vertices_mm,
+        triangles=head.triangles,
+        shapes={name: shape_of(head, shapes.faps[shapes.names.index(name)]) for name in names},
+        albedo=head.albedo,
+        surfaces=("Skin", *PARTS.values()),
+        surface=surface,
+    )
+
+
+def skin_of(head: FaceMesh) -> np.ndarray:
+    return np.flatnonzero(np.isin(head.material, (Material.SKIN, Material.LIP)) & (head.bone != Bone.LEFT_EYE))

@@ -1,0 +1,321 @@
+"""A mesh with shapes of its own: its points found by what the shapes move, its shapes blended for each FAP."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from fapengine.errors import DataError, UsageError
+from fapengine.mesh.adopted import adopt
+from fapengine.mesh.deform import deform
+from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, Material
+from fapengine.mesh.head import build_head
+from fapengine.mesh.morphs import Limb, MorphMesh, Shape
+from fapengine.mesh.morphs_adopt import adopt_morphs
+from fapengine.mesh.morphs_basis import MOST_ROWS, Mixer
+from fapengine.mesh.morphs_locate import BOTH, JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_names import choose, plain, viseme
+from fapengine.mpeg4 import fap
+from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+
+from .rigs import own_rig, skin_of
+
+NOT_ON_SKIN = (23, 24, 25, 26, 27, 28, 43, 44, 45, 48, 49, 50)
+
+
+@pytest.fixture(scope="module")
+def standard():
+    return build_head()
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return own_rig()
+
+
+@pytest.fixture(scope="module")
+def marked(standard):
+    on_surface = set(np.unique(standard.triangles).tolist())
+    return {name: index for name, index in standard.feature_points.items() if index in on_surface}
+
+
+@pytest.fixture(scope="module")
+def adopted(rig, marked, standard):
+    choice = choose(rig.shapes, ARKIT_NAMES)
+    return adopt_morphs(rig, choice.blended, marked, standard, choice.given)
+
+
+def roles(rig: MorphMesh) -> dict[str, np.ndarray]:
+    return {LEFT: rig.dense("eyeBlinkLeft"), RIGHT: rig.dense("eyeBlinkRight"), JAW: rig.dense("jawOpen")}
+
+
+def moved(rig: MorphMesh, turn: np.ndarray, scale: float, shift: np.ndarray) -> MorphMesh:
+    """The same rig in other axes and units."""
+    shapes = {name: Shape(one.vertices, scale * one.moves @ turn.T) for name, one in rig.shapes.items()}
+    return replace(rig, vertices=scale * rig.vertices @ turn.T + shift, shapes=shapes)
+
+
+def test_points_are_found_wherever_the_face_looks(rig, standard):
+    here = locate(rig, roles(rig), standard)
+    off = [np.linalg.norm(rig.vertices[index] - standard.point_mm(name)) for name, index in here.items()]
+    assert len(here) >= 55
+    assert np.mean(off) < 3.5  # mm
+    assert here["2.2"] != here["2.3"]
+    turn = Rotation.from_rotvec([0.4, -2.0, 0.9]).as_matrix()
+    there = moved(rig, turn, 0.001, np.array([3.0, -1.0, 2.0]))
+    same = locate(there, roles(there), standard)
+    apart = [np.linalg.norm(rig.vertices[here[name]] - rig.vertices[same[name]]) for name in here if name in same]
+    assert len(apart) >= 55
+    assert np.mean(apart) < 0.5  # rounding may choose a neighbour
+
+
+def test_a_blink_of_both_eyes_is_parted_at_the_nose(rig, standard):
+    apart = locate(rig, roles(rig), standard)
+    both = rig.dense("eyeBlinkLeft") + rig.dense("eyeBlinkRight")
+    together = locate(rig, {BOTH: both, JAW: rig.dense("jawOpen")}, standard)
+    for name in ("3.1", "3.2", "3.5", "3.6", "8.3"):
+        assert together[name] == apart[name]
+
+
+def sinking(rig: MorphMesh) -> np.ndarray:
+    """A chin that sinks and tears nothing."""
+    return np.clip((rig.vertices[:, 1:2] + 10.0) / 60.0, -1.0, 0.0) * [0.0, 20.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rig, own: {JAW: own[JAW]}, "got none for left lid, right lid"),
+        (lambda rig, own: {BOTH: own[LEFT]}, "got none for left lid, right lid, jaw"),
+        (lambda rig, own: own | {JAW: 0 * own[JAW]}, "got none for jaw"),
+        (lambda rig, own: own | {LEFT: own[RIGHT], RIGHT: own[LEFT]}, "left and right are exchanged"),
+        (lambda rig, own: {LEFT: own[JAW], RIGHT: own[JAW], JAW: own[JAW]}, "two eyes above a mouth"),
+        (lambda rig, own: own | {JAW: sinking(rig)}, "got no slit"),
+    ],
+)
+def test_shapes_that_show_no_face(rig, standard, change, message):
+    with pytest.raises(DataError, match=message):
+        locate(rig, change(rig, roles(rig)), standard)
+
+
+def test_each_fap_moves_its_point_by_its_step_and_no_other(adopted):
+    mesh = adopted.mesh
+    skin = [name for name, index in mesh.feature_points.items() if mesh.material[index] == Material.SKIN]
+    lids = {19: 21, 20: 22, 21: 19, 22: 20}
+    checked = 0
+    for row in fap.FAPS:
+        axis = fap.HEAD_AXES.get(row.positive)
+        if axis is None or row.number in NOT_ON_SKIN or row.number not in adopted.moved:
+            continue
+        for value in (100.0, 300.0):
+            frame = np.zeros(68)
+            frame[fap.column(row.number)] = value
+            gone = deform(mesh, frame) - mesh.vertices_mm
+            own = gone[mesh.feature_points[row.point]] @ np.array(axis)
+            assert own == pytest.approx(value * mesh.fapu.unit(row.unit), rel=0.02), row.name
+            for other in fap.FAPS:
+                along = fap.HEAD_AXES.get(other.positive)
+                if along is None or other.point not in skin or other.number not in adopted.moved:
+                    continue
+                if other.number in (row.number, 18, lids.get(row.number)):
+                    continue
+                off = gone[mesh.feature_points[other.point]] @ np.array(along)
+                assert abs(off) < 0.03 * abs(own) + 0.02, (row.name, other.name)
+        checked += 1
+    assert checked >= 45
+
+
+def test_poses_of_the_rig_come_back(rig, adopted, standard):
+    """FAP to shapes to vertices, against the rig itself and against a head that has nothing but feature points."""
+    mesh, shapes = adopted.mesh, arkit_map()
+    points_alone = adopt(rig.vertices, rig.triangles, mesh_points(mesh, rig), standard).mesh
+    theirs = cKDTree(rig.vertices).query(mesh.vertices_mm)[1]
+    skin = np.isin(theirs, skin_of(standard))
+    rng = np.random.default_rng(0)
+    ours, plain_ones, motion = [], [], []
+    for _ in range(8):
+        weights = np.where(rng.random(52) < 0.15, rng.uniform(0, 0.6, 52), 0.0)
+        weights[[name.startswith(("eyeLook", "tongue")) for name in shapes.names]] = 0.0
+        wanted = sum(weight * rig.dense(name) for name, weight in zip(shapes.names, weights, strict=True))
+        faps = shapes.to_faps(weights)
+        ours.append(np.linalg.norm(deform(mesh, faps) - mesh.vertices_mm - wanted[theirs], axis=1)[skin])
+        motion.append(np.linalg.norm(wanted[theirs], axis=1)[skin])
+        there = cKDTree(points_alone.vertices_mm).query(mesh.vertices_mm)[1]
+        gone = (deform(points_alone, faps) - points_alone.vertices_mm)[there]
+        plain_ones.append(np.linalg.norm(gone - wanted[theirs], axis=1)[skin])
+    error, without, size = np.mean(ours), np.mean(plain_ones), np.mean(motion)
+    assert error < 0.25 * size
+    assert error < 0.6 * without
+
+
+def mesh_points(mesh, rig: MorphMesh) -> dict[str, int]:
+    at = cKDTree(rig.vertices[np.unique(rig.triangles)])
+    names = list(mesh.feature_points)
+    found = at.query(np.stack([mesh.point_mm(name) for name in names]))[1]
+    return dict(zip(names, np.unique(rig.triangles)[found].tolist(), strict=True))
+
+
+def test_lids_go_round_the_ball(adopted):
+    mesh = adopted.mesh
+    centre, point = mesh.eye_pivots_mm[0], mesh.feature_points["3.1"]
+    radius = np.linalg.norm(mesh.vertices_mm[point] - centre)
+    frame = np.zeros(68)
+    for value in range(0, 1025, 128):
+        frame[fap.column(19)] = value
+        there = deform(mesh, frame)[point]
+        assert 0.97 * radius < np.linalg.norm(there - centre) < 1.035 * radius
+    frame[fap.column(19)] = 2000
+    assert np.linalg.norm(deform(mesh, frame)[point] - there) < 1.0  # mm: shut is shut
+
+
+def test_eyes_jaw_and_head(adopted, rig, marked, standard):
+    mesh = adopted.mesh
+    assert (mesh.material == Material.BALL).sum() > 100  # its colours are its own
+    assert set(adopted.missing) >= {29, 30}
+    frame = np.zeros(68)
+    frame[fap.column(23)] = 20_000
+    gone = deform(mesh, frame) - mesh.vertices_mm
+    assert gone[mesh.feature_points["3.5"], 0] > 1.0
+    assert np.abs(gone[mesh.feature_points["3.6"]]).max() < 1e-3
+    teeth = mesh.feature_points["9.11"]
+    frame = np.zeros(68)
+    frame[fap.column(3)] = 300
+    assert deform(mesh, frame)[teeth, 1] < mesh.vertices_mm[teeth, 1] - 2.0
+    jawless = [name for name in rig.shapes if name.startswith(("mouthSmile", "brow", "eyeBlink"))]
+    boned = adopt_morphs(rig, jawless, marked, standard).mesh
+    assert (boned.bone == Bone.JAW).any()
+    assert deform(boned, frame)[boned.feature_points["2.1"], 1] < boned.point_mm("2.1")[1] - 4.0
+
+
+def test_bones_of_the_rig_are_heeded(rig, marked, standard):
+    count = len(rig.vertices)
+    half = np.full(count, 0.5)
+    eye = (rig.surface == rig.surfaces.index("Eyeball")) & (rig.vertices[:, 0] > 0)
+    limbs = {
+        "head": Limb(half, np.array([0.0, -100.0, 10.0])),
+        "jaw": Limb(np.where(rig.vertices[:, 1] < -50, 0.25, 0.0), np.array([0.0, 5.0, 20.0])),
+        "left eye": Limb(eye.astype(float), np.array([31.0, 36.0, 80.0])),
+    }
+    with_bones = replace(rig, limbs=limbs)
+    blended = ["mouthSmileLeft", "mouthSmileRight"]
+    mesh = adopt_morphs(with_bones, blended, marked, standard).mesh
+    assert np.unique(mesh.head_weight).tolist() == [0.5]
+    np.testing.assert_allclose(mesh.head_pivot_mm, [0, -100, 10], atol=0.01)
+    np.testing.assert_allclose(mesh.eye_pivots_mm[0], [31, 36, 80], atol=0.01)
+    np.testing.assert_allclose(mesh.jaw_pivot_mm, [0, 5, 20], atol=0.01)
+    chin = mesh.feature_points["2.1"]
+    assert (mesh.bone[chin], mesh.bone_weight[chin]) == (Bone.JAW, 0.25)
+
+
+def test_what_hangs_far_below_is_left_out(rig, marked, standard):
+    more = MorphMesh(
+        vertices=np.concatenate([rig.vertices, [[0, -900, 0], [9, -900, 0], [0, -909, 0]]]),
+        triangles=np.concatenate([rig.triangles, [[len(rig.vertices) + k for k in range(3)]]]),
+        shapes=rig.shapes,
+    )
+    mesh = adopt_morphs(more, ["jawOpen"], marked, standard).mesh
+    assert mesh.vertices_mm[:, 1].min() > -300
+    aside = replace(
+        more,
+        vertices=np.where(
+            np.arange(len(more.vertices))[:, None] >= len(rig.vertices), [[2000.0, -40.0, 0.0]], more.vertices
+        ),
+    )
+    with pytest.raises(DataError, match=r"got 8\.3 far from the face"):
+        adopt_morphs(aside, ["jawOpen"], marked | {"8.3": len(rig.vertices)}, standard)
+
+
+def test_a_shape_may_mean_faps(rig, marked, standard):
+    tip, crown = marked["9.3"], int(np.unique(rig.triangles)[rig.vertices[np.unique(rig.triangles), 1].argmax()])
+    lift = Shape(np.array([tip, crown]), np.array([[0.0, 6.0, 0.0], [0.0, 3.0, 0.0]]))
+    found = adopt_morphs(
+        replace(rig, shapes={**rig.shapes, "Ear": lift}), ["jawOpen"], marked, standard, {"Ear": {67: 200.0, 64: 400.0}}
+    )
+    assert 67 in found.moved
+    mesh, frame = found.mesh, np.zeros(68)
+    nose, top = mesh.feature_points["9.3"], int(cKDTree(mesh.vertices_mm).query(rig.vertices[crown])[1])
+
+    def risen(vertex: int) -> float:
+        return float(deform(mesh, frame)[vertex, 1] - mesh.vertices_mm[vertex, 1])
+
+    for value, height in ((0.0, 0.0), (200.0, 6.0), (100.0, 3.0), (-100.0, 0.0)):
+        frame[fap.column(67)] = value
+        assert risen(nose) == pytest.approx(height, abs=0.01)
+    frame[:] = 0.0
+    frame[fap.column(64)] = 200.0  # half the shape; but the nose goes sideways by its step, and no other way
+    assert risen(top) == pytest.approx(1.5, abs=0.01)
+    assert risen(nose) == pytest.approx(0.0, abs=0.01)
+    gone = deform(mesh, frame)[nose] - mesh.vertices_mm[nose]
+    step = mesh.fapu.unit(fap.spec(64).unit)
+    assert gone @ np.array(fap.HEAD_AXES[fap.spec(64).positive]) == pytest.approx(200 * step, rel=0.02)
+    with pytest.raises(DataError, match=r"got \['Nose'\], expected some of"):
+        adopt_morphs(rig, ["jawOpen"], marked, standard, {"Nose": {64: 1.0}})
+    with pytest.raises(DataError, match="got none, expected some of"):
+        adopt_morphs(rig, [], marked, standard)
+
+
+def test_the_weakest_rows_go_where_there_are_too_many():
+    mixer = Mixer(3)
+    for row in range(MOST_ROWS + 5):
+        mixer.add(np.array([0, 1]), np.full((2, 3), 0.2 + row), {mixer.channel(Channel(5, 0.0, float(row + 1))): 1.0})
+    mixer.add(np.array([2]), np.full((1, 3), 0.01), {0: 1.0})  # nothing that could be seen
+    basis = mixer.basis()
+    assert basis.width == MOST_ROWS
+    assert basis.entry_mm.min() == pytest.approx(5.2e-3)
+    assert basis.offsets.tolist() == [0, MOST_ROWS, 2 * MOST_ROWS, 2 * MOST_ROWS]
+
+
+def test_meshes_that_contradict_themselves():
+    triangle = {"vertices": np.eye(3), "triangles": [[0, 1, 2]]}
+    for more, message in (
+        ({"triangles": [[0, 1, 3]]}, "triangles: expected vertices 0..2"),
+        ({"shapes": {"a": Shape(np.array([3]), np.zeros((1, 3)))}}, "shape a: expected vertices 0..2"),
+        ({"limbs": {"toe": Limb(np.zeros(3), np.zeros(3))}}, r"got .'toe'., expected some of head, jaw"),
+        ({"uv": np.zeros((2, 2))}, "uv: got shape"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            MorphMesh(**({"shapes": {}} | triangle | more))
+    with pytest.raises(UsageError, match="got 'b', this mesh has a"):
+        MorphMesh(**triangle, shapes={"a": Shape(np.array([0]), np.ones((1, 3)))}).dense("b")
+    with pytest.raises(UsageError, match=r"entry_channels: expected 0\.\.0"):
+        DeformationBasis(
+            channels=(Channel(3, 0.0, 1.0),) * 3, offsets=[0, 1], entry_channels=[1], entry_mm=[[0, 0, 0]],
+            mix=np.ones((1, 3)),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "means"),
+    [
+        ("eyeBlinkLeft", "eyeblinkleft"), ("EyeBlink_L", "eyeblinkleft"), ("blendShape1.eyeBlink_R", "eyeblinkright"),
+        ("mouthUpperUpL", "mouthupperupleft"), ("Blink_L", "eyeblinkleft"), ("Fcl_EYE_Close_R", "eyeblinkright"),
+        ("cheekRaiser_L", "cheeksquintleft"), ("eyesClosed", "blink"), ("mouthOpen", "jawopen"),
+        ("Jaw Open", "jawopen"),
+    ],
+)  # fmt: skip
+def test_names_of_many_houses(name, means):
+    assert plain(name) == means
+
+
+def test_shapes_are_chosen_by_name():
+    assert [viseme(name) for name in ("vrc.v_ou", "viseme_nn", "U", "Fcl_MTH_O", "v_TH", "smile")] == [
+        "U", "nn", "ou", "oh", "TH", None,
+    ]  # fmt: skip
+    full = choose([*ARKIT_NAMES, "viseme_aa", "Belly"], ARKIT_NAMES)
+    assert len(full.blended) == 43  # without gaze and tongue
+    assert full.given == {"tongueOut": {45: 1024.0}}
+    assert (full.left, full.right, full.jaw) == (("eyeBlinkLeft",), ("eyeBlinkRight",), ("jawOpen", "viseme_aa"))
+    assert full.missing == ()
+    few = choose(["A", "I", "Blink", "Joy", "viseme_sil", "jawOpen"], ARKIT_NAMES)
+    assert few.blended == ("jawOpen", "A", "I", "Blink")
+    assert (few.both, few.jaw) == (("Blink",), ("jawOpen", "A"))
+    assert len(few.missing) == 51
+    told = choose(
+        ["Kiefer", "jawOpen", "Lid", "Ohr", "A", "I"], ARKIT_NAMES,
+        {"Kiefer": "jawOpen", "Lid": "blink", "Ohr": {65: 300.0}, "A": "unused", "I": "viseme_aa"},
+    )  # fmt: skip
+    assert told.blended == ("Kiefer", "I", "Lid")
+    assert told.given == {"Ohr": {65: 300.0}}
+    assert told.jaw == ("Kiefer", "I")
