@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -45,12 +46,25 @@ TICKS_HZ = os.sysconf("SC_CLK_TCK")
 class Server:
     """Stateful: a server in a process of its own."""
 
-    def __init__(self, frames_to: int, probe_to: int, *, cores: set[int] | None = None) -> None:
+    def __init__(
+        self,
+        frames_to: int,
+        probe_to: int,
+        *,
+        cores: set[int] | None = None,
+        sinks: Sequence[str] = (),
+        config: str = "",
+    ) -> None:
         command = [
             sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page", "--metrics", "0", "--log", "json",
             "--sink", f"osc://127.0.0.1:{frames_to}",
             "--sink", f"osc://127.0.0.1:{probe_to}?session={PROBE}",
+            *(word for sink in sinks for word in ("--sink", sink)),
         ]  # fmt: skip
+        self.config = tempfile.NamedTemporaryFile("w", suffix=".toml")  # noqa: SIM115  closed by stop()
+        self.config.write(config)
+        self.config.flush()
+        command += ["--config", self.config.name]
         one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         self.log = tempfile.NamedTemporaryFile("w+", suffix=".jsonl")  # noqa: SIM115  closed by stop()
         self.process = subprocess.Popen(command, stderr=self.log, env=os.environ | one_thread)
@@ -86,6 +100,7 @@ class Server:
             if len(text) > 2:
                 print(f"the server's log has {len(text)} lines, the second: {text[1]:.200}", file=sys.stderr)
             self.log.close()
+            self.config.close()
 
 
 def go_before(process: int) -> None:
@@ -95,9 +110,9 @@ def go_before(process: int) -> None:
 
 
 @contextmanager
-def serving(*ports: int, cores: set[int] | None = None):
-    """Run a server for a while."""
-    server = Server(*ports, cores=cores)
+def serving(*ports: int, **options: Any):
+    """Run a server for a while; see :class:`Server`."""
+    server = Server(*ports, **options)
     try:
         yield server
     finally:

@@ -55,6 +55,8 @@ class Speaker:
         """Say what is due and send it; gives when to come again."""
         if now_s >= self.ends_s - LEFT_S:
             self._begin(max(self.ends_s, now_s + LEFT_S))
+        if self.utterance not in self.sender.live:  # somebody cancelled it
+            self.waiting = []
         while self.waiting and self.zero_s + self.waiting[0].start_s < now_s + AHEAD_S:
             self.sender.append(self.utterance, self._next_chunk())
             if not self.waiting:
