@@ -8,18 +8,24 @@ OUT_KINDS = (".fap", ".csv")
 
 
 def convert(
-    motion: Path = typer.Argument(..., help="FAPs (.fap, .fba) or ARKit blend shapes (.csv; Azure's frames, .json)."),
-    output: Path = typer.Option(..., "--output", "-o", help="FAPs (.fap), or ARKit's 52 shapes and the head (.csv)."),
+    motion: Path = typer.Argument(
+        ..., help="FAPs (.fap, .fba), or a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json)."
+    ),
+    output: Path = typer.Option(..., "--output", "-o", help="FAPs (.fap), or a table of shapes and the head (.csv)."),
+    shapes: str = typer.Option(
+        "arkit", "--shapes", help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar)."
+    ),
 ) -> None:
-    """Convert face motion: FAPs to ARKit blend shapes, and blend shapes to FAPs.
+    """Convert face motion: FAPs to blend shapes or visemes of avatars, and back.
 
-    Example: fapengine convert talk.fap -o talk.csv; fapengine convert livelink.csv -o take.fap
+    Example: fapengine convert talk.fap -o talk.csv; fapengine convert talk.fap --shapes oculus -o visemes.csv;
+    fapengine convert livelink.csv -o take.fap
     """
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
     from fapengine.files.paths import write_bytes
-    from fapengine.retarget.blend_tracks import format_arkit_csv
+    from fapengine.retarget.blend_tracks import format_blend_csv
 
     if output.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
@@ -27,5 +33,5 @@ def convert(
     if output.suffix == ".fap":
         save_fap(output, track)
     else:
-        write_bytes(output, format_arkit_csv(track))
+        write_bytes(output, format_blend_csv(track, shapes))
     typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz")

@@ -1,4 +1,4 @@
-"""FAPs to what other programs show: ARKit's 52 shapes, and the turns of head and eyes."""
+"""FAPs to what other programs show: ARKit's 52 shapes, VRM's presets, and the turns of head and eyes."""
 
 from functools import cache
 
@@ -10,6 +10,8 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.moods import MOODS, mood_map, moods_to_faps
+from fapengine.retarget.vrm import SHOWN, join_presets, vowel_map
 
 Array = NDArray[np.float64]
 
@@ -46,6 +48,22 @@ class ArkitFollower:
         """Take the next frame, (68,) FAPU; return (52,) as a row of :func:`arkit_weights`, only solved exactly."""
         self._last = _map().solve_weights(faps, self._last)
         return _lips_over_jaw(self._last.copy())
+
+
+class PresetFollower:
+    """Stateful: VRM's presets of one face, frame by frame, without the looks: its eyes turn as bones."""
+
+    def __init__(self) -> None:
+        self._upper: Array | None = None
+        self._vowels: Array | None = None
+
+    def follow(self, faps: ArrayLike) -> Array:
+        """Take the next frame, (68,) FAPU; return (13,): as :data:`fapengine.retarget.vrm.VRM1_NAMES` begins."""
+        given = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
+        self._upper = mood_map().solve_weights(given, self._upper)
+        spoken = given - moods_to_faps(self._upper[: len(MOODS)])
+        self._vowels = vowel_map().solve_weights(spoken, self._vowels)
+        return join_presets(given[None], self._upper[None], self._vowels[None])[0, :SHOWN]
 
 
 def _lips_over_jaw(weights: Array) -> Array:

@@ -28,17 +28,15 @@ from fapengine.live import osc
 from fapengine.live.shapes import turns_rad
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES
 
 MARIONETTE_PORT, PERFORMER_PORT = 39539, 39540
 MAX_DATAGRAM = 1472
 """Bytes: an Ethernet frame of 1500 without the heads of IP and UDP."""
 PASCAL_NAMES = tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES)
 """ARKit's names as Live Link spells them; some receivers want these."""
-VRM1_OF_VRM0 = {
-    "Joy": "happy", "Angry": "angry", "Sorrow": "sad", "Fun": "relaxed", "A": "aa", "I": "ih", "U": "ou", "E": "ee",
-    "O": "oh", "Blink": "blink", "Blink_L": "blinkLeft", "Blink_R": "blinkRight",
-}  # fmt: skip
-"""VRM 0 presets, which every receiver understands, and their names in VRM 1."""
+VRM0_SHOWN, VRM1_SHOWN = VRM0_NAMES[:SHOWN], VRM1_NAMES[:SHOWN]
+"""Presets that are sent, looks left out; every receiver knows those of version 0, except ``Surprised``."""
 BONES = ("Head", "LeftEye", "RightEye")
 
 Weight = tuple[str, float]

@@ -5,7 +5,7 @@ Theory of operation
 A rig's shapes each move feature points, which is to say FAPs: a matrix ``S`` (shapes x 68). Back is a product,
 ``faps = weights @ S``. Forth is the box-constrained least squares problem
 
-    minimise  |(weights @ S - faps) * mm|^2 + ridge |weights|^2,   0 <= weights <= limit,
+    minimise  |(weights @ S - faps) * mm|^2 + ridge |weights|^2 + 2 reluctance |S| weights,   0 <= weights <= limit,
 
 with FAPs weighed by what they are in millimetres on a face, so that no unit counts more than another. It is solved
 for all frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
@@ -59,16 +59,21 @@ class BlendMap:
     """(B, 68) FAPU at full weight."""
     limit: float = 1.0
     """Largest weight."""
+    reluctance_mm: Array | None = None
+    """(B,), optional: a shape is used only where it brings the face so much nearer to what is wanted."""
     _scaled: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
     _rate: float = field(init=False, repr=False)
+    _reluctance: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         shapes = frozen(self.faps, "faps", (len(self.names), fap.FAP_COUNT), np.float64)
         object.__setattr__(self, "faps", shapes)
         if not self.limit > 0:
             raise UsageError(f"limit: got {self.limit}, expected a positive weight")
+        given = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
+        object.__setattr__(self, "_reluctance", frozen(given, "reluctance_mm", (len(shapes),), np.float64))
         scaled = shapes * weights_mm()
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
@@ -89,7 +94,7 @@ class BlendMap:
     def approximate_weights(self, faps: ArrayLike) -> Array:
         """Find the weights that move a face most alike: (T, 68) FAPU -> (T, B), each 0 to ``limit``."""
         wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-        goal = (wanted * weights_mm()) @ self._scaled.T
+        goal = (wanted * weights_mm()) @ self._scaled.T - self._reluctance
         most = self.limit * self._lengths
         found = np.clip(goal * self._rate, 0.0, most)
         ahead, momentum = found, 1.0
@@ -116,7 +121,7 @@ class BlendMap:
             Each 0 to ``limit``.
         """
         wanted = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        goal = self._scaled @ (wanted * weights_mm())
+        goal = self._scaled @ (wanted * weights_mm()) - self._reluctance
         most = self.limit * self._lengths
         side = np.zeros(len(goal), np.int8)
         if near is not None:
@@ -144,7 +149,8 @@ class BlendMap:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise UsageError(f"names: got {missing[0]!r}, expected one of {', '.join(self.names)}")
-        return BlendMap(tuple(names), self.faps[[self.names.index(name) for name in names]], self.limit)
+        rows = [self.names.index(name) for name in names]
+        return BlendMap(tuple(names), self.faps[rows], self.limit, self._reluctance[rows])
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:

@@ -1,9 +1,10 @@
 """Motion as blend shapes over time: the CSV of Live Link Face and its kin, and Azure Speech's 55-value frames.
 
 CSV has a header of shape names (any case, ``Left``/``Right`` or ``_L``/``_R``), found by name because their order
-differs between tools, and a row a frame. Azure sends JSON events ``{"FrameIndex": n, "BlendShapes": [[55 numbers],
-...]}``, 60 frames a second: ARKit's 52 in Live Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Turns of the
-head count in radians, positive as FAP 48 to 50 are; eyes that roll have no FAP.
+differs between tools, and a row a frame. The names tell the set: ARKit's 52, Oculus' 15 visemes, VRM's presets. Azure
+sends JSON events ``{"FrameIndex": n, "BlendShapes": [[55 numbers], ...]}``, 60 frames a second: ARKit's 52 in Live
+Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Turns of the head count in radians, positive as FAP 48 to 50
+are; eyes that roll have no FAP.
 """
 
 import csv
@@ -19,7 +20,8 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.shape_sets import SHAPE_SETS, ShapeSet, shape_set
 
 Array = NDArray[np.float64]
 
@@ -43,10 +45,9 @@ def parse_blend_track(data: bytes) -> FapTrack:
         If it is neither JSON events nor CSV with shape names, or a value is no number; ``where`` says which.
     """
     text = _decode(data)
-    weights, head, rate_hz = _azure(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
-    if not len(weights):
+    faps, head, rate_hz = _azure(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
+    if not len(faps):
         raise TruncatedError("blend shapes: got no frame, expected some")
-    faps = arkit_map().to_faps(weights)
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
     return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
@@ -60,7 +61,7 @@ def _decode(data: bytes) -> str:
 
 
 Found = tuple[Array, dict[int, Array], float]
-"""Weights (T, 52), turns of the head in rad by FAP, frames a second."""
+"""FAPs (T, 68), turns of the head in rad by FAP, frames a second."""
 
 
 def _azure(text: str) -> Found:
@@ -102,7 +103,7 @@ def _azure(text: str) -> Found:
         raise DataError("blend shapes: got a value that is not finite")
     every = np.arange(order[0], order[-1] + 1)
     held = table[np.searchsorted(order, every, side="right") - 1]  # a frame that was lost shows the one before
-    return np.clip(held[:, :52], 0.0, 1.0), {50: held[:, 52]}, RATE_HZ
+    return arkit_map().to_faps(np.clip(held[:, :52], 0.0, 1.0)), {50: held[:, 52]}, RATE_HZ
 
 
 def _bare(name: str) -> str:
@@ -119,12 +120,7 @@ def _csv(text: str) -> Found:
     except csv.Error as error:
         raise DataError(f"blend shapes: is no table: {error}") from error
     header = [_bare(cell) for cell in rows[0]] if rows else []
-    place = {name: header.index(name.lower()) for name in ARKIT_NAMES if name.lower() in header}
-    if len(place) < LEAST_NAMES:
-        raise DataError(
-            f"blend shapes: got {len(place)} of ARKit's names in the header, expected at least {LEAST_NAMES}",
-            where="line 1",
-        )
+    shapes, place = _find_set(header)
     wanted = {**place, **{name: header.index(name) for name in HEAD if name in header}}
     table = np.zeros((len(rows) - 1, len(wanted)))
     for line, row in enumerate(rows[1:]):
@@ -139,10 +135,27 @@ def _csv(text: str) -> Found:
     if not np.isfinite(table).all():
         line, column = np.argwhere(~np.isfinite(table))[0]
         raise DataError("got a number that is not finite", where=f"line {line + 2}, {list(wanted)[column]}")
-    weights = np.zeros((len(table), 52))
-    weights[:, [ARKIT_NAMES.index(name) for name in place]] = table[:, : len(place)]
+    weights = np.zeros((len(table), len(shapes.names)))
+    weights[:, [shapes.names.index(name) for name in place]] = table[:, : len(place)]
     turns = {HEAD[name]: table[:, len(place) + n] for n, name in enumerate(list(wanted)[len(place) :])}
-    return np.clip(weights, 0.0, 1.0), turns, _rate(header, rows)
+    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, _rate(header, rows)
+
+
+def _find_set(header: list[str]) -> tuple[ShapeSet, dict[str, int]]:
+    """Find the set of which the header has most names, and the column of each."""
+    found: list[tuple[ShapeSet, dict[str, int]]] = []
+    for shapes in SHAPE_SETS.values():
+        spelled = [(_bare(name), name) for name in shapes.names]
+        spelled += [(_bare(alias), name) for alias, name in shapes.aliases]
+        found.append((shapes, {name: header.index(bare) for bare, name in spelled if bare in header}))
+    shapes, place = max(found, key=lambda one: len(one[1]))
+    if len(place) < LEAST_NAMES:
+        raise DataError(
+            f"blend shapes: got {len(place)} names of {shapes.key} in the header, expected at least {LEAST_NAMES}"
+            f" of one of {', '.join(SHAPE_SETS)}",
+            where="line 1",
+        )
+    return shapes, place
 
 
 def _rate(header: list[str], rows: list[list[str]]) -> float:
@@ -162,12 +175,24 @@ def _rate(header: list[str], rows: list[list[str]]) -> float:
     return rate
 
 
-def format_arkit_csv(track: FapTrack) -> bytes:
-    """Write FAPs as a CSV of ARKit's 52 shapes and the head's turns in rad, with seconds in front."""
-    weights = arkit_map().approximate_weights(track.values)
+def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:
+    """Write FAPs as a CSV of shapes and the head's turns in rad, with seconds in front.
+
+    Parameters
+    ----------
+    track : FapTrack
+    shapes : str
+        One of :data:`fapengine.retarget.shape_sets.SHAPE_SETS`.
+
+    Raises
+    ------
+    UsageError
+        If there is no such set.
+    """
+    chosen = shape_set(shapes)
+    weights = chosen.from_faps(track.values.astype(np.float64))
     turns = np.stack([track.values[:, fap.column(number)] * AU_RAD for number in HEAD.values()], axis=1)
-    names = [name[0].upper() + name[1:] for name in ARKIT_NAMES]
-    lines = [",".join(("Time", *names, "HeadYaw", "HeadPitch", "HeadRoll"))]
+    lines = [",".join(("Time", *chosen.names, "HeadYaw", "HeadPitch", "HeadRoll"))]
     for time, row in zip(track.times_s - track.times_s[0], np.column_stack([weights, turns]), strict=True):
         lines.append(f"{time:.6f}," + ",".join(f"{value:.5f}" for value in row))
     return ("\n".join(lines) + "\n").encode()

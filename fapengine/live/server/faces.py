@@ -15,7 +15,7 @@ from fapengine.errors import UsageError
 from fapengine.live import fap_osc, livelink, vmc, vrchat
 from fapengine.live.fap_osc import FapFrame, SessionFrames
 from fapengine.live.server.hub import HubFrames
-from fapengine.live.shapes import ArkitFollower
+from fapengine.live.shapes import ArkitFollower, PresetFollower
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
 
@@ -116,7 +116,7 @@ def vmc_face(
     session : str, optional
         See :class:`OneFace`.
     spelling : str
-        ``"arkit"`` (Perfect Sync) or ``"pascal"``.
+        ``"arkit"`` (Perfect Sync), ``"pascal"``, or ``"vrm0"`` or ``"vrm1"``: an avatar's presets.
     performer : bool
         The receiver moves its model itself: shapes alone.
     rate_hz : float
@@ -127,10 +127,12 @@ def vmc_face(
     UsageError
         If there is no such spelling.
     """
-    spellings = {"arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES}
+    spellings = {
+        "arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES, "vrm0": vmc.VRM0_SHOWN, "vrm1": vmc.VRM1_SHOWN,
+    }  # fmt: skip
     if spelling not in spellings:
         raise UsageError(f"names: got {spelling!r}, expected one of {', '.join(spellings)}")
-    follower = ArkitFollower()
+    follower = PresetFollower() if spelling.startswith("vrm") else ArkitFollower()
     changed = vmc.ChangedShapes(spellings[spelling], every=max(1, round(REFRESH_S * rate_hz)))
     begin_s: list[float] = []
 

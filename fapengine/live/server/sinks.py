@@ -4,7 +4,8 @@ Each is told as a URL::
 
     osc://HOST:PORT[?session=NAME]                       /fap/1/frame of all sessions, or of one; UDP
     named://HOST:PORT[?session=NAME]                     /fap/<n>, a message a FAP; UDP
-    vmc://HOST:PORT[?session=NAME&names=pascal]          VSeeFace, Warudo, ...: port 39539, or 39540 for shapes alone
+    vmc://HOST:PORT[?session=NAME&names=N]               VSeeFace, Warudo, ...: port 39539, or 39540 for shapes alone;
+                                                         names arkit, pascal, vrm0 or vrm1
     vrchat://HOST:PORT[?session=NAME&prefix=P]           VRChat's parameters: port 9000
     livelink://HOST:PORT[?session=NAME&name=N&device=U]  Unreal and other Live Link Face receivers: port 11111
     fba://HOST:PORT[?session=NAME&intra=S]               MPEG-4 face stream, a plane a datagram; UDP

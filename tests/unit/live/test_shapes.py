@@ -4,6 +4,7 @@ import numpy as np
 
 from fapengine._resources import profile_files
 from fapengine.live.shapes import ArkitFollower, arkit_weights
+from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -25,3 +26,19 @@ def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
     assert (followed[:, CLOSE] <= followed[:, JAW]).all()
     assert (at_once[:, CLOSE] <= at_once[:, JAW]).all()
     assert followed[:, JAW].max() > 0.1
+
+
+def test_presets_of_a_face_are_followed_exactly() -> None:
+    from fapengine.live.shapes import PresetFollower
+    from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets
+
+    faps = np.zeros((30, 68))
+    faps[:, fap.column(3)] = np.linspace(0, 300, 30)
+    for number in (4, 5, 51, 52):
+        faps[:, fap.column(number)] = -np.linspace(0, 200, 30)
+    faps[10:15, [fap.column(19), fap.column(20)]] = 900
+    follower = PresetFollower()
+    found = np.array([follower.follow(row) for row in faps])
+    np.testing.assert_allclose(found, approximate_presets(faps)[:, :SHOWN], atol=0.01)
+    assert found[12, VRM1_NAMES.index("blink")] > 0.8
+    assert found[-1, 5:10].sum() > 0.3

@@ -16,7 +16,7 @@ from fapengine.files.fap import load_fap, save_fap
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
-from fapengine.retarget.blend_tracks import format_arkit_csv, parse_blend_track
+from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
 
 
 def run(*arguments: object) -> str:
@@ -65,7 +65,7 @@ def test_a_table_goes_there_and_back() -> None:
     faps[:, fap.column(49)] = 12_000
     faps[:, fap.column(3)] = np.maximum(faps[:, fap.column(3)], 0)
     track = FapTrack.of(np.rint(faps).astype(int), rate_hz=25.0)
-    back = parse_blend_track(format_arkit_csv(track))
+    back = parse_blend_track(format_blend_csv(track))
     assert back.rate_hz == 25.0
     columns = [fap.column(number) for number in (3, 5, 12, 49, 52)]
     np.testing.assert_allclose(back.values[:, columns], track.values[:, columns], atol=12)
@@ -95,12 +95,12 @@ ROW = ",".join(["0"] * 52)
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("", DataError, "got 0 of ARKit's names"),
-        ("time,jawOpen\n0,1\n", DataError, "got 1 of ARKit's names"),
+        ("", DataError, "got 0 names of arkit"),
+        ("time,jawOpen\n0,1\n", DataError, "got 1 names of arkit"),
         (HEADER + "\n", TruncatedError, "no frame"),
         (f"{HEADER}\n0,{ROW[:-1]}x\n", DataError, "got 'x', expected a number .at line 2, column 53"),
         (f"{HEADER}\n0,1\n", DataError, "got 'nothing', expected a number"),
-        (f"{HEADER}\n0,{ROW[:-1]}nan\n", DataError, "not finite .at line 2, tongueOut"),
+        (f"{HEADER}\n0,{ROW[:-1]}nan\n", DataError, "not finite .at line 2, TongueOut"),
         (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "expected seconds"),
         (f"{HEADER}\n1,{ROW}\n1,{ROW}\n", DataError, "rising times"),
         (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "expected 1..1000"),

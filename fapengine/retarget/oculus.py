@@ -1,0 +1,83 @@
+"""The 15 visemes of Oculus (OVR LipSync), which Ready Player Me, VRChat and others share: FAPs in and out.
+
+They are MPEG-4's visemes, number for number, and ``sil``. Weights are shares: none is negative, they add up to 1, and
+``sil`` is what the others leave. What each viseme does in FAPs is ``design/fit_visemes.py``'s; a mouth is seen, not
+heard, so of sounds that look alike (t, k, n) one stands for the others.
+"""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.visemes import VISEMES
+from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.moods import find_moods, moods_to_faps, rows_of
+from fapengine.retarget.viseme_table import VISEME_FAPS
+
+Array = NDArray[np.float64]
+
+OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
+"""In the order of the API, 0..14."""
+PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
+"""Visemes that are known by their looks; the others are used where they bring more than :data:`RELUCTANCE_MM`."""
+RELUCTANCE_MM = 0.2
+"""Half the accuracy that is lost without it (0.1 mm) buys that every vowel is shown by its own viseme."""
+
+
+@cache
+def oculus_map() -> BlendMap:
+    """Make the map of the 14 visemes that move; ``sil`` is the face at rest."""
+    table = dict(VISEME_FAPS)
+    names = OCULUS_NAMES[1:]
+    cost = np.array([0.0 if name in PLAIN else RELUCTANCE_MM for name in names])
+    return BlendMap(names, rows_of(table, names), reluctance_mm=cost)
+
+
+def approximate_visemes(faps: ArrayLike) -> Array:
+    """Find the visemes that show FAPs.
+
+    Parameters
+    ----------
+    faps : (T, 68) FAPU
+        Jaw and lips count; what a mood adds to them (:mod:`.moods`) is no viseme's business and taken away.
+
+    Returns
+    -------
+    (T, 15) float64
+        In the order of :data:`OCULUS_NAMES`; each row adds up to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rest = approximate_visemes(np.zeros((1, 68)))
+    >>> OCULUS_NAMES[int(rest[0].argmax())], float(rest.sum())
+    ('sil', 1.0)
+    """
+    given = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    moods, _ = find_moods(given)
+    return shares(oculus_map().approximate_weights(given - moods_to_faps(moods)))
+
+
+def shares(weights: Array) -> Array:
+    """Turn weights of the 14, (..., 14), into shares of the 15, (..., 15)."""
+    total = weights.sum(axis=-1, keepdims=True)
+    fitted = weights / np.maximum(total, 1.0)
+    return np.concatenate([np.maximum(1.0 - fitted.sum(axis=-1, keepdims=True), 0.0), fitted], axis=-1)
+
+
+def visemes_to_faps(weights: ArrayLike) -> Array:
+    """(..., 15) weights -> (..., 68) FAPU; what lacks to 1 is silence, more than 1 is scaled to it.
+
+    Raises
+    ------
+    UsageError
+        If a weight is negative.
+    """
+    given = frozen(weights, "weights", ("...", len(OCULUS_NAMES)), np.float64)
+    if (given < 0).any():
+        raise UsageError(f"weights: got {given.min():g}, expected none below 0")
+    return oculus_map().to_faps(given[..., 1:] / np.maximum(given.sum(axis=-1, keepdims=True), 1.0))
