@@ -31,6 +31,7 @@ class Link:
     channel: Channel
     rng: np.random.Generator
     carried: int = 0
+    sent_bytes: int = 0
     lost: int = 0
     _order: int = 0
     _flying: list[tuple[float, int, bytes]] = field(default_factory=list)
@@ -38,6 +39,7 @@ class Link:
 
     def send(self, packet: bytes, now_s: float) -> None:
         self.carried += 1
+        self.sent_bytes += len(packet)
         channel = self.channel
         if self._in_burst(now_s) or self.rng.random() < channel.loss:
             self.lost += 1
