@@ -21,7 +21,8 @@ PROGRAM = Path(__file__).with_name("serve_page.py")
 class Server:
     """Stateful: the page's server in a process of its own, always on the same port."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
+        self._head = folder / "head"
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
@@ -29,7 +30,7 @@ class Server:
         self.start()
 
     def start(self, *arguments: str) -> None:
-        command = [sys.executable, str(PROGRAM), str(self.port), *arguments]
+        command = [sys.executable, str(PROGRAM), str(self.port), str(self._head), *arguments]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
@@ -90,10 +91,10 @@ class Page:
 
 
 @pytest.fixture(scope="session")
-def server() -> Iterator[Server]:
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     if find_chromium() is None:
         pytest.skip(NO_BROWSER)
-    made = Server()
+    made = Server(tmp_path_factory.mktemp("page"))
     yield made
     made.kill()
 

@@ -1,13 +1,18 @@
-"""Serves the page with a real engine and voice, for the tests of this folder: serve_page.py PORT [TOKEN]."""
+"""Serves the page with a real engine and voice, for the tests of this folder: serve_page.py PORT HEAD [TOKEN].
+
+HEAD is a folder in which the head is kept, so that only the first start builds it.
+"""
 
 import asyncio
 import contextlib
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 from aiohttp import web
 
+from fapengine.files.heads import HeadInfo, load_head, save_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.engine.engine import Engine
 from fapengine.live.server.hub import Hub
@@ -16,10 +21,12 @@ from fapengine.mesh.head import build_head
 from fapengine.trajectory.style import Style
 
 
-async def serve(port: int, token: str | None, style: Style) -> None:
+async def serve(port: int, folder: Path, token: str | None, style: Style) -> None:
+    if not folder.exists():
+        save_head(folder, build_head(), HeadInfo(source="our own", licence="Apache-2.0"))
     engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1), style=style)
     hub = Hub(engine)
-    runner = web.AppRunner(make_app(hub, build_head(), token=token, profile="grid_s1_en"), access_log=None)
+    runner = web.AppRunner(make_app(hub, load_head(str(folder)), token=token, profile="grid_s1_en"), access_log=None)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", port).start()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, hub.stop)
@@ -30,5 +37,6 @@ async def serve(port: int, token: str | None, style: Style) -> None:
 
 if __name__ == "__main__":
     still = Style(blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+    token = sys.argv[3] if len(sys.argv) > 3 else None
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(int(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None, still))
+        asyncio.run(serve(int(sys.argv[1]), Path(sys.argv[2]), token, still))

@@ -44,6 +44,8 @@ def head_binary(mesh: FaceMesh) -> bytes:
     about = {
         "attributes": list(ATTRIBUTE_SIZES.items()),
         "iris": packed.iris,
+        "edge": packed.edge_mm,
+        "texelsPerMm": packed.texels_per_mm,
         "pupilShare": PUPIL_SHARE,
         "pupilRange": PUPIL_RANGE,
         "jawPivot": mesh.jaw_pivot_mm.tolist(),

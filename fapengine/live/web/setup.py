@@ -6,7 +6,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.mpeg4.visemes import Expression
 from fapengine.render.camera import PRESETS
-from fapengine.render.programs import ES_HEADER, LIT_AT_VERTICES, PICTURE, STAGES, VARIANTS, stage_source
+from fapengine.render.programs import ES_HEADER, PICTURE, STAGES, VARIANTS, stage_source
 
 GROUP_NAMES = {
     2: "Jaw, chin and inner lips",
@@ -25,25 +25,15 @@ REACH: dict[FapUnit, int] = {
 }  # fmt: skip
 """How far a slider goes, FAPU: about as far as a living face does; the standard's own limits are several times that."""
 OWN_REACH = {
-    3: 1400,
-    14: 300,
-    15: 200,
-    21: 500,
-    22: 500,
-    27: 60,
-    28: 60,
-    29: 400,
-    30: 400,
-    44: 500,
-    46: 500,
-    47: 90_000,
-}
+    3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 27: 60, 28: 60, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
+}  # fmt: skip
 """FAP number to a reach other than its unit's."""
 PAGE_WALL = (0.058, 0.066, 0.078)
 """Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
-
+PAGE_CAMERAS = ("front", "three-quarter", "profile", "mouth")
+"""A button and a digit key each."""
 UNUSED = ("wire", "enlarge")
-"""Programs that the page has no use for; nor has it for light at vertices, which only saves a CPU work."""
+"""Programs that the page has no use for."""
 
 
 def setup(*, voices: list[str]) -> dict[str, Any]:
@@ -61,7 +51,7 @@ def setup(*, voices: list[str]) -> dict[str, Any]:
         }
         for name, (vertex, fragment) in STAGES.items()
         for defined in VARIANTS.get(name, ((),))
-        if name not in UNUSED and not {LIT_AT_VERTICES, PICTURE} & set(defined)
+        if name not in UNUSED and PICTURE not in defined
     }
     return {
         "programs": stages,
@@ -77,7 +67,7 @@ def setup(*, voices: list[str]) -> dict[str, Any]:
                 "distance": camera.distance_mm,
                 "field": camera.field_deg,
             }
-            for name, camera in PRESETS.items()
+            for name, camera in ((name, PRESETS[name]) for name in PAGE_CAMERAS)
         },
         "voices": voices,
     }  # fmt: skip

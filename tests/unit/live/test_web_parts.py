@@ -115,7 +115,8 @@ def test_the_page_is_told_every_fap_once_and_every_program() -> None:
         assert (slider["low"] < 0) == row.bidirectional
         assert slider["low"] in (0, -slider["high"])
         assert 0 < slider["high"] <= row.intra_limit * row.quantiser_step  # the standard can say it
-    used = {"face", "face PAINTED", "face PAINTED CUT_OUT", "eye", "backdrop", "edges", "smooth"}
+    faces = {"face", "face PAINTED", "face PAINTED CUT_OUT"}
+    used = faces | {f"{name} LIT_AT_VERTICES" for name in faces} | {"eye", "backdrop", "edges", "smooth"}
     assert set(told["programs"]) == used
     assert {name.split()[0] for name in used} < set(STAGES)
     for stages in told["programs"].values():

@@ -18,6 +18,11 @@ export function cameraPosition({ yaw, pitch, target, distance }) {
   return target.map((value, axis) => value + distance * towards[axis]);
 }
 
+// How large a millimetre at the target is in a picture of that height.
+export function pixelsPerMm({ distance, field }, height) {
+  return height / (2 * distance * Math.tan((field * RADIANS) / 2));
+}
+
 // Sixteen numbers, column by column. A picture that is higher than wide keeps the width that a square one shows.
 export function clipFromWorld(camera, aspect) {
   const position = cameraPosition(camera);

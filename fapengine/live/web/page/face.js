@@ -2,9 +2,21 @@
 // then edges are found and softened on the way to the canvas.
 
 import { boneMatrices, channelWeights, irisAndPupil } from "./deform.js";
-import { cameraPosition, clipFromWorld } from "./camera.js";
+import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
 
 const FLOAT_BYTES = 4;
+// As in fapengine/render/model.py. A CPU that draws is spared light at every pixel while vertices stand close, and the
+// choice of the painting's level for each; a graphics card does both in passing.
+const FINE_PX = 8;
+const SHARPER = 0.3;
+const DRAWN_BY_CPU = /llvmpipe|swiftshader|softpipe|software|basic render/i;
+const UNITS = { u_moves: 0, u_turns: 1, u_skin: 2, u_picture: 0 };
+const PARTS = {
+  face: { name: "face", lit: true },
+  card: { name: "face", lit: true, words: ["CUT_OUT"] },
+  ball: { name: "face" },
+  eye: { name: "eye" },
+};
 
 export class FaceView {
   // programs: { face: { vertex, fragment }, ... }, from /setup.json. wall: linear RGB, or null for a clear ground.
@@ -23,9 +35,14 @@ export class FaceView {
 
   build() {
     const { gl } = this;
-    this.programs = Object.fromEntries(Object.entries(this.sources).map(([name, text]) => [name, link(gl, name, text)]));
-    const vertices = buffer(gl, gl.ARRAY_BUFFER, this.head.vertices.array);
-    this.parts = Object.entries(this.head.parts).map(([name, triangles]) => this.part(name, vertices, triangles));
+    this.frugal = DRAWN_BY_CPU.test(this.renderer);
+    this.programs = new Map();
+    this.arrays = new Map();
+    this.vertices = buffer(gl, gl.ARRAY_BUFFER, this.head.vertices.array);
+    this.indices = Object.entries(this.head.parts).map(([part, triangles]) => {
+      gl.bindVertexArray(null);
+      return { part, buffer: buffer(gl, gl.ELEMENT_ARRAY_BUFFER, triangles), count: triangles.length };
+    });
     this.empty = gl.createVertexArray();
     this.moves = entries(gl, this.head.moves);
     this.turns = entries(gl, this.head.turns);
@@ -33,19 +50,23 @@ export class FaceView {
     this.size = [0, 0];
   }
 
-  // The program that draws a part: see PackedMesh.parts in fapengine/render/packing.py.
-  programOf(part) {
-    if (part === "eye") return this.programs.eye;
-    const words = ["face", ...(this.head.skin ? ["PAINTED"] : []), ...(part === "card" ? ["CUT_OUT"] : [])];
-    return this.programs[words.join(" ")];
+  // Compiled when it is first wanted.
+  program(name) {
+    if (!this.programs.has(name)) this.programs.set(name, link(this.gl, name, this.sources[name]));
+    return this.programs.get(name);
   }
 
-  part(name, vertices, triangles) {
+  // A part joined with the program that draws it.
+  array({ part, buffer, count }, atVertices) {
+    const key = `${part} ${atVertices}`;
+    if (this.arrays.has(key)) return this.arrays.get(key);
+    const { name, words = [], lit = false } = PARTS[part];
+    const painted = name === "face" && this.skin ? ["PAINTED"] : [];
+    const used = this.program([name, ...painted, ...words, ...(lit && atVertices ? ["LIT_AT_VERTICES"] : [])].join(" "));
     const { gl } = this;
-    const used = this.programOf(name);
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.vertices);
     const stride = this.head.attributes.reduce((sum, [, size]) => sum + size, 0) * FLOAT_BYTES;
     let offset = 0;
     for (const [attribute, size] of this.head.attributes) {
@@ -56,9 +77,11 @@ export class FaceView {
       }
       offset += size * FLOAT_BYTES;
     }
-    buffer(gl, gl.ELEMENT_ARRAY_BUFFER, triangles);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
     gl.bindVertexArray(null);
-    return { ...used, array, count: triangles.length };
+    const made = { ...used, array, count };
+    this.arrays.set(key, made);
+    return made;
   }
 
   resize(width, height) {
@@ -89,42 +112,58 @@ export class FaceView {
     gl.depthFunc(gl.LESS);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    bind(gl, 0, this.moves);
-    bind(gl, 1, this.turns);
-    if (this.skin) bind(gl, 2, this.skin);
-    for (const { program, uniforms, array, count } of this.parts) {
+    bind(gl, UNITS.u_moves, this.moves);
+    bind(gl, UNITS.u_turns, this.turns);
+    if (this.skin) this.bindSkin(camera, height);
+    const values = {
+      u_channels: this.weights,
+      u_bones: this.bones,
+      u_clip_from_world: clip,
+      u_eye_position: cameraPosition(camera),
+      u_iris: irisAndPupil(this.head, faps),
+    };
+    const atVertices = this.isLitAtVertices(camera, height);
+    for (const part of this.indices) {
+      const { program, uniforms, array, count } = this.array(part, atVertices);
       gl.useProgram(program);
-      gl.uniform4fv(uniforms.u_channels, this.weights);
-      gl.uniformMatrix4fv(uniforms.u_bones, false, this.bones);
-      gl.uniformMatrix4fv(uniforms.u_clip_from_world, false, clip);
-      gl.uniform3fv(uniforms.u_eye_position, cameraPosition(camera));
-      gl.uniform1i(uniforms.u_moves, 0);
-      gl.uniform1i(uniforms.u_turns, 1);
-      if (uniforms.u_skin) gl.uniform1i(uniforms.u_skin, 2);
-      if (uniforms.u_iris) gl.uniform2fv(uniforms.u_iris, irisAndPupil(this.head, faps));
+      for (const [name, set] of Object.entries(uniforms)) set(values[name]);
       gl.bindVertexArray(array);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
     }
     gl.disable(gl.CULL_FACE);
     if (this.wall) this.cover("backdrop", { u_wall: this.wall, u_falloff: 1 });
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    bind(gl, 0, this.target.picture);
+    bind(gl, UNITS.u_picture, this.target.picture);
     gl.depthFunc(gl.ALWAYS);
-    this.cover("edges", { u_picture: 0 });
+    this.cover("edges");
     gl.depthFunc(gl.GREATER); // edges.frag left depth 0 on edges alone
-    this.cover("smooth", { u_picture: 0 });
+    this.cover("smooth");
+  }
+
+  isLitAtVertices(camera, height) {
+    return this.frugal && this.head.edge * pixelsPerMm(camera, height) <= FINE_PX;
+  }
+
+  bindSkin(camera, height) {
+    const { gl } = this;
+    bind(gl, UNITS.u_skin, this.skin);
+    if (!this.frugal) return;
+    const finest = Math.floor(Math.log2(Math.max(...this.head.skin.shape.slice(0, 2))));
+    const wanted = Math.floor(Math.log2(Math.max(this.head.texelsPerMm, 1e-9) / pixelsPerMm(camera, height)) + SHARPER);
+    const level = Math.min(Math.max(wanted, 0), finest);
+    if (level === this.level) return;
+    this.level = level;
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_BASE_LEVEL, level);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAX_LEVEL, level);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
   }
 
   // One triangle over the whole picture.
-  cover(name, values) {
+  cover(name, values = {}) {
     const { gl } = this;
-    const { program, uniforms } = this.programs[name];
+    const { program, uniforms } = this.program(name);
     gl.useProgram(program);
-    for (const [key, value] of Object.entries(values)) {
-      if (key === "u_picture") gl.uniform1i(uniforms[key], value);
-      else if (Array.isArray(value)) gl.uniform3fv(uniforms[key], value);
-      else gl.uniform1f(uniforms[key], value);
-    }
+    for (const [key, set] of Object.entries(uniforms)) set(values[key]);
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
@@ -148,13 +187,26 @@ function link(gl, name, { vertex, fragment }) {
     const said = gl.getAttachedShaders(program).map((stage) => gl.getShaderInfoLog(stage));
     throw new Error(`shader ${name}: ${[gl.getProgramInfoLog(program), ...said].join(" ").trim()}`);
   }
+  return { program, uniforms: setters(gl, program) };
+}
+
+// Name of each uniform that changes to what sets it; textures have their units once and for all.
+function setters(gl, program) {
   const uniforms = {};
   const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
+  gl.useProgram(program);
   for (let index = 0; index < count; ++index) {
-    const key = gl.getActiveUniform(program, index).name.replace("[0]", "");
-    uniforms[key] = gl.getUniformLocation(program, key);
+    const { name, type } = gl.getActiveUniform(program, index);
+    const key = name.replace("[0]", "");
+    const place = gl.getUniformLocation(program, key);
+    if (type === gl.SAMPLER_2D) gl.uniform1i(place, UNITS[key]);
+    else if (type === gl.FLOAT_MAT4) uniforms[key] = (value) => gl.uniformMatrix4fv(place, false, value);
+    else if (type === gl.FLOAT_VEC4) uniforms[key] = (value) => gl.uniform4fv(place, value);
+    else if (type === gl.FLOAT_VEC3) uniforms[key] = (value) => gl.uniform3fv(place, value);
+    else if (type === gl.FLOAT_VEC2) uniforms[key] = (value) => gl.uniform2fv(place, value);
+    else uniforms[key] = (value) => gl.uniform1f(place, value);
   }
-  return { program, uniforms };
+  return uniforms;
 }
 
 function buffer(gl, kind, data) {

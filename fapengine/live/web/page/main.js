@@ -12,6 +12,7 @@ import { FrameCushion, PixelBudget, Presence, ServerClock } from "./time.js";
 const MOST_PIXELS = 2_600_000;
 const FLIGHT_MS = 450;
 const LOOK_EVERY_MS = 80;
+const LAG_OVER_S = 0.25;
 const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "server is away, looking for it …" };
 
 const byId = (id) => document.getElementById(id);
@@ -87,7 +88,11 @@ class Page {
     byId("ticker").classList.toggle("speaking", this.ticker.current !== null);
     this.write("phone", phone || "–");
     this.panel.follow(this.faps, now);
-    if (this.clock.known) this.lag += (this.clock.at(here) - shown.time - this.lag) * 0.05;
+    if (this.clock.known) {
+      const share = 1 - Math.exp(-Math.min(here - (this.drawn ?? here), 1) / LAG_OVER_S);
+      this.lag += (this.clock.at(here) - shown.time - this.lag) * share;
+    }
+    this.drawn = here;
     this.count(now);
   }
 
