@@ -28,13 +28,13 @@ from fapengine.mpeg4.fapu import AU_RAD, Fapu
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-NEGLIGIBLE_MM = 0.01
+NEGLIGIBLE_MM = 0.08
 """Displacements below this at 1000 FAPU are left out."""
 LIP_KNOT = 0.55
 """Where along the lip, 0 middle to 1 corner, the points half way (2.6, 8.5, ...) lie."""
-UPPER_LID_KNOTS = (0.0, 180.0, 360.0, 540.0, 720.0, 900.0, 1024.0, 1080.0)
-LOWER_LID_KNOTS = (0.0, 200.0, 400.0, 600.0)
-WIDE_KNOTS = (0.0, -300.0, -600.0)
+UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
+LOWER_LID_KNOTS = (0.0, 300.0, 600.0)
+WIDE_KNOTS = (0.0, -600.0)
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Middle of the axis through the jaw's joints, mm."""
@@ -62,18 +62,25 @@ class Collector:
             self._channels.append(channel)
         self._entries.append((vertices[kept], self._channels.index(channel), displacement_mm[kept]))
 
+    def hold_place(self, channel: Channel, vertices: Indices) -> None:
+        """Give vertices (N,) an entry without displacement: how their normals turn is more than their bone says."""
+        self._channels.append(channel)
+        self._entries.append((vertices, len(self._channels) - 1, np.zeros((len(vertices), 3))))
+
     def basis(self) -> DeformationBasis:
         """Sort what was added by vertex."""
         vertices = np.concatenate([entry[0] for entry in self._entries])
         channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
         moves = np.concatenate([entry[2] for entry in self._entries])
-        order = np.argsort(vertices, kind="stable")
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=self._count))])
+        # What was added twice, of the same channel to the same vertex, becomes one entry.
+        keys, place = np.unique(vertices * len(self._channels) + channels, return_inverse=True)
+        summed = np.stack([np.bincount(place, moves[:, axis], len(keys)) for axis in range(3)], axis=-1)
+        owners = keys // len(self._channels)
         return DeformationBasis(
             channels=tuple(self._channels),
-            offsets=offsets,
-            entry_channels=channels[order],
-            entry_mm=moves[order],
+            offsets=np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=self._count))]),
+            entry_channels=keys % len(self._channels),
+            entry_mm=summed,
         )
 
 
@@ -118,7 +125,10 @@ def build_basis(
         _lids(points, eye, side, feature_points, fapu, collector)
     _tongue(points, head, feature_points, linear, collector)
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
-    return _jaw_weight(points, head, skin, fields[JAW_FAP], chin), collector.basis()
+    jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
+    # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
+    collector.hold_place(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
+    return jaw_weight, collector.basis()
 
 
 Linear = Callable[[int, Indices, Array], None]

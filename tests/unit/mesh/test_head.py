@@ -231,3 +231,10 @@ def test_refuses(head: FaceMesh) -> None:
     empty = DeformationBasis(channels=(), offsets=[0], entry_channels=np.zeros(0, int), entry_mm=np.zeros((0, 3)))  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"basis\.offsets"):
         FaceMesh(**(parts | {"basis": empty}))
+
+
+def test_a_vertex_has_one_entry_of_a_channel(head: FaceMesh) -> None:
+    basis = head.basis
+    vertex = np.repeat(np.arange(len(head.vertices_mm)), np.diff(basis.offsets))
+    pairs = vertex * basis.width + basis.entry_channels
+    assert len(np.unique(pairs)) == len(pairs)
