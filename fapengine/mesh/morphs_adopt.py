@@ -52,6 +52,10 @@ KEPT_BESIDE_MM = 320.0
 """From the middle line."""
 OPENS_MM = 4.0
 """A shape that carries the chin so far opens the jaw."""
+IRIS = 0.93
+"""Cosine of the angle, about 22 degrees, at which an iris ends."""
+PATTERN = 0.15
+"""Colours of an eyeball that differ by so much show an iris; one is drawn on others."""
 EYE_LIMBS = {"3.5": "left eye", "3.6": "right eye"}
 SURFACES = (
     (("tooth", "teeth"), Material.TEETH), (("tongue",), Material.TONGUE), (("gum",), Material.GUM),
@@ -215,8 +219,9 @@ def _finish(
         pivot = _there(head.joint, mesh, laid)
     coloured = mesh.texture is not None or _painted(mesh)
     uv = mesh.uv[laid.kept] if mesh.uv is not None and coloured else np.zeros((len(laid.kept), 2))
-    if not coloured:
-        uv = iris_plane(laid.place, eyes).astype(np.float64)
+    blank = {pupil: eye for pupil, eye in eyes.items() if len(eye[0]) and not _has_iris(mesh, laid, eye)}
+    for ball, _ in blank.values():
+        uv[ball] = iris_plane(laid.place, blank)[ball]
     albedo = mesh.albedo[laid.kept] if mesh.albedo is not None and coloured else None
     centres = [
         eyes[name][1] if name in eyes else standard.eye_pivots_mm[index] for index, name in enumerate(("3.5", "3.6"))
@@ -226,7 +231,7 @@ def _finish(
         normals=normals.astype(np.float32),
         uv=uv.astype(np.float32),
         albedo=paint(laid.place, albedo, at, skin),
-        material=_materials(mesh, laid, eyes, coloured),
+        material=_materials(mesh, laid, eyes, blank),
         occlusion=occlusion.astype(np.float32),
         bone=bone,
         bone_weight=np.clip(weight, 0.0, 1.0).astype(np.float32),
@@ -247,10 +252,26 @@ def _painted(mesh: MorphMesh) -> bool:
     return mesh.albedo is not None and len(mesh.albedo) > 0 and bool(np.ptp(mesh.albedo, axis=0).max() > 0.0)
 
 
-def _materials(mesh: MorphMesh, laid: _Placed, eyes: Eyes, coloured: bool) -> NDArray[np.uint8]:
+def _has_iris(mesh: MorphMesh, laid: _Placed, eye: tuple[Indices, Array]) -> bool:
+    """Whether an eyeball's own colours differ between its front and what is round it."""
+    ball = laid.kept[eye[0]]
+    arm = laid.place[eye[0]] - eye[1]
+    ahead = arm[:, 2] / np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
+    iris, white = ahead > IRIS, (ahead < IRIS) & (ahead > 0.5)
+    colours = np.ones((len(ball), 3)) if mesh.albedo is None else mesh.albedo[ball]
+    if mesh.texture is not None and mesh.uv is not None:
+        height, width = mesh.texture.shape[:2]
+        column, row = (mesh.uv[ball] * (width, height)).astype(int).clip(0, (width - 1, height - 1)).T
+        colours = colours * mesh.texture[row, column, :3] / 255.0
+    if not iris.any() or not white.any():
+        return bool(np.ptp(colours, axis=0).max(initial=0.0) > PATTERN)
+    return bool(np.abs(colours[iris].mean(axis=0) - colours[white].mean(axis=0)).max() > PATTERN)
+
+
+def _materials(mesh: MorphMesh, laid: _Placed, eyes: Eyes, blank: Eyes) -> NDArray[np.uint8]:
     material = np.full(len(laid.kept), Material.SKIN, np.uint8)
     for words, kind in SURFACES:
         material[named(mesh, words)[laid.kept]] = kind
-    for ball, _ in eyes.values():
-        material[ball] = Material.BALL if coloured else Material.EYE
+    for pupil, (ball, _) in eyes.items():
+        material[ball] = Material.EYE if pupil in blank else Material.BALL
     return material

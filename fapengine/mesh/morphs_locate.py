@@ -29,7 +29,7 @@ Indices = NDArray[np.int64]
 
 TOGETHER_MM = 4.0
 """Two sides of a seam lie nearer than this."""
-APART = {"lids": (0.3, 0.1), "lips": (0.04, 0.08)}
+APART = {"lids": (0.3, 0.1), "lips": (0.03, 0.06)}
 """And differ in their motion by more than this share of its extent, and more for each mm between: skin stretches."""
 ENDING_MM = 1.5
 """How near to its last vertex a seam ends."""
@@ -196,7 +196,7 @@ def _seam(face: Face, place: Array, role: str) -> tuple[Indices, Indices, Array]
     moves = face.moves[role] / face.extent(role)
     least, per_mm = APART["lips" if role == JAW else "lids"]
     more = skin[amount[skin] > least]
-    found = cKDTree(place[skin]).query_ball_point(place[more], TOGETHER_MM).tolist()
+    found = np.asarray(cKDTree(place[skin]).query_ball_point(place[more], TOGETHER_MM), object).tolist()
     moving = np.repeat(more, [len(others) for others in found])
     still = skin[np.concatenate([*found, []]).astype(np.int64)]
     gap = np.linalg.norm(place[moving] - place[still], axis=1)

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -131,6 +132,7 @@ def test_skinned_meshes_stand_as_their_joints_do() -> None:
 def vrm(version: int) -> Builder:
     builder = plain(targets=("Fcl_MTH_A", "Fcl_EYE_Close"))
     head = builder.node(name="J_Bip_C_Head")
+    builder.doc["extensionsUsed"] = ["VRM" if version == 0 else "VRMC_vrm"]
     if version == 0:
         builder.doc["extensions"] = {
             "VRM": {
@@ -384,6 +386,21 @@ def test_numbers_that_are_none() -> None:
         read(b'{"a":' * 100_000)
     with pytest.raises(DataError, match="got list, expected a JSON object"):
         read(b"[]")
+
+
+@pytest.mark.parametrize("writer", ["three_r187", "gltf_transform"])
+def test_files_of_other_exporters(writer: str) -> None:
+    vectors = Path(__file__).resolve().parent.parent.parent / "vectors" / "gltf"
+    found = read((vectors / f"{writer}.glb").read_bytes())
+    np.testing.assert_allclose(found.vertices, [[0, 0, 0], [2, 0, 0], [2, 0, 2], [0, 0, 2]], atol=1e-6)
+    assert found.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+    np.testing.assert_allclose(found.dense("jawOpen"), [[0, 0, 0], [0, 0, 0], [0, 0, -1], [0, 0, -1]], atol=1e-6)
+    np.testing.assert_allclose(found.dense("mouthSmileLeft")[0], [0, -0.5, 0], atol=1e-6)
+    assert found.surfaces == ("Face / Skin",)
+    np.testing.assert_allclose(found.limbs["head"].joint, [0, 0, 3], atol=1e-6)
+    assert found.limbs["head"].weight.tolist() == [1, 1, 1, 1]
+    assert found.albedo is not None
+    np.testing.assert_allclose(found.albedo, ((0x80 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-4)
 
 
 def test_an_image_too_large_to_unpack_is_refused() -> None:

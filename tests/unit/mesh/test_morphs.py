@@ -172,7 +172,7 @@ def test_lids_go_round_the_ball(adopted):
 
 def test_eyes_jaw_and_head(adopted, rig, marked, standard):
     mesh = adopted.mesh
-    assert (mesh.material == Material.BALL).sum() > 100  # its colours are its own
+    assert (mesh.material == Material.EYE).sum() > 100
     assert set(adopted.missing) >= {29, 30}
     frame = np.zeros(68)
     frame[fap.column(23)] = 20_000
@@ -207,6 +207,29 @@ def test_bones_of_the_rig_are_heeded(rig, marked, standard):
     np.testing.assert_allclose(mesh.jaw_pivot_mm, [0, 5, 20], atol=0.01)
     chin = mesh.feature_points["2.1"]
     assert (mesh.bone[chin], mesh.bone_weight[chin]) == (Bone.JAW, 0.25)
+
+
+def test_an_iris_is_drawn_on_balls_that_have_none(rig, marked, standard):
+    ball = np.flatnonzero(rig.surface == rig.surfaces.index("Eyeball"))
+    front = ball[rig.vertices[ball, 2] > rig.vertices[ball, 2].max() - 1.5]
+    colours = np.array(rig.albedo)
+    colours[front] = [0.1, 0.2, 0.6]
+    uv, texture = np.zeros((len(rig.vertices), 2)), np.full((8, 8, 4), 255, np.uint8)
+    texture[7, 7] = [20, 40, 120, 255]
+    uv[front] = 1.0
+    for more, kind in (
+        ({}, Material.EYE),
+        ({"albedo": colours}, Material.BALL),
+        ({"albedo": None}, Material.EYE),
+        ({"uv": uv, "texture": texture}, Material.BALL),
+        ({"uv": 0 * uv, "texture": texture}, Material.EYE),
+    ):
+        mesh = adopt_morphs(replace(rig, **more), ["jawOpen"], marked, standard).mesh
+        eye = mesh.feature_points["3.5"]
+        assert mesh.material[eye] == kind
+        on_plane = np.linalg.norm(mesh.uv[eye] - 0.5) < 0.05
+        assert on_plane == (kind == Material.EYE)
+        assert (mesh.texture is None) == ("texture" not in more)
 
 
 def test_what_hangs_far_below_is_left_out(rig, marked, standard):
