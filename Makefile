@@ -1,4 +1,4 @@
-# make demo | test | check | bench | clean: what each does stands in README.md.
+# make demo | test | check | bench | soak | clean: what each does stands in README.md.
 # Nothing is needed beforehand but python3 (3.11 or newer), git and make.
 PYTHON ?= python3
 VENV := .venv
@@ -7,15 +7,18 @@ BIN := $(VENV)/bin
 TESTS_AT_LEAST := 1600
 # How long make fuzz searches.
 SECONDS := 600
+# How long make soak uses a server.
+MINUTES := 30
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: detector help demo test check quick bench fuzz fresh-machine clean env dev
+.PHONY: detector help demo test check quick bench soak fuzz fresh-machine clean env dev
 
 help:
 	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
 	@echo "make test   everything that CI runs"
 	@echo "make quick  the unit tests alone"
 	@echo "make bench  speed, as ratios against named yardsticks"
+	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
 demo: $(VENV)/.ready
@@ -35,8 +38,11 @@ quick: $(VENV)/.ready-dev
 	$(BIN)/python -m pytest -n 2 -q tests/unit
 
 bench: $(VENV)/.ready-dev
-	@failed=0; for name in say render codec models capture sessions; do \
+	@failed=0; for name in say render codec models capture sessions live; do \
 	    echo "== $$name"; $(BIN)/python -m bench.$$name || failed=1; done; exit $$failed
+
+soak: $(VENV)/.ready-dev
+	$(BIN)/python -m bench.live_soak --minutes $(MINUTES)
 
 fuzz: $(VENV)/.ready-dev
 	@mkdir -p out/fuzz

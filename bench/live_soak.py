@@ -3,9 +3,9 @@
     python -m bench.live_soak [--minutes 30] [--sessions 40] [--json FILE]
 
 The server is ``fapengine serve`` in a process of its own, with every kind of sink. Sessions speak all the time, phone
-by phone with acknowledgements; some stop in the middle of a word, cancel, leave, and come back under another name; streams
-connect and hang up, in the middle of a packet too; one peer sends rubbish. Memory, files, queues and counts are read
-every second. Left with 1 if something grew or was left over.
+by phone with acknowledgements; some stop in the middle of a word, cancel, leave, and come back under another name;
+streams connect and hang up, in the middle of a packet too; one peer sends rubbish. Memory, files, queues and counts are
+read every second. Left with 1 if something grew or was left over.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from fapengine.live.framing import encode_length, encode_slip
 MEMORY_GROWTH_MB = 4.0
 """From the middle of the run to its end: allocators settle, caches fill."""
 FILES_GROWTH = 3
+CONFIG = "[limits]\nidle_close_s = 3\nsilence_s = 1\nwait_s = 3\n"
 EXTRA_SINKS = ("vmc", "vrchat", "livelink", "named", "fba")
 
 
@@ -127,9 +128,7 @@ def soak(seconds: float, sessions: int, *, seed: int = 0, tell: bool = False) ->
     extra = [f"{kind}://127.0.0.1:{other.getsockname()[1]}" for kind in EXTRA_SINKS]
     extra.append(f"fba+tcp://127.0.0.1:{stream_port}")
     samples: list[Sample] = []
-    with serving(
-        ear.getsockname()[1], other.getsockname()[1], sinks=extra, config="[limits]\nidle_close_s = 3\n"
-    ) as server:
+    with serving(ear.getsockname()[1], other.getsockname()[1], sinks=extra, config=CONFIG) as server:
         load = Load(server.address, ear, sessions, chunked=True, seed=seed)
         bother = Bother(server.address, stream_port, seed)
         start_s = time.monotonic()

@@ -9,6 +9,7 @@ from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
     from fapengine.live.config import ServeConfig
+    from fapengine.live.server.guard import Guard
     from fapengine.live.server.server import Server
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
@@ -74,6 +75,7 @@ def serve(
     from fapengine.cli._serve_config import configured
     from fapengine.files.heads import load_head
     from fapengine.files.profiles import load_profile
+    from fapengine.live.server.guard import begin_guard
     from fapengine.live.server.logs import begin_log
 
     given = {
@@ -84,10 +86,15 @@ def serve(
     wanted = configured(config, given)
     begin_log(wanted.log.level, wanted.log.format)
     face = load_head(wanted.face.head) if wanted.listen.web_port is not None else None
-    asyncio.run(_run(wanted, load_profile(wanted.face.profile), face))
+    own_profile = load_profile(wanted.face.profile)
+    guard = begin_guard(wanted.sinks, wanted.face.rate_hz)
+    try:
+        asyncio.run(_run(wanted, own_profile, face, guard))
+    finally:
+        guard.end()
 
 
-async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None") -> None:
+async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Guard") -> None:
     import asyncio
     import gc
     import signal
@@ -96,6 +103,7 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
     from fapengine.live.server.server import serve as serve_until_stopped
 
     server = Server(config, profile, head)
+    server.hub.subscribe_all(lambda frames: guard.tell(frames.sessions))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, server.stop)

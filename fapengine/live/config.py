@@ -34,6 +34,8 @@ rate_wpm = 160
 sessions = 1000
 utterances = 32         # of a session, queued
 queued_s = 600.0        # of an utterance
+silence_s = 2.0         # an utterance without an end is over when nothing more comes for so long
+wait_s = 30.0           # one that never begins to be said is given up
 idle_close_s = 120.0    # a session that nobody talks to or watches is closed
 packets_a_peer = 256    # waiting to be understood
 streams = 256           # TCP connections
@@ -92,6 +94,8 @@ class Caps:
     sessions: int = 1000
     utterances: int = 32
     queued_s: float = 600.0
+    silence_s: float = 2.0
+    wait_s: float = 30.0
     idle_close_s: float = 120.0
     packets_a_peer: int = 256
     streams: int = 256
@@ -99,7 +103,13 @@ class Caps:
     @property
     def engine(self) -> Limits:
         """The engine's part."""
-        return Limits(sessions=self.sessions, utterances=self.utterances, queued_s=self.queued_s)
+        return Limits(
+            sessions=self.sessions,
+            utterances=self.utterances,
+            queued_s=self.queued_s,
+            silence_s=self.silence_s,
+            wait_s=self.wait_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +221,8 @@ def _caps(table: TomlTable) -> Caps:
         sessions=_between(table, "sessions", int, own.sessions, 1, 100_000),
         utterances=_between(table, "utterances", int, own.utterances, 1, 10_000),
         queued_s=_between(table, "queued_s", float, own.queued_s, 1.0, 86_400.0),
+        silence_s=_between(table, "silence_s", float, own.silence_s, 0.1, 3600.0),
+        wait_s=_between(table, "wait_s", float, own.wait_s, 0.1, 3600.0),
         idle_close_s=_between(table, "idle_close_s", float, own.idle_close_s, 1.0, 86_400.0),
         packets_a_peer=_between(table, "packets_a_peer", int, own.packets_a_peer, 1, 100_000),
         streams=_between(table, "streams", int, own.streams, 1, 10_000),

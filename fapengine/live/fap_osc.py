@@ -18,7 +18,7 @@ In the named form each FAP is a message of its own, ``/fap/<n> i value`` for n =
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import cast
@@ -145,6 +145,11 @@ class SessionFrames:
         self._sessions: tuple[str, ...] = ()
         self._heads: list[bytes] = []
         self._next: list[int] = []
+
+    def begin_at(self, numbers: Mapping[str, int]) -> None:
+        """Let the numbers of these sessions go on from here, and forget all others."""
+        self._sessions, self._next = tuple(numbers), list(numbers.values())
+        self._heads = [_head(session, len(self._columns)) for session in self._sessions]
 
     def encode(self, sessions: tuple[str, ...], faps: NDArray[np.int32], time_us: int) -> list[bytes]:
         """Write one frame of every session.

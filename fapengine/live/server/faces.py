@@ -4,7 +4,7 @@ A face that goes away leaves a last frame at rest, so that no receiver keeps a m
 face at rest, for a server may have been killed before.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -76,6 +76,10 @@ class OscFaces:
         self._session = session
         self._stream = SessionFrames()
         self._shown: tuple[str, ...] = ()
+
+    def begin_at(self, numbers: Mapping[str, int]) -> None:
+        """Let the numbers of sessions go on from here; see :meth:`.SessionFrames.begin_at`."""
+        self._stream.begin_at(numbers)
 
     def encode(self, frames: HubFrames) -> list[bytes]:
         """Write a message for each session, and one at rest for each that has gone."""

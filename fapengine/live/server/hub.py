@@ -33,7 +33,7 @@ from fapengine.voices.protocol import Speech
 
 RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
-LOOK_EVERY_S = 5.0
+LOOK_EVERY_S = 1.0
 """How often idle sessions are looked for."""
 FIRST_UTTERANCE = 1 << 30
 """Utterances that the hub itself begins count from here, so that they never meet those of a sender."""

@@ -52,6 +52,8 @@ def test_every_key_is_taken() -> None:
         sessions = 2
         utterances = 3
         queued_s = 4
+        silence_s = 1
+        wait_s = 8
         idle_close_s = 5
         packets_a_peer = 6
         streams = 7
@@ -71,6 +73,7 @@ def test_every_key_is_taken() -> None:
     assert (config.style.jaw, config.style.blinks, config.style.method) == (2.0, False, "paper")
     assert (config.voice.name, config.voice.rate_wpm) == ("de", 100)
     assert (config.limits.engine.sessions, config.limits.engine.utterances, config.limits.engine.queued_s) == (2, 3, 4)
+    assert (config.limits.engine.silence_s, config.limits.engine.wait_s) == (1, 8)
     assert (config.limits.idle_close_s, config.limits.packets_a_peer, config.limits.streams) == (5, 6, 7)
     assert (config.log.level, config.log.format) == ("debug", "json")
     assert config.sinks == ("osc://a:1", "osc://b:2")

@@ -2,8 +2,11 @@
 
 import asyncio
 import contextlib
+import json
+import os
 import socket
 import struct
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +18,8 @@ from fapengine.codec.decoder import Decoder
 from fapengine.errors import ResourceError, UsageError
 from fapengine.live.engine.commands import Append, Begin, End, Express
 from fapengine.live.engine.engine import Engine
+from fapengine.live.fap_osc import decode_frame
+from fapengine.live.server import guard as guards
 from fapengine.live.server import sinks
 from fapengine.live.server.faces import FbaFace, OscFaces, joined
 from fapengine.live.server.hub import Hub, HubFrames
@@ -460,6 +465,45 @@ def test_hosts_and_ports_that_cannot_be_had() -> None:
             await sink.close()
 
     asyncio.run(twice())
+
+
+def test_a_guard_puts_every_face_to_rest_that_was_open(ear: Ear) -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b'["anna"]\n["anna", "ben"]\n["anna", "be')  # killed while it wrote
+    os.close(writing)
+    told: list[dict[str, float]] = []
+    guards.watch(reading, told.append)
+    assert [list(one) for one in told] == [["anna", "ben"]]
+    kinds = ("osc", "vmc", "livelink", "fba", "fba+tcp")
+    addresses = [parse_sink(f"{kind}://127.0.0.1:{ear.port}") for kind in kinds]
+    addresses += [parse_sink("osc://no.such.host.invalid:1")]
+    since_s = time.monotonic() - 10.0
+    guards.put_to_rest(addresses, {"anna": since_s, "ben": since_s}, RATE_HZ)
+    found = ear.heard()
+    frames = [decode_frame(data) for data in found if data.startswith(b"/fap")]
+    assert [frame.session for frame in frames] == ["anna", "ben"] * guards.RESTS
+    assert all(frame.number >= 10 * RATE_HZ and not frame.values.any() for frame in frames)
+    assert sum(data.startswith(b"#bundle") for data in found) >= guards.RESTS
+    assert sum(data[4:5] == b"$" for data in found) == guards.RESTS
+
+
+def test_a_guard_that_is_told_goodbye_does_nothing() -> None:
+    reading, writing = os.pipe()
+    guard = guards.Guard(0, writing)
+    os.set_blocking(writing, False)
+    guard.tell(("anna",))
+    guard.tell(("anna",))
+    many = tuple(f"session number {number}" for number in range(4000))
+    guard.tell(many)  # more than the pipe holds
+    guard.tell((*many, "ben"))
+    lines = os.read(reading, 1 << 20)
+    while guard._late:
+        guard.tell((*many, "ben"))
+        lines += os.read(reading, 1 << 20)
+    assert [json.loads(line) for line in lines.splitlines()] == [["anna"], [*many], [*many, "ben"]]
+    os.write(writing, guards.BYE)
+    os.close(writing)
+    guards.watch(reading, lambda sessions: pytest.fail("it was told goodbye"))
 
 
 def test_a_face_that_comes_back_is_followed_again() -> None:
