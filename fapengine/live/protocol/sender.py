@@ -92,14 +92,14 @@ class OscSender:
         self._hello_s, self._hellos = -inf, 0
         self._ping_s, self._pings = -inf, 0
         self._welcome: schema.Welcome | None = None
-        self._engine_instance: int | None = None
+        self._engine_instance = 0
         self._heard_s = -inf
         self._utterances: dict[int, Outgoing] = {}
         self._next_number = 0
         self._cancels: dict[int, _Cancel] = {}
         self._queue: list[tuple[float, int, bytes]] = []
         self._order = 0
-        self._told: deque[tuple[int, str, int]] = deque(maxlen=64)
+        self._told: deque[tuple[int, str, int, int]] = deque(maxlen=64)
 
     # What is told ---------------------------------------------------------------------------------------------------
 
@@ -300,7 +300,7 @@ class OscSender:
     def _is_new(self, told: schema.Notice) -> bool:
         """Whether it is no repeat. An utterance is over once; the rest may happen to it again at another time."""
         once = told.utterance >= 0 and told.kind in ("finished", "cancelled")
-        key = (told.utterance, told.kind, 0 if once else told.engine_us)
+        key = (told.utterance, told.kind, *((0, 0) if once else (told.engine_us, told.count)))
         if key in self._told:
             return False
         self._told.append(key)
@@ -349,9 +349,9 @@ class OscSender:
             del self._utterances[told.utterance]
 
     def _meet(self, instance: int, now_s: float) -> None:
-        """Notice that it is another engine than before."""
-        before, self._engine_instance = self._engine_instance, instance
-        if before is not None and before != instance:
+        """Notice that it is another engine than before; one of instance 0 does not tell."""
+        before, self._engine_instance = self._engine_instance, instance or self._engine_instance
+        if before and before != self._engine_instance:
             self.clock.reset()
             self._pings = 0
             self._begin_again(now_s)
