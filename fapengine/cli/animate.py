@@ -29,6 +29,7 @@ def animate(
     profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
+    background: shared.BackgroundName = "studio",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
@@ -49,7 +50,7 @@ def animate(
     from fapengine.files.timings import load_timings
 
     manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background)
     check(options)
     report = Report()
     with report.stage("read"):

@@ -5,7 +5,15 @@ from typing import Annotated
 
 import typer
 
-Output = Annotated[Path, typer.Option("--output", "-o", help="Video (.mp4, .webm, .mkv), or .fap for the FAPs alone.")]
+Output = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder), or"
+        " .fap for the FAPs alone.",
+    ),
+]
 Expressions = Annotated[
     list[str],
     typer.Option(
@@ -17,7 +25,22 @@ Expressions = Annotated[
 ]
 ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
 HeadName = Annotated[str, typer.Option("--head", help="Whose face: default, or a folder of `fapengine head import`.")]
-CameraName = Annotated[str, typer.Option("--camera", help="front, three-quarter, profile or mouth.")]
+CameraName = Annotated[
+    str,
+    typer.Option(
+        "--camera",
+        help="front, close, three-quarter, profile, mouth, eyes, low, high; three-quarter-right, profile-right; or"
+        " YAW,PITCH in degrees.",
+    ),
+]
+BackgroundName = Annotated[
+    str,
+    typer.Option(
+        "--background",
+        "-b",
+        help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .webp, .png).",
+    ),
+]
 Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
 Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]
 Articulation = Annotated[float, typer.Option("--articulation", help="Size of mouth movements; 1 is natural.")]

@@ -9,62 +9,91 @@ from fapengine.cli import options as shared
 
 
 def render(
-    track: Annotated[Path, typer.Argument(help="FAPs (.fap, .fba), or blend shapes (.csv, Azure's .json).")],
+    track: Annotated[
+        list[Path],
+        typer.Argument(help="FAPs (.fap, .fba), or blend shapes (.csv, Azure's .json); several stand side by side."),
+    ],
     output: Annotated[
         Path,
         typer.Option(
             "--output",
             "-o",
-            help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png), or .png for"
-            " one frame.",
+            help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder),"
+            " or .png for one frame.",
         ),
     ] = Path("out/render.mp4"),
     audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video, from its start.")] = None,
     at: Annotated[float, typer.Option("--at", help="With .png: which second to draw.")] = 0.0,
-    head: shared.HeadName = "default",
+    sheet: Annotated[int, typer.Option("--sheet", help="With .png: a contact sheet of so many moments.")] = 0,
+    head: Annotated[
+        list[str],
+        typer.Option("--head", help="Whose face, once or once a face: default, or an imported head's folder."),
+    ] = ["default"],  # noqa: B006  typer copies it
     camera: shared.CameraName = "front",
-    size: shared.Size = "512x512",
+    background: shared.BackgroundName = "studio",
+    turntable: Annotated[
+        float, typer.Option("--turntable", help="The camera goes once round the head in so many seconds.")
+    ] = 0.0,
+    wire: Annotated[bool, typer.Option("--wire", help="Draw the mesh's edges over the face.")] = False,
+    size: Annotated[str, typer.Option("--size", help="Width x height of one face in pixels.")] = "512x512",
 ) -> None:
     """Draw FAPs that are there already.
 
-    Example: fapengine render talk.fba --audio talk.wav -o out/talk.mp4
+    Examples: fapengine render talk.fba --audio talk.wav -o out/talk.mp4; fapengine render talk.fap --turntable 4
+    --wire -o out/turn.webp; fapengine render ours.fap theirs.fap -o out/both.mp4; fapengine render talk.fap --sheet 12
+    -o out/sheet.png
     """
     import numpy as np
 
+    from fapengine.cli._drawing import Drawing, parse_background, side_by_side
     from fapengine.cli.talk import parse_size, progress
     from fapengine.errors import UsageError
-    from fapengine.files.animation import ENCODERS, is_sequence, write_animation, write_sequence
+    from fapengine.files.animation import is_sequence
     from fapengine.files.heads import load_head
     from fapengine.files.motion import load_motion
-    from fapengine.files.pictures import save_png
+    from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
+    from fapengine.files.pictures import contact_sheet, save_png
     from fapengine.files.sound import load_sound
-    from fapengine.files.video import CODECS, write_video
-    from fapengine.render.camera import preset
-    from fapengine.render.renderer import FaceRenderer
+    from fapengine.files.video import CODECS
 
-    kinds = (*CODECS, *ENCODERS)
-    if output.suffix not in (*kinds, ".png"):
-        raise UsageError(f"--output: got {output}, expected a name that ends with {', '.join(kinds)} or .png")
+    is_one = output.suffix == ".png" and not is_sequence(output)
+    if not (is_one or is_moving(output)):
+        raise UsageError(f"--output: got {output}, expected a name that ends with {KINDS}, or .png")
     if audio and output.suffix not in CODECS:
         raise UsageError(f"--audio: got {audio}, but {output.suffix} holds no sound; expected {', '.join(CODECS)}")
-    faps = load_motion(track)
+    if turntable < 0 or sheet < 0 or (sheet and not is_one):
+        raise UsageError(f"--turntable, --sheet: got {turntable:g}, {sheet}, expected 0 or more, --sheet with .png")
+    faces = max(len(track), len(head))
+    for what, given in (("track", track), ("--head", head)):
+        if len(given) not in (1, faces):
+            raise UsageError(f"{what}: got {len(given)}, expected one, or one for each of {faces} faces")
+    rate_hz, rows = side_by_side([load_motion(path) for path in track])
+    rows = np.broadcast_to(rows, (len(rows), faces, rows.shape[2]))
+    drawing = Drawing(
+        size=parse_size(size), camera=camera, background=parse_background(background), wire=wire, turn_s=turntable
+    )
+    if not is_one:
+        alpha, whole = drawing.background is None, drawing.picture_size(faces)
+        check_moving(output, rate_hz=rate_hz, size=whole, alpha=alpha)
     sound = load_sound(audio) if audio else None
-    with FaceRenderer(load_head(head), size=parse_size(size), camera=preset(camera)) as renderer:
-        if output.suffix == ".png" and not is_sequence(output):
-            if not 0 <= at <= faps.times_s[-1] - faps.times_s[0]:
-                raise UsageError(f"--at: got {at} s, the track lasts {faps.times_s[-1] - faps.times_s[0]:.2f} s")
-            save_png(output, renderer.draw(faps.values[np.searchsorted(faps.times_s, faps.times_s[0] + at)]))
+    loaded = {name: load_head(name) for name in dict.fromkeys(head)}
+    meshes = [loaded[name] for name in head] * (faces if len(head) == 1 else 1)
+    last_s = (len(rows) - 1) / rate_hz
+    with drawing.open(meshes) as crowd:
+        if is_one and sheet:
+            moments = np.unique(np.linspace(0, len(rows) - 1, sheet).round().astype(int))
+            pictures = list(drawing.frames(crowd, rows[moments], rate_hz * len(moments) / len(rows)))
+            labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
+            save_png(output, contact_sheet([picture[..., :3] for picture in pictures], labels, title=track[0].name))
+            typer.echo(f"{output}: {len(pictures)} moments")
+        elif is_one:
+            if not 0 <= at <= last_s:
+                raise UsageError(f"--at: got {at} s, the track lasts {last_s:.2f} s")
+            moment = int(np.ceil(round(at * rate_hz, 6)))
+            save_png(output, next(drawing.frames(crowd, rows[moment : moment + 1], rate_hz)))
             typer.echo(f"{output}: one frame")
-            return
-        # Skipped frames show what was there before.
-        shown = np.arange(faps.frame_numbers[0], faps.frame_numbers[-1] + 1)
-        rows = faps.values[np.searchsorted(faps.frame_numbers, shown, side="right") - 1]
-        with progress("drawing", len(rows)) as advance:
-            frames = renderer.frames(rows)
-            if output.suffix in CODECS:
-                write_video(output, frames, rate_hz=faps.rate_hz, sound=sound, on_frame=advance)
-            elif output.suffix in ENCODERS:
-                write_animation(output, frames, rate_hz=faps.rate_hz, on_frame=advance)
-            else:
-                write_sequence(output, frames, on_frame=advance)
-    typer.echo(f"{output}: {len(rows)} frames at {faps.rate_hz:g} Hz")
+        else:
+            with progress("drawing", len(rows)) as advance:
+                frames = drawing.frames(crowd, rows, rate_hz)
+                count = write_moving(output, frames, rate_hz=rate_hz, sound=sound, on_frame=advance)
+            typer.echo(f"{output}: {count} frames at {rate_hz:g} Hz")

@@ -17,6 +17,7 @@ def say(
     profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
+    background: shared.BackgroundName = "studio",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
@@ -40,7 +41,8 @@ def say(
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
 
-    Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet). With --live nothing is written: the sound is
+    Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet); so they do beside an animation, or a folder of
+    numbered pictures. With --live nothing is written: the sound is
     played, and the face follows the sound card's clock.
 
     Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4; fapengine say "Hello there." --live
@@ -51,7 +53,7 @@ def say(
     from fapengine.voices.espeak import EspeakVoice
 
     manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background)
     check(options)
     report = Report()
     spoken = sys.stdin.read() if text == "-" else text

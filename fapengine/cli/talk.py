@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from fapengine.cli._drawing import parse_background
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads import DEFAULT_HEAD, load_head
-from fapengine.files.pictures import Picture, contact_sheet, save_png
+from fapengine.files.moving import KINDS, beside, check_moving, is_moving, write_moving
+from fapengine.files.pictures import Picture, contact_sheet, save_png, straight
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import save_wav
-from fapengine.files.video import CODECS, write_video
+from fapengine.files.video import CODECS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
@@ -32,7 +34,6 @@ from fapengine.trajectory.style import GENERATORS, METHOD_NAMES, Style
 
 DEFAULT_PROFILE = "grid_s1_en"
 DEFAULT_OUT = Path("out/talk.mp4")
-OUT_KINDS = (*CODECS, ".fap")
 SHEET_FRAMES = 40
 """At most so many phones on a contact sheet; of longer speech, evenly chosen."""
 KEY_FRACTION = 0.3
@@ -52,6 +53,7 @@ class Options:
     rate_hz: float = 30.0
     style: Style = Style()  # noqa: RUF009  frozen
     seed: int = 1
+    background: str = "studio"
 
 
 @dataclass(slots=True)
@@ -185,13 +187,14 @@ def check(options: Options) -> None:
     UsageError
         For any option out of range.
     """
-    if options.out.suffix not in OUT_KINDS:
-        raise UsageError(f"--output: got {options.out}, expected a name that ends with {', '.join(OUT_KINDS)}")
+    if not (is_moving(options.out) or options.out.suffix == ".fap"):
+        raise UsageError(f"--output: got {options.out}, expected a name that ends with {KINDS}, or .fap")
     for wish in options.expressions:
         parse_wish(wish)
     preset(options.camera)
-    if any(side % 2 for side in parse_size(options.size)):
-        raise UsageError(f"--size: got {options.size}, expected even sides")
+    alpha, size = parse_background(options.background) is None, parse_size(options.size)
+    if options.out.suffix != ".fap":
+        check_moving(options.out, rate_hz=options.rate_hz, size=size, alpha=alpha)
 
 
 def refuse_unknown(phones: PhoneTrack, where: str, *, strict: bool) -> None:
@@ -215,16 +218,15 @@ def talk(
     with report.stage("plan"):
         profile = load_profile(options.profile)
         track = _plan(phones, profile, sound, options, report)
-    beside = options.out.with_suffix
-    save_fap(beside(".fap"), track)
+    save_fap(beside(options.out, ".fap"), track)
     if sound is not None:
-        save_wav(beside(".wav"), *sound)
+        save_wav(beside(options.out, ".wav"), *sound)
     if options.out.suffix != ".fap":
         _render(phones, sound, track, options, report, title)
-        report.files.append((options.out, "video"))
-    report.files.append((beside(".fap"), "FAPs"))
+        report.files.append((options.out, "video" if options.out.suffix in CODECS else "pictures"))
+    report.files.append((beside(options.out, ".fap"), "FAPs"))
     if sound is not None:
-        report.files.append((beside(".wav"), "sound"))
+        report.files.append((beside(options.out, ".wav"), "sound"))
 
 
 def _plan(
@@ -263,11 +265,16 @@ def _render(
     with report.stage("head"):
         mesh = load_head(options.head)
     with report.stage("upload"):
-        renderer = FaceRenderer(mesh, size=parse_size(options.size), camera=preset(options.camera))
+        renderer = FaceRenderer(
+            mesh,
+            size=parse_size(options.size),
+            camera=preset(options.camera),
+            background=parse_background(options.background),
+        )
     with renderer, progress("drawing", len(track)) as advance:
 
         def frames() -> Iterator[Picture]:
-            pictures = renderer.frames(track.values)
+            pictures = map(straight, renderer.frames(track.values))
             for number in range(len(track)):
                 with report.stage("draw"):
                     picture = next(pictures)
@@ -276,13 +283,13 @@ def _render(
                 yield picture
 
         started = time.perf_counter()
-        write_video(options.out, frames(), rate_hz=track.rate_hz, sound=sound, on_frame=advance)
+        write_moving(options.out, frames(), rate_hz=track.rate_hz, sound=sound, on_frame=advance)
         report.stages["encode"] = time.perf_counter() - started - report.stages["draw"]
     with report.stage("contact sheet"):
         labels = [(phone.label, f"{number / track.rate_hz:.2f} s") for number, phone in shown.items()]
         if kept:
-            sheet = options.out.with_suffix(".png")
-            save_png(sheet, contact_sheet([kept[number] for number in shown], labels, title=title))
+            sheet = beside(options.out, ".png")
+            save_png(sheet, contact_sheet([kept[number][..., :3] for number in shown], labels, title=title))
             report.files.append((sheet, "contact sheet"))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.pictures import save_png
+from fapengine.files.video import FORMATS
 
 Picture = NDArray[np.uint8]
 
@@ -38,7 +39,7 @@ def write_animation(
         ``.gif`` (256 colours, one palette for all frames, so that nothing flickers) or ``.webp`` (all colours, and a
         quarter of the size).
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size.
+        sRGB; all of one size. ``.webp`` takes a fourth component, alpha, with colours not multiplied with it.
     rate_hz : float
         Frames a second; at most 50 for GIF.
     on_frame : callable
@@ -52,7 +53,7 @@ def write_animation(
     Raises
     ------
     UsageError
-        For an unknown suffix, a rate that GIF cannot keep, or no frame.
+        For an unknown suffix, a rate or alpha that GIF cannot keep, or no frame.
     ResourceError
         If the file cannot be written.
     """
@@ -62,6 +63,8 @@ def write_animation(
         raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_HIGHEST_HZ:g}; .webp has no such limit")
     pictures = iter(frames)
     start = list(itertools.islice(pictures, PALETTE_FRAMES if path.suffix == ".gif" else 1))
+    if start and start[0].shape[2] == 4 and path.suffix == ".gif":
+        raise UsageError(f"{path.name}: got pictures with alpha, but .gif holds none; expected .webp")
     if not start:
         raise UsageError(f"{path.name}: got no frame, expected one or more")
     rate = Fraction(rate_hz).limit_denominator(1001)
@@ -71,7 +74,7 @@ def write_animation(
         with av.open(str(path), "w", options={"loop": "0"}) as container:
             stream: Any = container.add_stream(ENCODERS[path.suffix], rate=rate)
             stream.height, stream.width = start[0].shape[:2]
-            stream.pix_fmt = "pal8" if path.suffix == ".gif" else "yuv420p"
+            stream.pix_fmt = "pal8" if path.suffix == ".gif" else {3: "yuv420p", 4: "yuva420p"}[start[0].shape[2]]
             stream.options = {} if path.suffix == ".gif" else WEBP_OPTIONS
             shown = _timed(itertools.chain(start, pictures), rate)
             for frame in _in_palette(shown, _palette(start), rate) if path.suffix == ".gif" else shown:
@@ -126,7 +129,7 @@ def write_sequence(pattern: Path, frames: Iterable[Picture], *, on_frame: Callab
 
 def _timed(pictures: Iterable[Picture], rate: Fraction) -> Iterator[av.VideoFrame]:
     for number, picture in enumerate(pictures):
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame = av.VideoFrame.from_ndarray(picture, format=FORMATS[picture.shape[2]])
         frame.pts, frame.time_base = number, 1 / rate
         yield frame
 

@@ -19,8 +19,20 @@ LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
 PAPER, INK, FAINT = (250, 249, 246), (32, 34, 38), (120, 124, 132)
 
 
+def straight(picture: Picture) -> Picture:
+    """Undo what alpha did to the colours of a (height, width, 4) picture, as files want it; of 3 components, nothing.
+
+    Renderers hand colours over multiplied with alpha; where alpha is 0 they are black.
+    """
+    if picture.shape[2] == 3:
+        return picture
+    alpha = picture[..., 3:].astype(np.float32)
+    colours = np.minimum(picture[..., :3] * (255 / np.maximum(alpha, 1)), 255) * (alpha > 0)
+    return np.concatenate([np.round(colours).astype(np.uint8), picture[..., 3:]], axis=2)
+
+
 def save_png(path: Path, picture: Picture) -> None:
-    """Write (height, width, 3 or 4) uint8, sRGB.
+    """Write (height, width, 3 or 4) uint8, sRGB, colours not multiplied with alpha.
 
     Raises
     ------
@@ -55,7 +67,7 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
     Parameters
     ----------
     frames : sequence of (height, width, 3) uint8
-        At least one; shown as squares.
+        At least one; each fitted into a square.
     labels : sequence of (str, str)
         Label and note of each frame; IPA is fine.
     title : str
@@ -73,15 +85,18 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
     columns = min(len(frames), max(4, round((len(frames) * 1.6) ** 0.5)))
     rows = -(-len(frames) // columns)
     top = MARGIN + (40 if title else 0)
-    width = 2 * MARGIN + columns * (TILE + GAP) - GAP
-    sheet = Image.new("RGB", (width, top + rows * (TILE + LABEL_HEIGHT + GAP) + MARGIN - GAP), PAPER)
+    sheet_width = 2 * MARGIN + columns * (TILE + GAP) - GAP
+    sheet = Image.new("RGB", (sheet_width, top + rows * (TILE + LABEL_HEIGHT + GAP) + MARGIN - GAP), PAPER)
     pen = ImageDraw.Draw(sheet)
     if title:
         pen.text((MARGIN, MARGIN), title, INK, font=font(22))
     for index, (frame, (label, note)) in enumerate(zip(frames, labels, strict=True)):
         x = MARGIN + index % columns * (TILE + GAP)
         y = top + index // columns * (TILE + LABEL_HEIGHT + GAP)
-        sheet.paste(Image.fromarray(frame).resize((TILE, TILE), Image.Resampling.LANCZOS), (x, y))
+        scale = TILE / max(frame.shape[:2])
+        width, height = max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale))
+        small = Image.fromarray(frame).resize((width, height), Image.Resampling.LANCZOS)
+        sheet.paste(small, (x + (TILE - width) // 2, y + (TILE - height) // 2))
         pen.text((x + 2, y + TILE + 3), drawable(label), INK, font=font(21))
         pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
     return np.asarray(sheet)

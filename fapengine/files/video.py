@@ -14,6 +14,9 @@ from fapengine.errors import DataError, ResourceError, UsageError
 
 CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac")}
 """Video and sound codec by suffix."""
+ALPHA_KINDS = (".webm",)
+FORMATS = {3: "rgb24", 4: "rgba"}
+"""FFmpeg's name of a picture with so many components."""
 X264_OPTIONS = {"preset": "veryfast", "crf": "20", "tune": "animation"}
 VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
 SOUND_RATE_HZ = 48000
@@ -37,7 +40,8 @@ def write_video(
     path : Path
         ``.mp4``, ``.webm`` or ``.mkv``.
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size, with even sides.
+        sRGB; all of one size, with even sides. ``.webm`` takes a fourth component, alpha, with colours not multiplied
+        with it.
     rate_hz : float
         Frames a second.
     sound : ((N,) int16, int), optional
@@ -53,7 +57,7 @@ def write_video(
     Raises
     ------
     UsageError
-        For an unknown suffix or odd sides.
+        For an unknown suffix, odd sides, or alpha that the format cannot hold.
     ResourceError
         If the file cannot be written or a codec is missing.
     """
@@ -65,16 +69,15 @@ def write_video(
         path.parent.mkdir(parents=True, exist_ok=True)
         with av.open(str(path), "w") as container:
             stream: Any = container.add_stream(video_codec, rate=Fraction(rate_hz).limit_denominator(1001))
-            stream.pix_fmt = "yuv420p"
             stream.options = X264_OPTIONS if video_codec == "libx264" else VP9_OPTIONS
             stream.codec_context.thread_count = 0
             voice: Any = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono") if sound else None
             for picture in frames:
                 if not count:
-                    stream.height, stream.width = picture.shape[:2]
+                    _take_form(stream, picture, path)
                     if stream.height % 2 or stream.width % 2:
                         raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=FORMATS[picture.shape[2]])))
                 count += 1
                 on_frame()
             container.mux(stream.encode(None))
@@ -83,6 +86,17 @@ def write_video(
     except (av.FFmpegError, OSError) as error:
         raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
     return count
+
+
+def _take_form(stream: Any, picture: Picture, path: Path) -> None:
+    """Set a stream up for pictures of this size and number of components."""
+    stream.height, stream.width, components = picture.shape
+    if components == 4 and path.suffix not in ALPHA_KINDS:
+        raise UsageError(f"video: got pictures with alpha, but {path.suffix} holds none; expected .webm")
+    stream.pix_fmt = "yuva420p" if components == 4 else "yuv420p"
+    if components == 4:
+        stream.metadata["alpha_mode"] = "1"  # players look there
+        stream.options = {**stream.options, "auto-alt-ref": "0"}  # libvpx refuses both together
 
 
 def _encode_sound(

@@ -1,6 +1,6 @@
 """Where the camera stands: presets, and the matrix that they make."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,21 +70,45 @@ class Camera:
 
 PRESETS: dict[str, Camera] = {
     "front": Camera(),
+    "close": Camera(target_mm=(0.0, 0.0, 60.0), distance_mm=800.0, field_deg=14.5),
     "three-quarter": Camera(yaw_deg=35.0, pitch_deg=4.0),
+    "three-quarter-right": Camera(yaw_deg=-35.0, pitch_deg=4.0),
     "profile": Camera(yaw_deg=90.0),
+    "profile-right": Camera(yaw_deg=-90.0),
+    "low": Camera(pitch_deg=-18.0),
+    "high": Camera(pitch_deg=22.0),
+    "eyes": Camera(target_mm=(0.0, 26.0, 80.0), distance_mm=600.0, field_deg=11.0),
     "mouth": Camera(target_mm=(0.0, -36.0, 100.0), distance_mm=500.0, field_deg=11.0),
 }
 """Named views."""
 
 
 def preset(name: str) -> Camera:
-    """Return one of :data:`PRESETS`.
+    """Return one of :data:`PRESETS`, or the front turned by ``"YAW,PITCH"`` in degrees.
 
     Raises
     ------
     UsageError
-        If there is none of that name.
+        If it is neither.
+
+    Examples
+    --------
+    >>> preset("20,-5").yaw_deg
+    20.0
     """
-    if name not in PRESETS:
-        raise UsageError(f"camera: got {name!r}, expected one of {', '.join(PRESETS)}")
-    return PRESETS[name]
+    if name in PRESETS:
+        return PRESETS[name]
+    try:
+        yaw_deg, pitch_deg = map(float, name.split(","))
+    except ValueError:
+        raise UsageError(
+            f"camera: got {name!r}, expected one of {', '.join(PRESETS)}, or YAW,PITCH in degrees"
+        ) from None
+    if not (-360 <= yaw_deg <= 360 and -89 <= pitch_deg <= 89):
+        raise UsageError(f"camera: got {name!r}, expected a yaw of -360 to 360 and a pitch of -89 to 89 degrees")
+    return replace(PRESETS["front"], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+
+
+def turned(camera: Camera, turns: float) -> Camera:
+    """Walk round the head: so many whole turns towards the subject's left."""
+    return replace(camera, yaw_deg=camera.yaw_deg + 360.0 * turns)

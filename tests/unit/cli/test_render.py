@@ -1,5 +1,6 @@
 """The verb render: FAPs in, every kind of picture out."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,80 @@ def test_streams_are_drawn_like_text(tmp_path: Path, opening: FapTrack) -> None:
         assert np.abs(stream - text).mean() < 1.0  # the quantiser's steps
 
 
+def test_several_faces_stand_side_by_side(fap_file: Path, tmp_path: Path, opening: FapTrack) -> None:
+    """A second track at half the rate: its frames are shown twice."""
+    save_fap(tmp_path / "slow.fap", FapTrack.of(opening.values[::2], rate_hz=12.5))
+    run(fap_file, tmp_path / "slow.fap", "-o", tmp_path / "both_%d.png")
+    run(fap_file, "-o", tmp_path / "one_%d.png")
+    for number, shown in enumerate((0, 0, 2, 2, 4)):
+        both = load_picture(tmp_path / f"both_{number}.png").astype(int)
+        assert both.shape == (64, 192, 3)
+        for half, moment in ((both[:, :96], number), (both[:, 96:], shown)):
+            alone = load_picture(tmp_path / f"one_{moment}.png").astype(int)
+            assert np.abs(half - alone)[:, 4:-4].mean() < 0.5
+    assert (tmp_path / "both_5.png").exists()  # the slow track lasts longer
+
+
+def test_one_track_on_two_heads(fap_file: Path, tmp_path: Path) -> None:
+    run(fap_file, "--head", "default", "--head", "default", "-o", tmp_path / "two.png")
+    two = load_picture(tmp_path / "two.png").astype(int)
+    assert two.shape == (64, 192, 3)
+    assert np.abs(two[:, :92] - two[:, 96:188]).mean() < 0.5
+
+
+def test_the_camera_walks_round(fap_file: Path, tmp_path: Path) -> None:
+    run(fap_file, "--turntable", 0.16, "-o", tmp_path / "turn")
+    run(fap_file, "--camera", "profile", "-o", tmp_path / "side_%d.png")
+    walk = [load_picture(tmp_path / "turn" / f"frame_{number:04d}.png").astype(int) for number in range(FRAMES)]
+    side = load_picture(tmp_path / "side_1.png").astype(int)
+    assert np.abs(walk[1] - side).mean() < 0.5  # a quarter of the way after 0.04 s
+    assert np.abs(walk[2] - side).mean() > 3
+
+
+def test_backgrounds(fap_file: Path, tmp_path: Path) -> None:
+    run(fap_file, "-b", "#f08", "-o", tmp_path / "flat.png")
+    assert np.abs(load_picture(tmp_path / "flat.png")[2, 2].astype(int) - (255, 0, 136)).max() <= 1
+    run(fap_file, "-b", tmp_path / "flat.png", "-o", tmp_path / "again.png")
+    assert np.abs(load_picture(tmp_path / "again.png")[2, 2].astype(int) - (255, 0, 136)).max() <= 2
+    run(fap_file, "-b", "none", "-o", tmp_path / "clear.png")
+    with Image.open(tmp_path / "clear.png") as image:
+        clear = np.asarray(image)
+    assert clear.shape == (64, 96, 4)
+    assert clear[2, 2].tolist() == [0, 0, 0, 0]
+    edge = (clear[..., 3] > 40) & (clear[..., 3] < 200)
+    assert edge.any()
+    run(fap_file, "-b", "#000000", "-o", tmp_path / "black.png")
+    black = load_picture(tmp_path / "black.png").astype(float)
+    over_black = clear[..., :3] * (clear[..., 3:] / 255)
+    assert np.abs(over_black - black).mean() < 1.0  # composed as other programs do it
+
+
+def test_wire_and_sheet(fap_file: Path, tmp_path: Path) -> None:
+    run(fap_file, "--wire", "-o", tmp_path / "wire.png")
+    run(fap_file, "-o", tmp_path / "bare.png")
+    wire, bare = (load_picture(tmp_path / f"{name}.png").astype(int).mean() for name in ("wire", "bare"))
+    assert wire < bare - 3
+    assert "3 moments" in run(fap_file, "--sheet", 3, "-o", tmp_path / "sheet.png")
+    sheet = load_picture(tmp_path / "sheet.png")
+    assert sheet.shape[1] == 2 * 16 + 3 * 192 + 2 * 8
+
+
+def test_refuses_what_does_not_fit(fap_file: Path, tmp_path: Path) -> None:
+    for words, message in (
+        (("-b", "#12345"), "--background: got '#12345', expected a colour"),
+        (("-b", "nowhere.png"), "--background: got 'nowhere.png', expected studio, none"),
+        (("-b", "none", "-o", "a.mp4"), "--background: got none, but .mp4 has no alpha"),
+        (("--sheet", 3), "--sheet with .png"),
+        (("--turntable", -1), "expected 0 or more"),
+        ((fap_file, fap_file, "--head", "a", "--head", "b"), "--head: got 2, expected one, or one for each of 3"),
+        ((fap_file, "--head", "a", "--head", "b", "--head", "c"), "track: got 2"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(message)):
+            run(fap_file, *words)
+
+
 def test_refuses(fap_file: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"a\.avi, expected .*\.mp4.*\.gif, \.webp or \.png"):
+    with pytest.raises(UsageError, match=r"a\.avi, expected .*\.mp4.*\.gif, \.webp, .* or \.png"):
         run(fap_file, "-o", tmp_path / "a.avi")
     for name in ("a.gif", "a.webp", "a.png", "%d.png"):
         with pytest.raises(UsageError, match="holds no sound"):

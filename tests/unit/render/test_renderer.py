@@ -16,7 +16,7 @@ from fapengine.mesh.patch import vertex_normals
 from fapengine.mpeg4 import fap
 from fapengine.render import context as context_module
 from fapengine.render import programs
-from fapengine.render.camera import PRESETS, Camera, preset
+from fapengine.render.camera import PRESETS, Camera, preset, turned
 from fapengine.render.context import create_context
 from fapengine.render.model import Shading
 from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_turns
@@ -347,6 +347,12 @@ def test_every_preset_shows_the_head(renderer: FaceRenderer) -> None:
     assert all(np.abs(seen[0] - other).max() > 50 for other in seen[1:])
 
 
+def test_cameras_by_numbers() -> None:
+    assert preset("-20,7.5") == Camera(yaw_deg=-20.0, pitch_deg=7.5)
+    assert turned(preset("profile"), 0.25).position_mm == pytest.approx([0, 10, -870])
+    assert preset("profile-right").position_mm[0] < -800  # the subject's right is -x
+
+
 def test_projection_agrees_with_the_matrix() -> None:
     assert Camera(target_mm=(1.0, 2.0, 3.0)).project(np.array([1.0, 2.0, 3.0]), (100, 50)) == pytest.approx([50, 25])
     above = Camera().project(np.array([0.0, 100.0, 30.0]), (100, 100))
@@ -365,8 +371,12 @@ def test_no_context_is_a_resource_error_that_says_what_to_install(monkeypatch: p
 def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match="8x192"):
         FaceRenderer(head, size=(8, 192))
-    with pytest.raises(UsageError, match="front"):
-        preset("behind")
+    for wrong in ("behind", "1,2,3", "1,x"):
+        with pytest.raises(UsageError, match=f"camera: got '{wrong}', expected one of front, .* or YAW,PITCH"):
+            preset(wrong)
+    for wrong in ("0,90", "400,0", "nan,0"):
+        with pytest.raises(UsageError, match="a yaw of -360 to 360 and a pitch of -89 to 89"):
+            preset(wrong)
     with pytest.raises(UsageError, match="distance"):
         Camera(distance_mm=5.0)
     with pytest.raises(UsageError, match="shading: got 'flat', expected one of auto, pixels, vertices"):

@@ -12,9 +12,10 @@ from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
+from fapengine.render.desktop import start_glfw, try_window
 from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
 from fapengine.render.renderer import FaceRenderer
-from fapengine.render.window import OVERLAY_UNIFORMS, FaceWindow, _glfw
+from fapengine.render.window import OVERLAY_UNIFORMS, FaceWindow
 
 SIZE = (WIDTH + 320, 320)
 RIGHT = SIZE[0] - WIDTH
@@ -159,6 +160,20 @@ def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
     assert window._renderer.size == (700, 400)
 
 
+def test_other_renderers_may_draw_before_and_between(display: None) -> None:
+    """X ends a process that makes a window's context current while EGL's is."""
+    with FaceRenderer(MESH, size=(64, 64)) as other:
+        before = other.draw(REST)
+        with FaceWindow(MESH, size=SIZE, vsync=False) as window:
+            window.show(REST)
+            seen = window.picture()
+            np.testing.assert_array_equal(other.draw(REST), before)
+            window.show(REST)
+            np.testing.assert_array_equal(window.picture(), seen)
+        assert try_window()
+        np.testing.assert_array_equal(other.draw(REST), before)
+
+
 def test_refuses(display: None) -> None:
     with pytest.raises(UsageError, match="size: got 50x50"):
         FaceWindow(MESH, size=(50, 50))
@@ -175,12 +190,12 @@ def test_refuses(display: None) -> None:
 def test_glfw_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "glfw", None)
     with pytest.raises(ResourceError, match=r"mend it with: pip install \"fapengine\[window\]\""):
-        _glfw()
+        start_glfw()
 
 
 def test_no_display_is_said_plainly() -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "from fapengine.render.window import _glfw\n_glfw()"
+    code = "from fapengine.render.desktop import start_glfw\nstart_glfw()"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert "ResourceError: window: no display (X11: The DISPLAY environment variable is missing)" in done.stderr
     assert "`fapengine serve` shows the face in a browser" in done.stderr
