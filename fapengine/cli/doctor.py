@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 
 import typer
 
+from fapengine.cli._doctor_live import LackError
 from fapengine.errors import FapEngineError
 
 ESSENTIAL = ("OpenGL", "video")
@@ -23,19 +24,29 @@ class Finding:
     """The command that mends it; empty where nothing is needed."""
 
 
-class _LackError(Exception):
-    """Something is missing; carries what was found and the line that mends it."""
-
-
 def doctor(as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON.")) -> None:
-    """Say what works on this machine (OpenGL, voices, video, sound card) and how to mend what does not."""
+    """Say what works on this machine (OpenGL, window, voices, video, sound, ports, extras) and how to mend the rest.
+
+    Opens the sound card for a moment, silently. Exits with 3 where no face could be drawn.
+    """
+    from fapengine.cli import _doctor_live as live
+    from fapengine.live.config import OSC_PORT, WEB_PORT
+    from fapengine.live.vmc import MARIONETTE_PORT
+
     findings = [
         _check("Python", "", _python),
+        _check("profile", "pip install --force-reinstall fapengine", _profile),
         _check("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
+        _check("window", 'pip install "fapengine[window]"', live.window),
         _check("voices", 'pip install "fapengine[voice]"', _voices),
         _check("video", "pip install --upgrade av", _video),
-        _check("sound card", "sudo apt-get install -y libportaudio2", _sound_card),
-        _check("compiled codec", 'pip install "fapengine[fast]"', _compiled_codec),
+        _check("sound", "sudo apt-get install -y libportaudio2", live.sound),
+        _check(f"port {OSC_PORT}, OSC in", "fapengine serve --port N", lambda: live.port_in(OSC_PORT)),
+        _check(f"port {WEB_PORT}, page", "fapengine serve --web-port N", lambda: live.port_in(WEB_PORT)),
+        _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),
+        _check("live server", 'pip install "fapengine[live]"', lambda: live.extra("aiohttp", "prometheus_client")),
+        _check("compiled codec", 'pip install "fapengine[fast]"', lambda: live.extra("numba")),
+        _check("laboratory", 'pip install "fapengine[lab]"', lambda: live.extra("matplotlib", "trimesh")),
     ]
     if as_json:
         import json
@@ -50,7 +61,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
 def _check(part: str, mend: str, look: Callable[[], str]) -> Finding:
     try:
         return Finding(part, True, look())
-    except _LackError as lack:
+    except LackError as lack:
         return Finding(part, False, *lack.args)
     except (FapEngineError, ImportError, OSError) as error:
         return Finding(part, False, str(error), mend)
@@ -62,6 +73,14 @@ def _python() -> str:
     from fapengine import __version__
 
     return f"{platform.python_version()}, fapengine {__version__}, {platform.system()} {platform.machine()}"
+
+
+def _profile() -> str:
+    from fapengine.cli.talk import DEFAULT_PROFILE
+    from fapengine.files.profiles import load_profile
+
+    profile = load_profile(DEFAULT_PROFILE)
+    return f"{profile.id}, {len(profile.phones)} phones, {len(profile.expressions)} expressions"
 
 
 def _opengl() -> str:
@@ -85,7 +104,7 @@ def _video() -> str:
 
     encoders = [name for name in ("libx264", "libopenh264", "libvpx-vp9", "aac", "libopus") if _can_encode(name)]
     if not any(name in encoders for name in ("libx264", "libopenh264")):
-        raise _LackError(f"PyAV {av.__version__} has no H.264 encoder", "pip install --force-reinstall av")
+        raise LackError(f"PyAV {av.__version__} has no H.264 encoder", "pip install --force-reinstall av")
     return f"PyAV {av.__version__}: {', '.join(encoders)}"
 
 
@@ -98,21 +117,6 @@ def _can_encode(name: str) -> bool:
     except UnknownCodecError:
         return False
     return True
-
-
-def _sound_card() -> str:
-    import sounddevice
-
-    outputs = [device["name"] for device in sounddevice.query_devices() if device["max_output_channels"] > 0]
-    if not outputs:
-        raise _LackError("PortAudio works, but has no output device", "connect one; files need none")
-    return str(outputs[0])
-
-
-def _compiled_codec() -> str:
-    import numba
-
-    return f"numba {numba.__version__}"
 
 
 def _print_table(findings: list[Finding]) -> None:

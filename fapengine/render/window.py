@@ -8,7 +8,6 @@ Pointer: pull the face to turn the camera, wheel to come nearer. Keys: 1 to 4 ca
 the panel, Enter types, Escape or Q closes; the caller adds its own.
 """
 
-import re
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -20,18 +19,20 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine.errors import ResourceError, UsageError
+from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.camera import PRESETS, Camera
+from fapengine.render.camera import Camera, preset
 from fapengine.render.context import REQUIRED
+from fapengine.render.desktop import create_window, current, start_glfw
 from fapengine.render.panel import WIDTH, Event, Panel, Pressed
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import SIZES, FaceRenderer
 
+CAMERAS = ("front", "three-quarter", "profile", "mouth")
+"""Those that have buttons and the keys 1 to 4."""
 OVERLAY = (("backdrop.vert",), ("overlay.frag",))
 """Stages of the program that shows a texture."""
 OVERLAY_UNIFORMS = ("u_picture",)
-MEND = 'pip install "fapengine[window]"'
 TURN_DEG = 0.4
 """Of the camera, a point of the pointer's way."""
 ZOOM = 1.1
@@ -52,7 +53,7 @@ class FaceWindow:
     size : (int, int)
         Points, panel included.
     camera : str
-        One of :data:`fapengine.render.camera.PRESETS`.
+        As :func:`fapengine.render.camera.preset` takes it.
     panel : Panel, optional
         The controls; cameras are added to its buttons.
     keys : mapping of str to str, optional
@@ -81,11 +82,9 @@ class FaceWindow:
     ) -> None:
         if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {SMALLEST[0]}x{SMALLEST[1]}")
-        if camera not in PRESETS:
-            raise UsageError(f"camera: got {camera!r}, expected one of {', '.join(PRESETS)}")
-        self._mesh, self.camera, self._keys = mesh, PRESETS[camera], dict(keys or {})
+        self._mesh, self.camera, self._keys = mesh, preset(camera), dict(keys or {})
         self.panel = panel or Panel()
-        self.panel.buttons = (*map(_label, PRESETS), *self.panel.buttons)
+        self.panel.buttons = (*map(_label, CAMERAS), *self.panel.buttons)
         self.panel.lit |= {_label(camera)}
         self._shows_panel = True
         self._events: list[Event] = []
@@ -94,12 +93,14 @@ class FaceWindow:
         self._busy_s: deque[float] = deque(maxlen=MEASURED)
         self._renderer: FaceRenderer | None = None
         self._panel_texture: moderngl.Texture | None = None
-        self._glfw = _glfw()
-        self._window = self._open(title, size, vsync)
-        self._context = moderngl.create_context(require=REQUIRED)
-        vertex, fragment = (stage_source(files) for files in OVERLAY)
-        self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
-        self._quad = self._context.vertex_array(self._program, [])
+        self._glfw = start_glfw()
+        self._window = self._open(title, size)
+        with current(self._window):
+            self._glfw.swap_interval(int(vsync))
+            self._context = moderngl.create_context(require=REQUIRED)
+            vertex, fragment = (stage_source(files) for files in OVERLAY)
+            self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
+            self._quad = self._context.vertex_array(self._program, [])
 
     def __enter__(self) -> "FaceWindow":
         return self
@@ -147,20 +148,21 @@ class FaceWindow:
         if self._window is None:
             raise UsageError("window: got a frame, but it is closed")
         begun = time.perf_counter()
-        self._glfw.make_context_current(self._window)
-        self._draw(faps)
-        self._context.finish()
-        self._busy_s.append(time.perf_counter() - begun)
-        self._glfw.swap_buffers(self._window)
+        with current(self._window):
+            self._draw(faps)
+            self._context.finish()
+            self._busy_s.append(time.perf_counter() - begun)
+            self._glfw.swap_buffers(self._window)
         self._shown_at.append(time.perf_counter())
         self._glfw.poll_events()
         events, self._events = self._events, []
         return events
 
     def picture(self) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8, sRGB, top row first: what the window shows, drawn anew."""
+        """(height, width, 3) uint8, sRGB, top row first: what the window has shown last."""
         width, height = self._pixels()
-        data = self._context.screen.read((0, 0, width, height), components=3, alignment=1)
+        with current(self._window):
+            data = self._context.screen.read((0, 0, width, height), components=3, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1].copy()
 
     def look(self, camera: str) -> None:
@@ -169,11 +171,9 @@ class FaceWindow:
         Raises
         ------
         UsageError
-            If there is none of that name.
+            If there is none.
         """
-        if camera not in PRESETS:
-            raise UsageError(f"camera: got {camera!r}, expected one of {', '.join(PRESETS)}")
-        self._turn(PRESETS[camera])
+        self._turn(preset(camera))
         self.panel.lit |= {_label(camera)}
 
     def title(self, text: str) -> None:
@@ -188,30 +188,18 @@ class FaceWindow:
         """Close it and give the GPU's memory back; once more does nothing."""
         if self._window is None:
             return
-        self._glfw.make_context_current(self._window)
-        if self._renderer is not None:
-            self._renderer.release()
-        self._context.release()
+        with current(self._window):
+            if self._renderer is not None:
+                self._renderer.release()
+            self._context.release()
         self._glfw.destroy_window(self._window)
         self._window = None
 
     # Opening -------------------------------------------------------------------------------------------------------
 
-    def _open(self, title: str, size: tuple[int, int], vsync: bool) -> Any:
+    def _open(self, title: str, size: tuple[int, int]) -> Any:
         glfw = self._glfw
-        hints = {
-            glfw.CONTEXT_VERSION_MAJOR: REQUIRED // 100, glfw.CONTEXT_VERSION_MINOR: REQUIRED // 10 % 10,
-            glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.OPENGL_FORWARD_COMPAT: True, glfw.DEPTH_BITS: 0,
-        }  # fmt: skip
-        try:
-            for hint, value in hints.items():
-                glfw.window_hint(hint, value)
-            window = glfw.create_window(*size, title, None, None)
-            glfw.make_context_current(window)
-            glfw.swap_interval(int(vsync))
-        except glfw.GLFWError as error:
-            why = _plain(error)
-            raise ResourceError(f"window: no OpenGL 3.3 on this display ({why}); try `fapengine doctor`") from error
+        window = create_window(title, size)
         glfw.set_window_size_limits(window, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(window, self._on_key)
         glfw.set_char_callback(window, self._on_character)
@@ -277,10 +265,10 @@ class FaceWindow:
 
     def _turn(self, camera: Camera) -> None:
         self.camera = camera
-        self.panel.lit -= set(map(_label, PRESETS))
+        self.panel.lit -= set(map(_label, CAMERAS))
 
     def _do(self, events: list[Event]) -> None:
-        names = {_label(name): name for name in PRESETS}
+        names = {_label(name): name for name in CAMERAS}
         for event in events:
             if isinstance(event, Pressed) and event.key in names:
                 self.look(names[event.key])
@@ -289,7 +277,7 @@ class FaceWindow:
 
     def _on_character(self, _: Any, code: int) -> None:
         character = chr(code)
-        cameras = dict(zip("123456789", PRESETS, strict=False))
+        cameras = dict(zip("123456789", CAMERAS, strict=False))
         if self.panel.is_typing:
             self.panel.type(character)
         elif character in self._keys:
@@ -297,7 +285,7 @@ class FaceWindow:
         elif character in cameras:
             self.look(cameras[character])
         elif character in "rR":
-            self.look(next(iter(PRESETS)))
+            self.look(CAMERAS[0])
 
     def _on_key(self, window: Any, key: int, _: int, action: int, __: int) -> None:
         glfw = self._glfw
@@ -356,23 +344,3 @@ def _turned(camera: Camera, yaw_deg: float, pitch_deg: float) -> Camera:
 
 def _label(camera: str) -> str:
     return camera.capitalize()
-
-
-def _glfw() -> Any:
-    """GLFW, ready; it stays so until the process ends."""
-    try:
-        import glfw
-    except ImportError as error:
-        raise ResourceError(f"window: {error}; mend it with: {MEND}") from error
-    glfw.ERROR_REPORTING = "exception"
-    try:
-        glfw.init()
-    except glfw.GLFWError as error:
-        why = _plain(error)
-        raise ResourceError(f"window: no display ({why}); `fapengine serve` shows the face in a browser") from error
-    return glfw
-
-
-def _plain(error: BaseException) -> str:
-    """Spell GLFW's error without its number and Python's quotes."""
-    return re.sub(r"^\(\d+\) b?['\"]?(.*?)['\"]?$", r"\1", str(error))

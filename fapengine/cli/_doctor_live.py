@@ -1,0 +1,99 @@
+"""What ``fapengine doctor`` looks at of the live part: window, sound, ports, extras."""
+
+SETTLE_S = 1.5
+"""So long a sound card may take to begin."""
+SAMPLE_RATE_HZ = 22_050
+"""Of the voice."""
+TOO_FAST = 4.0
+"""A device that fetches sound so many times faster than it is heard is no clock: ALSA's null device does."""
+
+
+class LackError(Exception):
+    """Something is missing; carries what was found and the line that mends it."""
+
+
+def window() -> str:
+    """Open a hidden window."""
+    from fapengine.cli._live_face import has_display
+    from fapengine.render.desktop import try_window
+
+    if not has_display():
+        raise LackError(
+            "no display (neither DISPLAY nor WAYLAND_DISPLAY is set)",
+            "fapengine serve shows the face in a browser; xvfb-run -a makes a display of software",
+        )
+    return try_window()
+
+
+def sound() -> str:
+    """Open the default device and see whether its clock runs."""
+    import time
+
+    from fapengine.errors import ResourceError
+    from fapengine.live.sound import Player, devices
+
+    found = devices()
+    if not found:
+        raise LackError("PortAudio works, but has no output device", "connect one; the face speaks silently without")
+    names = ", ".join(device.name for device in found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+    try:
+        with Player(SAMPLE_RATE_HZ) as player:
+            begun_s = time.monotonic()
+            while not player.is_settled(time.monotonic()) and time.monotonic() < begun_s + SETTLE_S:
+                time.sleep(0.02)
+            took_s = time.monotonic() - begun_s
+            settled, clock = player.is_settled(time.monotonic()), player.clock
+            fetched_s = clock.fetched / clock.sample_rate_hz
+            description = player.description
+    except ResourceError as error:
+        raise LackError(f"{names}; {error}", "choose another: fapengine say TEXT --live --device NAME") from error
+    if fetched_s > TOO_FAST * (took_s + 0.2):
+        raise LackError(
+            f"{description}: plays faster than sound is heard, a null device", "choose another: --device NAME"
+        )
+    if not settled:
+        raise LackError(f"{description}: opens, but does not play", "choose another: --device NAME")
+    return f"{description}, {1e3 * clock.latency_s:.0f} ms of latency, followed; devices: {names}"
+
+
+def port_in(port: int) -> str:
+    """See whether we could listen there."""
+    import socket
+
+    for kind, name in ((socket.SOCK_DGRAM, "UDP"), (socket.SOCK_STREAM, "TCP")):
+        with socket.socket(socket.AF_INET, kind) as probe:
+            if kind == socket.SOCK_STREAM:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError as error:
+                mend = f"end what listens there (ss -lunt | grep {port}), or choose another port"
+                raise LackError(f"{name} is taken ({error.strerror})", mend) from error
+    return "free"
+
+
+def port_out(port: int) -> str:
+    """See whether somebody listens there."""
+    import socket
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return "somebody listens: fapengine serve --sink vmc://127.0.0.1"
+    return "nobody listens yet: start VSeeFace or its kin, or send to another machine"
+
+
+def extra(*modules: str) -> str:
+    """Import what an extra brings."""
+    from importlib import import_module
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = []
+    for name in modules:
+        import_module(name)
+        try:
+            found.append(f"{name} {version(name.replace('_', '-'))}")
+        except PackageNotFoundError:
+            found.append(name)
+    return ", ".join(found)

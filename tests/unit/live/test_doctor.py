@@ -1,0 +1,112 @@
+"""``fapengine doctor``: each part where it works, and where it does not."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from fapengine.cli import _doctor_live as doctor
+from fapengine.cli._doctor_live import LackError
+from fapengine.errors import ResourceError
+from fapengine.live import sound
+
+NULL_DEVICE = "</usr/share/alsa/alsa.conf>\npcm.!default { type null }\n"
+
+
+def findings(environment: Mapping[str, str]) -> dict[str, dict[str, object]]:
+    command = [sys.executable, "-m", "fapengine", "doctor", "--json"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    return {line["part"]: line for line in json.loads(done.stdout)}
+
+
+def test_a_machine_with_a_display_and_a_sound_card(null_sink: Mapping[str, str], virtual_display: str) -> None:
+    found = findings({**null_sink, "DISPLAY": virtual_display})
+    for part in ("Python", "profile", "OpenGL", "window", "voices", "video", "sound", "live server", "laboratory"):
+        assert found[part]["works"], found[part]
+        assert not found[part]["mend"]
+    assert "llvmpipe" in str(found["window"]["found"]) or "OpenGL" in str(found["window"]["found"])
+    assert "ms of latency, followed" in str(found["sound"]["found"])
+
+
+def test_a_machine_without_a_display_and_with_a_device_that_keeps_no_time(tmp_path: Path) -> None:
+    (tmp_path / "alsa.conf").write_text(NULL_DEVICE)
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    found = findings({**bare, "ALSA_CONFIG_PATH": str(tmp_path / "alsa.conf")})
+    assert not found["window"]["works"]
+    assert "xvfb-run" in str(found["window"]["mend"])
+    assert not found["sound"]["works"]
+    assert "plays faster than sound is heard" in str(found["sound"]["found"])
+
+
+def test_a_port_is_free_or_taken() -> None:
+    for kind, name in ((socket.SOCK_DGRAM, "UDP"), (socket.SOCK_STREAM, "TCP")):
+        with socket.socket(socket.AF_INET, kind) as mine:
+            mine.bind(("127.0.0.1", 0))
+            if kind == socket.SOCK_STREAM:
+                mine.listen()
+            port = mine.getsockname()[1]
+            with pytest.raises(LackError) as lack:
+                doctor.port_in(port)
+            assert lack.value.args[0].startswith(f"{name} is taken")
+            assert str(port) in lack.value.args[1]
+            if kind == socket.SOCK_DGRAM:
+                assert doctor.port_out(port).startswith("somebody listens")
+        assert doctor.port_in(port) == "free"
+        assert doctor.port_out(port).startswith("nobody listens yet")
+
+
+def test_an_extra_that_is_not_there() -> None:
+    assert doctor.extra("numpy", "json").startswith("numpy ")
+    with pytest.raises(ImportError):
+        doctor.extra("no_such_module")
+
+
+class Device:
+    name = "Card"
+
+
+def test_no_device_and_one_that_does_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sound, "devices", list)
+    with pytest.raises(LackError) as lack:
+        doctor.sound()
+    assert lack.value.args[0] == "PortAudio works, but has no output device"
+
+    def refuse(rate_hz: int) -> None:
+        raise ResourceError("sound: Device unavailable")
+
+    monkeypatch.setattr(sound, "devices", lambda: [Device()] * 5)
+    monkeypatch.setattr(sound, "Player", refuse)
+    with pytest.raises(LackError) as lack:
+        doctor.sound()
+    assert lack.value.args[0] == "Card, Card, Card and 2 more; sound: Device unavailable"
+
+
+def test_a_device_that_opens_and_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stuck:
+        description = "Card, 22050 Hz"
+        clock = sound.PlaybackClock(22_050)
+
+        def __init__(self, rate_hz: int) -> None:
+            pass
+
+        def __enter__(self) -> "Stuck":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def is_settled(self, now_s: float) -> bool:
+            return False
+
+    monkeypatch.setattr(sound, "devices", lambda: [Device()])
+    monkeypatch.setattr(sound, "Player", Stuck)
+    monkeypatch.setattr(doctor, "SETTLE_S", 0.05)
+    with pytest.raises(LackError) as lack:
+        doctor.sound()
+    assert lack.value.args[0] == "Card, 22050 Hz: opens, but does not play"
