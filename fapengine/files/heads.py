@@ -22,7 +22,7 @@ from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.heads_rigs import is_rig, load_mapping, load_rig
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.recordings import MESHES, load_mesh
-from fapengine.mesh.adopted import Adopted, adopt
+from fapengine.mesh.adopted import Adopted
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.head import build_head
 from fapengine.mesh.morphs import MorphMesh
@@ -43,18 +43,13 @@ NEAREST_SHARE = 0.05
 """A feature point given as a place must have a vertex within this share of the mesh's size."""
 
 
-def load_face_file(
-    path: Path,
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]:
-    """Read a mesh with its colours.
+def load_neutral(path: Path) -> MorphMesh:
+    """Read a mesh without shapes, with its colours.
 
     Returns
     -------
-    vertices : (V, 3) float64
-        In the file's order, units and axes.
-    triangles : (F, 3) int64
-    albedo : (V, 3) float64 or None
-        Linear RGB from vertex colours or the base colour texture; None where the file has neither.
+    MorphMesh
+        Vertices in the file's order, units and axes; its texture, or the colours of its vertices, where it has any.
 
     Raises
     ------
@@ -70,7 +65,18 @@ def load_face_file(
     vertices, triangles, visual = load_mesh(path)
     if not len(triangles):
         raise DataError("mesh: got no triangle, expected a face", where=str(path))
-    return vertices, triangles, _albedo(visual)
+    texture, uv = _texture(visual, len(vertices))
+    albedo = None if texture is not None else _albedo(visual)
+    return MorphMesh(vertices=vertices, triangles=triangles, shapes={}, texture=texture, uv=uv, albedo=albedo)
+
+
+def _texture(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArray[np.float64] | None]:
+    """Picture and places in it of a mesh with one material; trimesh counts v from below."""
+    material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
+    image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    if image is None or uv is None or np.shape(uv) != (count, 2) or not np.isfinite(uv).all():
+        return None, None
+    return np.asarray(image.convert("RGBA"), np.uint8), np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
 
 
 def _albedo(visual: Any) -> NDArray[np.float64] | None:
@@ -160,27 +166,17 @@ def adopt_file(path: Path, points: Path | None = None, mapping: Path | None = No
         absent = [name for name in choice.given if name not in rig.shapes]
         if absent:
             raise DataError(f"mapping: got shape {absent[0]!r}, which the mesh does not have", where=str(mapping))
-        if choice.blended or choice.given:
+        if choice.blended or choice.given or points is not None:
             return _adopt_rig(path, rig, choice, points)
-        if points is None:
-            shown = ", ".join(list(rig.shapes)[:8]) or "none"
-            raise DataError(
-                f"shapes: got {shown}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"
-                " (--map), or feature points (--points)",
-                where=str(path),
-            )
-    elif points is None:
+        shown = ", ".join(list(rig.shapes)[:8]) or "none"
+        raise DataError(
+            f"shapes: got {shown}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"
+            " (--map), or feature points (--points)",
+            where=str(path),
+        )
+    if points is None:
         raise UsageError(f"{path}: has no shapes, so its feature points are needed (--points)")
-    return _adopt_neutral(path, points), HeadInfo(path.name, "")
-
-
-def _adopt_neutral(path: Path, points: Path) -> Adopted:
-    vertices, triangles, albedo = load_face_file(path)
-    marked = load_feature_points(points, vertices)
-    try:
-        return adopt(vertices, triangles, marked, build_head(), albedo)
-    except DataError as error:
-        raise type(error)(error.message, where=f"{path} with {points}") from error
+    return _adopt_rig(path, load_neutral(path), choose((), ARKIT_NAMES), points)
 
 
 def _adopt_rig(path: Path, rig: MorphMesh, choice: Choice, points: Path | None) -> tuple[Adopted, HeadInfo]:
@@ -196,14 +192,14 @@ def _adopt_rig(path: Path, rig: MorphMesh, choice: Choice, points: Path | None) 
         try:
             found = locate(rig, moves, standard)
         except DataError:
-            if not marked:
+            if points is None:  # with points of one's own, none need be found
                 raise
         taken = set(marked.values())
         found = {name: vertex for name, vertex in found.items() if vertex not in taken} | marked
         adopted = adopt_morphs(rig, choice.blended, found, standard, choice.given)
     except DataError as error:
         raise type(error)(error.message, where=str(path)) from error
-    return adopted, HeadInfo(path.name, "", adopted.used, choice.missing)
+    return adopted, HeadInfo(path.name, "", adopted.used, choice.missing if adopted.used else ())
 
 
 def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:

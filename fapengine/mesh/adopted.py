@@ -26,6 +26,7 @@ from fapengine.mesh.adopted_parts import (
     Eyes,
     check,
     find_eyes,
+    followers,
     iris_plane,
     materials,
     measure,
@@ -117,10 +118,12 @@ def adopt(
     eyes = find_eyes(placed, part, points, at, skin)
     on_skin = {name: index for name, index in points.items() if part[index] == part[points["8.1"]]}
     fields = point_fields(placed, faces, node, skin, on_skin)
+    skin, fields = with_followers(skin, fields, *followers(placed, part, at, skin, eyes, np.zeros(0, np.int64)))
     collector = Collector(len(given))
     moved = move_points(collector, skin, fields, fapu)
     moved += _move_lids(collector, placed, skin, fields, at, eyes, fapu)
     moved += move_tongue(collector.add, placed, part, points, at, fapu)
+    skin = skin[part[skin] == part[points["8.1"]]]
     bone, weight = bind_bones(placed, part, points, skin, on_skin, at, eyes, faces, node)
     reached = set(moved) | {number for number in BONE_FAPS if number not in boneless(eyes)}
     low = [row.number for row in fap.FAPS if row.number > 2]
@@ -162,6 +165,12 @@ def point_fields(placed: Array, faces: Indices, node: Indices, skin: Indices, on
     shares = continued(placed, faces, node, skin, on_skin, np.eye(len(on_skin)))
     shares[np.abs(shares) < SMALLEST] = 0.0
     return dict(zip(on_skin, shares.T, strict=True))
+
+
+def with_followers(skin: Indices, fields: Fields, vertices: Indices, nearest: Indices) -> tuple[Indices, Fields]:
+    """Let vertices take the shares of the skin's nearest."""
+    spread = {name: np.concatenate([share, share[nearest]]) for name, share in fields.items()}
+    return np.concatenate([skin, vertices]), spread
 
 
 def continued(

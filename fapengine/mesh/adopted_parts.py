@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
@@ -30,6 +30,10 @@ EYE_DEPTH_MM = 11.0
 """From the middle of the eye's corners back to the ball's centre."""
 SHELL = 1.2
 """Parts wholly within so many radii of an eyeball (cornea, tear film, the ball itself) are eye too."""
+
+AT_LIDS_AND_BROWS = ("3.1", "3.2", "3.3", "3.4", "3.7", "3.8", "3.11", "3.12", *(f"4.{n}" for n in range(1, 7)))
+BESIDE_MM = 14.0
+"""A part nowhere farther than this from lids and brows grows there."""
 
 Eyes = dict[str, tuple[Indices, Array]]
 """By pupil: the ball's vertices, possibly none, and its centre."""
@@ -126,6 +130,46 @@ def find_eyes(placed: Array, part: Indices, points: Mapping[str, int], at: Mappi
         shells = [one for one in np.unique(part[near]) if one != part[skin[0]] and near[part == one].all()]
         eyes[pupil] = (np.union1d(ball, np.flatnonzero(np.isin(part, shells))).astype(np.int64), centre)
     return eyes
+
+
+def followers(
+    placed: Array, part: Indices, at: Mapping[str, Array], skin: Indices, eyes: Eyes, called: Indices
+) -> tuple[Indices, Indices]:
+    """Find lashes, brows and beards that are no part of the skin, and what of it each follows.
+
+    Parameters
+    ----------
+    placed : (V, 3) mm
+    part : (V,)
+    at : dict of str to (3,) mm
+        Feature points.
+    skin : (S,)
+        Its vertices.
+    eyes : Eyes
+        What is no follower.
+    called : (N,)
+        Vertices that are known to follow, by their name; small parts at lids and brows are found besides.
+
+    Returns
+    -------
+    (M,) int64
+        Vertices.
+    (M,) int64
+        Which of the skin's, 0..S-1, is nearest to each.
+    """
+    free = np.ones(len(placed), bool)
+    free[skin] = False
+    for ball, _ in eyes.values():
+        free[ball] = False
+    beside = [place for name, place in at.items() if name in AT_LIDS_AND_BROWS]
+    found = np.zeros(len(placed), bool)
+    if beside:
+        near = cKDTree(np.stack(beside)).query(placed)[0] < BESIDE_MM
+        whole = np.bincount(part, near) == np.bincount(part)
+        found = whole[part] & free
+    found[called] = free[called]
+    vertices = np.flatnonzero(found)
+    return vertices, cKDTree(placed[skin]).query(placed[vertices])[1].astype(np.int64)
 
 
 def _sphere_centre(ball: Array) -> Array:

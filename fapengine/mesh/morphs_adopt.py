@@ -23,11 +23,13 @@ from fapengine.mesh.adopted import (
     continued,
     move_tongue,
     point_fields,
+    with_followers,
 )
 from fapengine.mesh.adopted_parts import (
     Eyes,
     check,
     find_eyes,
+    followers,
     iris_plane,
     measure,
     paint,
@@ -57,6 +59,8 @@ IRIS = 0.93
 PATTERN = 0.15
 """Colours of an eyeball that differ by so much show an iris; one is drawn on others."""
 EYE_LIMBS = {"3.5": "left eye", "3.6": "right eye"}
+FOLLOWING = ("lash", "brow", "beard", "mustache", "moustache", "stubble")
+"""Words in the names of surfaces that go with the skin below them."""
 SURFACES = (
     (("tooth", "teeth"), Material.TEETH), (("tongue",), Material.TONGUE), (("gum",), Material.GUM),
     (("lash",), Material.LASH), (("hair", "brow", "beard"), Material.HAIR),
@@ -93,7 +97,8 @@ def adopt_morphs(
     ----------
     mesh : MorphMesh
     shapes : sequence of str
-        Which of its shapes to blend. Shapes of gaze do not belong here: eyes turn.
+        Which of its shapes to blend; with none, the fields of its feature points do all. Shapes of gaze do not
+        belong here: eyes turn.
     points : mapping of str to int
         Vertex of each feature point, by hand or from :func:`fapengine.mesh.morphs_locate.locate`.
     standard : FaceMesh
@@ -104,13 +109,13 @@ def adopt_morphs(
     Raises
     ------
     DataError
-        As :func:`fapengine.mesh.adopted.adopt`; or if there is no shape to blend.
+        As :func:`fapengine.mesh.adopted.adopt`; or if a shape is not there.
     """
     alone = dict(given or {})
     shapes = [name for name in shapes if name not in alone]
     unknown = [name for name in (*shapes, *alone) if name not in mesh.shapes]
-    if unknown or not (shapes or alone):
-        raise DataError(f"shapes: got {unknown[:3] or 'none'}, expected some of {', '.join(list(mesh.shapes)[:12])}")
+    if unknown:
+        raise DataError(f"shapes: got {unknown[:3]}, expected some of {', '.join(list(mesh.shapes)[:12])}")
     check(points, len(mesh.vertices), mesh.triangles)
     laid = _lay(mesh, [*shapes, *alone], points, standard)
     at = {name: laid.place[index] for name, index in laid.points.items()}
@@ -122,25 +127,26 @@ def adopt_morphs(
     for ball, _ in eyes.values():
         laid.moves[:, ball] = 0.0
     chin = laid.points["2.1"]
-    jaw_moves = bool(np.linalg.norm(laid.moves[:, chin], axis=1).max() > OPENS_MM)
+    jaw_moves = bool(np.linalg.norm(laid.moves[:, chin], axis=1).max(initial=0.0) > OPENS_MM)
     on_skin = {name: index for name, index in laid.points.items() if part[index] == part[laid.points["8.1"]]}
     fields = point_fields(laid.place, laid.triangles, node, skin, on_skin)
     with_chin = np.array([[float(name in CHIN)] for name in on_skin])
     jaw = np.clip(continued(laid.place, laid.triangles, node, skin, on_skin, with_chin)[:, 0], 0.0, 1.0)
+    called = np.flatnonzero(named(mesh, FOLLOWING)[laid.kept])
+    hangers, nearest = followers(laid.place, part, at, skin, eyes, called)
+    covered, fields = with_followers(skin, fields, hangers, nearest)
+    meant = [*[None] * len(shapes), *alone.values()]
+    rig = Rig(laid.place, laid.moves, covered, fields, np.concatenate([jaw, jaw[nearest]]), chin, eyes, meant)
     asked = coordinates(on_skin, jaw_moves)
     mixer = Mixer(len(laid.place))
-    add_shapes(
-        mixer,
-        Rig(laid.place, laid.moves, skin, fields, jaw, chin, eyes, [*[None] * len(shapes), *alone.values()]),
-        asked,
-        fapu,
-    )
+    add_shapes(mixer, rig, asked, fapu)
     moved = [one.number for one in asked] + [number for faps in alone.values() for number in faps]
     moved += move_tongue(mixer.one, laid.place, part, laid.points, at, fapu, without=moved)
     bone, weight = bind_bones(laid.place, part, laid.points, skin, on_skin, at, eyes, laid.triangles, node)
+    bone[hangers], weight[hangers] = bone[skin[nearest]], weight[skin[nearest]]
     pivot = standard.jaw_pivot_mm
     if jaw_moves:
-        _free_from_jaw(laid, bone, weight, skin)
+        _free_from_jaw(laid, bone, weight, covered)
     elif "jaw" in mesh.limbs:
         limb = mesh.limbs["jaw"]
         bone[:] = np.where((bone == Bone.JAW) | (bone == Bone.NONE), Bone.JAW, bone)
@@ -214,7 +220,7 @@ def _finish(
     head = mesh.limbs.get("head")
     follows = np.asarray(smoothstep((laid.place[:, 1] - at["2.1"][1] + sum(NECK_MM)) / NECK_MM[1]), np.float64)
     pivot = np.asarray(at.get("7.1", standard.head_pivot_mm), np.float64)
-    if head is not None and head.weight[laid.kept].any():
+    if head is not None and (head.weight[laid.kept] > 0).any() and (head.weight[laid.kept] < 1).any():
         follows = head.weight[laid.kept]
         pivot = _there(head.joint, mesh, laid)
     coloured = mesh.texture is not None or _painted(mesh)

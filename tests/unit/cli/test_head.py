@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.fap import save_fap
-from fapengine.files.heads import load_face_file, load_head, load_head_info
+from fapengine.files.heads import load_head, load_head_info, load_neutral
 from fapengine.files.heads_rigs import load_rig
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.head import build_head
@@ -309,10 +309,10 @@ def test_files_that_are_no_face(brought, tmp_path):
     with pytest.raises(DataError, match="is no table"):
         run("head", "import", brought / "face.ply", "--points", tmp_path / "p.bin", "-o", tmp_path / "h")
     with pytest.raises(UsageError, match="expected one of"):
-        load_face_file(tmp_path / "face.doc")
+        load_neutral(tmp_path / "face.doc")
     (tmp_path / "dots.obj").write_text("v 0 0 0\nv 1 1 1\n")
     with pytest.raises(DataError):
-        load_face_file(tmp_path / "dots.obj")
+        load_neutral(tmp_path / "dots.obj")
 
 
 def test_heads_that_are_none(imported, tmp_path):

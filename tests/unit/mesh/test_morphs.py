@@ -275,8 +275,47 @@ def test_a_shape_may_mean_faps(rig, marked, standard):
     assert gone @ np.array(fap.HEAD_AXES[fap.spec(64).positive]) == pytest.approx(200 * step, rel=0.02)
     with pytest.raises(DataError, match=r"got \['Nose'\], expected some of"):
         adopt_morphs(rig, ["jawOpen"], marked, standard, {"Nose": {64: 1.0}})
-    with pytest.raises(DataError, match="got none, expected some of"):
-        adopt_morphs(rig, [], marked, standard)
+
+
+def test_without_shapes_points_do_all(rig, marked, standard):
+    found = adopt_morphs(rig, [], marked, standard)
+    assert len(found.moved) >= 50
+    assert found.used == ()
+    frame = np.zeros(68)
+    frame[fap.column(12)] = 200.0
+    corner = found.mesh.feature_points["2.4"]
+    gone = deform(found.mesh, frame)[corner] - found.mesh.vertices_mm[corner]
+    np.testing.assert_allclose(gone, [0, 200 * found.mesh.fapu.unit(fap.spec(12).unit), 0], atol=0.05)
+    frame[:] = 0.0
+    frame[fap.column(3)] = 300.0
+    chin, lip = (found.mesh.feature_points[name] for name in ("2.1", "2.3"))
+    gone = deform(found.mesh, frame) - found.mesh.vertices_mm
+    assert gone[chin, 1] < -5.0
+    assert np.abs(gone[lip]).max() < 0.05
+
+
+def test_lashes_and_brows_of_their_own_go_with_the_skin(rig, marked, standard):
+    lid, brow = rig.vertices[marked["3.1"]], rig.vertices[marked["4.3"]]
+    count = len(rig.vertices)
+    more = MorphMesh(
+        vertices=np.concatenate([rig.vertices, lid + np.eye(3) + [0, 0, 2], brow + np.eye(3) + [0, 0, 30]]),
+        triangles=np.concatenate([rig.triangles, count + np.arange(6).reshape(2, 3)]),
+        shapes={},
+        surfaces=(*rig.surfaces, "Eyebrow_02"),
+        surface=np.concatenate([rig.surface, [0] * 3, [len(rig.surfaces)] * 3]),
+    )
+    by_points = adopt(more.vertices, more.triangles, marked, standard).mesh
+    for mesh in (adopt_morphs(more, [], marked, standard).mesh, by_points):
+        lash, card = (cKDTree(mesh.vertices_mm).query(place)[1] for place in more.vertices[[count, count + 3]])
+        frame = np.zeros(68)
+        frame[fap.column(19)] = 600.0
+        gone = deform(mesh, frame) - mesh.vertices_mm
+        assert gone[lash, 1] < 0.7 * gone[mesh.feature_points["3.1"], 1] < -2.0
+        frame[:] = 0.0
+        frame[fap.column(33)] = 100.0
+        gone = deform(mesh, frame) - mesh.vertices_mm
+        if mesh is not by_points:  # so far away it is told by its name alone
+            assert gone[card, 1] > 0.7 * gone[mesh.feature_points["4.3"], 1] > 1.0
 
 
 def test_the_weakest_rows_go_where_there_are_too_many():
