@@ -176,7 +176,7 @@ def page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]
 
 
 async def _serve(kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
-    if "gzip" in request.headers.get("Accept-Encoding", "") and len(packed) < len(body):
+    if "gzip" in request.headers.get("Accept-Encoding", ""):
         return web.Response(
             body=packed, content_type=kind, charset=_charset(kind), headers=HEADERS | {"Content-Encoding": "gzip"}
         )

@@ -222,6 +222,22 @@ def test_the_last_page_closes_the_door(hub: Hub, clock: Clock) -> None:
     assert open_room(hub, "anna", opened) is not room
 
 
+def test_a_session_is_held_while_anybody_watches_and_given_up_then(clock: Clock) -> None:
+    engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still())
+    hub = Hub(engine, clock=clock, idle_close_s=2.0)
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    room.plays(page, on=True)
+    run(hub, clock, 12.0)
+    assert "anna" in hub.engine
+    room.leave(page)
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    assert hub.say("anna", speech).anchor == "now"  # nobody plays it any more
+    assert page.of("sound") == []
+    run(hub, clock, 12.0)
+    assert "anna" not in hub.engine
+
+
 def test_a_full_server_opens_no_room(hub: Hub) -> None:
     Room(hub, "anna").enter(Page())
     Room(hub, "bert").enter(Page())
