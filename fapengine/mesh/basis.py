@@ -80,7 +80,7 @@ class Collector:
             channels=tuple(self._channels),
             offsets=np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=self._count))]),
             entry_channels=keys % len(self._channels),
-            entry_mm=summed,
+            entry_mm=summed.astype(np.float32),
         )
 
 

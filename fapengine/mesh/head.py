@@ -174,7 +174,7 @@ def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
 
 def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
     """Even out the skin where the rings round mouth and eyes meet the grid."""
-    rounds = max(2, round(6 * detail**2))
+    rounds = max(1, round(2 * detail**2))
     weight = np.zeros(len(points))
     weight[head.grid] = 1.0
     for rings, edge in ((head.mouth, 1.15), *((eye.lids, 1.5) for eye in head.eyes)):

@@ -13,8 +13,8 @@ ON_SKIN = {  # left or middle point: (x, y, z) mm near which the skin vertex is 
     "2.1": (0, -75, 105),     "2.10": (0, -61, 111),   "2.11": (20, -73, 98),  "2.13": (50, -54, 69),
     "4.1": (12, 56, 107),     "4.3": (34, 61, 100),    "4.5": (53, 53, 84),
     "5.1": (38, -12, 97),     "5.3": (52, 13, 86),
-    "9.1": (17, -4, 103),     "9.3": (0, 4, 129),      "9.5": (12, -10, 106),  "9.7": (8, 34, 103),
-    "9.12": (0, 26, 115),     "9.13": (10, 17, 111),   "9.15": (0, -12, 115),
+    "9.1": (17, -4, 103),     "9.5": (12, -10, 106),   "9.7": (8, 34, 103),       "9.12": (0, 26, 115),
+    "9.13": (10, 17, 111),    "9.15": (0, -12, 115),
     "10.7": (72, -12, 14),    "10.9": (74, 34, 12),
     "11.1": (0, 92, 97),      "11.3": (45, 84, 65),
 }
@@ -34,6 +34,8 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     def nearest(candidates: NDArray[np.int64], target: tuple[float, float, float] | Array) -> int:
         return int(candidates[np.linalg.norm(points[candidates] - np.asarray(target), axis=1).argmin()])
 
+    ridge = skin[(np.abs(points[skin, 0]) < 0.5) & (points[skin, 1] > -12) & (points[skin, 1] < 22)]
+    found["9.3"] = int(ridge[points[ridge, 2].argmax()])  # the tip of the nose is what stands out most
     for name, target in ON_SKIN.items():
         found[name] = nearest(skin, target)
     for name, other in MIRRORED.items():

@@ -83,7 +83,7 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     fold = _bell(x + 0.42 * (h + 12.0), h, (24.0, -26.0), (3.0, 18.0))
     swell = _bell(x + 0.42 * (h + 12.0), h, (31.0, -24.0), (5.0, 16.0))
     below = _bell(x - 0.25 * (x - 31.0), h + 0.02 * (x - 31.0) ** 2, (30.0, 21.0), (12.0, 2.6))
-    r += (0.35 + 1.1 * style.age) * (0.8 * swell - fold) - (0.2 + 0.9 * style.age) * below
+    r += (0.1 + 2.3 * style.age) * (0.8 * swell - fold) - (0.1 + 1.3 * style.age) * below
     return np.asarray(r, dtype=np.float64)
 
 

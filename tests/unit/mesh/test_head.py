@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mesh.deform import HEAD, bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
@@ -13,7 +12,6 @@ from fapengine.mesh.head import build_head
 from fapengine.mesh.style import HeadStyle
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS, Side
-from fapengine.profiles import parse_profile
 
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -188,26 +186,6 @@ def test_channels_are_clipped_linear_functions() -> None:
     faps[:, fap.column(19)] = [-80, 250, 900]
     faps[:, fap.column(47)] = [-1, 4, 5e6]
     assert channel_weights(basis, faps).tolist() == [[-5, 0, 50, 0], [0, 150, 0, 4], [7, 200, 0, 5e6]]
-
-
-def test_speech_never_pushes_teeth_through_lips_or_lip_through_lip(head: FaceMesh) -> None:
-    """Over random plausible frames: sums of phone targets of the profile."""
-    profile = parse_profile(profile_files("grid_s1_en"))
-    from fapengine.trajectory.closures import close_lips
-    from fapengine.trajectory.faps import displacements_to_faps
-
-    rng = np.random.default_rng(4)
-    targets = np.concatenate([phone.targets for phone in profile.phones.values()])
-    pairs = targets[rng.integers(0, len(targets), (200, 2))]
-    weights = (rng.dirichlet([1, 1], 200)[:, :, None] * pairs).sum(axis=1) * rng.uniform(0.3, 1.4, (200, 1))
-    faps = displacements_to_faps(profile.space.to_points_mm(weights), profile.space.points, profile.fapu)
-    frames = deform(head, close_lips(faps, np.arange(200.0), []))
-    for upper, lower in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
-        gap = frames[:, head.feature_points[upper], 1] - frames[:, head.feature_points[lower], 1]
-        assert gap.min() > -0.15
-    teeth = frames[:, [head.feature_points["9.10"], head.feature_points["9.11"]], 2]
-    lips = frames[:, [head.feature_points["8.1"], head.feature_points["8.2"]], 2]
-    assert (lips - teeth).min() > 0.5
 
 
 def test_shapes_with_other_proportions_are_heads_too() -> None:
