@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Senders tell a phone when it begins, so it is not known how long it lasts: it is *held*, :data:`FIRST_S` at first and
-longer as long as nothing else comes, :data:`LONGEST_HELD_S` at most, so that a sender that dies leaves no open mouth.
+longer as long as nothing else comes, :data:`QUIET_S` at most, so that a sender that dies leaves no open mouth.
 What begins later in time ends it. All is shown :data:`DELAY_S` late, which is not seen and lets the mouth anticipate.
 
 Senders that know more tell start and duration in an utterance; its time 0 is ``/tts/start``, or else its first message
@@ -26,7 +26,6 @@ DELAY_S = 0.04
 """Sound that leads the face by so little is not noticed: ITU-R BT.1359 allows 125 ms."""
 FIRST_S = 0.12
 """A phone of average length, somewhat long: the next one cuts it."""
-LONGEST_HELD_S = 1.0
 EARLY_S = 0.05
 """So long before its end a held phone is held on."""
 QUIET_S = 1.0
@@ -48,7 +47,7 @@ class _Open:
     zero_s: float | None
     """Engine time of its beginning; None: the engine's choice."""
     told_s: float
-    """When something was last told."""
+    """When something was last told, or is to begin."""
     started: bool = False
     """By ``/tts/start``."""
     next_index: int = 0
@@ -57,8 +56,6 @@ class _Open:
     starts_s: list[float] = field(default_factory=list)
     """Of phones, rising, in its time."""
     held: Phone | None = None
-    held_since_s: float = 0.0
-    """In its time."""
 
 
 @dataclass(slots=True)
@@ -101,10 +98,9 @@ class SimpleSpeaker:
         else:
             phone = Phone(label, start_s, start_s + duration_s, stress)
         self._append(one, phone, now_s)
-        is_last = start_s >= one.starts_s[-1]
-        if is_last:
+        one.told_s = max(now_s, at_s)
+        if start_s >= one.starts_s[-1]:
             one.held = phone if duration_s is None and label != SILENCE else None
-            one.held_since_s = start_s
 
     def place_phone(self, label: str, stress: int, start_s: float, duration_s: float, now_s: float) -> None:
         """Show a phone at a time of the utterance."""
@@ -118,6 +114,7 @@ class SimpleSpeaker:
             one = self._begin(self._zero_s if in_time else None, now_s)
             one.started = in_time
         self._append(one, Phone(label, start_s, start_s + duration_s, stress), now_s)
+        one.told_s = now_s
 
     def weigh(self, label: str, weight: float, at_s: float, now_s: float) -> None:
         """Take a weight of a viseme; show the strongest, when it changes."""
@@ -131,9 +128,8 @@ class SimpleSpeaker:
         if held is None and best == SILENCE:
             return
         if held is not None and best == held.label:
-            if self._open is not None and self._open.zero_s is not None and best == label:
-                self._open.told_s = now_s
-                self._open.held_since_s = at_s + DELAY_S - self._open.zero_s
+            if self._open is not None and best == label:
+                self._open.told_s = max(now_s, at_s)
             return
         self.begin_phone(best, 0, at_s, now_s)
 
@@ -159,12 +155,9 @@ class SimpleSpeaker:
             return
         if one.held is not None and one.zero_s is not None:
             here_s = now_s - one.zero_s
-            if one.held.end_s - here_s < EARLY_S and one.held.end_s - one.held_since_s < LONGEST_HELD_S:
-                held = Phone(one.held.label, one.held.end_s, one.held.end_s + FIRST_S)
-                one.held = held
-                told_s = one.told_s
-                self._append(one, held, now_s)
-                one.told_s = told_s
+            if one.held.end_s - here_s < EARLY_S:
+                one.held = Phone(one.held.label, one.held.end_s, one.held.end_s + FIRST_S)
+                self._append(one, one.held, now_s)
         if now_s - one.told_s > QUIET_S:
             self._end(one, now_s)
 
@@ -186,7 +179,6 @@ class SimpleSpeaker:
         self.tell(Append(one.number, one.next_index, (phone,)), now_s)
         one.next_index += 1
         one.end_s = max(one.end_s, phone.end_s)
-        one.told_s = now_s
         insort(one.starts_s, phone.start_s)
         del one.starts_s[:-64]
 

@@ -7,6 +7,7 @@ can send ``h``), surplus arguments are ignored.
 import math
 from collections.abc import Callable
 from dataclasses import fields
+from typing import Any, cast
 
 from fapengine.errors import DataError
 from fapengine.live import osc
@@ -59,7 +60,7 @@ def parse(kind: type[Wire], message: osc.Message) -> Wire:
         raise DataError(f"{kind.ADDRESS}: got {len(given)} arguments, expected {kind.REQUIRED} or more", clause=CLAUSE)
     values = [_value(value, tag, kind.ADDRESS) for value, tag in zip(given, kind.TAGS, strict=False)]
     make: Callable[..., Wire] = kind
-    wire = _phones(values, given) if kind is Phones else make(*values)
+    wire = _phones(values, message) if kind is Phones else make(*values)
     session = getattr(wire, "session", "-")
     if not 1 <= len(session.encode()) <= SESSION_BYTES:
         raise DataError(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes", clause=CLAUSE)
@@ -91,7 +92,8 @@ def _value(value: osc.Argument, tag: str, where: str) -> str | int | float:
     return whole
 
 
-def _phones(values: list[str | int | float], given: tuple[osc.Argument, ...]) -> Phones:
+def _phones(values: list[str | int | float], message: osc.Message) -> Phones:
+    given = message.arguments
     session, (utterance, sequence, first, count) = str(values[0]), map(int, values[1:])
     if not 1 <= count <= MOST_PHONES or not 0 <= first <= 1_000_000:
         raise DataError(
@@ -102,19 +104,17 @@ def _phones(values: list[str | int | float], given: tuple[osc.Argument, ...]) ->
     if len(given) < stop:
         raise DataError(f"{Phones.ADDRESS}: got {len(given)} arguments, expected {stop}", clause=CLAUSE)
     tags = PHONE_TAGS * count
-    flat = [_value(value, tag, Phones.ADDRESS) for value, tag in zip(given[5:stop], tags, strict=True)]
-    phones = tuple(_phone(*flat[at : at + 5]) for at in range(0, len(flat), 5))
+    flat = given[5:stop]
+    if message.tags[5:stop] != tags or not all(map(math.isfinite, cast("tuple[float, ...]", flat[4::5]))):
+        flat = tuple(_value(value, tag, Phones.ADDRESS) for value, tag in zip(flat, tags, strict=True))
+    phones = tuple(map(_phone, *(cast("tuple[Any, ...]", flat[part::5]) for part in range(5))))
     revision = _value(given[stop], "i", Phones.ADDRESS) if len(given) > stop else None
     return Phones(session, utterance, sequence, first, phones, None if revision is None else int(revision))
 
 
-def _phone(
-    label: str | float, start_us: str | float, duration_us: str | float, flags: str | float, weight: str | float
-) -> WirePhone:
-    phone = WirePhone(str(label), int(start_us), int(duration_us), int(flags), float(weight))
-    if not (0 <= phone.start_us <= LONGEST_US and 0 <= phone.duration_us <= LONGEST_US):
+def _phone(label: str, start_us: int, duration_us: int, flags: int, weight: float) -> WirePhone:
+    if not (0 <= start_us <= LONGEST_US and 0 <= duration_us <= LONGEST_US):
         raise DataError(
-            f"phone {phone.label!r:.30}: got {phone.start_us} us for {phone.duration_us} us, expected 0..{LONGEST_US}",
-            clause=CLAUSE,
+            f"phone {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{LONGEST_US}", clause=CLAUSE
         )
-    return phone
+    return WirePhone(label, start_us, duration_us, flags, weight)

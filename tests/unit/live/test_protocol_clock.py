@@ -97,6 +97,21 @@ def test_the_senders_word_counts_while_it_is_fresh():
     assert clock.engine_s(20.0) == pytest.approx(20.0 + OFFSET_S + 10 * 200e-6)
 
 
+def test_a_step_in_the_senders_word_makes_older_stamps_worthless():
+    clock = SenderClock()
+    clock.ping(0.0, OFFSET_S)
+    clock.report(1.0, OFFSET_S - 40.0, 0.0)
+    assert clock.steps == 1
+    clock.ping(50.0, 50.0 + OFFSET_S - 40.0)
+    clock.ping(51.0, 51.0 + OFFSET_S - 40.0)
+    assert clock.engine_s(52.0) == pytest.approx(52.0 + OFFSET_S - 40.0)
+    back = SenderClock()
+    back.ping(0.0, OFFSET_S)
+    back.report(1.0, OFFSET_S + 40.0, 0.0)
+    back.ping(50.0, 50.0 + OFFSET_S + 40.0)
+    assert back.engine_s(52.0) == pytest.approx(52.0 + OFFSET_S + 40.0)
+
+
 def test_of_a_sender_that_tells_nothing_the_quickest_stamp_counts():
     clock = SenderClock()
     rng = np.random.default_rng(3)

@@ -238,6 +238,8 @@ def test_a_gap_that_is_never_filled_is_not_asked_for_for_ever():
     one.send(HELLO, BeginUtterance("anna", 1), four(3, 4), at_s=50.0)
     asked = sum(len(told(one.tick(50 + n / 20), Nack)) for n in range(400))
     assert asked == 30
+    one.send(four(3, 4, 1))
+    assert told(one.tick(71.0), Nack) == []
 
 
 def test_a_wrong_checksum_is_an_error_that_a_revision_mends():
@@ -258,8 +260,9 @@ def test_phones_of_an_old_revision_are_left():
     one.send(HELLO, BeginUtterance("anna", 1), four(0, 2), four(0, 1, 1, revision=2), four(1, 2, 2, revision=1))
     assert [command.revision for command in one.faces.commands(Append)] == [0, 2]
     assert one.counts.repeated == 1
-    one.send(BeginUtterance("anna", 1, 1))
-    assert one.counts.repeated == 2
+    one.send(BeginUtterance("anna", 1, 1), EndUtterance("anna", 1, 2, -1, 0, 1))
+    assert one.counts.repeated == 3
+    assert one.faces.commands(End) == []
 
 
 def test_an_end_may_come_without_a_duration_or_be_shorter_than_its_phones():
@@ -332,6 +335,7 @@ def test_a_cancel_of_all_below_a_number_spares_the_others_whenever_it_comes():
     assert (answer.utterance, answer.kind, answer.count) == (-1, "cancelled", 8)
     one.send(BeginUtterance("anna", 2), Phones("anna", 2, 0, 0, FOUR))  # had been under way
     assert len(one.faces.commands(Begin)) == 2
+    assert told(one.tick(50.5), Notice) == []  # and is not asked for
     assert told(one.send(cancel, at_s=51.0), Notice)[0].count == 8
     assert len(one.faces.commands(Cancel)) == 1
 
@@ -346,6 +350,14 @@ def test_a_cancel_at_a_place_of_the_utterance():
     assert cancel.fade_s == 0.01
     one.send(four(0, 4, 1))  # it is still being said
     assert one.counts.repeated == 1
+
+
+def test_a_cancel_of_all_at_a_place_stops_nothing_at_once():
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1), four(), at_s=50.0)
+    one.faces.settle("anna", 0, 50.5)
+    one.send(CancelUtterance("anna", -1, 200_000))
+    assert [cancel.at_s for cancel in one.faces.commands(Cancel)] == [pytest.approx(50.7)]
 
 
 def test_pause_resume_and_seek():
@@ -424,6 +436,13 @@ def test_a_restarted_sender_counts_anew_and_its_old_speech_is_cancelled():
     assert one.counts.resets == 1
     one.faces.happen("anna", 2, "finished", 51.0)
     assert [(peer, notice.utterance) for peer, notice in one.tick(51.0)] == [("b", 0)]
+
+
+def test_the_clock_of_a_sender_that_was_restarted_is_unknown():
+    one = Wire()
+    one.send(HELLO, Ping(1, 7_000_000), at_s=107.0)
+    one.send(Hello("anna", instance=6), BeginUtterance("anna", 1, 0, "at", 8_000_000))
+    assert one.faces.commands(Begin) == [Begin(0, "now")]
 
 
 def test_the_same_hello_again_and_one_without_an_instance_reset_nothing():

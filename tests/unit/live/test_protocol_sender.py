@@ -302,7 +302,27 @@ def test_an_engine_that_was_restarted_is_told_everything_at_the_time_it_had(how)
     begin = next(told for _, told in sent if isinstance(told, BeginUtterance))
     assert (begin.anchor, begin.anchor_us) == ("at", pytest.approx(70_000, abs=3_000))
     assert sum(len(told.phones) for _, told in sent if isinstance(told, Phones)) >= 10
+    if how == "pong":
+        assert one.sender.clock.engine_s(0.99) == pytest.approx(7.0, abs=0.01)
     assert EndUtterance in kinds
+
+
+def test_while_it_is_told_again_it_need_not_be_told_again():
+    one = Desk().ready()
+    number = one.sender.begin(one.now_s)
+    one.sender.append(number, phones(4))
+    one.until(0.05)
+    one.hear(Ack("anna", number, 4, 0), Notice("anna", number, "unknown", engine_us=1))
+    assert one.until(0.07, Phones)
+    one.hear(Notice("anna", number, "unknown", engine_us=2))
+    assert one.until(0.1, Phones, Hello) == []
+
+
+def test_phones_are_not_sent_for_ever():
+    one = Desk(repeats=0).ready()
+    number = one.sender.begin(one.now_s, anchor="audio")
+    one.sender.append(number, phones(1))
+    assert 50 < len(one.until(25.0, Phones)) <= 61
 
 
 def test_an_utterance_that_was_never_begun_there_begins_again_alone():

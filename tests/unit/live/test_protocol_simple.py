@@ -7,7 +7,7 @@ from protocol_double import WALL_S, Wire
 
 from fapengine.live.engine.commands import Append, Begin, Blink, Cancel, End, Express, Look, Manner, TurnHead
 from fapengine.live.protocol import schema
-from fapengine.live.protocol.simple import DELAY_S, FIRST_S, LONGEST_HELD_S, TURN_S
+from fapengine.live.protocol.simple import DELAY_S, FIRST_S, QUIET_S, TURN_S
 from fapengine.live.protocol.tags import time_tag
 from fapengine.speech.phone_track import SILENCE
 
@@ -57,7 +57,8 @@ def test_a_phone_without_one_is_held_on_and_not_for_ever():
     assert 50.4 < phones[-1][2] < 50.65
     assert all(before[2] == after[1] for before, after in pairwise(phones))
     ticked(one, 53.0)
-    assert LONGEST_HELD_S <= shown(one)[-1][2] - 50.04 < LONGEST_HELD_S + 2 * FIRST_S
+    assert QUIET_S <= shown(one)[-1][2] - 50.04 < QUIET_S + 2 * FIRST_S
+    assert one.faces.commands(End)[0].duration_s == pytest.approx(shown(one)[-1][2] - 50.04)
     assert {label for label, _, _ in shown(one)} == {"ɑ"}
 
 
@@ -163,6 +164,22 @@ def test_tags_say_when():
     assert one.receiver.peers["a"].clamped == 1
 
 
+def test_what_is_tagged_ahead_is_held_from_its_time_on():
+    one = Wire()
+    one.say("/phoneme", "s", "ɑ", at_s=50.0, tag=time_tag(WALL_S + 53.0))
+    ticked(one, 56.0)
+    assert shown(one)[0][1] == 53.04
+    assert QUIET_S <= shown(one)[-1][2] - 53.04 < QUIET_S + 2 * FIRST_S
+
+
+def test_what_is_remembered_of_an_utterance_has_a_limit():
+    one = Wire()
+    for n in range(3000):
+        one.say("/phoneme", "sff", "m", n / 10, 0.1)
+    assert len(one.faces.commands(Begin)) == 1
+    assert len(one.receiver._simple._speaker._open.starts_s) == 64
+
+
 def test_labels_are_of_the_set_that_the_others_are_of():
     one = Wire()
     for label in ("HH", "EH1", "L", "OW", "P"):
@@ -216,6 +233,16 @@ def test_of_a_stream_of_weights_the_strongest_is_shown_when_it_changes():
     assert changes[-2:] == ["p", SILENCE]
     assert changes[:-2] in (["ɑ"], ["ɑ", "ɛ", "ɑ"])
     assert len(labels) < 16
+
+
+def test_a_viseme_is_held_as_long_as_its_weight_is_told():
+    one = Wire()
+    for frame in range(180):
+        one.say("/viseme", "sf", "aa", 0.8, at_s=50.0 + frame / 60)
+        one.tick(one.now_s)
+    assert len(one.faces.commands(Begin)) == 1
+    assert shown(one)[-1][2] > 53.0
+    assert one.faces.commands(End) == []
 
 
 def test_a_weight_of_nothing_opens_nothing():
@@ -277,3 +304,9 @@ def test_when_the_session_is_closed_by_others_the_next_phone_begins_anew():
     one.tick(50.2)
     one.say("/phoneme", "s", "m", at_s=50.3)
     assert one.faces.commands(Begin) == [Begin(0, "at", 50.04), Begin(0, "at", pytest.approx(50.34))]
+    ticked(one, 52.0)
+    one.faces.close("face", 52.0)
+    one.tick(52.1)
+    one.send(schema.BeginUtterance("face", 8), schema.BeginUtterance("face", 9))
+    one.say("/phoneme", "s", "m")
+    assert [begin.utterance for begin in one.faces.commands(Begin)[2:]] == [0, 1, 2]  # no number twice in a session
