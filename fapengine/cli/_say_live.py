@@ -80,8 +80,9 @@ def say_live(speech: Speech, text: str, options: Options, live: LiveOptions) -> 
         except KeyboardInterrupt:
             face.stop()
             _finish(face, screen, ticks)
+        device, silent = face.speaker.description, face.speaker.is_silent
     return {
-        "said": text, "device": output.description, "silent": output.is_silent, "duration_s": speech.duration_s,
+        "said": text, "device": device, "silent": silent, "duration_s": speech.duration_s,
         "frames": ticks.frames, "skipped": ticks.skipped, "rate_hz": options.rate_hz,
         "off_ms": face.errors.as_dict(),
     }  # fmt: skip

@@ -5,7 +5,8 @@ Theory of operation
 An utterance whose sound is played here is begun with the anchor ``"audio"``: its face waits. :meth:`Loudspeaker.follow`
 is called before every frame; it reads each sound's place from the output, whose clock is the sound card's, and hands it
 on as :class:`fapengine.live.engine.commands.Audio`. The engine slews to it, or jumps where it must. A sound that stands
-still is told as one that does, and its face rests; one that was stopped ends its utterance.
+still is told as one that does, and its face rests. A device that is gone is replaced by silence of the same length: the
+face goes on. A sound that is stopped ends its utterance.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 from fapengine.live.engine.commands import Audio, Cancel
 from fapengine.live.server.hub import Hub, Spoken
-from fapengine.live.sound import Output, open_output
+from fapengine.live.sound import Output, SilentOutput, open_output
 
 TELL_EVERY_S = 0.02
 """Between two words on where a sound is."""
@@ -33,6 +34,8 @@ class _Playing:
     since_s: float
     sound: int | None = None
     """None: it waits for the device."""
+    skipped_s: float = 0.0
+    """Of its sound, played by a device that is gone."""
     zero_s: float | None = None
     """Engine time at which the sound was at its beginning."""
     told_s: float = 0.0
@@ -100,15 +103,19 @@ class Loudspeaker:
             The hub's clock.
         """
         self._off_s = None
+        for rate_hz, output in tuple(self._outputs.items()):
+            if not output.is_alive(now_s):
+                self._replace(rate_hz, output, now_s)
         for one in tuple(self._playing):
             if one.sound is None and (one.output.is_settled(now_s) or now_s - one.since_s > SETTLE_S):
-                one.sound = one.output.play(one.spoken.speech.samples)
+                rest = one.spoken.speech.samples[round(one.skipped_s * one.spoken.speech.sample_rate_hz) :]
+                one.sound = one.output.play(rest)
             if one.spoken.session not in self._hub.engine or (one.sound and one.output.is_over(one.sound, now_s)):
                 self._playing.remove(one)
                 continue
             place_s = one.output.position_s(one.sound, now_s) if one.sound else None
             if place_s is not None:
-                self._follow(one, place_s, now_s)
+                self._follow(one, place_s + one.skipped_s, now_s)
 
     def pause(self, on: bool) -> None:
         """Let sound stand still, or go on; the faces do as it does."""
@@ -134,6 +141,17 @@ class Loudspeaker:
     def _play(self, spoken: Spoken) -> None:
         output = self.open(spoken.speech.sample_rate_hz)
         self._playing.append(_Playing(spoken, output, self._hub.clock()))
+
+    def _replace(self, rate_hz: int, gone: Output, now_s: float) -> None:
+        """Go on in silence, from where each sound was."""
+        silence = SilentOutput(rate_hz, f"{gone.description}: is gone", now=self._hub.clock)
+        self._outputs[rate_hz] = silence
+        for one in self._playing:
+            if one.output is gone:
+                place_s = gone.position_s(one.sound, now_s) if one.sound else None
+                one.output, one.sound = silence, None
+                one.skipped_s += max(place_s or 0.0, 0.0)
+        gone.close()
 
     def _follow(self, one: _Playing, place_s: float, now_s: float) -> None:
         hub, session, number = self._hub, one.spoken.session, one.spoken.utterance

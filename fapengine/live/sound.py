@@ -24,6 +24,8 @@ LATENCY_S = 0.08
 """Asked of the device: a busy machine needs it, and a face that follows the sound is not late by it."""
 SETTLE_S = 0.2
 """Of silence, heard before a device's clock is trusted: PulseAudio's first reports are 45 ms early, for 0.1 s."""
+DEAD_S = 4.0
+"""A device that has fetched nothing for so long is gone; a sink of PulseAudio may sleep for 2 s."""
 MEND_LIBRARY = "sudo apt-get install -y libportaudio2"
 
 
@@ -36,6 +38,10 @@ class Output(Protocol):
 
     def is_settled(self, now_s: float) -> bool:
         """Whether its clock is to be trusted: a device that was just opened starts when it likes."""
+        ...
+
+    def is_alive(self, now_s: float) -> bool:
+        """Whether it still fetches sound: devices are pulled out."""
         ...
 
     def play(self, samples: ArrayLike) -> int:
@@ -161,6 +167,7 @@ class Player:
                 samplerate=self._rate_hz, channels=1, dtype="int16", device=device, latency=latency_s,
                 callback=self._fetch,
             )  # fmt: skip
+            self._opened_s = now()
             self._stream.start()
         except (sounddevice.PortAudioError, ValueError) as error:
             raise ResourceError(f"sound: {_plain(error)}; `fapengine doctor` lists the devices") from error
@@ -186,6 +193,12 @@ class Player:
         """See :class:`Output`."""
         with self._lock:
             return self.clock.position_s(now_s) >= SETTLE_S
+
+    def is_alive(self, now_s: float) -> bool:
+        """See :class:`Output`."""
+        with self._lock:
+            told_s = self.clock.told_s or self._opened_s
+        return bool(self._stream.active) and now_s - told_s < DEAD_S
 
     def play(self, samples: ArrayLike) -> int:
         """See :class:`Output`."""
@@ -239,6 +252,10 @@ class SilentOutput:
         self._now, self._start_s = now, now()
 
     def is_settled(self, now_s: float) -> bool:
+        """See :class:`Output`."""
+        return True
+
+    def is_alive(self, now_s: float) -> bool:
         """See :class:`Output`."""
         return True
 

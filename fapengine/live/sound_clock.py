@@ -98,6 +98,11 @@ class PlaybackClock:
         return float(self._place[1]) * 1e6
 
     @property
+    def told_s(self) -> float:
+        """When the device fetched last, monotonic clock; 0 before it did."""
+        return self._at_s
+
+    @property
     def latency_s(self) -> float:
         """From the last fetch to when it is heard."""
         return self._latency_s

@@ -44,6 +44,7 @@ class Card:
     """When its clock is to be trusted."""
     stalls: tuple[tuple[float, float], ...] = ()
     """(when, how long), engine time."""
+    dies_s: float = 1e9
     description: str = "a card"
     is_silent: bool = False
     is_closed: bool = False
@@ -57,6 +58,9 @@ class Card:
 
     def is_settled(self, now_s: float) -> bool:
         return now_s >= self.opens_s
+
+    def is_alive(self, now_s: float) -> bool:
+        return now_s < self.dies_s
 
     def play(self, samples: np.ndarray) -> int:
         self.heard_s(self.clock())
@@ -195,6 +199,24 @@ def test_the_first_sound_waits_for_a_device_that_was_just_opened() -> None:
     never.hub.say("face", babble(1.5))
     never.run(SETTLE_S + 0.1)
     assert never.card.queue._count == 1
+
+
+def test_a_device_that_is_pulled_out_leaves_a_face_that_goes_on() -> None:
+    made = stage(stalls=((51.0, 1e9),), dies_s=52.0)
+    first, second = made.hub.say("face", babble(2.0)), made.hub.say("face", babble(1.5))
+    made.run(1.9)
+    assert made.hub.engine.state("face") == "paused"  # it stands still, and may come back
+    made.run(0.5)
+    assert made.card.is_closed
+    assert made.speaker.is_silent
+    assert made.speaker.description == "a card: is gone"
+    assert made.hub.engine.state("face") == "speaking"
+    assert made.speaker.zero_s(first.utterance) == pytest.approx(52.0 - 0.9, abs=0.06)  # from where it was
+    made.run(1.0)
+    assert made.speaker.zero_s(second.utterance) == pytest.approx(52.0 + 1.1, abs=0.06)
+    made.run(1.5)
+    assert made.hub.engine.state("face") == "idle"
+    assert made.hub.engine.counters("face").finished == 2
 
 
 def test_utterances_follow_one_another_and_a_stop_ends_them() -> None:

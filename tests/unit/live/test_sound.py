@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.live import sound
-from fapengine.live.sound import Player, SilentOutput, open_output
+from fapengine.live.sound import DEAD_S, Player, SilentOutput, open_output
 from fapengine.live.sound_queue import FADE_S, KEPT, SoundQueue
 
 RATE_HZ = 8000
@@ -186,6 +186,8 @@ def fake(**changes: object) -> SimpleNamespace:
         def __init__(self, **options: object) -> None:
             self.options = options
 
+        active = True
+
         def start(self) -> None:
             pass
 
@@ -222,6 +224,10 @@ def test_a_device_that_does_not_know_the_rate_gets_it_resampled(monkeypatch: pyt
         assert player.position_s(number, 100.0) == pytest.approx(-0.25)
         assert player.position_s(number, 100.75) == pytest.approx(0.5)
         assert player.clock.underruns == 1
+        assert player.is_alive(100.0 + DEAD_S - 0.1)
+        assert not player.is_alive(100.0 + DEAD_S)
+        player._stream.active = False
+        assert not player.is_alive(100.0)
         player._fetch(out[:441], 441, SimpleNamespace(currentTime=2.0, outputBufferDacTime=2.25), status)
         assert player.is_over(empty, 101.26)
         player.stop()
