@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import Literal
-
-import numpy as np
 
 from fapengine.errors import UsageError
 
@@ -28,7 +27,7 @@ class Phone:
     """The word it belongs to, if known."""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.start_s) and np.isfinite(self.end_s) and 0 <= self.start_s < self.end_s):
+        if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not self.label:
             raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")

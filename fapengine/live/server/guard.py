@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -20,9 +19,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fapengine.errors import ResourceError
 from fapengine.live.server.faces import OscFaces
 from fapengine.live.server.hub import HubFrames
-from fapengine.live.server.sinks import SinkAddress, encoder_of, parse_sink
+from fapengine.live.server.sinks import Post, SinkAddress, encoder_of, parse_sink
 from fapengine.mpeg4 import fap
 
 RESTS, REST_S = 3, 0.02
@@ -129,10 +129,9 @@ def put_to_rest(addresses: Sequence[SinkAddress], sessions: dict[str, float], ra
         if isinstance(encoder, OscFaces):
             encoder.begin_at(numbers)
         datagrams = encoder.encode(frames)
-        with contextlib.suppress(OSError):
-            found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
-            with socket.socket(*found[0][:2]) as out:
-                for _ in range(RESTS):
-                    for data in datagrams:
-                        out.sendto(data, found[0][4])
-                    time.sleep(REST_S)
+        with contextlib.suppress(ResourceError):
+            post = Post(address.host, address.port)
+            for _ in range(RESTS):
+                post.send(datagrams)
+                time.sleep(REST_S)
+            post.close()

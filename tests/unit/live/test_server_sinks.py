@@ -67,6 +67,7 @@ class Ear:
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.setblocking(False)
         self.port = self.socket.getsockname()[1]
@@ -408,6 +409,26 @@ def test_a_face_at_rest_is_shown_once_before_there_is_one(ear: Ear, kind: str) -
     stage.run(10)
     assert len(ear.heard()) >= 9
     asyncio.run(sink.close())
+
+
+def test_many_datagrams_go_at_once_and_none_is_joined_or_lost(ear: Ear) -> None:
+    datagrams = [bytes([n % 256]) * (388 if n % 100 else 400) for n in range(150)] + [b"x" * 20_000] * 2 + [b"end"]
+    for cuts in (True, False):
+        post = sinks.Post("127.0.0.1", ear.port)
+        post._cuts &= cuts
+        assert post.send(datagrams) == len(datagrams)
+        assert ear.heard() == datagrams
+        post.close()
+
+
+def test_where_datagrams_cannot_go_at_once_they_go_one_by_one(ear: Ear, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sinks, "UDP_SEGMENT", 9999)  # which no system knows
+    post = sinks.Post("127.0.0.1", ear.port)
+    assert post.send([b"a", b"b", b"c"]) == 3
+    assert ear.heard() == [b"a", b"b", b"c"]
+    assert not post._cuts
+    assert post.send([b"x" * 70_000, b"d"]) == 1  # too large for a datagram
+    post.close()
 
 
 def test_nothing_is_sent_of_sessions_that_are_not_there(ear: Ear) -> None:
