@@ -17,7 +17,11 @@ ROOT = Path(__file__).resolve().parent.parent
 SERVER = ROOT / "tests" / "browser" / "serve_page.py"
 PORT = 8119
 SENTENCE = "Bright sunshine shimmers on the ocean."
-SMILE = "(() => { const one = document.getElementById('expression-joy'); one.value = 0.5; one.dispatchEvent(new Event('input')); })()"
+SMILE = """(() => {
+    const one = document.getElementById("expression-joy");
+    one.value = 0.5;
+    one.dispatchEvent(new Event("input"));
+})()"""
 
 
 async def show() -> tuple[Image.Image, Image.Image]:

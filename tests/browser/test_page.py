@@ -2,6 +2,7 @@
 
 import json
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -283,6 +284,16 @@ def test_what_the_server_refuses_is_told(page: Page) -> None:
     say(page, "...")
     page.until("document.getElementById('said').classList.contains('wrong')")
     assert "expected something to speak" in page.run("document.getElementById('said').textContent")
+
+
+def test_the_documented_viewer_works(page: Page) -> None:
+    page.open("nora")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "page.md").read_text()
+    code = text.split("```javascript\n")[1].split("```")[0].replace("127.0.0.1:8110", f"127.0.0.1:{page.server.port}")
+    page.run(f"window.seen = []; console.log = (said) => seen.push(said); {{ {code}; window.socket = socket; }}")
+    page.until("seen.some((said) => said.type === 'event' && said.kind === 'started')")
+    assert page.run("seen[0].type") == "hello"
+    page.run("socket.close()")
 
 
 def test_without_webgl_the_page_says_so(page: Page) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,6 +118,14 @@ def test_a_frame_is_as_documented() -> None:
     assert packed[:8] == bytes.fromhex("01000000 05000000")  # kind 1, number modulo 2**32, little-endian
     assert np.frombuffer(packed, "<f8", 1, 8)[0] == 12.25
     assert (np.frombuffer(packed, "<i4", offset=16) == faps).all()
+
+
+def test_the_documentation_names_every_message() -> None:
+    text = (Path(__file__).resolve().parents[3] / "docs" / "page.md").read_text()
+    table = text.split("| from the page |")[1]
+    assert [kind for kind in wire.REQUESTS if f"`{kind}`" not in table] == []
+    assert f'"{wire.PROTOCOL}"' in text
+    assert f"{wire.FRAME.size} bytes" in text
 
 
 def test_numbers_that_json_lacks_become_null() -> None:
