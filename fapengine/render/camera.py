@@ -70,7 +70,7 @@ class Camera:
 
 PRESETS: dict[str, Camera] = {
     "front": Camera(),
-    "close": Camera(target_mm=(0.0, 0.0, 60.0), distance_mm=800.0, field_deg=14.5),
+    "close": Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=800.0, field_deg=14.5),
     "three-quarter": Camera(yaw_deg=35.0, pitch_deg=4.0),
     "three-quarter-right": Camera(yaw_deg=-35.0, pitch_deg=4.0),
     "profile": Camera(yaw_deg=90.0),

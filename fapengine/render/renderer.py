@@ -131,6 +131,10 @@ class FaceRenderer:
     def softens(self, wanted: bool) -> None:
         self._canvas.softens = wanted
 
+    def is_lit_at_vertices(self, camera: Camera) -> bool:
+        """Tell what ``shading`` comes to with a camera."""
+        return self._model.is_lit_at_vertices(camera, self._canvas.drawn, self.shading)
+
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame.
 
