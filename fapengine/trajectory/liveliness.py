@@ -41,6 +41,10 @@ BREATH_HZ, BREATH_RAD = (0.2, 0.3), 0.004
 DRIFTS_FAPU = {(31, 32, 33, 34): 14.0, (35, 36): 8.0, (12, 13, 59, 60): 7.0, (19, 20): 15.0}
 """Brows, their outer ends, mouth corners, upper lids: together, about a third of a millimetre."""
 DRIFT_BAND_HZ = (0.05, 0.25)
+LIDS_FOLLOW = {(19, 20): 500.0, (21, 22): -200.0}
+"""FAPU by which upper and lower lids follow a gaze that goes down by a radian: half and a fifth of the eye's angle. The
+look-down and look-up shapes of ICT-FaceKit turn the upper lid by 24.1 and 11.4 degrees, the lower by 8.4 and 5.9, for
+eyes that turn by about 33 and 30. One iris's width is 1024, 1.1 of it the radius of the eye."""
 
 
 def enliven(times_s: Array, end_s: float, phones: PhoneTrack, style: Style, rng: np.random.Generator) -> Array:
@@ -134,7 +138,7 @@ def gaze(times_s: Array, end_s: float, rng: np.random.Generator) -> Array:
             _add(faps, numbers, change / AU_RAD * step)
         place = goal
         jump_s += FIXATION_S[0] + rng.exponential(FIXATION_S[1])
-    return faps
+    return _with_lids(faps)
 
 
 def countered(head: Array) -> Array:
@@ -142,4 +146,11 @@ def countered(head: Array) -> Array:
     faps = np.zeros_like(head)
     _add(faps, (23, 24), -head[:, fap.column(49)])
     _add(faps, (25, 26), -head[:, fap.column(48)])
+    return _with_lids(faps)
+
+
+def _with_lids(faps: Array) -> Array:
+    """Lids go with the eyes, which the standard leaves to whoever makes the FAPs."""
+    for numbers, per_rad in LIDS_FOLLOW.items():
+        _add(faps, numbers, per_rad * AU_RAD * faps[:, fap.column(25)])
     return faps

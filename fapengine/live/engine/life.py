@@ -207,6 +207,8 @@ class Life:
                 numbers,
                 (levels[look] + levels[glance]) / AU_RAD - (faps[fap.column(head)] - commanded[head] / AU_RAD),
             )
+        for numbers, per_rad in lively.LIDS_FOLLOW.items():
+            _add(faps, numbers, per_rad * (1 - blink) * AU_RAD * faps[fap.column(25)])
         return faps
 
     def _draw(self, row: int, now_s: float) -> None:

@@ -100,3 +100,11 @@ def test_idle_and_sway_are_small_and_never_still() -> None:
     assert 0.01 < np.abs(column(turn, 49)).max() * 1e-5 < 0.08
     assert not column(drift, 4).any()  # the lips' opening is not touched
     assert not column(drift, 5).any()
+
+
+def test_lids_go_with_the_gaze() -> None:
+    faps = only("head_motion", "gaze")
+    pitch_rad = column(faps, 25) * 1e-5
+    assert np.abs(pitch_rad).max() > 0.01
+    for number, per_rad in ((19, 500.0), (20, 500.0), (21, -200.0), (22, -200.0)):
+        np.testing.assert_allclose(column(faps, number), per_rad * pitch_rad, atol=1e-9)
