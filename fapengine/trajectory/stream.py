@@ -218,11 +218,14 @@ class StreamingPlanner:
         begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
         coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
         known, self._holds = self._holds, {}
+        shut = {(phone.label, phone.start_s): hold for phone, hold in known.items() if hold.start_s - RAMP_S < edge}
         for one in self._resolved:
             if one.contact == "none":
                 continue
-            hold: Hold | None = known.get(one.phone, hold_of(one.phone, one.contact))
-            if hold and one.phone not in known and hold.start_s - RAMP_S < edge:
+            # a phone of which only the end has changed is the same one: it is not shut once more
+            same = known.get(one.phone) or shut.get((one.phone.label, one.phone.start_s))
+            hold: Hold | None = same or hold_of(one.phone, one.contact)
+            if hold and not same and hold.start_s - RAMP_S < edge:
                 hold = hold_late(hold, edge)
             if hold:
                 self._holds[one.phone] = hold

@@ -159,6 +159,16 @@ def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
     assert planner.counts.revised == 1
 
 
+def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
+    planner = StreamingPlanner(PROFILE)
+    planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.8)])
+    planner.frames(times_until(0.64))
+    until_s = max(hold.stop_s for hold in planner.holds if hold.contact == "lips")
+    planner.feed([Phone("ɑ", 0.68, 0.9)])  # as when nobody knew how long it would be
+    assert planner.counts.revised == 1
+    assert max(hold.stop_s for hold in planner.holds if hold.contact == "lips") == until_s
+
+
 def test_phones_that_stop_coming_leave_a_mouth_at_rest():
     planner = StreamingPlanner(PROFILE)
     planner.feed(phones(["ɑ", "ɑ"], 0.2))
