@@ -7,8 +7,8 @@ A *ladder* lists qualities from the best to the cheapest; the *rung* is the one 
 happens. When it does not, the rung falls at once to the first that is estimated to fit: a rung's estimate is the
 median, scaled by the ratio of relative costs, and these are learned from what the rungs turn out to cost. When the next
 better rung is estimated to fit with room to spare for a while, the rung climbs by one. A climb that has to be taken
-back doubles the wait before the next one, so that a load between two rungs does not make the picture flicker; a minute
-of peace forgives.
+back doubles the wait before the next one, so that a load between two rungs does not make the picture flicker; five
+minutes without a fall forgive.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ ROOM = 0.85
 """Of the budget that a better rung may be estimated to take."""
 PATIENCE_S, AT_LEAST = 0.5, 3
 """Over what time, and how many frames, costs are looked at before the rung falls."""
-SETTLE_S, LONGEST_WAIT_S, PEACE_S = 2.0, 64.0, 60.0
+SETTLE_S, LONGEST_WAIT_S, PEACE_S = 2.0, 64.0, 300.0
 """How long the rung stays before it climbs, at first and at most; and how long without a fall forgives."""
 VERTEX_SHARE, LIGHT_SHARE, SOFTENING_SHARE = 0.35, 0.28, 0.18
 """Of a frame's cost on llvmpipe, 512 x 512: work on vertices; of the rest, light at pixels and softening."""
@@ -156,7 +156,7 @@ class FrameBudget:
         return self.qualities[self.rung]
 
     def spent(self, cost_s: float, now_s: float) -> Change | None:
-        """Tell what a frame cost, drawn with :attr:`quality` and ready at ``now_s``; returns what changed, if it did."""
+        """Tell what a frame cost, drawn with :attr:`quality` and ready at ``now_s``; return what changed."""
         self.late += cost_s > 1 / self.rate_hz
         if isnan(self._since_s):
             self._since_s = now_s
