@@ -30,6 +30,7 @@ from fapengine.mesh.adopted_parts import (
     iris_plane,
     materials,
     measure,
+    occlusion,
     paint,
     parts,
     place,
@@ -37,7 +38,6 @@ from fapengine.mesh.adopted_parts import (
 )
 from fapengine.mesh.basis import Collector
 from fapengine.mesh.face_mesh import Bone, Channel, FaceMesh
-from fapengine.mesh.patch import bake_occlusion, smooth_over_mesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -128,7 +128,7 @@ def adopt(
     reached = set(moved) | {number for number in BONE_FAPS if number not in boneless(eyes)}
     low = [row.number for row in fap.FAPS if row.number > 2]
     normals = smooth_normals(placed, faces, node)
-    occlusion = np.clip(smooth_over_mesh(bake_occlusion(placed, normals), faces, 2), 0.0, 1.0)
+    material = materials(placed, eyes)
     centres = [
         eyes[name][1] if name in eyes else standard.eye_pivots_mm[index] for index, name in enumerate(("3.5", "3.6"))
     ]
@@ -136,9 +136,9 @@ def adopt(
         vertices_mm=placed.astype(np.float32),
         normals=normals.astype(np.float32),
         uv=iris_plane(placed, eyes),
-        albedo=paint(placed, painted, at, skin),
-        material=materials(placed, eyes),
-        occlusion=occlusion.astype(np.float32),
+        albedo=paint(placed, painted, at, skin, faces, material),
+        material=material,
+        occlusion=occlusion(placed, normals, faces, material),
         bone=bone,
         bone_weight=weight.astype(np.float32),
         head_weight=smoothstep((placed[:, 1] - at["2.1"][1] + sum(NECK_MM)) / NECK_MM[1]).astype(np.float32),

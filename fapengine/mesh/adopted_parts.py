@@ -12,7 +12,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.mesh import colours
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.patch import vertex_normals
+from fapengine.mesh.patch import bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mpeg4.fapu import Fapu
 
 Array = NDArray[np.float64]
@@ -31,6 +31,13 @@ EYE_DEPTH_MM = 11.0
 SHELL = 1.2
 """Parts wholly within so many radii of an eyeball (cornea, tear film, the ball itself) are eye too."""
 
+PAINTS = {
+    Material.EYE: colours.EYE, Material.GUM: colours.GUM, Material.TONGUE: colours.TONGUE, Material.LASH: colours.LASH,
+    Material.HAIR: np.array([0.055, 0.032, 0.02]), Material.CLOTH: colours.CLOTH,
+}  # fmt: skip
+"""Linear RGB of what a file gives no colour; anything else beside the skin is taken for teeth."""
+LEAST_LIGHT = 0.45
+"""What is in the mouth gets at least so much light: it was measured with the mouth shut."""
 AT_LIDS_AND_BROWS = ("3.1", "3.2", "3.3", "3.4", "3.7", "3.8", "3.11", "3.12", *(f"4.{n}" for n in range(1, 7)))
 BESIDE_MM = 14.0
 """A part nowhere farther than this from lids and brows grows there."""
@@ -169,7 +176,7 @@ def followers(
         found = whole[part] & free
     found[called] = free[called]
     vertices = np.flatnonzero(found)
-    return vertices, cKDTree(placed[skin]).query(placed[vertices])[1].astype(np.int64)
+    return vertices, np.asarray(cKDTree(placed[skin]).query(placed[vertices])[1], np.int64)
 
 
 def _sphere_centre(ball: Array) -> Array:
@@ -187,6 +194,13 @@ def smooth_normals(placed: Array, faces: Indices, node: Indices) -> Array:
     first[node] = np.arange(len(node))
     normals: Array = vertex_normals(placed[first], node[faces])[node]
     return normals
+
+
+def occlusion(placed: Array, normals: Array, faces: Indices, material: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Share of the ambient light that arrives."""
+    light = np.clip(smooth_over_mesh(bake_occlusion(placed, normals), faces, 2), 0.0, 1.0)
+    inside = np.isin(material, (Material.TEETH, Material.TONGUE, Material.GUM))
+    return np.asarray(np.where(inside, np.maximum(light, LEAST_LIGHT), light), np.float32)
 
 
 def iris_plane(placed: Array, eyes: Eyes) -> NDArray[np.float32]:
@@ -207,15 +221,23 @@ def materials(placed: Array, eyes: Eyes) -> NDArray[np.uint8]:
     return material
 
 
-def paint(placed: Array, albedo: Array | None, at: Mapping[str, Array], skin: Indices) -> NDArray[np.float32]:
-    """Take the file's colours, or paint skin, lips and teeth."""
+def paint(
+    placed: Array, albedo: Array | None, at: Mapping[str, Array], skin: Indices, faces: Indices,
+    material: NDArray[np.uint8],
+) -> NDArray[np.float32]:  # fmt: skip
+    """Take the file's colours, or paint skin and lips, and what is inside of the mouth."""
     if albedo is not None:
         return np.asarray(np.clip(albedo, 0, 1), np.float32)
     painted = np.broadcast_to(colours.TEETH, placed.shape).copy()
+    for kind, colour in PAINTS.items():
+        painted[material == kind] = colour
     painted[skin] = colours.skin(placed[skin])
     outline = [at[name] for name in LIP_OUTLINE if name in at]
     hull = Delaunay(np.stack(outline)[:, :2])
     near = placed[skin, 2] > min(point[2] for point in outline) - 6.0
     lips = skin[(hull.find_simplex(placed[skin, :2]) >= 0) & near]
-    painted[lips] = colours.LIP
+    mask = np.zeros(len(placed))
+    mask[lips] = 1.0
+    share = smooth_over_mesh(mask, faces, 2)[:, None]
+    painted = np.where(share > 0, painted + share * (colours.LIP - painted), painted)
     return np.asarray(np.clip(painted, 0, 1), np.float32)

@@ -32,6 +32,7 @@ from fapengine.mesh.adopted_parts import (
     followers,
     iris_plane,
     measure,
+    occlusion,
     paint,
     parts,
     place,
@@ -41,7 +42,6 @@ from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mesh.morphs import MorphMesh
 from fapengine.mesh.morphs_basis import JAW_FAPS, Mixer, Rig, add_shapes, coordinates
 from fapengine.mesh.morphs_locate import named
-from fapengine.mesh.patch import bake_occlusion, smooth_over_mesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -216,7 +216,6 @@ def _finish(
 ) -> FaceMesh:  # fmt: skip
     """Put together what the renderer takes."""
     normals = smooth_normals(laid.place, laid.triangles, node)
-    occlusion = np.clip(smooth_over_mesh(bake_occlusion(laid.place, normals), laid.triangles, 2), 0.0, 1.0)
     head = mesh.limbs.get("head")
     follows = np.asarray(smoothstep((laid.place[:, 1] - at["2.1"][1] + sum(NECK_MM)) / NECK_MM[1]), np.float64)
     pivot = np.asarray(at.get("7.1", standard.head_pivot_mm), np.float64)
@@ -228,6 +227,7 @@ def _finish(
     blank = {pupil: eye for pupil, eye in eyes.items() if len(eye[0]) and not _has_iris(mesh, laid, eye)}
     for ball, _ in blank.values():
         uv[ball] = iris_plane(laid.place, blank)[ball]
+    material = _materials(mesh, laid, eyes, blank)
     albedo = mesh.albedo[laid.kept] if mesh.albedo is not None and coloured else None
     centres = [
         eyes[name][1] if name in eyes else standard.eye_pivots_mm[index] for index, name in enumerate(("3.5", "3.6"))
@@ -236,9 +236,9 @@ def _finish(
         vertices_mm=laid.place.astype(np.float32),
         normals=normals.astype(np.float32),
         uv=uv.astype(np.float32),
-        albedo=paint(laid.place, albedo, at, skin),
-        material=_materials(mesh, laid, eyes, blank),
-        occlusion=occlusion.astype(np.float32),
+        albedo=paint(laid.place, albedo, at, skin, laid.triangles, material),
+        material=material,
+        occlusion=occlusion(laid.place, normals, laid.triangles, material),
         bone=bone,
         bone_weight=np.clip(weight, 0.0, 1.0).astype(np.float32),
         head_weight=follows.astype(np.float32),

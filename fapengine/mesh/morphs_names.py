@@ -11,13 +11,17 @@ from dataclasses import dataclass
 PREFIXES = ("blendShape1.", "blendShape.", "blendshapes.", "face_", "head_", "shape_", "ARKit_", "bs_", "m_")
 SIDES = {"l": "Left", "r": "Right"}
 ALIASES = {
-    "cheekraiserleft": "cheeksquintleft", "cheekraiserright": "cheeksquintright", "eyesclosed": "blink",
+    "eyesclosed": "blink",
     "eyeclose": "blink", "eyesblink": "blink", "eyeblink": "blink", "blinkleft": "eyeblinkleft",
     "blinkright": "eyeblinkright", "mouthopen": "jawopen", "fclmtha": "a", "fclmthi": "i", "fclmthu": "u",
     "fclmthe": "e", "fclmtho": "o", "fcleyeclose": "blink", "fcleyecloseleft": "eyeblinkleft",
     "fcleyecloseright": "eyeblinkright",
 }  # fmt: skip
-"""Other spellings of one shape: ICT-FaceKit's, Ready Player Me's, VRM's and VRoid's."""
+"""Other spellings of one shape: Ready Player Me's, VRM's and VRoid's."""
+KIN = {"cheekraiserleft": "cheekSquintLeft", "cheekraiserright": "cheekSquintRight"}
+"""Shapes of ICT-FaceKit beside ARKit's, and what they stand for where that is lacking."""
+HALVES = ("left", "right")
+"""Ends of names that halve one of ARKit's shapes, such as ICT-FaceKit's ``browInnerUp_L``."""
 OCULUS = ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "I", "O", "U")
 OCULUS_BEGINNINGS = ("viseme", "vrcv", "v")
 VOWELS = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh"}
@@ -108,6 +112,8 @@ def choose(
     spelled = {plain(one): one for one in wanted}
     known: dict[str, str] = {}
     mouths: dict[str, str] = {}
+    halves: dict[str, str] = {}
+    kin: dict[str, str] = {}
     blink = []
     for name in sorted(listed, key=lambda one: one not in words):  # what a mapping says goes first
         if name in faps or words.get(name) == UNUSED:
@@ -115,19 +121,25 @@ def choose(
         bare = plain(words.get(name, name))
         if bare in spelled:
             known.setdefault(spelled[bare], name)
+        elif bare in KIN:
+            kin[KIN[bare]] = name
+        elif bare.endswith(HALVES) and bare.removesuffix("left").removesuffix("right") in spelled:
+            halves.setdefault(bare, name)
         elif bare == "blink":
             blink.append(name)
         elif mouth := viseme(words.get(name, name)):
             mouths.setdefault(mouth, name)
+    halved = {bare.removesuffix("left").removesuffix("right") for bare in halves}
     tongue = known.pop("tongueOut", None)
     if tongue is not None:
         faps[tongue] = {TONGUE_FAP: TONGUE_FAPU}
     blended = [name for one, name in known.items() if not GAZE.fullmatch(plain(one))]
+    blended += [*kin.values(), *halves.values()]
     if len(blended) < ENOUGH:
         blended += [name for mouth, name in mouths.items() if mouth != "sil"]
         blended += [] if "eyeBlinkLeft" in known else blink[:1]
     jaws = [known.get("jawOpen"), mouths.get("aa"), mouths.get("O"), mouths.get("oh")]
-    missing = [one for one in wanted if one not in known and not (one == "tongueOut" and tongue)]
+    found = {*known, *kin, *(spelled[bare] for bare in halved), *(["tongueOut"] if tongue else [])}
     return Choice(
         left=tuple(filter(None, [known.get("eyeBlinkLeft")])),
         right=tuple(filter(None, [known.get("eyeBlinkRight")])),
@@ -135,5 +147,5 @@ def choose(
         jaw=tuple(filter(None, jaws)),
         blended=tuple(dict.fromkeys(blended)),
         given=faps,
-        missing=tuple(missing),
+        missing=tuple(one for one in wanted if one not in found),
     )

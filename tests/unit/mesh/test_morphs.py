@@ -353,7 +353,7 @@ def test_meshes_that_contradict_themselves():
     [
         ("eyeBlinkLeft", "eyeblinkleft"), ("EyeBlink_L", "eyeblinkleft"), ("blendShape1.eyeBlink_R", "eyeblinkright"),
         ("mouthUpperUpL", "mouthupperupleft"), ("Blink_L", "eyeblinkleft"), ("Fcl_EYE_Close_R", "eyeblinkright"),
-        ("cheekRaiser_L", "cheeksquintleft"), ("eyesClosed", "blink"), ("mouthOpen", "jawopen"),
+        ("cheekRaiser_L", "cheekraiserleft"), ("eyesClosed", "blink"), ("mouthOpen", "jawopen"),
         ("Jaw Open", "jawopen"),
     ],
 )  # fmt: skip
@@ -381,3 +381,7 @@ def test_shapes_are_chosen_by_name():
     assert told.blended == ("Kiefer", "I", "Lid")
     assert told.given == {"Ohr": {65: 300.0}}
     assert told.jaw == ("Kiefer", "I")
+    ict = choose(["browInnerUp_L", "browInnerUp_R", "cheekRaiser_L", "cheekSquint_L", "cheekRaiser_R"], ARKIT_NAMES)
+    assert set(ict.blended) == {"browInnerUp_L", "browInnerUp_R", "cheekRaiser_L", "cheekSquint_L", "cheekRaiser_R"}
+    assert not {"browInnerUp", "cheekSquintLeft", "cheekSquintRight"} & set(ict.missing)
+    assert len(ict.missing) == 49
