@@ -89,6 +89,13 @@ def test_speech_comes_back_through_visemes() -> None:
     assert int(shares[at("uː"), vowels].argmax()) == 4
 
 
+def test_a_mood_is_no_viseme() -> None:
+    plain, merry = approximate_visemes(spoken()), approximate_visemes(spoken(Expression.JOY, 0.6))
+    assert np.abs(plain - merry).mean() < 0.04  # 0.10 if what joy does to the mouth were not taken away
+    for label in ("b", "m"):
+        assert OCULUS_NAMES[int(merry[at(label)].argmax())] == "PP", label
+
+
 def test_what_is_more_than_one_is_scaled_and_less_is_silence() -> None:
     aa = np.eye(15)[OCULUS_NAMES.index("aa")]
     np.testing.assert_allclose(visemes_to_faps(3 * aa), visemes_to_faps(aa))
