@@ -12,9 +12,11 @@ python-osc builds the messages. Reading is done here, because its reader loses t
 bundles in bundles as deep as they come, and has no one kind of error.
 """
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from pythonosc.osc_message_builder import BuildError, OscMessageBuilder
 
@@ -29,6 +31,8 @@ MAX_DEPTH = 8
 BUNDLE = b"#bundle\0"
 BUNDLE_HEAD = BUNDLE + struct.pack(">Q", IMMEDIATELY)
 CLAUSE = "OSC 1.0"
+REMEMBERED_TAGS = 2048
+"""How messages of up to so many arguments are read is remembered; of longer ones, a peer could make that MBs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,14 +172,17 @@ def _message(data: bytes, at: int, time_tag: int) -> Message:
         raise DataError(f"OSC type tags: got {spelled!r:.20}, expected ,...", where=f"byte {at}", clause=CLAUSE)
     tags = spelled[1:].replace("[", "").replace("]", "")
     values: list[Argument] = []
-    for tag in tags:
-        reader = _READERS.get(tag)
-        if reader is None:
-            raise UnsupportedError(
-                f"OSC type tag: got {tag!r}, expected one of {''.join(_READERS)}", where=f"byte {at}"
-            )
-        value, here = reader(data, here, at)
-        values.append(value)
+    for step in _steps(tags) if len(tags) <= REMEMBERED_TAGS else _steps.__wrapped__(tags):
+        if isinstance(step, struct.Struct):
+            if len(data) - here < step.size:
+                raise TruncatedError(
+                    f"OSC arguments: got {len(data) - here} bytes, expected {step.size}", where=f"byte {at + here}"
+                )
+            values += step.unpack_from(data, here)
+            here += step.size
+        else:
+            value, here = step(data, here, at)
+            values.append(value)
     if here != len(data):
         raise DataError(f"OSC message: {len(data) - here} bytes follow its arguments", where=f"byte {at + here}")
     return Message(address, tags, tuple(values), time_tag)
@@ -193,8 +200,10 @@ def _string(data: bytes, here: int, at: int) -> tuple[str, int]:
 
 
 def _blob(data: bytes, here: int, at: int) -> tuple[bytes, int]:
-    size, begin = _int32(data, here, at)
-    if not isinstance(size, int) or size < 0:
+    if len(data) - here < 4:
+        raise TruncatedError("OSC blob: ends before its length", where=f"byte {at + here}", clause=CLAUSE)
+    (size,), begin = struct.unpack_from(">i", data, here), here + 4
+    if size < 0:
         raise DataError(f"OSC blob: got a length of {size!r}", where=f"byte {at + here}", clause=CLAUSE)
     end = begin + (size + 3) // 4 * 4
     if end > len(data):
@@ -205,28 +214,31 @@ def _blob(data: bytes, here: int, at: int) -> tuple[bytes, int]:
 Reader = Callable[[bytes, int, int], tuple[Argument, int]]
 
 
-def _fixed(layout: str) -> Reader:
-    shape = struct.Struct(layout)
-
-    def read(data: bytes, here: int, at: int) -> tuple[Argument, int]:
-        if len(data) - here < shape.size:
-            raise TruncatedError(
-                f"OSC argument: got {len(data) - here} bytes, expected {shape.size}", where=f"byte {at + here}"
-            )
-        value: Argument = shape.unpack_from(data, here)[0]
-        return value, here + shape.size
-
-    return read
-
-
 def _constant(value: Argument) -> Reader:
     return lambda data, here, at: (value, here)
 
 
-_int32 = _fixed(">i")
+_LAYOUTS = {"i": "i", "f": "f", "h": "q", "d": "d", "t": "Q", "c": "i", "r": "4s", "m": "4s"}
 _READERS: dict[str, Reader] = {
-    "i": _int32, "f": _fixed(">f"), "s": _string, "b": _blob,
-    "h": _fixed(">q"), "d": _fixed(">d"), "t": _fixed(">Q"), "S": _string,
-    "c": _fixed(">i"), "r": _fixed(">4s"), "m": _fixed(">4s"),
-    "T": _constant(True), "F": _constant(False), "N": _constant(None),
+    "s": _string, "S": _string, "b": _blob, "T": _constant(True), "F": _constant(False), "N": _constant(None),
 }  # fmt: skip
+
+
+@lru_cache(maxsize=256)
+def _steps(tags: str) -> tuple[struct.Struct | Reader, ...]:
+    """Plan how to read arguments: runs of numbers at once."""
+    steps: list[struct.Struct | Reader] = []
+    for run in re.findall(f"[{''.join(_LAYOUTS)}]+|.", tags, re.DOTALL):
+        if run[0] in _LAYOUTS:
+            steps.append(struct.Struct(">" + "".join(_LAYOUTS[tag] for tag in run)))
+        else:
+            steps.append(_READERS.get(run) or _unsupported(run))
+    return tuple(steps)
+
+
+def _unsupported(tag: str) -> Reader:
+    def refuse(data: bytes, here: int, at: int) -> tuple[Argument, int]:
+        known = "".join((*_LAYOUTS, *_READERS))
+        raise UnsupportedError(f"OSC type tag: got {tag!r}, expected one of {known}", where=f"byte {at}")
+
+    return refuse

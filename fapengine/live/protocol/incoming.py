@@ -114,6 +114,10 @@ class Incoming:
         self.next_index = min(self.next_index, message.phone_count)
         return True
 
+    def forget_phones(self) -> None:
+        """Remember only which have come: it is over, and a server remembers many."""
+        self.phones = dict.fromkeys(self.phones, _COME)
+
     def missing(self) -> list[tuple[int, int]]:
         """Gaps: first index, index behind the last."""
         stop = self.end.phone_count if self.end is not None else max(self.phones, default=-1) + 1
@@ -160,3 +164,6 @@ class Incoming:
         self.phones, self.next_index, self.end = {}, 0, None
         self.has_error = False
         self.nack_s, self.nacks = inf, 0
+
+
+_COME = WirePhone("", 0, 0)

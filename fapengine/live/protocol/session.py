@@ -208,6 +208,7 @@ class WireSession:
         if one is None or wire is None or one.number != number:
             return None
         one.over_s, one.is_cancelled = now_s, one.is_cancelled or is_cancelled
+        one.forget_phones()
         one.nack_s = one.follow_s = inf
         return wire
 
