@@ -12,6 +12,7 @@ from fapengine.live.protocol.counts import PeerCounts
 from fapengine.live.server.hub import Hub, HubCounts
 from fapengine.live.server.intake import Intake
 from fapengine.live.server.sinks import Sink
+from fapengine.live.web.connection import WebCounts
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 BUCKETS_S = (0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.014, 0.016, 0.020, 0.030, 0.050, 0.100)
@@ -38,6 +39,8 @@ class ServerMetrics(Collector):
 
     def __init__(self, hub: Hub, intake: Intake, peers: PeerCounts, sinks: Iterable[Sink]) -> None:
         self._hub, self._intake, self._peers, self._sinks = hub, intake, peers, sinks
+        self.page: WebCounts | None = None
+        """Of the page, where there is one."""
         self._registry = CollectorRegistry()
         self._registry.register(self)
         self.tick_s = Histogram(
@@ -72,6 +75,10 @@ class ServerMetrics(Collector):
         yield _labelled("intake", "What came in and what was refused, by kind.", came)
         yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=intake.streams)
         yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
+        if self.page is not None:
+            page = asdict(self.page)
+            yield GaugeMetricFamily("fapengine_pages", "Pages that are connected.", value=page.pop("pages"))
+            yield _labelled("page", "What pages did and met with, by kind.", page)
         yield from self._sent()
 
     def _sessions(self) -> Iterator[Metric]:

@@ -168,11 +168,10 @@ class Server:
         for url in self.config.sinks:
             parts.sinks.append(await open_sink(self.hub, parse_sink(url)))
         if listen.web_port is not None and self._head is not None:
-            from fapengine.live.web.app import make_app  # the page's files are read then
+            from fapengine.live.web.app import COUNTS, make_app  # the page's files are read then
 
-            app = make_app(
-                self.hub, self._head, token=listen.token, profile=self.config.face.profile
-            )  # fmt: skip
+            app = make_app(self.hub, self._head, token=listen.token, profile=self.config.face.profile)
+            self.metrics.page = app[COUNTS]
             parts.sites.append(await _serve(app, listen.host, listen.web_port))
         if listen.metrics_port is not None:
             app = web.Application()

@@ -1,9 +1,9 @@
-// The WebSocket: comes back by itself after the server went away, later and later up to five seconds.
+// The WebSocket: comes back by itself after the server went away, later and later up to three seconds.
 
 import { parseFrame } from "./wire.js";
 
 const FIRST_WAIT_MS = 250;
-const LONGEST_WAIT_MS = 5000;
+const LONGEST_WAIT_MS = 3000;
 const PING_EVERY_MS = 1000;
 const SILENCE_MS = 4000;
 
