@@ -42,7 +42,7 @@ def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_js
     UsageError
         If the size or the camera cannot be.
     """
-    with FaceWindow(mesh, size=wish.size, camera=wish.camera, keys=KEYS) as window:
+    with FaceWindow(mesh, size=wish.size, camera=wish.camera, keys=KEYS, hold_hz=wish.rate_hz) as window:
         source = shown()
         try:
             begun_s = time.monotonic()
@@ -54,7 +54,7 @@ def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_js
         took_s = time.monotonic() - begun_s
     report = {
         "frames": ticks.frames, "skipped": ticks.skipped, "seconds": took_s, "rate_hz": ticks.frames / took_s,
-        "frame_ms": 1e3 * window.busy_s,
+        "frame_ms": 1e3 * window.busy_s, "quality": str(window.quality),
     }  # fmt: skip
     if as_json:
         print(json.dumps(report, indent=2))  # noqa: T201  the answer itself
@@ -62,6 +62,12 @@ def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_js
         Console(highlight=False).print(
             f"{ticks.frames} frames in {took_s:.1f} s, {report['frame_ms']:.1f} ms each to draw"
         )
+
+
+def _pace(window: FaceWindow) -> str:
+    """Say how fast, and at what resolution if that was given up for it."""
+    given_up = "" if window.quality.scale == 1 else f" at {100 * window.quality.scale:.0f} %"
+    return f"{window.rate_hz:.0f} fps, {1e3 * window.busy_s:.1f} ms a frame{given_up}"
 
 
 def _run(window: FaceWindow, source: Source, wish: Wish) -> Ticks:
@@ -81,5 +87,5 @@ def _run(window: FaceWindow, source: Source, wish: Wish) -> Ticks:
         panel.lit = (panel.lit - own) | source.lit()
         if time.monotonic() >= status_s:
             status_s = time.monotonic() + STATUS_S
-            panel.status = (f"{window.rate_hz:.0f} fps, {1e3 * window.busy_s:.1f} ms a frame", *source.status())
+            panel.status = (_pace(window), *source.status())
     return ticks

@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.render.budget import Quality
 from fapengine.render.camera import Camera, preset
 from fapengine.render.context import REQUIRED
 from fapengine.render.desktop import create_window, current, start_glfw
+from fapengine.render.live import LiveRenderer
 from fapengine.render.panel import WIDTH, Event, Panel, Pressed
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import SIZES, FaceRenderer
@@ -60,6 +62,8 @@ class FaceWindow:
         A character to the button that it stands for.
     vsync : bool
         Wait for the display when a frame is shown.
+    hold_hz : float, optional
+        Give quality up where this rate could not be held otherwise; :attr:`quality` tells what.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class FaceWindow:
         panel: Panel | None = None,
         keys: Mapping[str, str] | None = None,
         vsync: bool = True,
+        hold_hz: float | None = None,
     ) -> None:
         if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {SMALLEST[0]}x{SMALLEST[1]}")
@@ -91,7 +96,8 @@ class FaceWindow:
         self._pulled: tuple[float, float] | None = None
         self._shown_at: deque[float] = deque(maxlen=MEASURED)
         self._busy_s: deque[float] = deque(maxlen=MEASURED)
-        self._renderer: FaceRenderer | None = None
+        self._hold_hz = hold_hz
+        self._renderer: FaceRenderer | LiveRenderer | None = None
         self._panel_texture: moderngl.Texture | None = None
         self._glfw = start_glfw()
         self._window = self._open(title, size)
@@ -127,6 +133,11 @@ class FaceWindow:
     def busy_s(self) -> float:
         """Time that a frame takes to draw, in the middle of late ones; waiting for the display does not count."""
         return float(np.median(self._busy_s)) if self._busy_s else 0.0
+
+    @property
+    def quality(self) -> Quality:
+        """How the next frame will be drawn."""
+        return self._renderer.quality if isinstance(self._renderer, LiveRenderer) else Quality()
 
     def show(self, faps: ArrayLike) -> list[Event]:
         """Draw a frame and show it.
@@ -236,11 +247,14 @@ class FaceWindow:
         if panel:
             self._show(self._panel_of(scale), (width - panel, 0, panel, height))
 
-    def _renderer_of(self, size: tuple[int, int]) -> FaceRenderer:
+    def _renderer_of(self, size: tuple[int, int]) -> FaceRenderer | LiveRenderer:
         if self._renderer is None or self._renderer.size != size:
             if self._renderer is not None:
                 self._renderer.release()
-            self._renderer = FaceRenderer(self._mesh, size=size, context=self._context)
+            if self._hold_hz is None:
+                self._renderer = FaceRenderer(self._mesh, size=size, context=self._context)
+            else:
+                self._renderer = LiveRenderer([self._mesh], rate_hz=self._hold_hz, size=size, context=self._context)
         return self._renderer
 
     def _panel_of(self, scale: float) -> moderngl.Texture:

@@ -17,6 +17,7 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from fapengine.render.budget import Quality
 from fapengine.render.panel import Event, Panel, Pressed
 
 
@@ -55,6 +56,7 @@ class FakeWindow:
         self.closes_after = 10**9
         self.is_closed = False
         self.busy_s, self.rate_hz, self.name = 0.004, 50.0, ""
+        self.quality = Quality(scale=0.7)
         self.made.append(self)
 
     def __enter__(self) -> "FakeWindow":
@@ -113,7 +115,8 @@ def test_a_file_with_its_sound_is_shown_and_paused(windows: list[FakeWindow], tm
     assert window.is_closed
     assert [slider.key for slider in window.panel.sliders] == ["time"]
     assert "Pause" in window.panel.lit
-    assert window.panel.status[0] == "50 fps, 4.0 ms a frame"
+    assert window.panel.status[0] == "50 fps, 4.0 ms a frame at 70 %"
+    assert window.options["hold_hz"] == 60.0
     assert (tmp_path / "s.png").exists()
     assert 5 < len(window.shown) < 40
 

@@ -55,6 +55,23 @@ def speaking() -> np.ndarray:
     return faps
 
 
+def test_it_gives_quality_up_for_a_rate(display: None) -> None:
+    with FaceWindow(MESH, size=SIZE, vsync=False, hold_hz=1000.0) as hasty:
+        hasty.show(REST)
+        assert hasty.quality.scale == 1
+        for _ in range(300):
+            hasty.show(REST)
+            if hasty.quality.scale < 0.5:
+                break
+        assert hasty.quality.scale < 0.5
+        hasty.show(REST)
+        rough = hasty.picture().astype(int)
+    with FaceWindow(MESH, size=SIZE, vsync=False) as calm:
+        calm.show(REST)
+        assert str(calm.quality) == "every pixel, the finest head"
+        assert 0.2 < np.abs(calm.picture() - rough).mean() < 10
+
+
 def test_it_shows_what_the_renderer_draws_beside_the_panel(window: FaceWindow) -> None:
     window.show(REST)
     picture = window.picture()
