@@ -56,6 +56,8 @@ OPENS_MM = 4.0
 """A shape that carries the chin so far opens the jaw."""
 IRIS = 0.93
 """Cosine of the angle, about 22 degrees, at which an iris ends."""
+ON_BALL = 0.03
+"""Vertices whose distance from the eye's centre differs more are of a lid, a lash or a tear duct."""
 PATTERN = 0.15
 """Colours of an eyeball that differ by so much show an iris; one is drawn on others."""
 EYE_LIMBS = {"3.5": "left eye", "3.6": "right eye"}
@@ -262,7 +264,8 @@ def _has_iris(mesh: MorphMesh, laid: _Placed, eye: tuple[Indices, Array]) -> boo
     """Whether an eyeball's own colours differ between its front and what is round it."""
     ball = laid.kept[eye[0]]
     arm = laid.place[eye[0]] - eye[1]
-    ahead = arm[:, 2] / np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
+    radius = np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
+    ahead = np.where(np.abs(radius / np.median(radius) - 1.0) < ON_BALL, arm[:, 2] / radius, -1.0)
     iris, white = ahead > IRIS, (ahead < IRIS) & (ahead > 0.5)
     colours = np.ones((len(ball), 3)) if mesh.albedo is None else mesh.albedo[ball]
     if mesh.texture is not None and mesh.uv is not None:
