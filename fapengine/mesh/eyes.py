@@ -93,7 +93,7 @@ def build_lids(
     rim_flat = margin(t, upper, style) * np.array([side, 1.0])
     centre = CENTRE * [side, 1, 1]
     reach_mm = np.linalg.norm(at_border[:, :2] - rim_flat, axis=1)
-    middle = 1 - np.abs(t) ** 4
+    middle = (1 - t**2) ** 0.8
     grids, levels = [border], [2.0]
     for level in resampled(OUTSIDE, detail):
         flat = rim_flat + (level - 1) * (at_border[:, :2] - rim_flat)
@@ -101,7 +101,7 @@ def build_lids(
         face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
         on_ball[:, 2] += _forward(t, level)
-        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / 7.5)
+        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (3.6 + 3.9 * middle))
         points = on_ball + towards_face[:, None] * (face - on_ball)
         crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
         hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle

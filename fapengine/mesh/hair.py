@@ -119,7 +119,7 @@ def _roots(scalp: _Scalp, count: int) -> Array:
     towards = np.stack([across * np.sin(round_about), high, across * np.cos(round_about)], axis=-1)
     points, _ = scalp.under(np.array([0.0, 52.0, 2.0]) + 92.0 * towards)
     behind = points[:, 1] > hairline(np.arctan2(points[:, 0], points[:, 2] - 10.0)) + 3.0
-    over_ear = (np.abs(points[:, 2] + 6) < 24) & (points[:, 1] < 52)
+    over_ear = (np.abs(points[:, 2] + 4) < 26) & (points[:, 1] < 72)
     return points[behind & (points[:, 1] > -28) & ~over_ear]
 
 

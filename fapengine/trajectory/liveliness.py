@@ -41,8 +41,8 @@ BREATH_HZ, BREATH_RAD = (0.2, 0.3), 0.004
 DRIFTS_FAPU = {(31, 32, 33, 34): 14.0, (35, 36): 8.0, (12, 13, 59, 60): 7.0, (19, 20): 15.0}
 """Brows, their outer ends, mouth corners, upper lids: together, about a third of a millimetre."""
 DRIFT_BAND_HZ = (0.05, 0.25)
-LIDS_FOLLOW = {(19, 20): 500.0, (21, 22): -200.0}
-"""FAPU by which upper and lower lids follow a gaze that goes down by a radian: half and a fifth of the eye's angle. The
+LIDS_FOLLOW = {(19, 20): 600.0, (21, 22): -200.0}
+"""FAPU by which upper and lower lids follow a gaze that goes down by a radian: 0.6 and 0.2 of the eye's angle. The
 look-down and look-up shapes of ICT-FaceKit turn the upper lid by 24.1 and 11.4 degrees, the lower by 8.4 and 5.9, for
 eyes that turn by about 33 and 30. One iris's width is 1024, 1.1 of it the radius of the eye."""
 

@@ -106,5 +106,5 @@ def test_lids_go_with_the_gaze() -> None:
     faps = only("head_motion", "gaze")
     pitch_rad = column(faps, 25) * 1e-5
     assert np.abs(pitch_rad).max() > 0.01
-    for number, per_rad in ((19, 500.0), (20, 500.0), (21, -200.0), (22, -200.0)):
+    for number, per_rad in ((19, 600.0), (20, 600.0), (21, -200.0), (22, -200.0)):
         np.testing.assert_allclose(column(faps, number), per_rad * pitch_rad, atol=1e-9)
