@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fapengine.mesh.deform import bone_transforms, channel_weights
-from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
@@ -66,6 +66,29 @@ def test_channels_bones_and_pupil_are_python_s(modules: Page, head: FaceMesh) ->
         channel_weights(head.basis, frames[3]), rel=1e-5, abs=1e-4
     )
     assert bones[3].swapaxes(-1, -2) == pytest.approx(bone_transforms(head, frames[3]), rel=1e-5, abs=1e-4)
+
+
+def test_channels_are_mixed_as_python_mixes_them(modules: Page) -> None:
+    rng = np.random.default_rng(2)
+    spans = [(3, -np.inf, np.inf), (19, 0.0, 1100.0), (19, 0.0, -600.0), (47, 0.0, np.inf)]
+    mix = rng.normal(size=(6, len(spans))).astype(np.float32)
+    basis = DeformationBasis(
+        channels=tuple(Channel(*span) for span in spans), offsets=[0, 0], entry_channels=np.zeros(0, int),
+        entry_mm=np.zeros((0, 3)), mix=mix,
+    )  # fmt: skip
+    frames = plausible(12)
+    found = calculated(
+        modules,
+        "deform.js",
+        """const head = { channels: { array: Float64Array.from(given.channels, Number) },
+            mix: { array: Float32Array.from(given.mix) } };
+        return given.frames.map((faps) => [...m.channelWeights(head, faps)]);""",
+        channels=[str(value).replace("inf", "Infinity") for span in spans for value in span],
+        mix=mix.ravel().tolist(),
+        frames=frames.tolist(),
+    )
+    assert np.array(found)[:, :6] == pytest.approx(channel_weights(basis, frames), rel=1e-5, abs=1e-4)
+    assert not np.array(found)[:, 6:].any()
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
