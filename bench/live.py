@@ -3,7 +3,7 @@
     python -m bench.live [--sessions 1 50 200 500] [--seconds 20] [--phones] [--json FILE] [--plot FILE]
 
 The server is ``fapengine serve`` in a process of its own, kept to one core; the senders (:mod:`bench.live_load`) and
-the probe have the other cores; where it may be done, all go before other work on the machine (nice -15). Every session
+the probe have the other cores; where it is allowed, all go before other work on the machine (SCHED_FIFO). Every session
 speaks all the time, and every frame of every session leaves as ``/fap/1/frame`` and is counted where it arrives.
 
 *Latency*: the probe turns the eyes of a session of its own at random moments and looks for the first frame in which
@@ -104,9 +104,9 @@ class Server:
 
 
 def go_before(process: int) -> None:
-    """Let a process go before others, if that is allowed."""
+    """Let a process go before others, if that is allowed, as if its core were its own."""
     with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, process, -15)
+        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(10))
 
 
 @contextmanager
