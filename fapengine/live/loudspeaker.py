@@ -12,7 +12,7 @@ face goes on. A sound that is stopped ends its utterance.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fapengine.live.engine.commands import Audio, Cancel
+from fapengine.live.engine.commands import Audio, Cancel, Seek
 from fapengine.live.server.hub import Hub, Spoken
 from fapengine.live.sound import Output, SilentOutput, open_output
 
@@ -23,6 +23,9 @@ STILL_S = 0.1
 
 SETTLE_S = 1.2
 """So long a sound waits at most for a device that was just opened; a hub begins without sound after 1.5 s."""
+
+LEAP_S = 0.04
+"""Face and sound that are farther apart are brought together at once; the engine slews what is less by 2 %."""
 
 OpenOutput = Callable[[int], Output]
 
@@ -159,8 +162,17 @@ class Loudspeaker:
             one.place_s, one.moved_s = place_s, now_s
         stands = now_s - one.moved_s > STILL_S
         if one.zero_s is None or stands != one.is_still or (not stands and now_s - one.told_s >= TELL_EVERY_S):
+            apart_s = self._apart_s(session, number, place_s, now_s)
+            if apart_s is not None and abs(apart_s) > LEAP_S and not stands:
+                hub.apply(session, Seek(number, place_s))
             hub.apply(session, Audio(number, now_s, place_s, 0.0 if stands else 1.0))
             one.told_s, one.is_still, one.zero_s = now_s, stands, now_s - place_s
-        utterance = hub.engine.utterance(session, number)
-        if utterance is not None and utterance.anchored and place_s >= 0:
-            self._off_s = utterance.position_s(now_s) - place_s
+        if place_s >= 0:
+            self._off_s = self._apart_s(session, number, place_s, now_s)
+
+    def _apart_s(self, session: str, number: int, place_s: float, now_s: float) -> float | None:
+        """How far the face is ahead; None before it has begun, and while it stands."""
+        utterance = self._hub.engine.utterance(session, number)
+        if utterance is None or not utterance.anchored:
+            return None
+        return float(utterance.position_s(now_s)) - place_s

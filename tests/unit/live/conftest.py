@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from fapengine.files.heads import HeadInfo, save_head
+from fapengine.mesh.head import build_head
+
 ALSA = "</usr/share/alsa/alsa.conf>\npcm.!default { type pulse }\nctl.!default { type pulse }\n"
 
 
@@ -57,3 +60,11 @@ def virtual_display() -> Iterator[str]:
         with os.fdopen(read) as pipe:
             yield f":{pipe.readline().strip()}"
         server.terminate()
+
+
+@pytest.fixture(scope="session")
+def coarse_head(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A head that loads quickly, for ``--head``."""
+    folder = tmp_path_factory.mktemp("heads") / "coarse"
+    save_head(folder, build_head(level="coarse"), HeadInfo(source="our own", licence="Apache-2.0"))
+    return folder

@@ -31,12 +31,14 @@ def run(environment: Mapping[str, str], display: str, *arguments: object) -> dic
     return json.loads(done.stdout)
 
 
-def test_a_window_opens_speaks_and_closes(null_sink: Mapping[str, str], virtual_display: str, tmp_path: Path) -> None:
+def test_a_window_opens_speaks_and_closes(
+    null_sink: Mapping[str, str], virtual_display: str, coarse_head: Path, tmp_path: Path
+) -> None:
     """All that is real: display, sound card, voice, process."""
     shot = tmp_path / "shot.png"
     answer = run(
         null_sink, virtual_display, "view", "--say", "Mama.", "--for", "1.5", "--shot", shot, "--size", "560x300",
-        "--fps", "30",
+        "--fps", "30", "--head", coarse_head,
     )  # fmt: skip
     assert answer["frames"] > 5
     picture = load_picture(shot)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from fapengine.live.web.wire import pack_frame, text_of
 from fapengine.mpeg4 import fap
 
 
-def until(done: Callable[[], bool], seconds: float = 15.0) -> bool:
+def until(done: Callable[[], bool], seconds: float = 40.0) -> bool:
     stop = time.monotonic() + seconds
     while time.monotonic() < stop:
         if done():
@@ -33,8 +34,9 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def serve(port: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "fapengine", "serve", "--port", "0", "--web-port", str(port), "--without", "all"]
+def serve(port: int, head: Path) -> subprocess.Popen[bytes]:
+    ports = ("--port", "0", "--web-port", str(port))
+    command = [sys.executable, "-m", "fapengine", "serve", *ports, "--without", "all", "--head", str(head)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
@@ -42,9 +44,9 @@ def opening(faps: np.ndarray) -> float:
     return -float(faps[fap.column(51)] + faps[fap.column(52)])
 
 
-def test_a_server_is_watched_told_lost_and_found_again() -> None:
+def test_a_server_is_watched_told_lost_and_found_again(coarse_head: Path) -> None:
     port = free_port()
-    server = serve(port)
+    server = serve(port, coarse_head)
     link = ServerLink(f"http://127.0.0.1:{port}/", session="anna")
     try:
         assert not link.faps().any()
@@ -63,7 +65,7 @@ def test_a_server_is_watched_told_lost_and_found_again() -> None:
         assert not link.faps().any()  # the mouth does not stay open
         assert link.trouble
         assert link.age_s is None
-        server = serve(port)
+        server = serve(port, coarse_head)
         before = link.counts.frames
         assert until(lambda: link.counts.frames > before)
         assert link.counts.refused == 0

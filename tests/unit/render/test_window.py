@@ -45,7 +45,7 @@ def window(display: None) -> Iterator[FaceWindow]:
         yield opened
 
 
-MESH = build_head()
+MESH = build_head(level="coarse")
 REST = np.zeros(68)
 
 
