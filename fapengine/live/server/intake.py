@@ -28,6 +28,8 @@ READ_AT_ONCE = 512
 """Datagrams between two slices."""
 RECEIVE_BUFFER = 4 << 20
 """Bytes, asked of the system; it may give less."""
+BUSY, REST_S = 8, 0.003
+"""When more datagrams than that come for a frame, sockets are looked at so often, and before each frame."""
 STREAMS = 256
 UNREAD_BYTES = 256 << 10
 """Replies that a stream's peer may leave unread; more are dropped."""
@@ -101,6 +103,9 @@ class Intake:
         self._working = False
         self._readers: list[Callable[[], int]] = []
         self.closed = False
+        self.is_busy = False
+        """Many datagrams came for the last frame."""
+        self._counted = 0
 
     def add_reader(self, reader: Callable[[], int]) -> None:
         """Have a socket emptied before every frame; the function tells how many packets it put in the queue."""
@@ -120,6 +125,8 @@ class Intake:
         """Take what has come up to now, so that this frame holds it; a slice of it at most."""
         for reader in self._readers:
             reader()
+        self.is_busy = self.counts.datagrams - self._counted > BUSY
+        self._counted = self.counts.datagrams
         self.work(SLICE_S)
 
     def after_frame(self, now_s: float) -> None:
@@ -203,7 +210,9 @@ class DatagramDoor:
         self._socket.setblocking(False)
         self._callers: dict[tuple[str, int], Caller] = {}
         self.address: tuple[str, int] = self._socket.getsockname()[:2]
-        asyncio.get_running_loop().add_reader(self._socket.fileno(), self.read)
+        self._loop = asyncio.get_running_loop()
+        self._rest: asyncio.TimerHandle | None = None
+        self._listen()
         intake.add_reader(self.read)
 
     def read(self) -> int:
@@ -230,6 +239,17 @@ class DatagramDoor:
             return False
         return True
 
+    def _listen(self) -> None:
+        self._rest = None
+        self._loop.add_reader(self._socket.fileno(), self._wake)
+
+    def _wake(self) -> None:
+        """Read; when much comes, be woken for many datagrams together, not for each."""
+        self.read()
+        if self._intake.is_busy:
+            self._loop.remove_reader(self._socket.fileno())
+            self._rest = self._loop.call_later(REST_S, self._listen)
+
     def _caller(self, address: tuple[str, int]) -> Caller:
         if len(self._callers) >= MOST_CALLERS:
             self._callers.clear()  # an equal one is as good
@@ -238,7 +258,9 @@ class DatagramDoor:
 
     def close(self) -> None:
         """Stop listening."""
-        asyncio.get_running_loop().remove_reader(self._socket.fileno())
+        if self._rest is not None:
+            self._rest.cancel()
+        self._loop.remove_reader(self._socket.fileno())
         self._socket.close()
 
 
