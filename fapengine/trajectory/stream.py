@@ -146,10 +146,10 @@ class StreamingPlanner:
         Parameters
         ----------
         phones : sequence of Phone
-            In stream time.
+            In stream time, in the order in which they came: the last word counts.
         """
         edge = self.edge_s
-        for phone in sorted(phones, key=lambda one: one.start_s):
+        for phone in phones:
             if phone.end_s <= edge:
                 self.counts.dropped += not phone.is_silence
                 self._close_late(phone, edge)

@@ -209,6 +209,29 @@ def test_tags_of_simple_senders_survive_a_step_of_their_clock(step_s):
     assert world.receiver.counts.clamped == {0.0: 0, 3600.0: 1, -3600.0: 3, -2.0: 3}[step_s]
 
 
+@pytest.mark.parametrize("tells_duration", [False, True])
+def test_one_line_a_phone_is_nearly_as_good_as_knowing_all(tells_duration):
+    knowing, talk = talked(5, Channel(), syllables=40, slack_s=0.5)
+    world = World(5, Channel(jitter_s=0.002))
+    world.sender.due = lambda now_s: []
+    coming = list(talk.phones)
+
+    def tool(now_s: float) -> None:
+        while coming and now_s >= talk.zero_s + coming[0].start_s:
+            phone = coming.pop(0)
+            values = (phone.label, phone.duration_s) if tells_duration else (phone.label,)
+            world.up.send(osc.message("/phoneme", "sf"[: len(values)], *values), now_s)
+
+    world.run(talk.zero_s + talk.phones[-1].end_s + 2.5, tool)
+    assert world.missing_closures(talk.phones, talk.zero_s, late_s=0.08) == []
+    assert world.opening[-10:].max() <= CLOSED_FAPU
+    first, last = int(talk.zero_s * 50), int((talk.zero_s + talk.phones[-1].end_s - 0.2) * 50)
+    wanted = knowing.opening[first:last]
+    alike = [np.corrcoef(wanted, world.opening[first + lag : last + lag])[0, 1] for lag in range(10)]
+    assert max(alike) > 0.9
+    assert np.argmax(alike) <= 4  # 80 ms
+
+
 # Barge-in, kills and restarts -----------------------------------------------------------------------------------------
 
 

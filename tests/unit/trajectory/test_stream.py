@@ -169,6 +169,15 @@ def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
     assert max(hold.stop_s for hold in planner.holds if hold.contact == "lips") == until_s
 
 
+def test_of_phones_that_come_together_the_last_word_counts():
+    together, apart = StreamingPlanner(PROFILE), StreamingPlanner(PROFILE)
+    told = [Phone("ɑ", 0.1, 0.24), Phone("ɑ", 0.24, 0.38), Phone("b", 0.23, 0.37)]
+    together.feed(told)
+    for phone in told:
+        apart.feed([phone])
+    assert list(together.phones) == list(apart.phones) == [Phone("ɑ", 0.1, 0.23), told[2]]
+
+
 def test_phones_that_stop_coming_leave_a_mouth_at_rest():
     planner = StreamingPlanner(PROFILE)
     planner.feed(phones(["ɑ", "ɑ"], 0.2))
