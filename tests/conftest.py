@@ -10,8 +10,8 @@ SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 # Programs: importing one of the first switches the compiler off, the second runs in an environment of its own.
 collect_ignore = ["fuzz", "detector/landmarks.py"]
 NO_SHARED, NO_BROWSER = "measurement data absent", "no Chromium on this machine"
-NO_DETECTOR = "face detector absent"
-LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR)
+NO_DETECTOR, NO_LLVMPIPE = "face detector absent", "pictures are drawn by something else than llvmpipe"
+LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE)
 """The only reasons for which a test may be skipped."""
 
 settings.register_profile(

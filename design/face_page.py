@@ -1,0 +1,144 @@
+"""Draw the pictures of ``docs/face.md``: the head from several sides, visemes, expressions, gaze, styles, a real face.
+
+python design/face_page.py
+
+The real face is the neutral of ICT-FaceKit (USC, MIT licence), brought in as anybody's head is; it is drawn where
+``../shared/data`` is there.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from fapengine.files.pictures import font
+from fapengine.files.profiles import load_profile
+from fapengine.mesh.adopted import adopt
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.head import build_head
+from fapengine.mesh.style import HeadStyle
+from fapengine.mpeg4 import fap
+from fapengine.profiles import Profile
+from fapengine.render.camera import Camera, preset
+from fapengine.render.renderer import FaceRenderer
+from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.liveliness import LIDS_FOLLOW
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / "docs" / "pictures"
+DENSE_FACE, MARKERS = (ROOT.parent / "shared" / "data" / name for name in ("dense_face.npz", "markers.csv"))
+VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ", "u")
+"""A phone of each of the standard's visemes 1 to 14."""
+CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
+STYLES: dict[str, dict[str, float | str | bool]] = {
+    "default": {},
+    "skin_tone 0.7, black hair": {"skin_tone": 0.7, "hair_colour": "black", "lip_fullness": 1.25, "nose_width": 1.15},
+    "jaw_width 0.88, freckles 2": {"jaw_width": 0.88, "hair_colour": "red", "freckles": 2.0, "skin_tone": 0.05},
+    "age 0.9, grey": {"age": 0.9, "hair_colour": "grey", "brow_thickness": 1.4},
+    "no hair, jaw_width 1.1": {"hair": False, "jaw_width": 1.1, "chin_mm": 3.0, "skin_tone": 0.45},
+}
+COLOURS = {  # linear RGB of the real face's parts, which its file leaves open
+    "gums_tongue": (0.5, 0.16, 0.15), "teeth": (0.8, 0.75, 0.66), "mouth_socket": (0.25, 0.07, 0.06),
+    "eyeball_left": (0.8, 0.77, 0.74), "eyeball_right": (0.8, 0.77, 0.74), "eye_socket_left": (0.5, 0.2, 0.18),
+    "eye_socket_right": (0.5, 0.2, 0.18),
+}  # fmt: skip
+LEFT_OUT = ("lacrimal_left", "lacrimal_right", "eye_blend", "eye_occlusion", "eyelashes")
+
+
+def frame(**values: float) -> NDArray[np.float64]:
+    """FAPs by name, FAPU."""
+    faps = np.zeros(fap.FAP_COUNT)
+    for name, value in values.items():
+        faps[fap.column(fap.by_name(name).number)] = value
+    return faps
+
+
+def gaze(yaw_rad: float, pitch_rad: float) -> NDArray[np.float64]:
+    """Both eyes, and the lids with them."""
+    faps = frame(yaw_l_eyeball=yaw_rad * 1e5, yaw_r_eyeball=yaw_rad * 1e5)
+    faps += frame(pitch_l_eyeball=pitch_rad * 1e5, pitch_r_eyeball=pitch_rad * 1e5)
+    for numbers, per_rad in LIDS_FOLLOW.items():
+        faps[[fap.column(number) for number in numbers]] += per_rad * pitch_rad
+    return faps
+
+
+def pose(profile: Profile, name: str) -> NDArray[np.float64]:
+    """FAPs of an expression or a phone."""
+    expressions = {key.name.lower(): value for key, value in profile.expressions.items()}
+    if name in expressions:
+        target, beyond = expressions[name].target, expressions[name].fap
+    else:
+        target, beyond = profile.phones[name].targets[0], np.zeros(fap.FAP_COUNT)
+    faps = displacements_to_faps(profile.space.to_points_mm(target[None]), profile.space.points, profile.fapu) + beyond
+    return close_lips(faps, np.zeros(1), [])[0]
+
+
+def draw(head: FaceMesh, faps: Sequence[NDArray[np.float64]], camera: Camera, size: int) -> list[NDArray[np.uint8]]:
+    with FaceRenderer(head, size=(size, size), camera=camera, samples=4) as renderer:
+        return list(renderer.frames(faps))
+
+
+def sheet(name: str, tiles: Mapping[str, NDArray[np.uint8]], columns: int) -> None:
+    """Write tiles of one size, each with its label in a corner."""
+    size = next(iter(tiles.values())).shape[0]
+    rows = -(-len(tiles) // columns)
+    page = Image.new("RGB", (columns * size + (columns - 1) * 4, rows * size + (rows - 1) * 4), "white")
+    for number, (label, tile) in enumerate(tiles.items()):
+        picture = Image.fromarray(tile)
+        ImageDraw.Draw(picture).text((8, 5), label, "white", font=font(max(13, size // 18)))
+        page.paste(picture, (number % columns * (size + 4), number // columns * (size + 4)))
+    page.save(PICTURES / f"{name}.jpg", quality=80, optimize=True)
+
+
+def real_face(standard: FaceMesh) -> FaceMesh:
+    """Make a head of the neutral of ICT-FaceKit."""
+    data = np.load(DENSE_FACE)
+    vertices, triangles = data["vertices"].astype(float), data["triangles"]
+    albedo = np.full((len(vertices), 3), (0.66, 0.40, 0.29))
+    for part, (start, end) in zip(data["region_names"], data["region_ranges"], strict=True):
+        if part in COLOURS:
+            albedo[start:end] = COLOURS[part]
+        elif part in LEFT_OUT:
+            inside = (triangles >= start) & (triangles < end)
+            triangles = triangles[~inside.any(axis=1)]
+    with MARKERS.open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["layout"] == "mpeg4"]
+    return adopt(vertices, triangles, {row["marker"]: int(row["vertex"]) for row in rows}, standard, albedo).mesh
+
+
+def main() -> None:
+    profile, head, still = load_profile("grid_s1_en"), build_head(), np.zeros(fap.FAP_COUNT)
+    views = {name: draw(head, [still], preset(name), 400)[0] for name in ("front", "three-quarter", "profile")}
+    with FaceRenderer(head, size=(400, 400), camera=preset("front"), wire=True, samples=4) as renderer:
+        views[f"{len(head.vertices_mm)} vertices"] = renderer.draw(still)
+    sheet("face-views", views, 2)
+    visemes = draw(head, [pose(profile, name) for name in VISEMES], CLOSE, 260)
+    sheet(
+        "face-visemes",
+        {f"{i + 1}  {name}": tile for i, (name, tile) in enumerate(zip(VISEMES, visemes, strict=True))},
+        5,
+    )
+    faces = {name: pose(profile, name) for name in ("joy", "sadness", "anger", "fear", "disgust", "surprise")}
+    faces["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
+    faces |= {"gaze left": gaze(0.45, 0), "gaze up": gaze(0, -0.3), "gaze down": gaze(0, 0.45)}
+    sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)
+    styles = {name: build_head(replace(HeadStyle(), **values)) for name, values in STYLES.items()}
+    sheet("face-styles", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in styles.items()}, 5)
+    if DENSE_FACE.exists():
+        poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
+        turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)
+        tiles = {}
+        for whose, mesh in (("real", real_face(head)), ("ours", head)):
+            for name, tile in zip(poses, draw(mesh, list(poses.values()), CLOSE, 300), strict=True):
+                tiles[f"{whose}: {name}"] = tile
+            tiles[f"{whose}: from the side"] = draw(mesh, [still], turned, 300)[0]
+        sheet("face-real", tiles, 4)
+
+
+if __name__ == "__main__":
+    main()
