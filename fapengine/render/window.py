@@ -40,6 +40,9 @@ TURN_DEG = 0.4
 ZOOM = 1.1
 SMALLEST = (200, 160)
 """Points."""
+PULLED_S = 0.15
+"""A window whose size has changed so lately is being pulled: the face is drawn as before, and shown in another size."""
+BORDER = (0.12, 0.13, 0.15)
 MEASURED = 90
 """Frames over which the rate is told."""
 
@@ -98,6 +101,8 @@ class FaceWindow:
         self._busy_s: deque[float] = deque(maxlen=MEASURED)
         self._hold_hz = hold_hz
         self._renderer: FaceRenderer | LiveRenderer | None = None
+        self._wanted = ((0, 0), 0.0)
+        """Size of the face in pixels, and since when."""
         self._panel_texture: moderngl.Texture | None = None
         self._glfw = start_glfw()
         self._window = self._open(title, size)
@@ -243,12 +248,18 @@ class FaceWindow:
         face = renderer.paint(faps)
         self._context.screen.use()
         self._context.disable(moderngl.DEPTH_TEST | moderngl.BLEND | moderngl.CULL_FACE)
-        self._show(face, (0, 0, width - panel, height))
+        room = _fitted(renderer.size, (width - panel, height))
+        if room[2:] != (width - panel, height):
+            self._context.clear(*BORDER)
+        self._show(face, room)
         if panel:
             self._show(self._panel_of(scale), (width - panel, 0, panel, height))
 
     def _renderer_of(self, size: tuple[int, int]) -> FaceRenderer | LiveRenderer:
-        if self._renderer is None or self._renderer.size != size:
+        if size != self._wanted[0]:
+            self._wanted = (size, time.perf_counter())
+        is_pulled = time.perf_counter() - self._wanted[1] < PULLED_S
+        if self._renderer is None or (self._renderer.size != size and not is_pulled):
             if self._renderer is not None:
                 self._renderer.release()
             if self._hold_hz is None:
@@ -349,6 +360,13 @@ class FaceWindow:
 
     def _in_panel(self, x: float) -> float:
         return x - (self._points()[0] - self._panel_width())
+
+
+def _fitted(size: tuple[int, int], room: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Where a picture goes in its room, in the middle and in its own proportions: x, y, width, height."""
+    share = min(room[0] / size[0], room[1] / size[1])
+    width, height = round(size[0] * share), round(size[1] * share)
+    return (room[0] - width) // 2, (room[1] - height) // 2, width, height
 
 
 def _turned(camera: Camera, yaw_deg: float, pitch_deg: float) -> Camera:

@@ -15,7 +15,7 @@ from fapengine.render.camera import PRESETS
 from fapengine.render.desktop import start_glfw, try_window
 from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
 from fapengine.render.renderer import FaceRenderer
-from fapengine.render.window import OVERLAY_UNIFORMS, FaceWindow
+from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted
 
 SIZE = (WIDTH + 320, 320)
 RIGHT = SIZE[0] - WIDTH
@@ -127,6 +127,17 @@ def test_controls_come_out_as_events(window: FaceWindow) -> None:
     assert not window.is_open
 
 
+def test_the_window_listens(window: FaceWindow) -> None:
+    """The other tests call what listens; here is who calls it."""
+    import glfw
+
+    for kind, mine in (
+        ("key", window._on_key), ("char", window._on_character), ("mouse_button", window._on_button),
+        ("cursor_pos", window._on_pointer), ("scroll", window._on_wheel),
+    ):  # fmt: skip
+        assert getattr(glfw, f"set_{kind}_callback")(window._window, None) == mine, kind
+
+
 def test_the_camera_turns_by_pointer_keys_and_buttons(window: FaceWindow) -> None:
     import glfw
 
@@ -164,17 +175,30 @@ def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
     import glfw
 
     window.show(REST)
+    before = window._renderer
     glfw.set_window_size(window._window, 700, 400)
-    for _ in range(50):
+    while window._pixels() != (700, 400):
         window.show(REST)
-        if window._pixels() == (700, 400):
-            break
     window.show(REST)
+    if window._renderer is before:  # while it is pulled, the old picture is fitted in, not squeezed
+        assert window._renderer.size == (RIGHT, SIZE[1])
+        edge = window.picture()[200, 5]
+        np.testing.assert_allclose(edge, [255 * part for part in BORDER], atol=1)
+    while window._renderer is before:
+        window.show(REST)
+    assert window._renderer is not None
+    assert window._renderer.size == (700 - WIDTH, 400)
     assert window.picture().shape == (400, 700, 3)
     window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
-    window.show(REST)
-    assert window._renderer is not None
-    assert window._renderer.size == (700, 400)
+    while window._renderer.size != (700, 400):
+        window.show(REST)
+    assert np.ptp(window.picture()[:, -20:].astype(int), axis=(0, 1)).max() < 120  # wall, no panel
+
+
+def test_a_picture_keeps_its_proportions() -> None:
+    assert _fitted((320, 320), (440, 400)) == (20, 0, 400, 400)
+    assert _fitted((400, 200), (200, 200)) == (0, 50, 200, 100)
+    assert _fitted((64, 64), (64, 64)) == (0, 0, 64, 64)
 
 
 def test_other_renderers_may_draw_before_and_between(display: None) -> None:
