@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fapengine.live.web.setup import PAGE_CAMERAS
 from fapengine.mesh.deform import bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.head import build_head
@@ -91,7 +92,7 @@ def test_channels_are_mixed_as_python_mixes_them(modules: Page) -> None:
     assert not np.array(found)[:, 6:].any()
 
 
-@pytest.mark.parametrize("name", sorted(PRESETS))
+@pytest.mark.parametrize("name", PAGE_CAMERAS)
 def test_cameras_see_as_python_s_do_but_upright(modules: Page, name: str) -> None:
     camera = PRESETS[name]
     given = {"name": name, "aspects": [1.0, 1.6]}

@@ -12,7 +12,7 @@ import { FrameCushion, PixelBudget, Presence, ServerClock } from "./time.js";
 const MOST_PIXELS = 2_600_000;
 const FLIGHT_MS = 450;
 const LOOK_EVERY_MS = 80;
-const LAG_OVER_S = 0.25;
+const LAGS = 90;
 const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "server is away, looking for it …" };
 
 const byId = (id) => document.getElementById(id);
@@ -54,7 +54,7 @@ class Page {
     this.sound = new Sound((where) => this.report(where));
     this.faps = new Float32Array(68);
     this.fps = { since: performance.now(), count: 0, last: 0 };
-    this.lag = 0;
+    this.lags = [];
     this.cameras(setup.cameras);
     this.turnByHand(canvas);
     this.speaking();
@@ -89,10 +89,9 @@ class Page {
     this.write("phone", phone || "–");
     this.panel.follow(this.faps, now);
     if (this.clock.known) {
-      const share = 1 - Math.exp(-Math.min(here - (this.drawn ?? here), 1) / LAG_OVER_S);
-      this.lag += (this.clock.at(here) - shown.time - this.lag) * share;
+      this.lags.push(this.clock.at(here) - shown.time);
+      if (this.lags.length > LAGS) this.lags.shift();
     }
-    this.drawn = here;
     this.count(now);
   }
 
@@ -104,6 +103,11 @@ class Page {
     const { clientWidth: width, clientHeight: height } = this.view.canvas;
     const dense = Math.min(devicePixelRatio, 2, Math.sqrt(MOST_PIXELS / Math.max(width * height, 1))) * this.budget.scale;
     this.view.resize(Math.max(1, Math.round(width * dense)), Math.max(1, Math.round(height * dense)));
+  }
+
+  // From the server's clock to the screen, s: the middle one of the last pictures, for single ones are held up.
+  get lag() {
+    return this.lags.length ? Float64Array.from(this.lags).sort()[this.lags.length >> 1] : 0;
   }
 
   count(now) {
@@ -319,6 +323,7 @@ class Page {
     this.write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.clock = new ServerClock();
+    this.lags = [];
     this.cushion = new FrameCushion(rate_hz);
     for (const id of ["text", "say"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
