@@ -245,8 +245,7 @@ class DatagramDoor:
 
     def _wake(self) -> None:
         """Read; when much comes, be woken for many datagrams together, not for each."""
-        self.read()
-        if self._intake.is_busy:
+        if self.read() < READ_AT_ONCE and self._intake.is_busy:
             self._loop.remove_reader(self._socket.fileno())
             self._rest = self._loop.call_later(REST_S, self._listen)
 
