@@ -63,8 +63,6 @@ def load_neutral(path: Path) -> MorphMesh:
     if path.suffix.lower() not in MESHES:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)
-    if not len(triangles):
-        raise DataError("mesh: got no triangle, expected a face", where=str(path))
     texture, uv = _texture(visual, len(vertices))
     albedo = None if texture is not None else _albedo(visual)
     return MorphMesh(vertices=vertices, triangles=triangles, shapes={}, texture=texture, uv=uv, albedo=albedo)

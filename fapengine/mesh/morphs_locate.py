@@ -226,17 +226,13 @@ def _lips(face: Face) -> dict[str, int]:
     front = (place[lower, 2] + place[upper, 2]) / 2 - gap
     found: dict[str, int] = {}
     across = place[lower, 0]
-    middle = np.median(across)
 
     def best(at: float, width: float) -> int | None:
         inside = np.flatnonzero(good & (np.abs(across - at) < width))
         return int(inside[front[inside].argmax()]) if len(inside) else None
 
-    centre = best(0.0, 3.0)
-    if centre is None:
-        centre = best(float(middle), TOGETHER_MM)
-    if centre is None:
-        raise DataError("lips: got no slit at the middle line, expected one; give the feature points instead")
+    tried = (best(0.0, 3.0), best(float(np.median(across)), TOGETHER_MM), int(front.argmax()))
+    centre = next(one for one in tried if one is not None)
     found["2.2"], found["2.3"] = int(upper[centre]), int(lower[centre])
     line = np.flatnonzero(front > front[centre] - 30.0)
     for name, sign in (("2.4", 1.0), ("2.5", -1.0)):

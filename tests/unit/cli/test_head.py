@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
@@ -232,6 +233,21 @@ def test_meshes_without_shapes_need_points(brought, tmp_path):
     with pytest.raises(DataError, match="shapes: got none; expected some that are named"):
         run("head", "import", tmp_path / "face.glb", "-o", tmp_path / "h")
     run("head", "import", tmp_path / "face.glb", "--points", brought / "places.csv", "-o", tmp_path / "h")
+
+
+def test_a_painted_mesh_keeps_its_picture(tmp_path):
+    pixels = np.zeros((16, 16, 3), np.uint8)
+    pixels[:8, 8:] = (250, 10, 20)
+    Image.fromarray(pixels).save(tmp_path / "skin.png")
+    (tmp_path / "face.mtl").write_text("newmtl Skin\nmap_Kd skin.png\n")
+    (tmp_path / "face.obj").write_text(
+        "mtllib face.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.1 0.1\nvt 0.9 0.9\nvt 0.1 0.9\nusemtl Skin\nf 1/1 2/2 3/3\n"
+    )
+    mesh = load_neutral(tmp_path / "face.obj")
+    assert mesh.albedo is None
+    assert mesh.texture.shape == (16, 16, 4)
+    seen = [mesh.texture[int(v * 16), int(u * 16), :3].tolist() for u, v in mesh.uv]
+    assert [row == [250, 10, 20] for row in seen] == [place[0] == 1 for place in mesh.vertices.tolist()]
 
 
 def test_files_beside_a_document_stay_in_its_folder(avatar, tmp_path):

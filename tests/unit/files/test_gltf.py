@@ -369,6 +369,33 @@ def test_what_is_wrong_is_said(make: Any, path: str, value: Any, message: str) -
     assert len(WRONG) >= 40
 
 
+def test_what_a_file_may_leave_out() -> None:
+    builder = plain(targets=("still", "rise"))
+    del builder.doc["scenes"], builder.doc["scene"]
+    builder.doc["meshes"][0]["primitives"][0]["targets"][0] = {"NORMAL": 0}
+    builder.doc["nodes"].append({"name": "Empty", "children": [0]})
+    found = read(builder.glb())
+    assert len(found.vertices) == 4
+    assert {name: len(shape.vertices) for name, shape in found.shapes.items()} == {"still": 0, "rise": 1}
+    empty = plain()
+    empty.doc["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = empty.row(
+        "accessors", {"bufferView": 0, "componentType": 5126, "count": 0, "type": "VEC3"}
+    )
+    with pytest.raises(DataError, match=r"indices: got 3, expected 0\.\.-1"):
+        read(empty.glb())
+    with pytest.raises(DataError, match=r"got accessors\[9\], expected an index 0..2"):
+        parse_gltf(plain().glb(), nothing).accessor(9)
+
+
+def test_an_image_larger_than_the_whole_is_made_smaller() -> None:
+    wide = np.zeros((2, LARGEST + 100, 3), np.uint8)
+    wide[:, LARGEST // 2 :] = 200
+    found = read(textured(CORNERS, wide).glb())
+    assert found.texture is not None
+    assert found.texture.shape[1] <= LARGEST
+    assert [colour_at(found, vertex)[0] for vertex in range(4)] == [0, 200, 200, 0]
+
+
 def test_numbers_that_are_none() -> None:
     builder = plain()
     builder.doc["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = builder.accessor(np.full((4, 3), 0.0))

@@ -232,6 +232,18 @@ def test_an_iris_is_drawn_on_balls_that_have_none(rig, marked, standard):
         assert (mesh.texture is None) == ("texture" not in more)
 
 
+def test_eyeballs_are_where_their_bones_are(rig, standard):
+    here = locate(rig, roles(rig), standard)
+    nose = np.zeros(len(rig.vertices))
+    nose[np.linalg.norm(rig.vertices - standard.point_mm("9.3"), axis=1) < 8] = 1.0
+    odd = replace(rig, limbs={"left eye": Limb(nose, np.zeros(3))})
+    there = locate(odd, roles(rig), standard)
+    assert nose[there["3.5"]] == 1.0
+    assert there["3.6"] == here["3.6"]
+    blind = replace(rig, triangles=rig.triangles[rig.surface[rig.triangles[:, 0]] != rig.surfaces.index("Eyeball")])
+    assert not {"3.5", "3.6"} & set(locate(blind, roles(rig), standard))
+
+
 def test_what_hangs_far_below_is_left_out(rig, marked, standard):
     more = MorphMesh(
         vertices=np.concatenate([rig.vertices, [[0, -900, 0], [9, -900, 0], [0, -909, 0]]]),
