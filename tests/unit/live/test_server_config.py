@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -25,6 +26,11 @@ def test_the_documented_example_has_every_key() -> None:
     for table, values in keys.items():
         for name in type(getattr(ServeConfig(), table)).__slots__:
             assert name in values or re.search(rf"\b{name}\b", EXAMPLE) or name in ("method", "emphasis"), name
+
+
+def test_the_page_about_the_server_shows_the_example() -> None:
+    page = Path(__file__).resolve().parents[3] / "docs" / "live.md"
+    assert f"```toml\n{EXAMPLE}```" in page.read_text(encoding="utf-8")
 
 
 def test_every_key_is_taken() -> None:
