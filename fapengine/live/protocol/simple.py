@@ -5,7 +5,7 @@ Theory of operation
 Senders tell a phone when it begins, so it is not known how long it lasts: it is *held*, :data:`FIRST_S` at first and
 longer as long as nothing else comes, :data:`QUIET_S` at most, so that a sender that dies leaves no open mouth.
 What begins later in time ends it. All is shown :data:`DELAY_S` late, which is not seen and lets the mouth anticipate:
-the opening of the lips then correlates with that of a plan that knows all phones by 0.94, 60 ms behind it; without the
+the opening of the lips then correlates with that of a plan that knows all phones by 0.93, 60 ms behind it; without the
 delay by 0.5 (tests/simulation).
 
 Senders that know more tell start and duration in an utterance; its time 0 is ``/tts/start``, or else its first message
@@ -27,7 +27,7 @@ from fapengine.speech.phone_track import SILENCE, Phone
 
 DELAY_S = 0.04
 """Sound that leads the face by so little is not noticed: ITU-R BT.1359 allows 125 ms."""
-FIRST_S = 0.14
+FIRST_S = 0.17
 """A phone, somewhat long: the next one cuts it."""
 GRACE_S = 0.05
 """The next phone is told when this one ends, and until it is there the mouth must not come to rest."""
@@ -176,7 +176,7 @@ class SimpleSpeaker:
             return one
         if one is not None:
             self._end(one, now_s)
-        return self._begin(at_s + DELAY_S, now_s)
+        return self._begin(min(at_s, now_s) + DELAY_S, now_s)  # a tag of less may come behind one of more
 
     def _begin(self, zero_s: float | None, now_s: float) -> _Open:
         one = self._open = _Open(self.new_number(), zero_s, now_s)

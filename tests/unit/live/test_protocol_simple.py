@@ -37,7 +37,7 @@ def test_a_phone_is_shown_when_it_comes_a_little_late():
     one.say("/phoneme", "s", "ɑ", at_s=50.1)
     assert one.faces.open_sessions == ["face"]
     assert one.faces.commands(Begin) == [Begin(0, "at", 50.0 + DELAY_S)]
-    assert shown(one) == [("m", 50.04, 50.18), ("ɑ", 50.14, 50.28)]
+    assert shown(one) == [("m", 50.04, 50.21), ("ɑ", 50.14, 50.31)]
     assert [append.first_index for append in one.faces.commands(Append)] == [0, 1]
 
 
@@ -65,9 +65,9 @@ def test_a_phone_without_one_is_held_on_and_not_for_ever():
 def test_a_phone_that_comes_just_when_the_one_before_is_held_on_is_whole():
     one = Wire()
     one.say("/phoneme", "s", "ɑ", at_s=50.0)
-    one.tick(50.135)
-    one.say("/phoneme", "s", "m", at_s=50.138)
-    assert shown(one) == [("ɑ", 50.04, 50.18), ("ɑ", 50.18, 50.32), ("m", 50.178, 50.318)]
+    one.tick(50.165)
+    one.say("/phoneme", "s", "m", at_s=50.168)
+    assert shown(one) == [("ɑ", 50.04, 50.21), ("ɑ", 50.21, 50.38), ("m", 50.208, 50.378)]
 
 
 def test_silence_ends_what_is_held():
@@ -75,7 +75,7 @@ def test_silence_ends_what_is_held():
     one.say("/phoneme", "s", "ɑ", at_s=50.0)
     one.say("/viseme", "s", "sil", at_s=50.1)
     ticked(one, 50.9)
-    assert shown(one) == [("ɑ", 50.04, 50.18), (SILENCE, 50.14, 50.28)]
+    assert shown(one) == [("ɑ", 50.04, 50.21), (SILENCE, 50.14, 50.31)]
 
 
 def test_an_utterance_ends_after_a_second_without_messages():
@@ -167,7 +167,7 @@ def test_tags_say_when():
     one = Wire()
     one.say("/phoneme", "s", "ɑ", at_s=50.0, tag=time_tag(WALL_S + 50.3))
     one.say("/phoneme", "s", "m", at_s=50.0, tag=time_tag(WALL_S + 50.22))  # overtaken: what begins later ends it
-    assert shown(one) == [("ɑ", 50.34, 50.48), ("m", 50.34, 50.48)]
+    assert shown(one) == [("ɑ", 50.34, 50.51), ("m", 50.26, 50.34)]
     one.say("/phoneme", "s", "m", at_s=50.0, tag=time_tag(WALL_S + 3600))
     assert one.receiver.peers["a"].clamped == 1
 
@@ -176,7 +176,7 @@ def test_what_is_tagged_ahead_is_held_from_its_time_on():
     one = Wire()
     one.say("/phoneme", "s", "ɑ", at_s=50.0, tag=time_tag(WALL_S + 53.0))
     ticked(one, 56.0)
-    assert shown(one)[0][1] == 53.04
+    assert shown(one)[0][1] == pytest.approx(53.04)
     assert QUIET_S <= shown(one)[-1][2] - 53.04 < QUIET_S + 2 * FIRST_S
 
 
