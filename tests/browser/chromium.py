@@ -29,7 +29,7 @@ OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 """Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
 PR_SET_PDEATHSIG = 1
 START_LIMIT_S = 30.0
-CALL_LIMIT_S = 20.0
+CALL_LIMIT_S = 30.0
 
 
 def find_chromium() -> str | None:

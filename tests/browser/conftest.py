@@ -69,7 +69,7 @@ class Page:
     def run(self, code: str) -> Any:
         return self._runner.run(self._browser.run(code))
 
-    def until(self, condition: str, limit_s: float = 15.0) -> None:
+    def until(self, condition: str, limit_s: float = 30.0) -> None:
         self._runner.run(self._browser.until(condition, limit_s))
 
     def picture(self) -> np.ndarray:

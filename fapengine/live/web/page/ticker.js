@@ -4,6 +4,15 @@ const PIXELS_A_SECOND = 240;
 const KEEP = 6;
 const SILENT = "_";
 
+// A word stands under its first phone.
+function named(word, start) {
+  const caption = document.createElement("span");
+  caption.className = "word";
+  caption.textContent = word;
+  caption.style.left = `${start * PIXELS_A_SECOND}px`;
+  return caption;
+}
+
 export class Ticker {
   constructor(element) {
     this.track = element.querySelector(".ticker-track");
@@ -25,15 +34,17 @@ export class Ticker {
     this.begin(utterance);
     const said = this.said.get(utterance);
     phones.forEach(([label, start, end, word], offset) => {
-      said.phones.get(first + offset)?.chip.remove();
+      const before = said.phones.get(first + offset);
+      before?.chip.remove();
+      before?.caption?.remove();
       const chip = document.createElement("span");
       chip.className = label === SILENT || !label ? "phone pause" : "phone";
       chip.textContent = label === SILENT || !label ? "·" : label;
-      if (word) chip.title = word;
       chip.style.left = `${start * PIXELS_A_SECOND}px`;
       chip.style.width = `${Math.max(2, (end - start) * PIXELS_A_SECOND - 3)}px`;
-      said.lane.append(chip);
-      said.phones.set(first + offset, { chip, start, end, label });
+      const caption = word && said.phones.get(first + offset - 1)?.word !== word ? named(word, start) : null;
+      said.lane.append(chip, ...(caption ? [caption] : []));
+      said.phones.set(first + offset, { chip, caption, start, end, label, word });
     });
   }
 
