@@ -29,6 +29,13 @@ def test_wheel_holds_every_shader_and_profile(wheel: Path) -> None:
     assert "fapengine/py.typed" in names
 
 
+def test_wheel_holds_the_browser_page(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    page = [path.relative_to(ROOT).as_posix() for path in (ROOT / "fapengine" / "live" / "web" / "page").iterdir()]
+    assert len(page) >= 10
+    assert [path for path in page if path not in names] == []
+
+
 def test_wheel_works_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
     target = tmp_path / "site"
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(target), str(wheel)]
