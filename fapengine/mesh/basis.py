@@ -201,6 +201,10 @@ def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: 
     corners, line = abs(places["8.3"][0]), places["2.2"][1]
     between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
     above = smoothstep((at[:, 1] - line) / SLIT_MM + 0.5)
+    around = {}
+    for owner in OWNERS:
+        away = np.linalg.norm(at - places[fap.spec(owner).point], axis=1)
+        around[owner] = int(away.argmin()), np.clip(1 - (away / OWN_MM) ** 2, 0, None) ** 2
     for number, moves in fields.items():
         moves *= share[skin, None]
         if number in UPPER_LIP_FAPS:
@@ -208,15 +212,14 @@ def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: 
         elif number in LOWER_LIP_FAPS:
             moves *= 1 - (between * above)[:, None]
         for owner in OWNERS:
-            _keep_to_its_own(moves, number, owner, at, places[fap.spec(owner).point])
+            _keep_to_its_own(moves, number, owner, *around[owner])
     return fields
 
 
-def _keep_to_its_own(moves: Array, number: int, owner: int, at: Array, place: Array) -> None:
+def _keep_to_its_own(moves: Array, number: int, owner: int, nearest: int, bump: Array) -> None:
     """Let one FAP's field be 1 along the owner's direction at the owner's point if it is the owner, or else 0."""
     direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
-    bump = np.clip(1 - (np.linalg.norm(at - place, axis=1) / OWN_MM) ** 2, 0, None) ** 2
-    there = moves[np.linalg.norm(at - place, axis=1).argmin()] @ direction
+    there = moves[nearest] @ direction
     if owner == number:
         moves /= there
     elif number != JAW_FAP:

@@ -83,8 +83,11 @@ def _skin(style: HeadStyle) -> Array:
     light -= (0.05 + within * mottle)[..., None] * BLOOD
     light -= (0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2))[..., None]
     light -= _freckles(x, y, style)[..., None] * PIGMENT
-    light *= _lips(x, y, front, style)
-    light *= _round_eyes(x, y, front, style)
+    for part, low_mm, high_mm, half_rad in ((_lips, -54.0, -18.0, 0.5), (_round_eyes, 18.0, 56.0, 0.9)):
+        rows = np.flatnonzero((y[:, 0] > low_mm) & (y[:, 0] < high_mm))
+        columns = np.flatnonzero(np.abs(angle[0]) < half_rad)
+        here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        light[here] *= part(x[here], y[here], front[here], style)
     light *= _hairs(x, y, angle, front, style)
     hole = nose.nostril(x, y, style.nose_width) * front
     light *= 1 - 0.5 * hole[..., None]

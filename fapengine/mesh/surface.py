@@ -23,6 +23,7 @@ BESIDE_NOSE_RAD = np.deg2rad(16.5)
 TOP_MM = 145.0
 """Crown of the head; towards it distances shrink with the root of the height left, as on a sphere."""
 CAP_FROM_MM = 127.0
+TABLE_RAD, TABLE_MM = np.linspace(0.0, np.pi, 721), np.linspace(-140.0, 145.0, 571)
 
 
 @cache
@@ -49,6 +50,18 @@ def _bare(angle: Array, y: Array) -> Array:
     return cap
 
 
+@cache
+def _rims() -> tuple[Array, Array]:
+    """Distances over :data:`TABLE_RAD` above and below the lips."""
+    return _bare(TABLE_RAD, np.full_like(TABLE_RAD, -17.0)), _bare(TABLE_RAD, np.full_like(TABLE_RAD, -58.0))
+
+
+@cache
+def _beside_nose() -> Array:
+    """Distances over :data:`TABLE_MM` where the cheek begins."""
+    return _bare(np.full_like(TABLE_MM, BESIDE_NOSE_RAD), TABLE_MM)
+
+
 def _bell(x: Array, y: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
     bell: Array = np.exp(-(((x - centre[0]) / size[0]) ** 2) - ((y - centre[1]) / size[1]) ** 2)
     return bell
@@ -62,14 +75,13 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
 
     # The lips are ours: bridge over the measured ones, from below the nose to the chin.
     inside = smoothstep((38.0 - x) / 18.0) * smoothstep((h + 61.0) / 13.0) * smoothstep((-15.0 - h) / 10.0)
-    above = _bare(a, np.full_like(h, -17.0))
-    below = _bare(a, np.full_like(h, -58.0))
+    above, below = (np.interp(a, TABLE_RAD, row) for row in _rims())
     share = np.clip((h + 58.0) / 41.0, 0.0, 1.0)
     bridge = below + (above - below) * share - 0.5 * np.sin(np.pi * share)
     r = r + inside * (bridge - r)
 
     # The nose is ours too: bridge over the measured one, from cheek to cheek.
-    beside = _bare(np.full_like(a, BESIDE_NOSE_RAD), h)
+    beside = np.interp(h, TABLE_MM, _beside_nose())
     arch = np.interp(h, (-16.0, 6.0, 30.0), (10.6, 7.0, 3.5)) * np.exp(-((x / 12.5) ** 2))
     inside = smoothstep((27.0 - x) / 9.0) * smoothstep((h + 19.0) / 6.0) * smoothstep((38.0 - h) / 9.0)
     r = r + inside * (beside + arch - r)
@@ -106,9 +118,9 @@ def angle_of(x: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """Angle at which the front of the head has this x, rad; the inverse of :func:`position` for a given height."""
     target, h = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     target = target / _narrowed(h, style)
-    angle = target / 100.0
-    for _ in range(12):
-        angle = angle + 0.8 * (target - radius(angle, h, style) * np.sin(angle)) / 100.0
+    angle = np.asarray(target / 100.0, dtype=np.float64)
+    for _ in range(7):
+        angle = np.arcsin(np.clip(target / radius(angle, h, style), -1.0, 1.0))
     return angle
 
 
