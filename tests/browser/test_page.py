@@ -228,6 +228,12 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
         return Math.abs(page.sound.heard() - starts - shown);
     }""")
     page.until("page.sound.heard() > 0.5 && apart() < 0.12")
+    page.run("document.getElementById('face').focus()")
+    page.key(" ")
+    page.until("page.sound.context.state === 'suspended'")
+    page.until(f"Math.abs(page.cushion.frames.at(-1).faps[{fap.column(3)}]) < 5 && page.sound.playing.size === 1")
+    page.key(" ")
+    page.until("page.sound.context.state === 'running' && apart() < 0.12")
     page.key("Escape")
     page.until("page.sound.playing.size === 0")
     page.run("page.setSound(false)")

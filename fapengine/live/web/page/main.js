@@ -232,6 +232,7 @@ class Page {
       byId("text").focus();
       return;
     }
+    this.pause(false);
     if (!this.hasChosenSilence && !this.sound.on) await this.setSound(true);
     if (this.link.send("say", { text })) {
       byId("text").select();
@@ -253,6 +254,16 @@ class Page {
   hush() {
     this.link.send("cancel");
     this.sound.stop(null);
+    this.pause(false);
+  }
+
+  // Face and sound stand still together, and go on together.
+  pause(wanted) {
+    if (wanted === Boolean(this.paused)) return;
+    this.paused = wanted;
+    this.link.send(wanted ? "pause" : "resume");
+    this.sound.hold(wanted);
+    this.told(wanted ? "Paused; Space goes on." : "");
   }
 
   // Where the sound is, in the server's time. The face shows frames some time after they were made: it is told to be
@@ -324,6 +335,7 @@ class Page {
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.clock = new ServerClock();
     this.lags = [];
+    this.pause(false);
     this.cushion = new FrameCushion(rate_hz);
     for (const id of ["text", "say"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
@@ -338,7 +350,7 @@ class Page {
       if (event.key === "/") byId("text").focus();
       else if (event.key === "m") this.setSound(!this.sound.on);
       else if (event.key === "b") this.link.send("blink");
-      else if (event.key === " ") this.link.send((this.paused = !this.paused) ? "pause" : "resume");
+      else if (event.key === " ") this.pause(!this.paused);
       else if (event.key >= "1" && event.key <= "9") this.fly(Number(event.key) - 1);
       else return;
       event.preventDefault();

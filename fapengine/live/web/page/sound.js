@@ -33,6 +33,11 @@ export class Sound {
     return this.context?.suspend();
   }
 
+  // Stand still where it is, or go on.
+  hold(wanted) {
+    if (this.playing.size) return wanted ? this.context.suspend() : this.context.resume();
+  }
+
   // Sounds play one behind the other, in the order in which they came.
   play(utterance, url) {
     const waiting = { cancelled: false };
