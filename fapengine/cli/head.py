@@ -163,6 +163,7 @@ def _poses() -> tuple[Any, list[tuple[str, str]]]:
 
     from fapengine.files.profiles import load_profile
     from fapengine.mpeg4 import fap
+    from fapengine.mpeg4.visemes import VISEMES
     from fapengine.trajectory.faps import displacements_to_faps
 
     rows, labels = [np.zeros(fap.FAP_COUNT)], [("rest", "")]
@@ -170,10 +171,14 @@ def _poses() -> tuple[Any, list[tuple[str, str]]]:
         rows.append(_alone(number))
         labels.append((str(number), fap.spec(number).name))
     profile = load_profile("grid_s1_en")
+    spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # as the profile spells the table's phonemes, or comes nearest
+    numbered = {
+        phoneme.rstrip("ː").translate(spelling): f"viseme {row.number}" for row in VISEMES for phoneme in row.phonemes
+    }
     for spoken, phone in profile.phones.items():
         moved = profile.space.to_points_mm(phone.targets[:1])
         rows.append(displacements_to_faps(moved, profile.space.points, profile.fapu)[0])
-        labels.append((spoken, "phone"))
+        labels.append((spoken, numbered.get(spoken, "phone")))
     for expression, face in profile.expressions.items():
         moved = profile.space.to_points_mm(face.target[None])
         rows.append(displacements_to_faps(moved, profile.space.points, profile.fapu)[0] + face.fap)

@@ -35,6 +35,8 @@ ENDING_MM = 1.5
 """How near to its last vertex a seam ends."""
 PROFILE_MM = 3.0
 """Height of a step of the profile."""
+EYE_SHARE = 0.3
+"""Of the distance between the eyes' bones: how far round one the eye reaches."""
 CLOSING = 0.6
 """Share of the largest motion that the middle of an upper lid's margin has at least."""
 NO_SKIN = ("lash", "hair", "brow", "teeth", "tooth", "tongue", "tear", "eyeball", "cornea", "occlusion", "glass")
@@ -91,7 +93,7 @@ def locate(mesh: MorphMesh, moves: Mapping[str, Array], standard: FaceMesh) -> d
     mesh : MorphMesh
     moves : mapping of str to (V, 3) array
         What closes each eye's lids and opens the mouth, by :data:`ROLES` (or :data:`BOTH` for the lids of both eyes),
-        in the mesh's unit and axes.
+        in the mesh's unit and axes. A rig with eye bones may lack the lids'.
     standard : FaceMesh
         Whose points are looked for.
 
@@ -107,21 +109,23 @@ def locate(mesh: MorphMesh, moves: Mapping[str, Array], standard: FaceMesh) -> d
     """
     if BOTH in moves and not (LEFT in moves and RIGHT in moves):
         moves = dict(moves) | _halves(mesh, moves[BOTH], moves.get(JAW))
-    lacking = [role for role in ROLES if role not in moves or not np.abs(moves[role]).max(initial=0.0) > 0]
+    moves = {role: move for role, move in moves.items() if np.abs(move).max(initial=0.0) > 0}
+    shown = {role: np.linalg.norm(move, axis=1) for role, move in moves.items()} | _round_bones(mesh, moves)
+    lacking = [role for role in ROLES if role not in shown]
     if lacking:
         raise DataError(
             f"shapes: got none for {', '.join(lacking)}, expected shapes that close the lids of each eye and open the"
             " jaw (eyeBlinkLeft, eyeBlinkRight, jawOpen); name them in a mapping file, or give the feature points"
         )
-    centre, axes, scale = _axes(mesh, moves, float(standard.fapu.es0_mm))
+    centre, axes, scale = _axes(mesh, shown, float(standard.fapu.es0_mm))
     place = scale * (mesh.vertices - centre) @ axes.T + standard.eye_pivots_mm.mean(axis=0)
-    turned = {role: scale * move @ axes.T for role, move in moves.items()}
-    face = _face(place, mesh.triangles, ~named(mesh, NO_SKIN)[mesh.triangles[:, 0]], turned)
+    turned = {role: scale * moves[role] @ axes.T for role in ROLES if role in moves}
+    face = _face(place, mesh.triangles, ~named(mesh, NO_SKIN)[mesh.triangles[:, 0]], turned, shown)
     for _ in range(2):  # the second time in better axes
-        face.anchors = _anchors(face)
+        face.anchors = _anchors(face, mesh)
         face = _turned_to(face, standard)
     found = _bent(face, standard)
-    return found | _eyeballs(face, mesh) | _tongue(face, mesh)
+    return found | _tongue(face, mesh)
 
 
 def named(mesh: MorphMesh, words: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -132,9 +136,19 @@ def named(mesh: MorphMesh, words: tuple[str, ...]) -> NDArray[np.bool_]:
     return np.isin(mesh.surface, chosen)
 
 
-def _axes(mesh: MorphMesh, moves: Mapping[str, Array], separation_mm: float) -> tuple[Array, Array, float]:
+def _round_bones(mesh: MorphMesh, moves: Mapping[str, Array]) -> dict[str, Array]:
+    """(V,) by role: instead of lids that no shape moves, what lies round the bones of both eyes."""
+    joints = [mesh.limbs[name].joint for name in ("left eye", "right eye") if name in mesh.limbs]
+    if len(joints) < 2:
+        return {}
+    reach = EYE_SHARE * float(np.linalg.norm(joints[0] - joints[1]))
+    near = [(np.linalg.norm(mesh.vertices - joint, axis=1) < reach).astype(np.float64) for joint in joints]
+    return {role: one for role, one in zip((LEFT, RIGHT), near, strict=True) if role not in moves and one.any()}
+
+
+def _axes(mesh: MorphMesh, shown: Mapping[str, Array], separation_mm: float) -> tuple[Array, Array, float]:
     """Middle between the eyes, rows of axes, and mm per unit."""
-    left, right, jaw = (_centroid(mesh.vertices, moves[role]) for role in ROLES)
+    left, right, jaw = (_centroid(mesh.vertices, shown[role]) for role in ROLES)
     middle = (left + right) / 2
     across = left - right
     size = float(np.linalg.norm(across))
@@ -145,46 +159,46 @@ def _axes(mesh: MorphMesh, moves: Mapping[str, Array], separation_mm: float) -> 
     x, y = across / size, up / np.linalg.norm(up)
     axes = np.stack([x, y, np.cross(x, y)])
     normals = vertex_normals(mesh.vertices, mesh.triangles)
-    if sum(_facing(normals, moves[role], axes[2]) for role in ROLES[:2]) < 0:
+    if sum(_facing(normals, shown[role], axes[2]) for role in ROLES[:2]) < 0:
         raise DataError("shapes: left and right are exchanged, or triangles face inwards (left is the subject's)")
     return middle, axes, separation_mm / size
 
 
-def _facing(normals: Array, moves: Array, ahead: Array) -> float:
+def _facing(normals: Array, weight: Array, ahead: Array) -> float:
     """Mean cosine between a direction and the normals of what moves."""
-    weight = np.linalg.norm(moves, axis=1)
     return float(weight @ (normals @ ahead)) / max(float(weight.sum()), 1e-12)
 
 
 def _halves(mesh: MorphMesh, lids: Array, jaw: Array | None) -> dict[str, Array]:
     """Part a blink of both eyes at the middle between them; the left one is where the face then looks outwards."""
-    moved = np.linalg.norm(lids, axis=1) > 0.05 * np.linalg.norm(lids, axis=1).max(initial=0.0)
+    size = np.linalg.norm(lids, axis=1)
+    moved = size > 0.05 * size.max(initial=0.0)
     if jaw is None or not moved.any():
         return {}
     spread = mesh.vertices[moved] - mesh.vertices[moved].mean(axis=0)
     across = np.linalg.svd(spread, full_matrices=False)[2][0]
     side = (mesh.vertices - mesh.vertices[moved].mean(axis=0)) @ across > 0
     halves = [np.where(one[:, None], lids, 0.0) for one in (side, ~side)]
-    up = mesh.vertices[moved].mean(axis=0) - _centroid(mesh.vertices, jaw)
+    up = mesh.vertices[moved].mean(axis=0) - _centroid(mesh.vertices, np.linalg.norm(jaw, axis=1))
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     ahead = np.cross(across, up)
-    return dict(zip((LEFT, RIGHT) if _facing(normals, lids, ahead) > 0 else (RIGHT, LEFT), halves, strict=True))
+    return dict(zip((LEFT, RIGHT) if _facing(normals, size, ahead) > 0 else (RIGHT, LEFT), halves, strict=True))
 
 
-def _centroid(vertices: Array, moves: Array) -> Array:
-    weight = np.linalg.norm(moves, axis=1)
+def _centroid(vertices: Array, weight: Array) -> Array:
     weight = np.where(weight > 0.5 * weight.max(), weight, 0.0)
     centre: Array = weight @ vertices / weight.sum()
     return centre
 
 
-def _face(place: Array, triangles: Indices, bare: NDArray[np.bool_], moves: Mapping[str, Array]) -> Face:
+def _face(
+    place: Array, triangles: Indices, bare: NDArray[np.bool_], moves: Mapping[str, Array], shown: Mapping[str, Array]
+) -> Face:
     """Choose the part that lids and jaw move most."""
     part, whole = parts(place, triangles[bare])[1], parts(place, triangles)[1]
     used = np.unique(triangles[bare])
     score = np.zeros(part.max() + 1)
-    for role in ROLES:
-        length = np.linalg.norm(moves[role], axis=1)
+    for length in shown.values():
         score += np.bincount(part[used], length[used] > 0.1 * length.max(), len(score)) / max(1, len(used))
     skin = used[part[used] == score.argmax()]
     return Face(place, triangles, moves, whole, skin, vertex_normals(place, triangles))
@@ -205,14 +219,15 @@ def _seam(face: Face, place: Array, role: str) -> tuple[Indices, Indices, Array]
     return moving[torn], still[torn], gap[torn]
 
 
-def _anchors(face: Face) -> dict[str, int]:
+def _anchors(face: Face, mesh: MorphMesh) -> dict[str, int]:
     found = _lips(face)
     for role, upper, lower, inner, outer in (
         (LEFT, "3.1", "3.3", "3.11", "3.7"),
         (RIGHT, "3.2", "3.4", "3.8", "3.12"),
     ):
-        found |= _lids(face, role, (upper, lower, inner, outer))
-    return found | _middle_line(face, found)
+        if role in face.moves:
+            found |= _lids(face, role, (upper, lower, inner, outer))
+    return found | _middle_line(face, found) | _eyeballs(face, mesh, found)
 
 
 def _lips(face: Face) -> dict[str, int]:
@@ -264,7 +279,7 @@ def _middle_line(face: Face, found: Mapping[str, int]) -> dict[str, int]:
     """Nose tip and chin, the outermost places of the profile."""
     place, skin = face.place, face.skin
     lip, eyes = place[found["2.2"]], face.place[[found[name] for name in ("3.3", "3.4") if name in found]]
-    height = float(eyes[:, 1].max()) if len(eyes) else lip[1] + 60.0
+    height = float(eyes[:, 1].max()) if len(eyes) else lip[1] + 65.0
     strip = skin[(np.abs(place[skin, 0] - lip[0]) < 5.0) & (face.normals[skin, 2] > -0.5)]
     tall = height - lip[1]
     nose = strip[(place[strip, 1] > lip[1] + 0.15 * tall) & (place[strip, 1] < lip[1] + 0.8 * tall)]
@@ -358,19 +373,19 @@ def _shift(place: Array, anchors: Mapping[str, int], standard: FaceMesh) -> RBFI
     return RBFInterpolator(sources, place[[*anchors.values()]] - sources, kernel="linear", degree=0, smoothing=1.0)
 
 
-def _eyeballs(face: Face, mesh: MorphMesh) -> dict[str, int]:
-    """Pupils: the front of the eyeball behind each eye's lids."""
+def _eyeballs(face: Face, mesh: MorphMesh, lids_found: Mapping[str, int]) -> dict[str, int]:
+    """Pupils: the front of what hangs on the eyes' bones, or of the ball behind each eye's lids."""
     found = {}
     for pupil, limb, lids in (("3.5", "left eye", ("3.1", "3.3")), ("3.6", "right eye", ("3.2", "3.4"))):
-        known = [face.place[face.anchors[name]] for name in lids if name in face.anchors]
-        if not known:
-            continue
-        middle = np.mean(known, axis=0)
+        known = [face.place[lids_found[name]] for name in lids if name in lids_found]
         used = np.unique(face.triangles)
-        away = np.linalg.norm(face.place[used] - middle, axis=1)
         if limb in mesh.limbs and (mesh.limbs[limb].weight[used] > 0.5).any():
             ball = used[mesh.limbs[limb].weight[used] > 0.5]
+        elif not known:
+            continue
         else:
+            middle = np.mean(known, axis=0)
+            away = np.linalg.norm(face.place[used] - middle, axis=1)
             near = [one for one in np.unique(face.part[used[away < 12.0]]) if one != face.part[face.skin[0]]]
             balls = [part for one in near if _is_ball(face.place[part := used[face.part[used] == one]], middle)]
             if not balls:

@@ -11,6 +11,7 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
+from fapengine.cli.head import _poses
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.fap import save_fap
@@ -299,6 +300,16 @@ def test_the_sheet_shows_every_fap(imported, tmp_path):
     assert "FAPs without motion: 29" in text
     with pytest.raises(UsageError, match=r"ends with \.png"):
         run("head", "check", imported, "-o", tmp_path / "sheet.gif")
+
+
+def test_the_sheet_has_every_fap_viseme_and_mood():
+    rows, labels = _poses()
+    assert rows.shape == (len(labels), 68) == (109, 68)
+    assert [label for label, _ in labels[1:67]] == [str(number) for number in range(3, 69)]
+    assert {f"viseme {number}" for number in range(1, 15)} <= {note for _, note in labels}
+    assert [label for label, note in labels if note == "expression"] == [
+        "joy", "sadness", "anger", "fear", "disgust", "surprise",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

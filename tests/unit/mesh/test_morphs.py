@@ -84,6 +84,23 @@ def sinking(rig: MorphMesh) -> np.ndarray:
     return np.clip((rig.vertices[:, 1:2] + 10.0) / 60.0, -1.0, 0.0) * [0.0, 20.0, 0.0]
 
 
+def test_eye_bones_stand_in_for_blinks(rig, standard):
+    limbs = {}
+    for name, sign in (("left eye", 1.0), ("right eye", -1.0)):
+        ball = (rig.surface == rig.surfaces.index("Eyeball")) & (sign * rig.vertices[:, 0] > 0)
+        limbs[name] = Limb(ball.astype(float), rig.vertices[ball].mean(axis=0))
+    found = locate(replace(rig, limbs=limbs), {JAW: rig.dense("jawOpen")}, standard)
+    off = [np.linalg.norm(rig.vertices[index] - standard.point_mm(name)) for name, index in found.items()]
+    assert len(found) >= 50
+    assert np.mean(off) < 5.0  # mm
+    with pytest.raises(DataError, match="got none for right lid"):
+        locate(
+            replace(rig, limbs={"left eye": limbs["left eye"]}),
+            {LEFT: rig.dense("eyeBlinkLeft"), JAW: rig.dense("jawOpen")},
+            standard,
+        )
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
