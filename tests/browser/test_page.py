@@ -216,10 +216,8 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
     page.open("ida")
     page.run(KEEP_FRAMES + "page.hasChosenSilence = false")
     assert page.run("page.setSound(true).then(() => page.sound.on)")
-    page.run(
     page.run("document.getElementById('text').value = 'One, two, three, four, five, six, seven, eight, nine, ten.'")
     page.run("document.getElementById('say').click()")
-    )
     page.until("page.sound.playing.size && [...page.sound.playing.values()][0].source")
     page.until("page.ticker.current !== null")
     # Where the sound is, against where the face is that is on the screen now.
