@@ -24,7 +24,12 @@ Expressions = Annotated[
     ),
 ]
 ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
-HeadName = Annotated[str, typer.Option("--head", help="Whose face: default, or a folder of `fapengine head import`.")]
+HeadName = Annotated[
+    str,
+    typer.Option(
+        "--head", help="Whose face: default, default:hair_colour=red,age=0.8, or a folder of `fapengine head import`."
+    ),
+]
 CameraName = Annotated[
     str,
     typer.Option(

@@ -29,6 +29,7 @@ from fapengine.mesh.morphs import MorphMesh
 from fapengine.mesh.morphs_adopt import adopt_morphs
 from fapengine.mesh.morphs_locate import BOTH, JAW, LEFT, RIGHT, locate
 from fapengine.mesh.morphs_names import Choice, choose
+from fapengine.mesh.style import parse_look
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 from fapengine.retarget.arkit import ARKIT_NAMES
@@ -244,17 +245,18 @@ def _png(texture: NDArray[np.uint8]) -> bytes:
 
 
 def load_head(name: str) -> FaceMesh:
-    """Load a head's folder; ``"default"`` is our own.
+    """Load a head's folder; ``"default"`` is our own, ``"default:age=0.8,level=fine"`` it with another look.
 
     Raises
     ------
     UsageError
-        If there is no such folder.
+        If there is no such folder or look.
     ProfileError
         If its content is wrong; ``where`` is file and key.
     """
-    if name == DEFAULT_HEAD:
-        return build_head()
+    if _is_ours(name):
+        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
+        return build_head(style, level=level)
     _, files = _read(name)
     folder = Path(name)
     try:
@@ -270,7 +272,11 @@ def load_head(name: str) -> FaceMesh:
 
 def load_head_info(name: str) -> HeadInfo:
     """Tell where a head comes from. Raises as :func:`load_head`."""
-    return HeadInfo("fapengine", "Apache-2.0") if name == DEFAULT_HEAD else _read(name)[0]
+    return HeadInfo("fapengine", "Apache-2.0") if _is_ours(name) else _read(name)[0]
+
+
+def _is_ours(name: str) -> bool:
+    return name == DEFAULT_HEAD or name.startswith(f"{DEFAULT_HEAD}:")
 
 
 def _read(name: str) -> tuple[HeadInfo, dict[str, bytes]]:

@@ -1,6 +1,7 @@
 """``HeadStyle``: what one head has otherwise than another. Every number has a meaning; 1 or 0 is an average adult's."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from fapengine.errors import UsageError
 
@@ -65,3 +66,44 @@ class HeadStyle:
                 raise UsageError(f"{name}: got {value}, expected {low:g}..{high:g}")
         if self.hair_colour not in HAIR_COLOURS:
             raise UsageError(f"hair_colour: got {self.hair_colour!r}, expected one of {', '.join(HAIR_COLOURS)}")
+
+
+def parse_look(text: str) -> tuple[HeadStyle, str]:
+    """Read ``"hair_colour=red,age=0.8,level=fine"``: fields of :class:`HeadStyle`, and a level of detail.
+
+    Returns
+    -------
+    (HeadStyle, str)
+        What is not named is as by default; the level, by default ``"normal"``, is not looked at here.
+
+    Raises
+    ------
+    UsageError
+        If a name or a value is none.
+    """
+    known = {field.name: getattr(HeadStyle(), field.name) for field in fields(HeadStyle)}
+    style, level = HeadStyle(), "normal"
+    for item in filter(None, text.split(",")):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if name == "level" and equals:
+            level = value
+        elif name in known and equals:
+            changed: dict[str, Any] = {name: _as(known[name], name, value)}
+            style = replace(style, **changed)
+        else:
+            raise UsageError(f"head: got {item.strip()!r}, expected NAME=VALUE with level, {', '.join(known)}")
+    return style, level
+
+
+def _as(like: object, name: str, value: str) -> float | str | bool:
+    """Read a value of the kind that the default has."""
+    if isinstance(like, str):
+        return value
+    if isinstance(like, bool):
+        if value not in ("true", "false"):
+            raise UsageError(f"{name}: got {value!r}, expected true or false")
+        return value == "true"
+    try:
+        return float(value)
+    except ValueError as error:
+        raise UsageError(f"{name}: got {value!r}, expected a number") from error

@@ -368,3 +368,11 @@ def test_heads_that_are_none(imported, tmp_path):
     painted = toml + f'"head.png" = "{hashlib.sha256(b"no picture").hexdigest()}"\n'
     with pytest.raises(ProfileError, match="arrays: cannot identify"):
         load_head(write(painted))
+
+
+def test_the_default_head_may_look_otherwise() -> None:
+    bald = load_head("default:hair=false,level=coarse")
+    assert len(bald.vertices_mm) < 7000
+    assert load_head_info("default:hair=false").source == "fapengine"
+    with pytest.raises(UsageError, match="head: got 'hat=1'"):
+        load_head("default:hat=1")

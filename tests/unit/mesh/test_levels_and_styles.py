@@ -13,7 +13,7 @@ from fapengine.mesh.colours import Palette
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.head import LEVELS, build_head
-from fapengine.mesh.style import HAIR_COLOURS, HeadStyle
+from fapengine.mesh.style import HAIR_COLOURS, HeadStyle, parse_look
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
@@ -190,3 +190,26 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]
     assert front[:, 1].min() > 65  # no fringe over brows or eyes
+
+
+def test_a_look_is_read_from_text() -> None:
+    assert parse_look("") == (HeadStyle(), "normal")
+    assert parse_look("hair_colour=red, age=0.8,hair=false,level=fine") == (
+        HeadStyle(hair_colour="red", age=0.8, hair=False),
+        "fine",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("colour=red", "head: got 'colour=red', expected NAME=VALUE with level, jaw_width"),
+        ("age", "head: got 'age', expected NAME=VALUE"),
+        ("age=old", "age: got 'old', expected a number"),
+        ("age=7", r"age: got 7\.0, expected 0\.\.1"),
+        ("hair=1", "hair: got '1', expected true or false"),
+    ],
+)
+def test_a_look_that_is_none_is_refused(text: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        parse_look(text)
