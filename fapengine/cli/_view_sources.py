@@ -1,5 +1,6 @@
 """What ``fapengine view`` can show: our own face that speaks, a file, or a live face from elsewhere."""
 
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from textwrap import wrap
@@ -13,7 +14,9 @@ from fapengine.cli._phone_ticker import ticker
 from fapengine.errors import FapEngineError
 from fapengine.live.engine.commands import Blink, Express, Look, Manner
 from fapengine.live.sound import Output
-from fapengine.live.watch import OscFrames, ServerLink
+from fapengine.live.watch import ServerLink
+from fapengine.live.watch_osc import OscFrames
+from fapengine.live.watch_sound import ServerSound
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.render.panel import Event, Moved, Pressed, Said, Slider
@@ -319,14 +322,23 @@ class ServerSource:
     buttons = (PAUSE, STOP, BLINK)
     has_text = True
 
-    def __init__(self, link: ServerLink, *, voice: str = "en-us") -> None:
+    def __init__(
+        self,
+        link: ServerLink,
+        *,
+        voice: str = "en-us",
+        sound: ServerSound | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.sliders = feeling_sliders()
         self.title = "fapengine, server"
-        self._link, self._voice = link, voice
+        self._link, self._voice, self._sound, self._clock = link, voice, sound, clock
         self._is_paused = False
 
     def frame(self, lead_s: float) -> Faps:
         """See :class:`Source`."""
+        if self._sound is not None:
+            self._sound.follow(self._clock())
         return self._link.faps()
 
     def status(self) -> tuple[str, ...]:
@@ -354,7 +366,10 @@ class ServerSource:
             self._move(event)
         elif event.key == PAUSE:
             self._is_paused = not self._is_paused
-            self._link.send("pause" if self._is_paused else "resume")
+            if self._sound is not None and self._sound.is_playing:
+                self._sound.pause(self._is_paused)  # the face stands still with it
+            else:
+                self._link.send("pause" if self._is_paused else "resume")
         elif event.key == STOP:
             self._is_paused = False
             self._link.send("cancel")
@@ -363,6 +378,8 @@ class ServerSource:
 
     def close(self) -> None:
         """See :class:`Source`."""
+        if self._sound is not None:
+            self._sound.close()
         self._link.close()
 
     def _move(self, event: Moved) -> None:

@@ -63,7 +63,7 @@ def view(
         if source is None:
             return _speaking(profile, without, seed, fps, device, silent, sink, voice, rate)
         if "://" in source:
-            return _elsewhere(source, session, voice)
+            return _elsewhere(source, session, voice, device, silent)
         return _file(Path(source), audio, device, silent)
 
     run_window(mesh, shown, wish, as_json=as_json)
@@ -83,15 +83,22 @@ def _speaking(
     return SpeakingSource(face, lambda text: EspeakVoice(voice, rate).speak(text))
 
 
-def _elsewhere(source: str, session: str | None, voice: str) -> "Source":
+def _elsewhere(source: str, session: str | None, voice: str, device: str | None, silent: bool) -> "Source":
+    from functools import partial
     from urllib.parse import urlsplit
 
+    from fapengine.cli._live_face import device_of
     from fapengine.cli._view_sources import OscSource, ServerSource
     from fapengine.errors import UsageError
-    from fapengine.live.watch import OscFrames, ServerLink
+    from fapengine.live.sound import open_output
+    from fapengine.live.watch import ServerLink
+    from fapengine.live.watch_osc import OscFrames
+    from fapengine.live.watch_sound import ServerSound
 
     if not source.startswith("osc://"):
-        return ServerSource(ServerLink(source, session=session), voice=voice)
+        link = ServerLink(source, session=session, plays=not silent)
+        opens = partial(open_output, device=device_of(device))
+        return ServerSource(link, voice=voice, sound=None if silent else ServerSound(link, opens=opens))
     try:
         parts = urlsplit(source)
         host, port = parts.hostname, parts.port

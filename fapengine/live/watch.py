@@ -1,15 +1,18 @@
-"""Edge: a live face from elsewhere, for a window: over a server's WebSocket, or ``/fap/1/frame`` on a UDP port.
+"""Edge: a live face of a server, for a window, over its WebSocket; from a UDP port: :mod:`.watch_osc`.
 
-Both give the newest frame that has come; a frame that is not there yet is never waited for.
+Either gives the newest frame that has come; a frame that is not there yet is never waited for.
 """
 
 import asyncio
+import io
 import json
-import socket
 import threading
 import time
+import wave
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from http import HTTPStatus
 from typing import Any, Literal
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
@@ -17,13 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.live import osc
-from fapengine.live.fap_osc import FRAME as OSC_FRAME
-from fapengine.live.fap_osc import FapFrame, parse_frame
+from fapengine.live.watch_osc import Faps, WatchCounts
 from fapengine.live.web.wire import FRAME, FRAME_KIND, text_of
 from fapengine.mpeg4 import fap
 
-Faps = NDArray[np.int32]
 LinkState = Literal["connecting", "open", "lost"]
 
 RETRY_S = (0.2, 2.0)
@@ -31,21 +31,21 @@ RETRY_S = (0.2, 2.0)
 PING_S = 1.0
 BEST_PINGS = 8
 """Of so many, the quickest tells the server's clock."""
-LARGEST = 65_535
-SILENT_S = 2.0
-"""A port where nothing comes for so long is said to be silent."""
 CLOSE_S = 3.0
+SOUND_PATH = "/sound.wav?"
+MOST_SOUND = 1 << 26
+"""Bytes of one sound: half an hour and more."""
+ENDED = ("cancelled", "error")
 
 
-@dataclass(slots=True)
-class WatchCounts:
-    """Stateful: what came."""
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardSound:
+    """What a server's voice said."""
 
-    frames: int = 0
-    missed: int = 0
-    """Numbers that never came."""
-    refused: int = 0
-    """Messages that were none of ours."""
+    utterance: int
+    samples: NDArray[np.int16]
+    """(N,) mono."""
+    sample_rate_hz: int
 
 
 def web_socket_of(url: str, session: str | None = None) -> str:
@@ -80,6 +80,8 @@ class ServerLink:
         Of the page; see :func:`web_socket_of`.
     session : str, optional
         By default the server's own choice, or that of the address.
+    plays : bool
+        Whether somebody here plays the sounds and tells where they are (:mod:`.watch_sound`): the face waits for that.
     clock : callable
         The monotonic clock.
 
@@ -91,8 +93,19 @@ class ServerLink:
         If aiohttp is missing.
     """
 
-    def __init__(self, url: str, *, session: str | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        session: str | None = None,
+        plays: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._url = web_socket_of(url, session)
+        self._plays = plays
+        self._sounds: deque[HeardSound] = deque()
+        self._ended: deque[int] = deque()
+        self._fetching: set[asyncio.Task[None]] = set()
         self.state: LinkState = "connecting"
         self.trouble = ""
         """Why there is no connection."""
@@ -122,6 +135,18 @@ class ServerLink:
     def round_trip_s(self) -> float | None:
         """Of the quickest of late pings."""
         return min(self._trips)[0] if self._trips else None
+
+    def server_s(self, now_s: float) -> float | None:
+        """Turn the monotonic clock into the server's; None before that is known."""
+        return now_s + min(self._trips)[1] if self._trips else None
+
+    def sounds(self) -> list[HeardSound]:
+        """Take the sounds that have come since this was asked last."""
+        return [self._sounds.popleft() for _ in range(len(self._sounds))]
+
+    def ended(self) -> list[int]:
+        """Take the utterances that were cancelled since this was asked last."""
+        return [self._ended.popleft() for _ in range(len(self._ended))]
 
     def faps(self) -> Faps:
         """Newest frame, (68,) FAPU; a face at rest before the first, and where the server is lost."""
@@ -160,7 +185,7 @@ class ServerLink:
                     client.ws_connect(self._url, max_msg_size=1 << 24, heartbeat=5.0) as link,
                 ):
                     pause_s, self.state = RETRY_S[0], "open"
-                    await self._talk(link)
+                    await self._talk(client, link)
                 self.trouble = "the server went away"
             except (self._aiohttp.ClientError, OSError, TimeoutError) as error:
                 self.trouble = str(error) or type(error).__name__
@@ -169,17 +194,38 @@ class ServerLink:
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, RETRY_S[1])
 
-    async def _talk(self, link: Any) -> None:
+    async def _talk(self, client: Any, link: Any) -> None:
         self._queue = asyncio.Queue()
+        if self._plays:
+            await link.send_str(text_of("plays", on=True))
         sender = asyncio.ensure_future(self._send_all(link))
         try:
             async for message in link:
                 if message.type == self._aiohttp.WSMsgType.BINARY:
                     self._take_frame(message.data)
                 elif message.type == self._aiohttp.WSMsgType.TEXT:
-                    self._take_text(message.data)
+                    url = self._take_text(message.data)
+                    if url is not None:
+                        task = asyncio.ensure_future(self._fetch(client, *url))
+                        self._fetching.add(task)
+                        task.add_done_callback(self._fetching.discard)
         finally:
             sender.cancel()
+
+    async def _fetch(self, client: Any, utterance: int, path: str) -> None:
+        """Have a sound."""
+        parts = urlsplit(self._url)
+        token = dict(parse_qsl(parts.query)).get("token")
+        query = f"&{urlencode({'token': token})}" if token else ""
+        scheme = "https" if parts.scheme == "wss" else "http"
+        try:
+            async with client.get(f"{scheme}://{parts.netloc}{path}{query}") as answer:
+                data = await answer.content.read(MOST_SOUND) if answer.status == HTTPStatus.OK else b""
+            samples, rate_hz = parse_wav(data)
+        except (self._aiohttp.ClientError, OSError, TimeoutError, DataError):
+            self.counts.refused += 1
+            return
+        self._sounds.append(HeardSound(utterance, samples, rate_hz))
 
     async def _send_all(self, link: Any) -> None:
         number, next_s = 0, 0.0
@@ -204,7 +250,8 @@ class ServerLink:
         self.counts.frames += 1
         self._frame = (number, time_s, np.array(values, np.int32))
 
-    def _take_text(self, text: str) -> None:
+    def _take_text(self, text: str) -> tuple[int, str] | None:
+        """Take a message; returns the utterance and address of a sound that is to be had."""
         try:
             message = json.loads(text)
             kind = message["type"]
@@ -212,8 +259,13 @@ class ServerLink:
                 self.hello = message
             elif kind == "pong":
                 self._take_pong(int(message["number"]), float(message["time_s"]))
+            elif kind == "event" and message["kind"] in ENDED:
+                self._ended.append(int(message["utterance"]))
+            elif kind == "sound" and self._plays and str(message["url"]).startswith(SOUND_PATH):
+                return int(message["utterance"]), str(message["url"])
         except (ValueError, KeyError, TypeError):
             self.counts.refused += 1
+        return None
 
     def _take_pong(self, number: int, server_s: float) -> None:
         asked_s = self._pings.pop(number, None)
@@ -222,92 +274,24 @@ class ServerLink:
             self._trips = [*self._trips[-BEST_PINGS + 1 :], (now_s - asked_s, server_s - (asked_s + now_s) / 2)]
 
 
-class OscFrames:
-    """Stateful: listens for ``/fap/1/frame`` on a UDP port. Close it.
-
-    Parameters
-    ----------
-    host, port : str, int
-        Where to listen.
-    session : str, optional
-        Whose frames; by default of the first that comes.
-    clock : callable
-        The monotonic clock.
+def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
+    """Read a WAV of 16 bits: samples (N,), the first channel, and the rate in Hz.
 
     Raises
     ------
-    ResourceError
-        If the port is taken.
+    DataError
+        If it is none.
     """
-
-    def __init__(
-        self, host: str, port: int, *, session: str | None = None, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.session = session
-        self.counts = WatchCounts()
-        self._clock, self._heard_s = clock, -np.inf
-        self._frame: FapFrame | None = None
-        self._values = np.zeros(fap.FAP_COUNT, np.int32)
-        try:
-            family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            self._socket = _bound(socket.socket(family, kind), address)
-        except OSError as error:
-            raise ResourceError(f"osc://{host}:{port}: got {error}, expected a port that is free") from error
-        self._socket.setblocking(False)
-
-    @property
-    def port(self) -> int:
-        """Where it listens."""
-        return int(self._socket.getsockname()[1])
-
-    @property
-    def is_silent(self) -> bool:
-        """Whether nothing has come for :data:`SILENT_S`."""
-        return self._clock() - self._heard_s > SILENT_S
-
-    def faps(self) -> Faps:
-        """Newest frame, (68,) FAPU; late ones are dropped, what one leaves out keeps its value."""
-        while True:
-            try:
-                data = self._socket.recv(LARGEST)
-            except OSError:  # nothing more is there
-                return self._values.copy()
-            try:
-                for message in osc.parse_packet(data):
-                    self._take(message)
-            except DataError:
-                self.counts.refused += 1
-
-    def close(self) -> None:
-        """Listen no more."""
-        self._socket.close()
-
-    def _take(self, message: osc.Message) -> None:
-        if message.address != OSC_FRAME:
-            self.counts.refused += 1
-            return
-        frame = parse_frame(message)
-        if self.session is None:
-            self.session = frame.session
-        if frame.session != self.session:
-            return
-        before, self._heard_s = self._frame, self._clock()
-        if before is not None and 0 <= before.number - frame.number < 1000 and frame.time_us <= before.time_us:
-            return
-        if before is not None and frame.number > before.number:
-            self.counts.missed += frame.number - before.number - 1
-        self.counts.frames += 1
-        self._frame = frame
-        self._values = np.where(frame.mask, frame.values, self._values).astype(np.int32)
-
-
-def _bound(made: socket.socket, address: Any) -> socket.socket:
     try:
-        made.bind(address)
-    except OSError:
-        made.close()
-        raise
-    return made
+        with wave.open(io.BytesIO(data), "rb") as sound:
+            channels, width, rate_hz = sound.getnchannels(), sound.getsampwidth(), sound.getframerate()
+            frames = sound.readframes(sound.getnframes())
+    except (wave.Error, EOFError, ValueError, RuntimeError) as error:
+        raise DataError(f"sound: is no WAV ({str(error) or type(error).__name__})") from error
+    if width != np.dtype(np.int16).itemsize or not rate_hz:
+        raise DataError(f"sound: got {8 * width} bits at {rate_hz} Hz, expected 16 bits")
+    whole = frames[: len(frames) - len(frames) % (2 * channels)]
+    return np.frombuffer(whole, "<i2").reshape(-1, channels)[:, 0].astype(np.int16), rate_hz
 
 
 def _aiohttp() -> Any:

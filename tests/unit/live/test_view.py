@@ -182,7 +182,7 @@ def test_refuses_what_is_no_source(tmp_path: Path) -> None:
         ("osc://127.0.0.1:x", "expected osc://HOST:PORT"),
     ):
         with pytest.raises(UsageError, match=message):
-            _elsewhere(url, None, "en-us")
+            _elsewhere(url, None, "en-us", None, True)
     save_fap(tmp_path / "none.fap", FapTrack.of(np.zeros((0, 68), int), rate_hz=30.0))
     with pytest.raises(DataError, match="got no frame"):
         _file(tmp_path / "none.fap", None, None, True)

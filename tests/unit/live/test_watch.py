@@ -1,20 +1,28 @@
 """A live face from elsewhere: from a real server over its WebSocket, and from datagrams."""
 
+import contextlib
+import io
 import signal
 import socket
 import subprocess
 import sys
 import time
+import wave
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fapengine.errors import ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live import watch
 from fapengine.live.fap_osc import FapFrame, SessionFrames, encode_frame
-from fapengine.live.watch import OscFrames, ServerLink, web_socket_of
+from fapengine.live.sound import SilentOutput
+from fapengine.live.watch import HeardSound, ServerLink, parse_wav, web_socket_of
+from fapengine.live.watch_osc import OscFrames
+from fapengine.live.watch_sound import ServerSound
 from fapengine.live.web.wire import pack_frame, text_of
 from fapengine.mpeg4 import fap
 
@@ -69,11 +77,140 @@ def test_a_server_is_watched_told_lost_and_found_again(coarse_head: Path) -> Non
         before = link.counts.frames
         assert until(lambda: link.counts.frames > before)
         assert link.counts.refused == 0
+        play_here(port)
     finally:
         link.close()
         server.terminate()
         server.wait()
     assert not link._thread.is_alive()
+
+
+def play_here(port: int) -> None:
+    """The server's sound is played here, and its face follows; a sound that is cancelled ends."""
+    link = ServerLink(f"http://127.0.0.1:{port}/", session="bob", plays=True)
+    opened: list[SilentOutput] = []
+
+    def opens(rate_hz: int) -> SilentOutput:
+        opened.append(SilentOutput(rate_hz, "a test"))
+        return opened[-1]
+
+    sound = ServerSound(link, opens=opens)
+    try:
+        assert until(lambda: link.age_s is not None)
+        link.send("say", text="Mama, papa.", voice="en-us")
+        seen: list[tuple[float, float]] = []
+
+        def step() -> bool:
+            now_s = time.monotonic()
+            sound.follow(now_s)
+            if opened:
+                seen.append((opened[0].position_s(1, now_s) or 0.0, opening(link.faps())))
+            return bool(seen) and not sound.is_playing
+
+        assert until(step)
+        assert opened[0].is_over(1, time.monotonic())
+        assert max(wide for _, wide in seen) > 80
+        assert max(place for place, _ in seen) > 0.8
+        link.send("say", text="This one is stopped in its midst.", voice="en-us")
+        assert until(lambda: (sound.follow(time.monotonic()), sound.is_playing)[1])
+        link.send("cancel")
+        assert until(lambda: (sound.follow(time.monotonic()), not sound.is_playing)[1])
+        assert link.counts.refused == 0
+    finally:
+        sound.close()
+        link.close()
+
+
+class StubLink:
+    state, age_s = "open", 0.02
+
+    def __init__(self) -> None:
+        self.queue = [HeardSound(7, np.ones(8000, np.int16), 8000)]
+        self.over: list[int] = []
+        self.sent: list[dict[str, float]] = []
+
+    def sounds(self) -> list[HeardSound]:
+        taken, self.queue = self.queue, []
+        return taken
+
+    def ended(self) -> list[int]:
+        taken, self.over = self.over, []
+        return taken
+
+    def server_s(self, now_s: float) -> float | None:
+        return now_s + 1000.0
+
+    def send(self, kind: str, **fields: float) -> None:
+        assert kind == "audio"
+        self.sent.append(fields)
+
+
+def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
+    now = [5.0]
+    link = StubLink()
+    sound = ServerSound(link, opens=lambda rate_hz: SilentOutput(rate_hz, "", now=lambda: now[0]))
+
+    def run(seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            now[0] += 0.01
+            sound.follow(now[0])
+
+    run(0.5)
+    assert 15 <= len(link.sent) <= 26  # every 20 ms, at frames
+    last = link.sent[-1]
+    assert last["utterance"] == 7
+    assert last["position_s"] == pytest.approx(last["at_s"] - 1005.0 + 0.02, abs=0.015)  # ahead by a frame's way
+    sound.pause(True)
+    run(0.3)
+    assert link.sent[-1]["rate"] == 0.0
+    told = len(link.sent)
+    run(0.3)
+    assert len(link.sent) == told
+    sound.pause(False)
+    run(0.1)
+    assert link.sent[-1]["rate"] == 1.0
+    link.over.append(7)
+    run(0.02)
+    assert not sound.is_playing
+    link.queue.append(HeardSound(8, np.ones(800, np.int16), 8000))
+    run(0.03)
+    assert sound.is_playing
+    run(0.2)
+    assert not sound.is_playing
+    link.queue.append(HeardSound(9, np.ones(8000, np.int16), 8000))
+    link.state = "lost"
+    run(0.02)
+    assert not sound.is_playing
+    sound.close()
+
+
+@pytest.mark.parametrize("data", [b"", b"RIFF", b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0"])
+def test_a_sound_that_is_none_is_refused(data: bytes) -> None:
+    with pytest.raises(DataError, match="sound: is no WAV"):
+        parse_wav(data)
+
+
+def test_sounds_of_one_and_two_channels_are_read() -> None:
+    def wav(channels: int, width: int) -> bytes:
+        buffer = io.BytesIO()
+        with wave.open(buffer, "wb") as out:
+            out.setnchannels(channels)
+            out.setsampwidth(width)
+            out.setframerate(8000)
+            out.writeframes(bytes(range(4 * channels * width)))
+        return buffer.getvalue()
+
+    mono, rate_hz = parse_wav(wav(1, 2))
+    assert (mono.tolist(), rate_hz) == ([0x0100, 0x0302, 0x0504, 0x0706], 8000)
+    assert parse_wav(wav(2, 2))[0].tolist() == [0x0100, 0x0504, 0x0908, 0x0D0C]
+    with pytest.raises(DataError, match="got 8 bits at 8000 Hz, expected 16"):
+        parse_wav(wav(1, 1))
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_sound_or_a_data_error(data: bytes) -> None:
+    with contextlib.suppress(DataError):
+        parse_wav(b"RIFF\x64\0\0\0WAVEfmt \x10\0\0\0\x01\0" + data)
 
 
 def test_what_is_no_message_is_counted() -> None:

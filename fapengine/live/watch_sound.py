@@ -1,0 +1,98 @@
+"""Plays what a server's face says, and tells the server where the sound is, so that its face follows our loudspeaker.
+
+Frames reach us some time after they were made; the server is told of a place that is so much ahead, and what is seen
+then fits what is heard.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fapengine.live.loudspeaker import STILL_S, TELL_EVERY_S
+from fapengine.live.sound import Output, open_output
+from fapengine.live.watch import ServerLink
+
+
+@dataclass(slots=True)
+class _Playing:
+    utterance: int
+    output: Output
+    sound: int
+    told_s: float = 0.0
+    place_s: float | None = None
+    moved_s: float = 0.0
+    is_still: bool = False
+
+
+class ServerSound:
+    """Stateful: the sound of a :class:`ServerLink` that plays. Close it.
+
+    Parameters
+    ----------
+    link : ServerLink
+        Made with ``plays``.
+    opens : callable
+        Sample rate in Hz to an output; called once for each rate.
+    """
+
+    def __init__(self, link: ServerLink, *, opens: Callable[[int], Output] = open_output) -> None:
+        self._link, self._opens = link, opens
+        self._outputs: dict[int, Output] = {}
+        self._playing: list[_Playing] = []
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a sound plays or waits."""
+        return bool(self._playing)
+
+    def follow(self, now_s: float) -> None:
+        """Play what has come, and tell where it is; call it before each frame.
+
+        Parameters
+        ----------
+        now_s : float
+            Monotonic clock.
+        """
+        for heard in self._link.sounds():
+            if heard.sample_rate_hz not in self._outputs:
+                self._outputs[heard.sample_rate_hz] = self._opens(heard.sample_rate_hz)
+            output = self._outputs[heard.sample_rate_hz]
+            self._playing.append(_Playing(heard.utterance, output, output.play(heard.samples), moved_s=now_s))
+        ended = set(self._link.ended())
+        if self._link.state != "open" or any(one.utterance in ended for one in self._playing):
+            self.stop()
+        for one in tuple(self._playing):
+            if one.output.is_over(one.sound, now_s):
+                self._playing.remove(one)
+            else:
+                self._tell(one, now_s)
+
+    def pause(self, on: bool) -> None:
+        """Let sound stand still, or go on; the face does as it does."""
+        for output in self._outputs.values():
+            output.pause(on)
+
+    def stop(self) -> None:
+        """Fall silent."""
+        for output in self._outputs.values():
+            output.stop()
+        self._playing.clear()
+
+    def close(self) -> None:
+        """Give the devices back."""
+        for output in self._outputs.values():
+            output.close()
+
+    def _tell(self, one: _Playing, now_s: float) -> None:
+        place_s, server_s = one.output.position_s(one.sound, now_s), self._link.server_s(now_s)
+        if place_s is None or server_s is None:
+            return
+        if place_s != one.place_s:
+            one.place_s, one.moved_s = place_s, now_s
+        stands = now_s - one.moved_s > STILL_S
+        if stands == one.is_still and (stands or now_s - one.told_s < TELL_EVERY_S):
+            return
+        one.told_s, one.is_still = now_s, stands
+        ahead_s = 0.0 if stands else max(self._link.age_s or 0.0, 0.0)
+        self._link.send(
+            "audio", utterance=one.utterance, at_s=server_s, position_s=place_s + ahead_s, rate=0.0 if stands else 1.0
+        )
