@@ -1,10 +1,10 @@
-"""The default head with more vertices, for measuring: its longest edges are halved until there are enough.
+"""A head with more vertices, for measuring: its longest edges are halved until there are enough.
 
 Theory of operation
 -------------------
 A round halves the marked edges of all triangles at once, so that neighbours stay joined. Every new vertex is the mean
 of two old ones: one sparse matrix carries positions, colours and displacements alike. The surface does not get
-smoother; only its cost grows. (The product has one level of detail as yet.)
+smoother; only its cost grows. The product's own levels of detail have other numbers of vertices than the papers.
 """
 
 from dataclasses import replace

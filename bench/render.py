@@ -3,9 +3,11 @@
     python -m bench.render [--peers PYTHON] [--rounds N] [--json FILE] [--page]
 
 Frames are drawn as they are for a video: all FAPs live, full shading, softened edges, read back into an array. Every
-case and every peer draws in each round, so that all see the same machine. Frames a second are of a case's best round;
-ratios are medians over the rounds. PYTHON is an interpreter with the group ``peers`` of pyproject.toml (by default this
-one); a peer that does not install or start is reported as absent. ``--page`` writes docs/render.md and its plot.
+case and every peer draws in each round, the default head before and after each of them, so that a neighbour on the same
+cores slows both sides of a ratio. Ratios are medians over the rounds, with the quarters of the rounds beside them;
+frames a second are of a case's best round, which is the one with the fewest neighbours. PYTHON is an interpreter with
+the group ``peers`` of pyproject.toml (by default this one); a peer that does not install or start is reported as
+absent. ``--page`` writes docs/render.md and its plot.
 """
 
 import argparse
@@ -19,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +44,14 @@ START_LIMIT_S, ROUND_LIMIT_S, END_LIMIT_S = 90.0, 60.0, 5.0
 SLICE_S = 0.15
 """How long a contender draws in a round."""
 SQUARE, HD, FULL_HD = (512, 512), (1280, 720), (1920, 1080)
+REFERENCE = "default head"
+PARTS = {
+    "without a painting": "its texture",
+    "light at pixels": "light at vertices (saved)",
+    "edges as they are": "softening edges",
+    "undeformed": "deforming",
+}
+"""Case to what the default head has and it has not."""
 GOALS_FPS = {"default head": 60, "26,000 vertices": 40, "71,000 vertices": 20, "720p": 30}
 DEFORMING_CEILING, PEER_GOAL = 1.3, 6.0
 OTHER_GOALS = {"three.js": 2.0, "three.js, bare": None, "three.js, morphs": None, "our page": None}
@@ -74,7 +85,7 @@ class Peer:
         """Refuse a picture without a head: the middle must differ from the corner, in many pixels."""
         picture = np.load(self._folder / f"{self.name}.npy").astype(int)
         share = (np.abs(picture - picture[0, 0]).max(axis=-1) > 12).mean()
-        if not 0.3 < share < 0.9:
+        if not 0.3 < share < 0.97:  # a wall that is lighter in the middle counts too
             raise AbsentError(f"drew no head: {100 * share:.0f} % of its picture is not background")
 
     def draw(self, count: int) -> float:
@@ -106,38 +117,60 @@ class Peer:
             self._process.wait()
 
 
-def cases(head: FaceMesh) -> dict[str, tuple[FaceMesh, tuple[int, int]]]:
-    """Ours, by name: which mesh at which size."""
+@dataclass(frozen=True)
+class Case:
+    """One of ours."""
+
+    mesh: FaceMesh
+    size: tuple[int, int] = SQUARE
+    manner: dict[str, Any] = field(default_factory=dict)
+    """Further options of the renderer."""
+
+
+def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
+    """Ours, by name: the default head, its coarse and its fine level, and what changes one thing about the first."""
     numbers = sorted({channel.fap for channel in head.basis.channels})
     made = {
-        "default head": (head, SQUARE),
-        "undeformed": (only_faps(head, set()), SQUARE),
-        "26,000 vertices": (finer(head, 26_000), SQUARE),
-        "71,000 vertices": (finer(head, 71_000), SQUARE),
-        "720p": (head, HD),
+        REFERENCE: Case(head),
+        "undeformed": Case(only_faps(head, set())),
+        "26,000 vertices": Case(finer(fine, 26_000)),
+        "71,000 vertices": Case(finer(fine, 71_000)),
+        "720p": Case(head, HD),
+        "without a painting": Case(replace(head, texture=None)),
+        "light at pixels": Case(head, manner={"shading": "pixels"}),
+        "edges as they are": Case(head, manner={"samples": 1}),
+        f"{len(coarse.vertices_mm):,} vertices": Case(coarse),
     }
-    for count in (18_000, 40_000, 55_000):
-        made[f"{count:,} vertices"] = (finer(head, count), SQUARE)
+    for count in (40_000, 55_000):
+        made[f"{count:,} vertices"] = Case(finer(fine, count))
     for count in (4, 12, 24, 36, 48):
         live = set(numbers[:: max(1, round(len(numbers) / count))][:count])
-        made[f"{len(live)} FAPs"] = (only_faps(head, live), SQUARE)
+        made[f"{len(live)} FAPs"] = Case(only_faps(head, live))
     for size in ((128, 128), (256, 256), (384, 384), (768, 768), FULL_HD):
-        made[f"{size[0]}x{size[1]}"] = (head, size)
+        made[f"{size[0]}x{size[1]}"] = Case(head, size)
     return made
 
 
-def growth(made: dict[str, tuple[FaceMesh, tuple[int, int]]], best_ms: dict[str, float]) -> dict[str, list]:
+def live_faps(mesh: FaceMesh) -> set[int]:
+    """FAPs that move a vertex by a channel."""
+    basis = mesh.basis
+    moving = basis.entry_channels[np.abs(basis.entry_mm).max(axis=1, initial=0.0) > 0]
+    return {basis.channels[channel].fap for channel in np.unique(moving)}
+
+
+def growth(made: dict[str, Case], best_ms: dict[str, float]) -> dict[str, list]:
     """For each quantity: its value and milliseconds, over the cases that differ from the default head in it alone."""
     kinds = ("vertices", "faps", "pixels")
     rows = {
         name: (
-            len(mesh.vertices_mm),
-            len({mesh.basis.channels[channel].fap for channel in np.unique(mesh.basis.entry_channels)}),
-            size[0] * size[1],
+            len(case.mesh.vertices_mm),
+            len(live_faps(case.mesh)),
+            case.size[0] * case.size[1],
         )
-        for name, (mesh, size) in made.items()
+        for name, case in made.items()
+        if not case.manner and case.mesh.texture is not None
     }
-    own = np.array(rows["default head"])
+    own = np.array(rows[REFERENCE])
     return {
         kind: sorted(
             (row[axis], best_ms[name]) for name, row in rows.items() if all(np.delete(np.array(row) == own, axis))
@@ -146,14 +179,22 @@ def growth(made: dict[str, tuple[FaceMesh, tuple[int, int]]], best_ms: dict[str,
     }
 
 
-def our_draw(renderer: FaceRenderer) -> Draw:
-    def draw(count: int) -> float:
-        started = time.perf_counter()
-        for _ in renderer.frames(FRAMES[np.arange(count) % len(FRAMES)]):
-            pass
-        return time.perf_counter() - started
+class OurDraw:
+    """Stateful: draws with one of our renderers; beside the seconds it keeps what the processors did."""
 
-    return draw
+    def __init__(self, renderer: FaceRenderer) -> None:
+        self._renderer = renderer
+        self.cpu_ms: list[float] = []
+        """Milliseconds of all cores together for a frame, of each call."""
+
+    def __call__(self, count: int) -> float:
+        """Seconds for ``count`` frames."""
+        cpu_s, started = time.process_time(), time.perf_counter()
+        for _ in self._renderer.frames(FRAMES[np.arange(count) % len(FRAMES)]):
+            pass
+        took_s = time.perf_counter() - started
+        self.cpu_ms.append(1000 * (time.process_time() - cpu_s) / count)
+        return took_s
 
 
 @contextlib.contextmanager
@@ -180,14 +221,37 @@ def started_peers(python: str, head: FaceMesh) -> Iterator[tuple[dict[str, Draw]
         yield {name: peer.draw for name, peer in peers.items()}, absent
 
 
-def interleaved(contenders: dict[str, Draw], rounds: int) -> dict[str, list[float]]:
-    """Milliseconds a frame, by name and round."""
+def interleaved(contenders: dict[str, Draw], rounds: int) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Milliseconds a frame, and how many times the reference's around it, by name and round.
+
+    A contender that falls silent is left out of the rounds that follow.
+    """
     counts = {name: max(3, round(SLICE_S / (draw(3) / 3))) for name, draw in contenders.items()}
     times: dict[str, list[float]] = {name: [] for name in contenders}
-    for _ in range(rounds):
-        for name, draw in contenders.items():
-            times[name].append(1000 * draw(counts[name]) / counts[name])
-    return times
+    ratios: dict[str, list[float]] = {name: [] for name in contenders}
+
+    def measured(name: str) -> float:
+        times[name].append(1000 * contenders[name](counts[name]) / counts[name])
+        return times[name][-1]
+
+    for number in range(rounds):
+        before = measured(REFERENCE)
+        for name in contenders:
+            if name == REFERENCE:
+                continue
+            taken = measured(name)
+            after = measured(REFERENCE)
+            ratios[name].append(2 * taken / (before + after))
+            before = after
+        print(f"\rround {number + 1} of {rounds}", end="", file=sys.stderr, flush=True)
+    print("", file=sys.stderr)
+    return times, ratios
+
+
+def spread(ratios: list[float]) -> dict[str, float]:
+    """Median and quarters."""
+    low, middle, high = np.percentile(ratios, (25, 50, 75))
+    return {"ratio": float(middle), "low": float(low), "high": float(high)}
 
 
 def measure(python: str, rounds: int) -> dict[str, object]:
@@ -201,26 +265,26 @@ def measure(python: str, rounds: int) -> dict[str, object]:
             "python": platform.python_version(),
             "load": [load],
         }
-        made = cases(head)
+        made = cases(head, build_head(level="coarse"), build_head(level="fine"))
         ours = {
-            name: our_draw(stack.enter_context(FaceRenderer(mesh, size=size))) for name, (mesh, size) in made.items()
+            name: OurDraw(stack.enter_context(FaceRenderer(case.mesh, size=case.size, **case.manner)))
+            for name, case in made.items()
         }
         theirs, absent = stack.enter_context(started_peers(python, head))
-        times = interleaved({**ours, **theirs}, rounds)
+        times, ratios = interleaved({**ours, **theirs}, rounds)
     machine["load"].append(os.getloadavg()[0])
-    reference = np.array(times["default head"])
     best_ms = {name: min(times[name]) for name in ours}
+    inverse = {name: spread([1 / ratio for ratio in ratios[name]]) for name in PARTS}
     return {
         "machine": machine,
         "vertices": len(head.vertices_mm),
         "triangles": len(head.triangles),
         "best_ms": best_ms,
+        "cpu_ms": {name: float(np.median(draw.cpu_ms)) for name, draw in ours.items()},
         "growth": growth(made, best_ms),
-        "deforming": float(np.median(reference / np.array(times["undeformed"]))),
-        "peers": {
-            name: {"best_ms": min(times[name]), "ratio": float(np.median(np.array(times[name]) / reference))}
-            for name in theirs
-        },
+        "deforming": inverse["undeformed"]["ratio"],
+        "parts": {PARTS[name]: found for name, found in inverse.items()},
+        "peers": {name: {"best_ms": min(times[name]), **spread(ratios[name])} for name in theirs},
         "absent": absent,
         "rounds": rounds,
     }
@@ -234,14 +298,22 @@ def print_result(result: dict) -> None:
     )
     for name, goal in GOALS_FPS.items():
         fps = 1000 / best[name]
-        print(f"{name:>20} {best[name]:7.1f} ms {fps:5.0f} fps (goal {goal}: {'met' if fps >= goal else 'MISSED'})")
+        judged = f"(goal {goal}: {'met' if fps >= goal else 'MISSED'})"
+        print(f"{name:>20} {best[name]:7.1f} ms {fps:5.0f} fps {judged}, {result['cpu_ms'][name]:.1f} ms of processors")
     print(f"{'deforming':>20} {result['deforming']:7.2f} times undeformed (goal: at most {DEFORMING_CEILING})")
+    for what, found in result["parts"].items():
+        print(f"{what:>26} {100 * (found['ratio'] - 1):+5.0f} % ({_percents(found)})")
     for name, peer in result["peers"].items():
         goal = OTHER_GOALS.get(name, PEER_GOAL)
         judged = f" (goal {goal:g}: {'met' if peer['ratio'] >= goal else 'MISSED'})" if goal else ""
-        print(f"{name:>20} {peer['best_ms']:7.1f} ms, {peer['ratio']:.1f} times ours{judged}")
+        quarters = f"{peer['low']:.1f}..{peer['high']:.1f}"
+        print(f"{name:>20} {peer['best_ms']:7.1f} ms, {peer['ratio']:.1f} times ours ({quarters}){judged}")
     for name, why in result["absent"].items():
         print(f"{name:>20} absent: {why}")
+
+
+def _percents(found: dict[str, float]) -> str:
+    return f"{100 * (found['low'] - 1):+.0f}..{100 * (found['high'] - 1):+.0f}"
 
 
 def main() -> None:

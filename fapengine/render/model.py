@@ -19,7 +19,7 @@ from fapengine.render.programs import (
 Shading = Literal["auto", "pixels", "vertices"]
 """Where light is worked out. ``auto``: at vertices while they stand closer than :data:`FINE_PX` in the picture."""
 SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
-FINE_PX = 8.0
+FINE_PX = 12.0
 """Median edge in pixels up to which light is worked out at vertices: see docs/render.md for what that changes."""
 SHARPER = 0.3
 """Level of the painting: log2 of texels a pixel, and this much finer, rounded down."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.finer import finer, only_faps
-from bench.render import cases, growth
+from bench.render import PARTS, REFERENCE, Draw, cases, growth, interleaved, spread
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.head import build_head
@@ -49,9 +49,34 @@ def test_only_some_faps(head: FaceMesh) -> None:
 
 
 def test_every_case_is_on_its_curve(head: FaceMesh) -> None:
-    made = cases(head)
+    made = cases(head, finer(head, 15_500), head)
     curves = growth(made, dict.fromkeys(made, 1.0))
     assert {kind: len(points) for kind, points in curves.items()} == {"vertices": 6, "faps": 7, "pixels": 7}
     assert [count for count, _ in curves["vertices"]][-1] == 71_000
     assert curves["faps"][0][0] == 0
-    assert sum(map(len, curves.values())) == len(made) + 2  # the default head is on all three
+    manners = sum(bool(case.manner) or case.mesh.texture is None for case in made.values())
+    assert manners == len(PARTS) - 1
+    assert sum(map(len, curves.values())) == len(made) - manners + 2  # the default head is on all three
+
+
+def test_a_busy_machine_slows_both_sides_of_a_ratio() -> None:
+    """A neighbour that comes and goes in waves: the contender takes three times as long throughout."""
+    now = [0.0]
+
+    def contender(cost_s: float) -> Draw:
+        def draw(count: int) -> float:
+            took = 0.0
+            for _ in range(count):
+                frame = cost_s * (1.0 + 2.0 * (np.sin(now[0] * 0.7) > 0))
+                now[0] += frame
+                took += frame
+            return took
+
+        return draw
+
+    times, ratios = interleaved({"slow": contender(0.03), REFERENCE: contender(0.01)}, 41)
+    assert spread(ratios["slow"])["ratio"] == pytest.approx(3.0, rel=0.1)
+    assert spread(ratios["slow"])["low"] <= spread(ratios["slow"])["ratio"] <= spread(ratios["slow"])["high"]
+    assert min(times[REFERENCE]) == pytest.approx(10.0)  # ms
+    assert ratios[REFERENCE] == []
+    assert len(times[REFERENCE]) == 82
