@@ -68,6 +68,8 @@ class _Server:
             self.counts.refused += 1
             raise web.HTTPBadRequest(text=str(error)) from error
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
+        if not socket.can_prepare(request).ok:
+            raise web.HTTPUpgradeRequired(text="This address speaks WebSocket.")  # the page asks so why it was refused
         await socket.prepare(request)
         connection = Connection(self.hub, room, socket, self.counts)
         self.connections.add(connection)

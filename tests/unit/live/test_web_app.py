@@ -299,6 +299,10 @@ def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) 
             assert caught.value.status == 400
 
         await refused("/ws?session=%0A")
+        async with client.get("/ws?session=a") as answer:  # a page that was refused asks why in plain HTTP
+            assert answer.status == 426
+        async with client.get("/ws?session=%0A") as answer:
+            assert (answer.status, "session: got" in await answer.text()) == (400, True)
         one, other = await client.ws_connect("/ws?session=a"), await client.ws_connect("/ws?session=b")
         await refused("/ws?session=c")  # sessions
         third = await client.ws_connect("/ws?session=b")

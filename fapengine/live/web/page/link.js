@@ -72,7 +72,7 @@ export class Link {
   async ask() {
     try {
       const answer = await fetch(this.url.replace(/^ws/, "http"));
-      this.on.refused(answer.status === 403 ? await answer.text() : "");
+      this.on.refused([400, 403].includes(answer.status) ? await answer.text() : "");
     } catch {
       this.on.refused(""); // nobody there
     }
