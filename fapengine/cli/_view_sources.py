@@ -350,8 +350,8 @@ class ServerSource:
         if age_s is None or trip_s is None:
             return ("open",)
         return (
-            f"frames {1e3 * age_s:.0f} ms old, {1e3 * trip_s:.1f} ms there and back",
-            f"{link.counts.missed} missed",
+            f"frames {1e3 * age_s:.0f} ms old, {link.counts.missed} missed",
+            f"{1e3 * trip_s:.1f} ms there and back",
         )
 
     def lit(self) -> frozenset[str]:

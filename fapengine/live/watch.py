@@ -210,7 +210,10 @@ class ServerLink:
                         self._fetching.add(task)
                         task.add_done_callback(self._fetching.discard)
         finally:
-            sender.cancel()
+            tasks = (sender, *self._fetching)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _fetch(self, client: Any, utterance: int, path: str) -> None:
         """Have a sound."""

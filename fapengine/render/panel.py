@@ -212,7 +212,8 @@ class Panel:
         image = Image.new("RGBA", size, (*PAPER, 255))
         pen = _Pen(ImageDraw.Draw(image), scale)
         for line, text in enumerate(self.status):
-            pen.text((MARGIN, MARGIN + LINE * line), text, 14, INK if line == 0 else FAINT)
+            fitted = pen.fitted(text, 14, WIDTH - 2 * MARGIN)
+            pen.text((MARGIN, MARGIN + LINE * line), fitted, 14, INK if line == 0 else FAINT)
         for slider, (_, top, _, _) in self._slider_boxes():
             self._draw_slider(pen, slider, top)
         for name, box in self._button_boxes():
@@ -255,6 +256,14 @@ class _Pen:
     ) -> None:
         place = (at[0] * self.scale, at[1] * self.scale)
         self.to.text(place, text, fill=colour, font=_font(round(size * self.scale)), anchor=anchor)
+
+    def fitted(self, text: str, size: int, room: float) -> str:
+        """As much of the beginning as there is room for."""
+        if self.width(text, size) <= room:
+            return text
+        while text and self.width(f"{text}…", size) > room:
+            text = text[:-1]
+        return f"{text}…"
 
     def width(self, text: str, size: int) -> float:
         return self.to.textlength(text, font=_font(round(size * self.scale))) / self.scale

@@ -260,7 +260,7 @@ def test_a_servers_face_is_told_what_is_done_to_the_controls() -> None:
     link.state = "open"
     assert source.status() == ("open",)
     link.age_s, link.round_trip_s = 0.012, 0.0014
-    assert source.status() == ("frames 12 ms old, 1.4 ms there and back", "3 missed")
+    assert source.status() == ("frames 12 ms old, 3 missed", "1.4 ms there and back")
     assert source.frame(0.0)[5] == 5
     for event in (
         Said("Guten Tag"), Moved("joy", 0.5), Moved("pitch", 0.0), Moved("articulation", 1.5), Pressed(BLINK),

@@ -96,6 +96,13 @@ def test_it_is_drawn_anew_only_when_something_changes() -> None:
     assert one.picture(2.0)[0].shape == (1200, 2 * WIDTH, 4)
 
 
+def test_a_long_line_of_status_is_cut() -> None:
+    wide, cut = panel(status=("w" * 200,)), panel(status=("w" * 300 + "m",))
+    np.testing.assert_array_equal(wide.picture()[0], cut.picture()[0])
+    margin = wide.picture()[0][:40, WIDTH - MARGIN :, :3]
+    assert (margin == margin[0, 0]).all()
+
+
 def test_long_text_shows_its_end() -> None:
     one = panel(is_typing=True, text="a" * 400 + "b")
     left = one.picture()[0]
