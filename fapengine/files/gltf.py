@@ -22,7 +22,11 @@ JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 HEADER, CHUNK_HEADER = 12, 8
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-MOST_ELEMENTS = 20_000_000
+KINDS = (
+    "accessors", "bufferViews", "images", "materials", "meshes", "nodes", "samplers", "scenes", "skins", "textures",
+)  # fmt: skip
+"""Arrays of a document that are looked up by index."""
+MOST_ELEMENTS = 4_000_000
 """Elements of an accessor; without a buffer view they cost a file nothing."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "VRM", "VRMC_vrm",
@@ -41,10 +45,20 @@ class Gltf:
     """A document with its buffers."""
 
     root: Item
-    accessors: list[Item]
-    views: list[Item]
+    rows: dict[str, list[Item]]
+    """By :data:`KINDS`."""
     buffers: tuple[bytes, ...]
     fetch: Fetch
+
+    @property
+    def accessors(self) -> list[Item]:
+        """Rows of numbers."""
+        return self.rows["accessors"]
+
+    @property
+    def views(self) -> list[Item]:
+        """Rows of bytes."""
+        return self.rows["bufferViews"]
 
     def accessor(self, index: int) -> NDArray[np.float64]:
         """(N, components) float64: numbers of an accessor, normalised ones as such, sparse ones filled in."""
@@ -160,7 +174,7 @@ def parse_gltf(data: bytes, fetch: Fetch) -> Gltf:
         if len(content) < length:
             raise TruncatedError(f"buffer: got {len(content)} bytes, expected {length}", where=item.where)
         buffers.append(content)
-    return Gltf(root, root.items("accessors"), root.items("bufferViews"), tuple(buffers), fetch)
+    return Gltf(root, {kind: root.items(kind) for kind in KINDS}, tuple(buffers), fetch)
 
 
 def _row(rows: list[Item], kind: str, index: int) -> Item:

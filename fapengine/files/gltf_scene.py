@@ -4,6 +4,7 @@ Vertices are given in the scene's space: through the transforms of their node, o
 joints (glTF 2.0, 3.7.3: the node's own transform then counts nothing). Shapes of one name in several meshes are one.
 """
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,10 +57,11 @@ def read_scene(gltf: Gltf) -> MorphMesh:
     DataError
         If the document contradicts itself, or shows no triangle.
     """
-    nodes = gltf.root.items("nodes")
-    world, parents = _transforms(gltf, nodes)
+    nodes = gltf.rows["nodes"]
+    children = [node.indices("children", len(nodes)) for node in nodes]
+    world = _transforms(gltf, nodes, children)
     limbs = _limbs(gltf, nodes, world)
-    below = {name: _subtree(node, parents) for name, node in limbs.items()}
+    below = {name: _subtree(node, children) for name, node in limbs.items()}
     parts, atlas = _Parts(), Atlas(gltf)
     for node in world:
         if "mesh" in nodes[node]:
@@ -82,29 +84,28 @@ def read_scene(gltf: Gltf) -> MorphMesh:
     )
 
 
-def _transforms(gltf: Gltf, nodes: list[Item]) -> tuple[dict[int, Array], dict[int, int]]:
-    """World matrix of each node that the scene shows, and its parent; joints elsewhere count too."""
-    children = [node.indices("children", len(nodes)) for node in nodes]
+def _transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dict[int, Array]:
+    """World matrix of each node that the scene shows."""
     parents: dict[int, int] = {}
     for parent, below in enumerate(children):
         for child in below:
             if child in parents or child == parent:
                 raise DataError(f"node {child}: got two parents, expected one", where=nodes[parent].where)
             parents[child] = parent
-    scenes = gltf.root.items("scenes")
+    scenes = gltf.rows["scenes"]
     if scenes:
         scene = scenes[gltf.root.index("scene", len(scenes), 0)]
-        waiting = [(node, np.eye(4)) for node in scene.indices("nodes", len(nodes))]
+        waiting = deque((node, np.eye(4)) for node in scene.indices("nodes", len(nodes)))
     else:
-        waiting = [(node, np.eye(4)) for node in range(len(nodes)) if node not in parents]
+        waiting = deque((node, np.eye(4)) for node in range(len(nodes)) if node not in parents)
     world: dict[int, Array] = {}
     while waiting:
-        node, above = waiting.pop(0)
+        node, above = waiting.popleft()
         if node in world:
             raise DataError(f"node {node}: got it twice in the scene, expected a tree", where=nodes[node].where)
         world[node] = above @ _local(nodes[node])
         waiting += [(child, world[node]) for child in children[node]]
-    return world, parents
+    return world
 
 
 def _local(node: Item) -> Array:
@@ -139,15 +140,13 @@ def _limbs(gltf: Gltf, nodes: list[Item], world: dict[int, Array]) -> dict[str, 
     return {limb: node for limb, node in found.items() if node in world}
 
 
-def _subtree(root: int, parents: dict[int, int]) -> set[int]:
+def _subtree(root: int, children: list[list[int]]) -> set[int]:
     """Find a node and all below it."""
-    inside = {root}
-    for node in parents:
-        path = [node]
-        while path[-1] not in inside and path[-1] in parents and len(path) <= len(parents):
-            path.append(parents[path[-1]])
-        if path[-1] in inside:
-            inside.update(path)
+    inside, waiting = {root}, [root]
+    while waiting:
+        below = [child for child in children[waiting.pop()] if child not in inside]
+        inside.update(below)
+        waiting += below
     return inside
 
 
@@ -155,7 +154,7 @@ def _add_mesh(
     gltf: Gltf, nodes: list[Item], node: int, world: dict[int, Array], below: dict[str, set[int]], parts: _Parts,
     atlas: Atlas,
 ) -> None:  # fmt: skip
-    meshes = gltf.root.items("meshes")
+    meshes = gltf.rows["meshes"]
     number = nodes[node].index("mesh", len(meshes))
     mesh = meshes[number]
     names = mesh.item("extras").strings("targetNames")
@@ -239,9 +238,9 @@ def _carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[i
     if "skin" not in node or "JOINTS_0" not in attributes:
         still = np.broadcast_to(world[number], (count, 4, 4))
         return _Carrier(still, np.full((count, 1), number), np.ones((count, 1)))
-    skins = gltf.root.items("skins")
+    skins = gltf.rows["skins"]
     skin = skins[node.index("skin", len(skins))]
-    bones = skin.indices("joints", len(gltf.root.items("nodes")))
+    bones = skin.indices("joints", len(gltf.rows["nodes"]))
     lost = [bone for bone in bones if bone not in world]
     if lost or not bones:
         raise DataError(f"joints: got {lost[:1] or 'none'}, expected nodes of the scene", where=skin.where)

@@ -23,6 +23,8 @@ Picture = NDArray[np.uint8]
 
 LARGEST = 4096
 """Pixels of the packed texture, each way."""
+LARGEST_IMAGE = 2048
+"""And of each image in it."""
 MOST_PIXELS = 8192 * 8192
 """Of one image; more is refused before it is unpacked."""
 GUTTER = 4
@@ -80,7 +82,7 @@ class Atlas:
         DataError
             If it names what is not there, or an image cannot be read.
         """
-        materials = self._gltf.root.items("materials")
+        materials = self._gltf.rows["materials"]
         if "material" not in primitive:
             return Look()
         item = materials[primitive.index("material", len(materials))]
@@ -98,7 +100,7 @@ class Atlas:
         return self._textured(look, surface.item(key)) if key in surface else look
 
     def _textured(self, look: Look, info: Item) -> Look:
-        textures, images = self._gltf.root.items("textures"), self._gltf.root.items("images")
+        textures, images = self._gltf.rows["textures"], self._gltf.rows["images"]
         texture = textures[info.index("index", len(textures))]
         webp = texture.item("extensions").item("EXT_texture_webp")
         if "source" not in texture and "source" not in webp:
@@ -107,7 +109,7 @@ class Atlas:
         image = (webp if "source" in webp else texture).index("source", len(images))
         if image not in self._images:
             self._images[image] = self._decode(images[image])
-        samplers = self._gltf.root.items("samplers")
+        samplers = self._gltf.rows["samplers"]
         sampler = samplers[texture.index("sampler", len(samplers))] if "sampler" in texture else Item({}, "")
         change = info.item("extensions").item("KHR_texture_transform")
         channel = info.index("texCoord", 8, 0)
@@ -133,7 +135,8 @@ class Atlas:
                             f"image: got {image.width}x{image.height} pixels, expected at most {MOST_PIXELS}",
                             where=item.where,
                         )
-                    return np.asarray(image.convert("RGBA"), np.uint8)
+                    pixels = np.asarray(image.convert("RGBA"), np.uint8)
+                    return _smaller(pixels, math.ceil(max(pixels.shape[:2]) / LARGEST_IMAGE))
         except UnsupportedError:
             raise
         except Exception as error:  # whatever the library trips over, the file is at fault
@@ -199,6 +202,8 @@ def _transform(item: Item) -> Array:
 
 
 def _smaller(image: Picture, factor: int) -> Picture:
+    if factor == 1:
+        return image
     height, width = (max(1, side // factor) for side in image.shape[:2])
     return np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BOX), np.uint8)
 

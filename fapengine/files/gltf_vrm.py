@@ -32,7 +32,7 @@ def bindings(gltf: Gltf, nodes: list[Item]) -> dict[str, list[Binding]]:
     DataError
         If an expression binds what is not there.
     """
-    meshes = gltf.root.items("meshes")
+    meshes = gltf.rows["meshes"]
     extensions = gltf.root.item("extensions")
     found: dict[str, list[Binding]] = {}
     for group in extensions.item("VRM").item("blendShapeMaster").items("blendShapeGroups"):

@@ -393,7 +393,19 @@ def test_an_image_larger_than_the_whole_is_made_smaller() -> None:
     found = read(textured(CORNERS, wide).glb())
     assert found.texture is not None
     assert found.texture.shape[1] <= LARGEST
+    many = read(textured(np.multiply(CORNERS, [4, 1]), np.zeros((8, 2000, 3), np.uint8)).glb())
+    assert many.texture is not None
+    assert many.texture.shape[1] <= LARGEST
     assert [colour_at(found, vertex)[0] for vertex in range(4)] == [0, 200, 200, 0]
+
+
+def test_a_long_chain_of_nodes_is_no_matter() -> None:
+    builder = Builder()
+    mesh, count = square(builder), 20_000
+    for number in range(count):
+        builder.node(shown=number == 0, name="Head", children=[number + 1], translation=[0, 0, 0.001])
+    builder.node(shown=False, mesh=mesh)
+    assert read(builder.glb()).vertices[0, 2] == pytest.approx(0.001 * count)
 
 
 def test_numbers_that_are_none() -> None:
