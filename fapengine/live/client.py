@@ -27,10 +27,10 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 PORT = 9110
 """Of ``fapengine serve``."""
 CONNECT_S = 5.0
-LINGER_S = 2.0
+LINGER_S = 5.0
 """So long :meth:`Client.close` waits for what was said to have come."""
-UNHEARD_LINGER_S = 0.3
-"""... if the engine was never heard of."""
+SILENT_S = 0.5
+"""... and not longer than this for an engine that says nothing."""
 IDLE_S = 0.25
 """The thread looks up at least so often."""
 KEPT_EVENTS = 256
@@ -322,14 +322,22 @@ class Client:
         if self._stops:
             return
         with self._changed:
-            linger_s = UNHEARD_LINGER_S if self._sender.welcome is None else LINGER_S
-            self._changed.wait_for(lambda: self._fault is not None or self._sender.is_settled(), linger_s)
+            self._linger()
         self._stops = True
         self._wake()
         self._thread.join()
         self._pipe.close()
         self._wake_in.close()
         self._wake_out.close()
+
+    def _linger(self) -> None:
+        """Wait for what was told to have come, as long as somebody answers."""
+        now_s = begun_s = self._clock()
+        while self._fault is None and not self._sender.is_settled() and now_s < begun_s + LINGER_S:
+            if now_s - max(begun_s, self._sender.heard_s) > SILENT_S:
+                break
+            self._changed.wait(0.1)
+            now_s = self._clock()
 
     @contextmanager
     def _telling(self) -> Iterator[float]:

@@ -1,10 +1,13 @@
-"""One utterance on its way out: what was sent when, what has come, what must go again."""
+"""Utterances and cancels on their way out: what was sent when, what has come, what must go again."""
 
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 
+from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Anchor
+from fapengine.live.protocol import schema
 from fapengine.live.protocol.schema import Ack, WirePhone, checksum
+from fapengine.speech.phone_track import Phone
 
 CHUNK = 8
 """Phones that are sent for the first time in one datagram."""
@@ -17,6 +20,7 @@ FASTEST_S, SLOWEST_S = 0.06, 0.25
 """Bounds of the time after which a phone that was not acknowledged is sent again."""
 BACKOFF = 1.5
 MOST_TRIES = 60
+CANCEL_TRIES = 12
 FORGOTTEN_S = 60.0
 """An utterance of which nothing is heard for so long is given up."""
 
@@ -186,3 +190,49 @@ class Outgoing:
 def _wait_s(tries: int, rtt_s: float) -> float:
     first_s = max(2 * rtt_s + 0.03, FASTEST_S)
     return max(min(first_s * BACKOFF ** min(tries - 1, 20), SLOWEST_S), first_s)
+
+
+class OutgoingCancel:
+    """Stateful: a cancel, until it is answered."""
+
+    def __init__(self, message: schema.CancelUtterance, now_s: float) -> None:
+        self._message, self._tries = message, 0
+        self.next_s = now_s
+
+    def due(self, now_s: float, asks: bool, reliable: bool) -> list[schema.CancelUtterance]:
+        """Give it when it is time."""
+        if now_s < self.next_s:
+            return []
+        self._tries += 1
+        if reliable or (self._tries >= len(END_REPEATS_S) and not asks) or self._tries >= CANCEL_TRIES:
+            self.next_s = inf
+        elif self._tries < len(END_REPEATS_S):
+            self.next_s = now_s + END_REPEATS_S[self._tries] - END_REPEATS_S[self._tries - 1]
+        else:
+            self.next_s = now_s + SLOWEST_S
+        return [self._message]
+
+    def answered(self, utterance: int, number: int) -> bool:
+        """Whether an answer is to this one."""
+        if self._message.utterance == schema.NOW:
+            return utterance == schema.NOW and number == self._message.number
+        return utterance == self._message.utterance
+
+
+def to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:
+    """Give a phone as it is sent.
+
+    Raises
+    ------
+    UsageError
+        If it lies beyond half an hour, or its label is too long.
+    """
+    if isinstance(phone, Phone):
+        start_us, end_us = round(phone.start_s * 1e6), round(phone.end_s * 1e6)
+        flags = {1: schema.PRIMARY_STRESS, 2: schema.SECONDARY_STRESS}.get(phone.stress, 0)
+        phone = schema.WirePhone(phone.label, start_us, end_us - start_us, flags)
+    if not (0 <= phone.start_us <= schema.LONGEST_US and 0 <= phone.duration_us <= schema.LONGEST_US):
+        raise UsageError(f"phone {phone.label!r:.30}: got {phone.start_us} us, expected 0..{schema.LONGEST_US}")
+    if len(phone.label.encode()) > schema.LABEL_BYTES or not isfinite(phone.weight):
+        raise UsageError(f"phone: got {phone.label!r:.40}, expected at most {schema.LABEL_BYTES} bytes")
+    return phone

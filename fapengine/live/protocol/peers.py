@@ -28,7 +28,6 @@ class Peer:
     phone_set: str = ""
     """Of the simple mode; empty: to be guessed."""
     labels: deque[str] = field(default_factory=lambda: deque(maxlen=GUESSED_FROM))
-    sessions: set[str] = field(default_factory=set)
     told_unknown_s: float = -math.inf
 
 

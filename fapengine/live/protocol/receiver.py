@@ -158,10 +158,10 @@ class OscReceiver:
 
     def forget(self, peer: Hashable) -> None:
         """Drop a peer whose connection is closed. What it had begun is said as far as it came."""
-        gone = self._joined.pop(peer, None) or self._strangers.pop(peer, None)
-        for name in gone.sessions if gone else ():
-            if name in self._sessions:
-                self._sessions[name].peers.pop(peer, None)
+        if self._joined.pop(peer, None) is not None:
+            for session in self._sessions.values():
+                session.peers.pop(peer, None)
+        self._strangers.pop(peer, None)
 
     def _peer(self, name: Hashable) -> Peer:
         known = self._joined.get(name)
@@ -226,7 +226,6 @@ class OscReceiver:
             self._joined[peer.name] = peer
             if len(self._joined) > self._limits.peers:
                 self.forget(next(iter(self._joined)))
-        peer.sessions.add(wire.session)
         if session.join(peer.name, wire, now_s):
             peer.tally.add("resets")
             peer.clock = SenderClock()
@@ -244,7 +243,6 @@ class OscReceiver:
 
     def _bye(self, wire: schema.Bye, arrival: Arrival) -> None:
         session = self._sessions.pop(wire.session, None)
-        arrival.peer.sessions.discard(wire.session)
         if session is None or wire.session not in self._engine:
             arrival.peer.tally.add("repeated")
             return
@@ -267,8 +265,11 @@ class OscReceiver:
 
     def _begin(self, wire: schema.BeginUtterance, arrival: Arrival) -> None:
         session = self._session(wire.session, arrival)
-        if session is not None:
-            session.begin(wire, arrival.peer.clock, arrival.peer.name, arrival.now_s, arrival.peer.tally)
+        if session is None:
+            return
+        peer = arrival.peer
+        if not session.begin(wire, peer.clock, peer.name, arrival.now_s, peer.tally):
+            self._refuse(wire.session, "utterances", arrival, wire.utterance)
 
     def _phones(self, wire: schema.Phones, arrival: Arrival) -> None:
         session = self._session(wire.session, arrival)
@@ -344,9 +345,9 @@ class OscReceiver:
             self._sessions[name] = WireSession(name, self._engine, self._limits.utterances)
         return self._sessions[name]
 
-    def _refuse(self, session: str, reason: str, arrival: Arrival) -> None:
+    def _refuse(self, session: str, reason: str, arrival: Arrival, utterance: int = -1) -> None:
         arrival.peer.tally.add("refused")
-        notice = schema.Notice(session, -1, "error", engine_us=microseconds(arrival.now_s), reason=reason)
+        notice = schema.Notice(session, utterance, "error", engine_us=microseconds(arrival.now_s), reason=reason)
         arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
 
     def _tell_unknown(self, session: str, utterance: int, arrival: Arrival) -> None:

@@ -16,24 +16,19 @@ sender's own clock, any that only rises.
 import heapq
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from math import inf, isfinite
+from math import inf
 
 from fapengine.errors import DataError, UsageError
 from fapengine.live import osc
 from fapengine.live.engine.commands import Anchor
 from fapengine.live.protocol import schema, wire
+from fapengine.live.protocol.calls import Calls
 from fapengine.live.protocol.clock import EngineClock
-from fapengine.live.protocol.outgoing import END_REPEATS_S, SLOWEST_S, Outgoing
+from fapengine.live.protocol.outgoing import END_REPEATS_S, Outgoing, OutgoingCancel, to_wire
 from fapengine.speech.phone_track import Phone
 
-FIRST_PINGS, FIRST_PINGS_S, PING_S = 8, 0.04, 2.0
-HELLOS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 1.0)
-"""From one hello to the next, until there is an answer; the last one again and again."""
-SILENT_S = 5.0
-"""An engine of which nothing is heard for so long is greeted again."""
 CLOCK_WAIT_S = 0.25
 """So long an utterance at a time waits for the first pong."""
-CANCEL_TRIES = 12
 INT32 = 2**31 - 1
 
 
@@ -82,21 +77,15 @@ class OscSender:
         if not 0 < abs(instance) <= INT32:
             raise UsageError(f"instance: got {instance}, expected an int32 other than 0")
         self.session = schema.check_session(session)
-        self.clock = EngineClock()
         self._repeats = 0 if reliable else repeats
         self._asks = acknowledged
         self._reliable, self._limit = reliable, limit
         flags = (schema.WANT_ACK if acknowledged else 0) | (schema.TCP if reliable else 0)
-        self._hello = schema.Hello(session, schema.PROTOCOL, phone_set, language, flags, token, instance)
+        self._calls = Calls(schema.Hello(session, schema.PROTOCOL, phone_set, language, flags, token, instance))
         self._phone_set, self._language = phone_set, language
-        self._hello_s, self._hellos = -inf, 0
-        self._ping_s, self._pings = -inf, 0
-        self._welcome: schema.Welcome | None = None
-        self._engine_instance = 0
-        self._heard_s = -inf
         self._utterances: dict[int, Outgoing] = {}
         self._next_number = 0
-        self._cancels: dict[int, _Cancel] = {}
+        self._cancels: dict[int, OutgoingCancel] = {}
         self._queue: list[tuple[float, int, bytes]] = []
         self._order = 0
         self._told: deque[tuple[int, str, int, int]] = deque(maxlen=64)
@@ -106,7 +95,17 @@ class OscSender:
     @property
     def welcome(self) -> schema.Welcome | None:
         """What the engine takes, once it has answered."""
-        return self._welcome
+        return self._calls.welcome
+
+    @property
+    def clock(self) -> EngineClock:
+        """The engine's clock, as far as it is known."""
+        return self._calls.clock
+
+    @property
+    def heard_s(self) -> float:
+        """When the engine was last heard of."""
+        return self._calls.heard_s
 
     @property
     def live(self) -> tuple[int, ...]:
@@ -120,7 +119,7 @@ class OscSender:
 
     def is_connected(self, now_s: float) -> bool:
         """Whether the engine was heard of late."""
-        return now_s - self._heard_s < SILENT_S
+        return self._calls.is_connected(now_s)
 
     def begin(self, now_s: float, *, anchor: Anchor = "now", at_s: float = 0.0) -> int:
         """Open an utterance, and give its number.
@@ -150,7 +149,7 @@ class OscSender:
         one = self._find(utterance)
         if one.is_ended:
             raise UsageError(f"utterance {utterance}: got phones after its end")
-        one.phones += [_to_wire(phone) for phone in phones]
+        one.phones += [to_wire(phone) for phone in phones]
 
     def end(self, utterance: int, *, duration_s: float | None = None) -> None:
         """Say that no phone will follow.
@@ -180,7 +179,7 @@ class OscSender:
             If it is not open.
         """
         one = self._find(utterance)
-        one.phones = [_to_wire(phone) for phone in phones]
+        one.phones = [to_wire(phone) for phone in phones]
         one.revision += 1
         one.restart(now_s)
 
@@ -195,7 +194,7 @@ class OscSender:
         )
         for number in numbers:
             self._utterances.pop(number, None)
-        self._cancels[self._order] = _Cancel(message, now_s)
+        self._cancels[self._order] = OutgoingCancel(message, now_s)
 
     def audio(
         self, utterance: int, position_s: float, now_s: float, *, at_s: float | None = None, rate: float = 1.0
@@ -232,17 +231,9 @@ class OscSender:
 
     def due(self, now_s: float) -> list[bytes]:
         """Give the packets that are to be sent now."""
-        packets: list[bytes] = []
-        if now_s >= self._hello_s:
-            packets.append(self._bundle([self._hello, self._new_ping(now_s)]))
-            self._hello_s = now_s + HELLOS_S[min(self._hellos + 1, len(HELLOS_S) - 1)]
-            self._hellos += 1
-        if self._welcome is not None and not self.is_connected(now_s) and self._hello_s == inf:
-            self._hello_s = now_s
-        if now_s >= self._ping_s:
-            packets.append(wire.encode(self._new_ping(now_s)))
+        packets = [self._bundle(parts) for parts in self._calls.due(now_s)]
         for cancel in list(self._cancels.values()):
-            packets += cancel.due(now_s, self._asks, self._reliable)
+            packets += map(wire.encode, cancel.due(now_s, self._asks, self._reliable))
         self._cancels = {key: cancel for key, cancel in self._cancels.items() if cancel.next_s < inf}
         for one in list(self._utterances.values()):
             if one.is_past(now_s):
@@ -255,7 +246,7 @@ class OscSender:
 
     def next_s(self, now_s: float) -> float:
         """When :meth:`due` has something to send, if nothing else happens."""
-        times_s = [self._hello_s, self._ping_s, *(one.next_s for one in self._cancels.values())]
+        times_s = [self._calls.next_s, *(one.next_s for one in self._cancels.values())]
         times_s += [self._queue[0][0]] if self._queue else []
         for one in self._utterances.values():
             if self._waits_for_clock(one, now_s):
@@ -290,7 +281,7 @@ class OscSender:
                 continue
             if not isinstance(told, schema.FromEngine) or getattr(told, "session", self.session) != self.session:
                 continue
-            self._heard_s = now_s
+            self._calls.heard_s = now_s
             if isinstance(told, schema.Notice) and not self._is_new(told):
                 continue
             heard.append(told)
@@ -308,13 +299,11 @@ class OscSender:
 
     def _hear(self, told: schema.FromEngine, now_s: float) -> None:
         match told:
-            case schema.Welcome():
-                self._welcome, self._hello_s, self._hellos = told, inf, 0
-                self._limit = min(self._limit, max(told.max_datagram, 256))
-                self._meet(told.instance, now_s)
-            case schema.Pong():
-                self._meet(told.instance, now_s)
-                self.clock.add(told.sent_us / 1e6, told.received_us / 1e6, told.answered_us / 1e6, now_s)
+            case schema.Welcome() | schema.Pong():
+                if isinstance(told, schema.Welcome):
+                    self._limit = min(self._limit, max(told.max_datagram, 256))
+                if self._calls.hear(told, now_s):
+                    self._begin_again(now_s)
             case schema.Ack():
                 one = self._utterances.get(told.utterance)
                 if one is not None:
@@ -348,19 +337,10 @@ class OscSender:
         elif told.kind == "error" and told.reason != "checksum":
             del self._utterances[told.utterance]
 
-    def _meet(self, instance: int, now_s: float) -> None:
-        """Notice that it is another engine than before; one of instance 0 does not tell."""
-        before, self._engine_instance = self._engine_instance, instance or self._engine_instance
-        if before and before != self._engine_instance:
-            self.clock.reset()
-            self._pings = 0
-            self._begin_again(now_s)
-
     def _begin_again(self, now_s: float) -> None:
         """Tell the engine everything, because it knows nothing; again only when that had time to come."""
-        if self._hello_s <= now_s + SLOWEST_S:
+        if not self._calls.call_again(now_s):
             return
-        self._hello_s, self._hellos = now_s, 0
         for one in self._utterances.values():
             one.restart(now_s)
 
@@ -441,17 +421,7 @@ class OscSender:
             self.session, one.number, one.revision, one.anchor, round(one.anchor_s * 1e6), self._phone_set,
             self._language,
         )  # fmt: skip
-        return [self._new_ping(now_s, counts=False), begin] if one.anchor == "at" else [begin]
-
-    def _new_ping(self, now_s: float, *, counts: bool = True) -> schema.Ping:
-        if counts:
-            self._pings += 1
-            self._ping_s = now_s + (FIRST_PINGS_S if self._pings < FIRST_PINGS else PING_S)
-        number, sent_us = self._pings % INT32, round(now_s * 1e6)
-        if not self.clock.is_known:
-            return schema.Ping(number, sent_us)
-        offset_us, rtt_us = round(self.clock.offset_s(now_s) * 1e6), round(self.clock.rtt_s * 1e6)
-        return schema.Ping(number, sent_us, offset_us, self.clock.skew_ppm, rtt_us)
+        return [self._calls.new_ping(now_s), begin] if one.anchor == "at" else [begin]
 
     def _bundle(self, parts: Sequence[schema.Wire]) -> bytes:
         encoded = [wire.encode(part) for part in parts]
@@ -460,42 +430,3 @@ class OscSender:
     def _push(self, now_s: float, packet: bytes) -> None:
         self._order += 1
         heapq.heappush(self._queue, (now_s, self._order, packet))
-
-
-class _Cancel:
-    """Stateful: a cancel, until it is answered."""
-
-    def __init__(self, message: schema.CancelUtterance, now_s: float) -> None:
-        self._message, self._tries = message, 0
-        self.next_s = now_s
-
-    def due(self, now_s: float, asks: bool, reliable: bool) -> list[bytes]:
-        """Give the packet when it is time."""
-        if now_s < self.next_s:
-            return []
-        self._tries += 1
-        if reliable or (self._tries >= len(END_REPEATS_S) and not asks) or self._tries >= CANCEL_TRIES:
-            self.next_s = inf
-        elif self._tries < len(END_REPEATS_S):
-            self.next_s = now_s + END_REPEATS_S[self._tries] - END_REPEATS_S[self._tries - 1]
-        else:
-            self.next_s = now_s + SLOWEST_S
-        return [wire.encode(self._message)]
-
-    def answered(self, utterance: int, number: int) -> bool:
-        """Whether an answer is to this one."""
-        if self._message.utterance == schema.NOW:
-            return utterance == schema.NOW and number == self._message.number
-        return utterance == self._message.utterance
-
-
-def _to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:
-    if isinstance(phone, Phone):
-        start_us, end_us = round(phone.start_s * 1e6), round(phone.end_s * 1e6)
-        flags = {1: schema.PRIMARY_STRESS, 2: schema.SECONDARY_STRESS}.get(phone.stress, 0)
-        phone = schema.WirePhone(phone.label, start_us, end_us - start_us, flags)
-    if not (0 <= phone.start_us <= schema.LONGEST_US and 0 <= phone.duration_us <= schema.LONGEST_US):
-        raise UsageError(f"phone {phone.label!r:.30}: got {phone.start_us} us, expected 0..{schema.LONGEST_US}")
-    if len(phone.label.encode()) > schema.LABEL_BYTES or not isfinite(phone.weight):
-        raise UsageError(f"phone: got {phone.label!r:.40}, expected at most {schema.LABEL_BYTES} bytes")
-    return phone

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import inf
 
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
 from fapengine.live.engine.session import JUMP_S
 from fapengine.live.protocol import labels, schema
 from fapengine.live.protocol.clock import SenderClock
@@ -81,6 +81,7 @@ class WireSession:
                     self.tell(Cancel(one.number), now_s)
         if is_other or all(one.is_over for one in self.utterances.values()):
             self.utterances.clear()
+            self._wire.clear()
             self.busy.clear()
             self._cancelled_below = -INT32
             self._cancels.clear()
@@ -92,37 +93,44 @@ class WireSession:
 
     def begin(
         self, message: schema.BeginUtterance, clock: SenderClock, peer: Hashable, now_s: float, tally: Tally
-    ) -> None:
-        """Open an utterance."""
+    ) -> bool:
+        """Open an utterance; False if the engine has no place for it."""
         if message.anchor not in ("now", "at", "audio"):
             tally.add("malformed")
-            return
+            return True
         one = self.utterances.get(message.utterance)
         if one is not None and one.is_over and now_s - one.over_s > AGAIN_S:
             del self.utterances[message.utterance]
         elif message.utterance < self._cancelled_below and one is None:
             tally.add("repeated")
-            return
+            return True
         one = self._incoming(message.utterance)
         if one.is_over or (one.begun is not None and message.revision <= one.revision):
             tally.add("repeated")
-            return
+            return True
         phone_set = labels.phone_set_named(message.phone_set) if message.phone_set else self.phone_set
         if phone_set is None:
             tally.add("refused")
             phone_set = self.phone_set
         one.begin(message, phone_set)
-        at_s = clock.engine_s(message.anchor_us / 1e6)
+        self._tell_begin(one, message, clock, now_s)
+        if self.faces.utterance(self.name, one.number) is None:
+            one.over_s = now_s
+            return False
+        self.busy.setdefault(message.utterance, peer)
+        for run in _runs(one.phones):  # they overtook it, and may have been read in another phone set
+            self._tell_phones(one, run[0], [one.phones[index] for index in run], now_s)
+        self._tell_end(one, now_s)
+        return True
+
+    def _tell_begin(self, one: Incoming, message: schema.BeginUtterance, clock: SenderClock, now_s: float) -> None:
         if message.anchor == "at" and clock.is_known:
+            at_s = clock.engine_s(message.anchor_us / 1e6)
             self.tell(Begin(one.number, "at", at_s, message.revision), now_s)
             one.follow_s, one.clock_steps = max(at_s, now_s) + FOLLOW_S, clock.steps
         else:  # without a common clock "at" can only mean now
-            self.tell(Begin(one.number, "audio" if message.anchor == "audio" else "now", 0.0, message.revision), now_s)
-        self.busy.setdefault(message.utterance, peer)
-        if one.phones:  # they overtook it, and may have been read in another phone set
-            for run in _runs(one.phones):
-                self._tell_phones(one, run[0], [one.phones[index] for index in run], now_s)
-        self._tell_end(one, now_s)
+            anchor: Anchor = "audio" if message.anchor == "audio" else "now"
+            self.tell(Begin(one.number, anchor, 0.0, message.revision), now_s)
 
     def phones(self, message: schema.Phones, peer: Hashable, now_s: float, tally: Tally) -> None:
         """Take phones in."""

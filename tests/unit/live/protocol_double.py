@@ -2,6 +2,7 @@
 
 from fapengine.errors import UsageError
 from fapengine.live import osc
+from fapengine.live.engine.commands import Begin
 from fapengine.live.engine.session import Event
 from fapengine.live.engine.utterance import StreamClock, Utterance
 from fapengine.live.protocol import schema, wire
@@ -19,6 +20,7 @@ class Recorder:
         self.told = []
         self.happened = []
         self.utterances = {}
+        self.is_full = False
 
     def __contains__(self, session):
         return session in self.open_sessions
@@ -34,6 +36,9 @@ class Recorder:
     def apply(self, session, command, now_s):
         assert session in self.open_sessions
         self.told.append((session, command, now_s))
+        if isinstance(command, Begin) and not self.is_full:
+            known = Utterance(command.utterance, StreamClock(0.0), anchor=command.anchor)
+            self.utterances.setdefault((session, command.utterance), known)
 
     def events(self):
         drained, self.happened = self.happened, []

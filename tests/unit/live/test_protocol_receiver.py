@@ -145,6 +145,15 @@ def test_a_phone_set_that_is_not_known_is_counted_and_the_sessions_is_taken():
     assert one.counts.refused == 1
 
 
+def test_an_utterance_for_which_there_is_no_place_is_refused():
+    one = Wire()
+    one.faces.is_full = True
+    (notice,) = told(one.send(HELLO, BeginUtterance("anna", 1), four(), WHOLE), Notice)
+    assert (notice.utterance, notice.kind, notice.reason) == (1, "error", "utterances")
+    assert one.counts.refused == 1
+    assert [type(command) for command in one.faces.commands()] == [Begin]
+
+
 def test_repeats_change_nothing_and_are_counted():
     one = Wire()
     for _ in range(3):

@@ -7,6 +7,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.live import osc
 from fapengine.live.protocol import schema, wire
+from fapengine.live.protocol.outgoing import CANCEL_TRIES
 from fapengine.live.protocol.schema import (
     Ack,
     BeginUtterance,
@@ -21,7 +22,7 @@ from fapengine.live.protocol.schema import (
     Welcome,
     WirePhone,
 )
-from fapengine.live.protocol.sender import CANCEL_TRIES, OscSender
+from fapengine.live.protocol.sender import OscSender
 from fapengine.speech.phone_track import Phone
 
 
