@@ -102,7 +102,7 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
 def _narrowed(h: Array, style: HeadStyle) -> Array:
     """Width of the head at a height, as a share of the average."""
     lower = smoothstep((-16.0 - h) / 50.0) * smoothstep((h + 112.0) / 25.0)
-    share: Array = (1.0 - (1.0 - style.jaw_width) * lower) * (1.0 - 0.06 * smoothstep((-74.0 - h) / 30.0))
+    share: Array = (1.0 - (1.0 - style.jaw_width) * lower) * (1.0 - 0.09 * smoothstep((-74.0 - h) / 30.0))
     return share
 
 
