@@ -84,7 +84,7 @@ def render(
             moments = np.unique(np.linspace(0, len(rows) - 1, sheet).round().astype(int))
             pictures = list(drawing.frames(crowd, rows[moments], rate_hz * len(moments) / len(rows)))
             labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
-            save_png(output, contact_sheet([picture[..., :3] for picture in pictures], labels, title=track[0].name))
+            save_png(output, contact_sheet(pictures, labels, title=track[0].name))
             typer.echo(f"{output}: {len(pictures)} moments")
         elif is_one:
             if not 0 <= at <= last_s:

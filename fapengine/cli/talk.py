@@ -289,7 +289,7 @@ def _render(
         labels = [(phone.label, f"{number / track.rate_hz:.2f} s") for number, phone in shown.items()]
         if kept:
             sheet = beside(options.out, ".png")
-            save_png(sheet, contact_sheet([kept[number][..., :3] for number in shown], labels, title=title))
+            save_png(sheet, contact_sheet([kept[number] for number in shown], labels, title=title))
             report.files.append((sheet, "contact sheet"))
 
 

@@ -66,8 +66,8 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
 
     Parameters
     ----------
-    frames : sequence of (height, width, 3) uint8
-        At least one; each fitted into a square.
+    frames : sequence of (height, width, 3 or 4) uint8
+        At least one; each fitted into a square. With alpha (colours not multiplied with it) they lie on the paper.
     labels : sequence of (str, str)
         Label and note of each frame; IPA is fine.
     title : str
@@ -96,7 +96,8 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
         scale = TILE / max(frame.shape[:2])
         width, height = max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale))
         small = Image.fromarray(frame).resize((width, height), Image.Resampling.LANCZOS)
-        sheet.paste(small, (x + (TILE - width) // 2, y + (TILE - height) // 2))
+        mask = small if small.mode == "RGBA" else None
+        sheet.paste(small, (x + (TILE - width) // 2, y + (TILE - height) // 2), mask)
         pen.text((x + 2, y + TILE + 3), drawable(label), INK, font=font(21))
         pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
     return np.asarray(sheet)

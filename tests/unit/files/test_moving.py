@@ -111,3 +111,10 @@ def test_a_sheet_keeps_shapes() -> None:
     red = (sheet[..., 0] > 200) & (sheet[..., 1] < 60)
     assert np.ptp(np.flatnonzero(red.any(axis=0))) + 1 == 192
     assert np.ptp(np.flatnonzero(red.any(axis=1))) + 1 == 96
+
+
+def test_a_sheet_of_clear_pictures_shows_its_paper() -> None:
+    frame = clear_frames(1)[0]
+    tile = contact_sheet([frame], [("", "")])[16 : 16 + 192, 16 : 16 + 192]
+    assert tile[60, 5].tolist() == [250, 249, 246]
+    assert np.abs(tile[96, 80].astype(int) - (200, 60, 30)).max() <= 1
