@@ -50,12 +50,12 @@ def test_no_closure_is_missing_with_a_second_and_a_half_of_slack(seed):
     assert world.sender.live == ()
 
 
-def test_without_acknowledgements_closures_are_missing():
-    missing = [sum(len(world.missing_closures(talk.phones, talk.zero_s)) for world, talk in runs) for runs in (
-        [talked(seed, HARD, **PLAIN) for seed in range(3)],
-        [talked(seed, HARD, **ONLY_REPEATS) for seed in range(3)],
-    )]  # fmt: skip
-    assert missing[0] > 2 * missing[1] > 0
+def test_without_acknowledgements_phones_and_closures_are_missing():
+    world, talk = talked(0, HARD, syllables=60, **PLAIN)
+    assert len(world.missing_closures(talk.phones, talk.zero_s)) >= 2
+    assert world.engine.counters("anna").concealed > 10
+    world, _ = talked(0, HARD, syllables=60, **ONLY_REPEATS)
+    assert world.engine.counters("anna").concealed > 0
 
 
 def test_the_frames_are_those_of_a_network_that_loses_nothing():
@@ -98,9 +98,18 @@ class Ear:
         return float(np.percentile(np.abs(self.errors_s), 95) * 1e3)
 
 
-@pytest.mark.parametrize("skew_ppm", [200, -200])
-@pytest.mark.parametrize(("anchor", "audio_hz"), [("at", 0.0), ("at", 5.0), ("audio", 5.0), ("now", 5.0)])
-def test_the_face_stays_with_its_sound_though_clocks_drift(skew_ppm, anchor, audio_hz):
+@pytest.mark.parametrize(
+    ("anchor", "audio_hz", "skew_ppm"),
+    [
+        ("at", 0.0, 200),
+        ("at", 0.0, -200),
+        ("at", 5.0, 200),
+        ("audio", 5.0, 200),
+        ("audio", 5.0, -200),
+        ("now", 5.0, -200),
+    ],
+)
+def test_the_face_stays_with_its_sound_though_clocks_drift(anchor, audio_hz, skew_ppm):
     world = World(3, WIFI, sender_clock=Clock(37.0, skew_ppm * 1e-6))
     talk = Talk(world, script(world.script_rng, 100), 38.0, anchor=anchor, audio_hz=audio_hz)
     ear = Ear(world, talk)
