@@ -125,7 +125,11 @@ def test_bytes_that_are_no_text_are_refused() -> None:
         parse_blend_track(b"\xff\xfe\x00")
 
 
-GOOD = (json.dumps([azure(weights(2)), azure(weights(2), 2)]).encode(), f"{HEADER}\n0,{ROW}\n0.04,{ROW}\n".encode())
+GOOD = (
+    json.dumps([azure(weights(2)), azure(weights(2), 2)]).encode(),
+    f"{HEADER}\n0,{ROW}\n0.04,{ROW}\n".encode(),
+    *(format_blend_csv(FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0), key) for key in ("oculus", "vrm0")),
+)
 
 
 @given(st.sampled_from(GOOD), st.data())
