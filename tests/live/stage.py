@@ -118,7 +118,7 @@ async def running(config: ServeConfig) -> AsyncIterator[Server]:
         await task
 
 
-def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 60.0) -> None:
+def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 200.0) -> None:
     """Run a test, with a limit so that none hangs."""
 
     async def whole() -> None:
@@ -129,7 +129,7 @@ def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 
     asyncio.run(asyncio.wait_for(whole(), limit_s))
 
 
-async def until(true: Callable[[], bool], limit_s: float = 20.0) -> None:
+async def until(true: Callable[[], bool], limit_s: float = 100.0) -> None:
     """Let the loop work until something is so."""
     stop_s = asyncio.get_running_loop().time() + limit_s
     while not true():

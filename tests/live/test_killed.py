@@ -9,11 +9,26 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from fapengine.live.protocol.sender import OscSender
 from fapengine.speech.phone_track import Phone
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 
-LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 12)]
+LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 250)]
+"""Two minutes, so that there is something left to be said whenever the server is back."""
+
+
+STARTED: list[subprocess.Popen[bytes]] = []
+
+
+@pytest.fixture(autouse=True)
+def _nothing_runs_on():
+    yield
+    while STARTED:
+        process = STARTED.pop()
+        process.kill()
+        process.wait()
 
 
 class Serve:
@@ -24,6 +39,7 @@ class Serve:
         command += ["--without", "all", "--sink", f"osc://127.0.0.1:{ear.port}", *more]
         with log.open("w") as file:
             self.process = subprocess.Popen(command, stdout=file, stderr=file)
+        STARTED.append(self.process)
         self.log = log
         wait(lambda: "\n" in log.read_text() or self.process.poll() is not None)
         ready = json.loads(log.read_text().splitlines()[0])
@@ -37,7 +53,7 @@ class Serve:
         return self.process.wait(20)
 
 
-def wait(true: Callable[[], bool], limit_s: float = 30.0, work: Callable[[], object] = lambda: None) -> None:
+def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], object] = lambda: None) -> None:
     stop_s = time.monotonic() + limit_s
     while not true():
         assert time.monotonic() < stop_s, "it never became so"
@@ -91,6 +107,7 @@ def test_a_server_killed_and_started_again_is_told_everything_again(tmp_path: Pa
     ear.frames.clear()
     again = Serve(tmp_path / "log2", ear, server.port)
     wait(lambda: max(ear.jaw("anna"), default=0) > 50, work=exchange)  # it speaks on
+    sender.cancel(time.monotonic())
     wait(lambda: not sender.live, work=exchange)
     wait(lambda: ear.jaw("anna")[-20:] == [0] * 20, work=exchange)
     assert again.end(signal.SIGTERM) == 0
