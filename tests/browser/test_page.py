@@ -246,10 +246,10 @@ def test_the_page_fits_a_narrow_screen(page: Page, width: int) -> None:
     wide, canvas = page.run("[document.documentElement.scrollWidth, page.view.canvas.getBoundingClientRect().height]")
     page.call("Emulation.clearDeviceMetricsOverride")
     assert wide <= width
-    assert canvas > 300
+    assert canvas > 270
 
 
-def test_after_a_restart_the_page_finds_the_server_again(page: Page) -> None:
+def test_a_server_that_is_killed_or_ends_is_looked_for_and_found_again(page: Page) -> None:
     page.open("karla")
     page.run(KEEP_FRAMES)
     say(page, "Ah, ah, ah, this mouth is wide open when the server goes away.")
@@ -258,32 +258,21 @@ def test_after_a_restart_the_page_finds_the_server_again(page: Page) -> None:
     page.server.kill()
     page.until("document.body.dataset.connection === 'waiting'")
     page.until("page.faps.every((value) => value === 0)")  # the mouth does not stay open
-    page.server.start()
-    page.until("document.body.dataset.connection === 'connected'")
-    page.until("page.presence.value === 1")
-    say(page, "Hello again.")
-    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 100")
-    excused = [complaint for complaint in page.complaints if "ERR_CONNECTION_REFUSED" in complaint]
-    page.complaints[:] = [complaint for complaint in page.complaints if complaint not in excused]
-
-
-def test_a_server_that_ends_orderly_is_looked_for_too(page: Page) -> None:
-    page.open("lena")
-    assert page.server.end() == 0
-    page.until("document.body.dataset.connection === 'waiting'")
     page.server.start("a secret")
     page.until("!document.getElementById('notice').hidden")
     assert "token" in page.run("document.getElementById('notice').textContent")
-    page.complaints.clear()  # refused, and nobody there: the browser says so
-    page.open("lena", "&token=a%20secret")
-    page.open("lena")  # it is remembered
+    page.open("karla", "&token=a%20secret")
     assert page.run("document.getElementById('notice').hidden")
-    page.server.end()
-    page.complaints.clear()
-    page.run("sessionStorage.clear()")
-    page.go("about:blank")
+    page.open("karla")  # the token is remembered
+    assert page.server.end() == 0
+    page.until("document.body.dataset.connection === 'waiting'")
     page.server.start()
-    page.complaints.clear()
+    page.until("document.body.dataset.connection === 'connected' && page.presence.value === 1")
+    say(page, "Hello again.")
+    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 100")
+    page.run("sessionStorage.clear()")
+    excused = ("ERR_CONNECTION_REFUSED", "403", "ERR_CONNECTION_RESET")  # what a browser says of a server that is away
+    page.complaints[:] = [one for one in page.complaints if not any(reason in one for reason in excused)]
 
 
 def test_what_the_server_refuses_is_told(page: Page) -> None:
