@@ -14,8 +14,10 @@ from fapengine.errors import UsageError
 from fapengine.live.sound import SilentOutput
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import Expression
 from fapengine.render.panel import Moved, Pressed, Said
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.style import Style
 from fapengine.voices.protocol import Speech
 
@@ -195,6 +197,29 @@ def test_it_says_what_is_typed(hall: Hall) -> None:
     hall.say("nothing")
     hall.run(0.02)
     assert " ".join(hall.source.status()) == "text: got 'nothing', expected something to speak"
+
+
+def test_frames_are_of_the_time_at_which_they_are_seen(hall: Hall) -> None:
+    hall.say("mam")
+    hall.run(0.4)
+    at_s = hall.clock.now_s
+    hall.face.frame(0.25)
+    assert hall.face.hub.engine.inner._shown_s == pytest.approx(at_s + 0.25)
+    hall.face.frame(0.0)  # a frame that was quicker than expected: time does not go back
+    assert hall.face.hub.engine.inner._shown_s == pytest.approx(at_s + 0.25)
+
+
+def test_moods_come_and_go_with_the_sound(hall: Hall) -> None:
+    """Joy from 0.4 s on, to the end: the face waits 0.6 s for its sound, and the mood with it."""
+    speech = speech_of("mam").padded(lead_s=1.0, tail_s=1.5)  # 3 s
+    moods = [Mood(Expression.JOY, 1.0, 0.4, attack_s=0.1, release_s=0.2)]
+    hall.clock.now_s += 0.6
+    hall.face.say(speech, "mam", moods)
+    cheeks = [float(frame[fap.column(41)]) for frame in hall.run(4.0)]
+    shown = np.flatnonzero(np.array(cheeks) > 0.5 * max(cheeks)) * 0.02
+    assert max(cheeks) > 20
+    assert shown[0] == pytest.approx(0.45, abs=0.06)
+    assert shown[-1] == pytest.approx(2.9, abs=0.08)
 
 
 def test_pause_and_stop_hold_the_face_and_its_sound(hall: Hall) -> None:
