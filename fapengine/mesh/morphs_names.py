@@ -8,20 +8,34 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-PREFIXES = ("blendShape1.", "blendShape.", "blendshapes.", "face_", "head_", "shape_", "ARKit_", "bs_", "m_")
+PREFIXES = (
+    "blendShape1.",
+    "blendShape.",
+    "blendshapes.",
+    "CTRL_expressions_",
+    "face_",
+    "head_",
+    "shape_",
+    "ARKit_",
+    "bs_",
+    "m_",
+)
 SIDES = {"l": "Left", "r": "Right"}
 ALIASES = {
-    "eyesclosed": "blink",
+    "eyesclosed": "blink", "vrcblink": "blink", "vrcblinkleft": "eyeblinkleft", "vrcblinkright": "eyeblinkright",
+    "eyeclosedleft": "eyeblinkleft", "eyeclosedright": "eyeblinkright", "まばたき": "blink", "あ": "a", "い": "i",
+    "う": "u", "え": "e", "お": "o",
     "eyeclose": "blink", "eyesblink": "blink", "eyeblink": "blink", "blinkleft": "eyeblinkleft",
     "blinkright": "eyeblinkright", "mouthopen": "jawopen", "fclmtha": "a", "fclmthi": "i", "fclmthu": "u",
     "fclmthe": "e", "fclmtho": "o", "fcleyeclose": "blink", "fcleyecloseleft": "eyeblinkleft",
     "fcleyecloseright": "eyeblinkright",
 }  # fmt: skip
-"""Other spellings of one shape: Ready Player Me's, VRM's and VRoid's."""
+"""Other spellings of one shape: those of Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
 KIN = {"cheekraiserleft": "cheekSquintLeft", "cheekraiserright": "cheekSquintRight"}
 """Shapes of ICT-FaceKit beside ARKit's, and what they stand for where that is lacking."""
 HALVES = ("left", "right")
-"""Ends of names that halve one of ARKit's shapes, such as ICT-FaceKit's ``browInnerUp_L``."""
+"""Ends of names that halve one of ARKit's shapes, such as ICT-FaceKit's ``browInnerUp_L``; others join two of them,
+such as ``mouthSmile``."""
 OCULUS = ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "I", "O", "U")
 OCULUS_BEGINNINGS = ("viseme", "vrcv", "v")
 VOWELS = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh"}
@@ -37,20 +51,24 @@ UNUSED = "unused"
 
 
 def plain(name: str) -> str:
-    """Spell a name as names are compared.
+    """Spell a name as names are compared, and the usual one of its spellings.
 
     Examples
     --------
     >>> plain("browDown_L"), plain("Blink_L"), plain("MouthOpen"), plain("blendShape1.JawOpen")
     ('browdownleft', 'eyeblinkleft', 'jawopen', 'jawopen')
     """
+    bare = _bare(name)
+    return ALIASES.get(bare, bare)
+
+
+def _bare(name: str) -> str:
     for prefix in PREFIXES:
         name = name[len(prefix) :] if name.lower().startswith(prefix.lower()) else name
     side = re.fullmatch(r"(.*[a-z])[ ._-]([LlRr])", name) or re.fullmatch(r"(.*[a-z])([LR])", name)
     if side:
         name = side[1] + SIDES[side[2].lower()]
-    bare = "".join(letter for letter in name.lower() if letter.isalnum())
-    return ALIASES.get(bare, bare)
+    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 def viseme(name: str) -> str | None:
@@ -114,8 +132,9 @@ def choose(
     mouths: dict[str, str] = {}
     halves: dict[str, str] = {}
     kin: dict[str, str] = {}
+    wholes: dict[str, str] = {}
     blink = []
-    for name in sorted(listed, key=lambda one: one not in words):  # what a mapping says goes first
+    for name in sorted(listed, key=lambda one: (one not in words, _bare(one) not in spelled)):  # the surest go first
         if name in faps or words.get(name) == UNUSED:
             continue
         bare = plain(words.get(name, name))
@@ -125,6 +144,8 @@ def choose(
             kin[KIN[bare]] = name
         elif bare.endswith(HALVES) and bare.removesuffix("left").removesuffix("right") in spelled:
             halves.setdefault(bare, name)
+        elif bare + HALVES[0] in spelled and bare != "eyeblink":
+            wholes.setdefault(bare, name)
         elif bare == "blink":
             blink.append(name)
         elif mouth := viseme(words.get(name, name)):
@@ -135,6 +156,7 @@ def choose(
         faps[tongue] = {TONGUE_FAP: TONGUE_FAPU}
     blended = [name for one, name in known.items() if not GAZE.fullmatch(plain(one))]
     blended += [*kin.values(), *halves.values()]
+    blended += [name for bare, name in wholes.items() if spelled[bare + HALVES[0]] not in known]
     if len(blended) < ENOUGH:
         blended += [name for mouth, name in mouths.items() if mouth != "sil"]
         blended += [] if "eyeBlinkLeft" in known else blink[:1]

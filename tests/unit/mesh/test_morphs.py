@@ -383,7 +383,8 @@ def test_meshes_that_contradict_themselves():
         ("eyeBlinkLeft", "eyeblinkleft"), ("EyeBlink_L", "eyeblinkleft"), ("blendShape1.eyeBlink_R", "eyeblinkright"),
         ("mouthUpperUpL", "mouthupperupleft"), ("Blink_L", "eyeblinkleft"), ("Fcl_EYE_Close_R", "eyeblinkright"),
         ("cheekRaiser_L", "cheekraiserleft"), ("eyesClosed", "blink"), ("mouthOpen", "jawopen"),
-        ("Jaw Open", "jawopen"),
+        ("Jaw Open", "jawopen"), ("CTRL_expressions_jawOpen", "jawopen"), ("vrc.blink_left", "eyeblinkleft"),
+        ("EyeClosedRight", "eyeblinkright"), ("まばたき", "blink"), ("あ", "a"),
     ],
 )  # fmt: skip
 def test_names_of_many_houses(name, means):
@@ -410,6 +411,13 @@ def test_shapes_are_chosen_by_name():
     assert told.blended == ("Kiefer", "I", "Lid")
     assert told.given == {"Ohr": {65: 300.0}}
     assert told.jaw == ("Kiefer", "I")
+    sure = choose(["mouthOpen", "mouthSmile", "jawOpen"], ARKIT_NAMES)
+    assert sure.jaw == ("jawOpen",)
+    assert sure.blended == ("jawOpen", "mouthSmile")
+    assert choose(["mouthSmile", "mouthSmile_L", "mouthSmile_R"], ARKIT_NAMES).blended == (
+        "mouthSmile_L",
+        "mouthSmile_R",
+    )
     ict = choose(["browInnerUp_L", "browInnerUp_R", "cheekRaiser_L", "cheekSquint_L", "cheekRaiser_R"], ARKIT_NAMES)
     assert set(ict.blended) == {"browInnerUp_L", "browInnerUp_R", "cheekRaiser_L", "cheekSquint_L", "cheekRaiser_R"}
     assert not {"browInnerUp", "cheekSquintLeft", "cheekSquintRight"} & set(ict.missing)
