@@ -241,6 +241,28 @@ def test_one_line_a_phone_is_nearly_as_good_as_knowing_all(tells_duration):
     assert np.argmax(alike) <= 4  # 80 ms
 
 
+def test_a_script_of_the_simple_mode_is_stopped_and_begun_anew():
+    world = World(2, Channel())  # reorders what is sent at once, the start too
+    world.sender.due = lambda now_s: []
+    phones = script(world.script_rng, 40)
+
+    def begin(count: int) -> None:
+        told = [osc.message("/phoneme", "sff", one.label, one.start_s, one.duration_s) for one in phones[:count]]
+        for packet in (osc.message("/tts/start"), *told):
+            world.up.send(packet, world.steps * STEP_S)
+
+    acts = {200: lambda: begin(81), 600: lambda: world.up.send(osc.message("/tts/stop"), 3.0), 800: lambda: begin(81),
+            1000: lambda: begin(11)}  # fmt: skip
+    world.run(9.0, lambda _: acts.get(world.steps, lambda: None)())
+    times, opening = np.array(world.times_s), world.opening
+    quiet = [(3.3, 4.0), (7.0, 9.0)]
+    spoken = [(1.3, 3.0), (4.3, 5.0), (5.3, 6.0)]
+    assert all(opening[(times > first) & (times < last)].max() <= CLOSED_FAPU for first, last in quiet)
+    assert all(opening[(times > first) & (times < last)].max() > 300 for first, last in spoken)
+    counters = world.engine.counters("face")
+    assert (counters.utterances, counters.cancelled, counters.finished) == (3, 2, 1)
+
+
 # Barge-in, kills and restarts -----------------------------------------------------------------------------------------
 
 

@@ -37,6 +37,8 @@ QUIET_S = 1.0
 """Without a message for so long, an utterance is over."""
 TURN_S = 20.0
 """Longer utterances of phones that are told as they begin are continued in a new one, so that none grows for ever."""
+OVERTAKEN_S = 0.15
+"""Phones that came so shortly before their ``/tts/start`` have overtaken it."""
 FRAME_S = 0.04
 """A weight of a viseme counts until it is told anew, or for so long."""
 REMEMBERED = 64
@@ -52,6 +54,7 @@ class _Open:
     number: int
     zero_s: float | None
     """Engine time of its beginning; None: the engine's choice."""
+    begun_s: float
     told_s: float
     """When something was last told, or is to begin."""
     started: bool = False
@@ -82,8 +85,10 @@ class SimpleSpeaker:
     new_number: Callable[[], int]
     find: Callable[[int], Utterance | None]
     _open: _Open | None = None
+    _last: int | None = None
+    """The utterance before; what was told of it may still be said."""
     _zero_s: float | None = None
-    """Of the utterance before."""
+    """Of that one."""
     _end_s: float = 0.0
     _weights: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Viseme to weight and when it was told."""
@@ -142,19 +147,29 @@ class SimpleSpeaker:
         self.begin_phone(best, 0, at_s, now_s)
 
     def start(self, at_s: float, now_s: float) -> None:
-        """Open an utterance: its sound begins at ``at_s``."""
-        if self._open is not None:
-            self._end(self._open, now_s)
-        self._begin(at_s + DELAY_S, now_s).started = True
+        """Open an utterance: its sound begins at ``at_s``, and what was said before is over."""
+        one = self._open
+        overtaken = one is not None and one.zero_s is None and now_s - one.begun_s < OVERTAKEN_S
+        if one is not None and overtaken:
+            self._open = None
+        self.stop(at_s, now_s)
+        if one is not None and overtaken:
+            self._open = one
+        else:
+            one = self._begin(at_s + DELAY_S, now_s)
+        one.started = True
 
     def stop(self, at_s: float, now_s: float) -> None:
         """Close the utterance: its sound ends at ``at_s``, and what lies behind is not said."""
-        one, self._open, self._zero_s = self._open, None, None
-        if one is not None:
-            self.tell(End(one.number, one.next_index, one.end_s), now_s)
-            over = one.zero_s is not None and one.zero_s + one.end_s <= at_s + DELAY_S
-            if not over:
-                self.tell(Cancel(one.number, at_s + DELAY_S, CANCEL_FADE_S), now_s)
+        if self._open is not None:
+            self._end(self._open, now_s)
+        number, self._last, self._zero_s = self._last, None, None
+        known = self.find(number) if number is not None else None
+        if number is None or known is None:
+            return
+        over_s = now_s + known.end_s - known.position_s(now_s) if known.anchored else inf
+        if over_s > at_s + DELAY_S:
+            self.tell(Cancel(number, at_s + DELAY_S, CANCEL_FADE_S), now_s)
 
     def tick(self, now_s: float) -> None:
         """Hold on what is held; end what is quiet."""
@@ -179,7 +194,7 @@ class SimpleSpeaker:
         return self._begin(min(at_s, now_s) + DELAY_S, now_s)  # a tag of less may come behind one of more
 
     def _begin(self, zero_s: float | None, now_s: float) -> _Open:
-        one = self._open = _Open(self.new_number(), zero_s, now_s)
+        one = self._open = _Open(self.new_number(), zero_s, now_s, now_s)
         self.tell(Begin(one.number) if zero_s is None else Begin(one.number, "at", zero_s), now_s)
         return one
 
@@ -193,5 +208,5 @@ class SimpleSpeaker:
         if zero_s is None:
             known = self.find(one.number)
             zero_s = now_s - known.position_s(now_s) if known is not None and known.anchored else None
-        self._open, self._zero_s, self._end_s = None, zero_s, one.end_s
+        self._open, self._last, self._zero_s, self._end_s = None, one.number, zero_s, one.end_s
         self.tell(End(one.number, one.next_index, one.end_s), now_s)

@@ -85,6 +85,19 @@ def test_a_rate_that_no_clock_has_is_bounded():
     assert clock.skew_ppm == 1000.0
 
 
+def test_odd_stamps_that_do_not_agree_are_all_left():
+    clock, other = EngineClock(), SenderClock()
+    for second in range(10):
+        ping(clock, second, 0.004, 0.004)
+        other.ping(second, second + OFFSET_S)
+    for second, way_s in enumerate((0.9, 0.5, 1.4, 0.7, 2.0), start=11):
+        ping(clock, second, way_s, 0.004)
+        other.ping(second, second + OFFSET_S + way_s)
+    assert (clock.steps, other.steps) == (0, 0)
+    assert clock.engine_s(20.0) == pytest.approx(engine_time(20.0), abs=5e-3)
+    assert other.engine_s(20.0) == pytest.approx(20.0 + OFFSET_S, abs=5e-3)
+
+
 # The engine's view of the sender --------------------------------------------------------------------------------------
 
 

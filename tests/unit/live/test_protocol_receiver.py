@@ -525,6 +525,36 @@ def test_old_utterances_are_forgotten():
     assert sorted(notice.utterance for _, notice in one.tick(50.0)) == [6, 7, 8, 9]
 
 
+def test_cancels_are_remembered_for_a_while_and_no_more():
+    one = Wire(limits=WireLimits(utterances=4))
+    one.send(HELLO)
+    for number in range(1, 20):
+        one.send(CancelUtterance("anna", number=number))
+    before = len(one.faces.commands(Cancel))
+    one.send(CancelUtterance("anna", number=19))
+    assert len(one.faces.commands(Cancel)) == before
+    one.send(CancelUtterance("anna", number=1))
+    assert len(one.faces.commands(Cancel)) == before + 1
+
+
+def test_what_was_forgotten_is_not_acknowledged():
+    one = Wire(limits=WireLimits(utterances=2))
+    one.send(HELLO, BeginUtterance("anna", 1), four(), BeginUtterance("anna", 2), BeginUtterance("anna", 3))
+    assert told(one.tick(51.0), Ack) == []
+
+
+def test_a_sender_whose_clock_was_set_is_not_followed():
+    one = Wire()
+    one.send(HELLO, Ping(1, 0, 50_000_000, 0.0, 100), BeginUtterance("anna", 1, 0, "at", 500_000), at_s=50.0)
+    one.faces.settle("anna", 0, 50.5)
+    one.send(Ping(2, 1_000_000, 49_940_000, 0.0, 100))
+    one.send(Ping(3, 1_000_000, 49_800_000, 0.0, 100))  # a step, which may have been the sender's own
+    for second in range(52, 60):
+        one.tick(float(second))
+    assert one.faces.commands(Audio) == []
+    assert one.counts.clock_steps == 1
+
+
 # Gestures and texts ---------------------------------------------------------------------------------------------------
 
 

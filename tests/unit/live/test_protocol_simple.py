@@ -137,9 +137,23 @@ def test_start_gives_the_time_and_stop_ends_speech():
     assert len(one.faces.commands(Cancel)) == 1
 
 
+def test_a_stop_ends_a_script_of_which_nothing_was_told_for_long():
+    one = Wire()
+    one.say("/tts/start", at_s=50.0)
+    one.say("/phoneme", "sff", "ɑ", 0.0, 20.0)
+    one.faces.settle("face", 0, 50.04)
+    one.faces.utterances["face", 0].duration_s = 20.0
+    ticked(one, 55.0)
+    assert len(one.faces.commands(End)) == 1
+    one.say("/tts/stop", at_s=55.0)
+    one.say("/tts/stop", at_s=55.1)
+    assert one.faces.commands(Cancel) == [Cancel(0, 55.0 + DELAY_S, 0.15)]
+
+
 def test_a_stop_when_all_is_said_cancels_nothing():
     one = Wire()
     one.say("/phoneme", "sf", "m", 0.1, at_s=50.0)
+    one.faces.settle("face", 0, 50.04)
     one.say("/tts/stop", at_s=50.5)
     assert one.faces.commands(Cancel) == []
     assert len(one.faces.commands(End)) == 1
@@ -152,6 +166,20 @@ def test_a_start_while_something_is_said_begins_anew():
     one.say("/tts/start", at_s=50.4)
     assert len(one.faces.commands(End)) == 2
     assert len(one.faces.commands(Begin)) == 3
+    assert [cancel.utterance for cancel in one.faces.commands(Cancel)] == [0, 1]
+
+
+def test_phones_that_overtake_their_start_are_its_own():
+    one = Wire()
+    one.say("/phoneme", "sff", "ɑ", 0.0, 20.0, at_s=50.0)
+    ticked(one, 52.0)
+    one.say("/phoneme", "sff", "m", 0.1, 0.1, at_s=52.0)
+    one.say("/tts/start", at_s=52.003)
+    one.say("/phoneme", "sff", "ɑ", 0.0, 0.1, at_s=52.004)
+    assert [append.utterance for append in one.faces.commands(Append)] == [0, 1, 1]
+    assert [cancel.utterance for cancel in one.faces.commands(Cancel)] == [0]
+    one.say("/tts/start", at_s=53.0)
+    assert [cancel.utterance for cancel in one.faces.commands(Cancel)] == [0, 1]
 
 
 def test_from_phone_by_phone_to_a_script_and_back():
