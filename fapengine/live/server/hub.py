@@ -26,10 +26,13 @@ from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
 from fapengine.live.engine.session import Event
 from fapengine.live.server.pacer import FramePacer
+from fapengine.live.server.shown import HubCounts, HubFrame, HubFrames, Spoken
 from fapengine.live.server.watched import LiveEngine, WatchedEngine
 from fapengine.mpeg4 import fap
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, EspeakVoice
 from fapengine.voices.protocol import Speech
+
+__all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
 
 RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
@@ -47,56 +50,6 @@ LEAD_S, TAIL_S = 0.15, 0.25
 
 log = logging.getLogger("fapengine.server")
 Unsubscribe = Callable[[], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HubFrames:
-    """One frame of every session."""
-
-    number: int
-    """Counts ticks of the hub; what is missing was skipped for lateness."""
-    time_s: float
-    """Engine time."""
-    sessions: tuple[str, ...]
-    faps: NDArray[np.int32]
-    """(S, 68) int32, FAPU; row r is session ``sessions[r]``."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HubFrame:
-    """One frame of one session."""
-
-    session: str
-    number: int
-    time_s: float
-    """Engine time."""
-    faps: NDArray[np.int32]
-    """(68,) int32, FAPU."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spoken:
-    """Something a voice of the server said."""
-
-    session: str
-    utterance: int
-    text: str
-    speech: Speech
-    anchor: Anchor
-    """``"audio"``: whoever plays the sound must tell its position, with :class:`Audio`, for the face to begin."""
-
-
-@dataclass(slots=True)
-class HubCounts:
-    """Stateful: what happened since the start."""
-
-    frames: int = 0
-    skipped: int = 0
-    """Frames that were due and never shown."""
-    listeners_dropped: int = 0
-    idle_closed: int = 0
-    unheard: int = 0
-    """Utterances whose player never said where it is."""
 
 
 @dataclass(slots=True)

@@ -25,9 +25,10 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
 from fapengine.live.protocol.counts import TextRequest
 from fapengine.live.protocol.receiver import OscReceiver
+from fapengine.live.server.doors import DatagramDoor, StreamDoor
 from fapengine.live.server.fairness import FairQueue
 from fapengine.live.server.hub import Hub
-from fapengine.live.server.intake import DatagramDoor, Intake, StreamDoor
+from fapengine.live.server.intake import Intake
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
 from fapengine.mesh.face_mesh import FaceMesh

@@ -28,9 +28,9 @@ from uuid import NAMESPACE_DNS, uuid5
 from fapengine.errors import ResourceError, UsageError
 from fapengine.live import livelink, vmc, vrchat
 from fapengine.live.server import faces
+from fapengine.live.server.doors import bound
 from fapengine.live.server.faces import FrameEncoder, joined
 from fapengine.live.server.hub import Hub, HubFrames
-from fapengine.live.server.intake import bound
 
 PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
 OPTIONS = {

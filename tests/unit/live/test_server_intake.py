@@ -12,9 +12,10 @@ import pytest
 
 from fapengine.errors import ResourceError
 from fapengine.live.framing import encode_length, encode_slip
-from fapengine.live.server import intake as intakes
+from fapengine.live.server import doors
+from fapengine.live.server.doors import DatagramDoor, Stream, StreamDoor
 from fapengine.live.server.fairness import FairQueue
-from fapengine.live.server.intake import DatagramDoor, Intake, Stream, StreamDoor
+from fapengine.live.server.intake import Intake
 
 
 class Echo:
@@ -139,8 +140,8 @@ def test_a_flood_keeps_nobody_else_waiting_and_work_is_done_in_slices() -> None:
 
 
 def test_at_most_so_many_datagrams_are_read_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intakes, "READ_AT_ONCE", 10)
-    monkeypatch.setattr(intakes, "MOST_CALLERS", 1)
+    monkeypatch.setattr(doors, "READ_AT_ONCE", 10)
+    monkeypatch.setattr(doors, "MOST_CALLERS", 1)
 
     async def main(intake: Intake, echo: Echo) -> None:
         door = DatagramDoor(intake, "127.0.0.1", 0)
@@ -263,7 +264,7 @@ def test_a_stream_that_sends_faster_is_not_read_and_loses_nothing() -> None:
             await asyncio.sleep(0)
         await sending
         assert echo.packets() == sent
-        assert 1 < most <= intakes.STREAM_WAITING
+        assert 1 < most <= doors.STREAM_WAITING
         one.close()
         await until(lambda: intake.counts.streams == 0)
         await door.close()
@@ -273,7 +274,7 @@ def test_a_stream_that_sends_faster_is_not_read_and_loses_nothing() -> None:
 
 
 def test_a_stream_waits_for_a_place_in_a_crowd(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intakes, "CROWDED_S", 0.001)
+    monkeypatch.setattr(doors, "CROWDED_S", 0.001)
 
     async def main(intake: Intake, echo: Echo) -> None:
         door = await StreamDoor.open(intake, "127.0.0.1", 0)
@@ -293,7 +294,7 @@ def test_a_stream_waits_for_a_place_in_a_crowd(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_peer_that_does_not_read_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intakes, "UNREAD_BYTES", 10_000)
+    monkeypatch.setattr(doors, "UNREAD_BYTES", 10_000)
 
     async def main(intake: Intake, echo: Echo) -> None:
         door = await StreamDoor.open(intake, "127.0.0.1", 0)
