@@ -89,21 +89,22 @@ def say_live(speech: Speech, text: str, options: Options, live: LiveOptions) -> 
 
 
 def _run(face: LiveFace, screen: Screen, ticks: Ticks, utterance: int) -> None:
+    place_s = 0.0
     while face.is_speaking:
         ticks.wait()
         zero_s = face.speaker.zero_s(utterance)
-        place_s = face.hub.clock() - zero_s if zero_s is not None else 0.0
+        place_s = face.hub.clock() - zero_s if zero_s is not None else place_s
         if not screen.show(face.frame(screen.lead_s), place_s):
             face.stop()
-    _finish(face, screen, ticks)
+    _finish(face, screen, ticks, place_s)
 
 
-def _finish(face: LiveFace, screen: Screen, ticks: Ticks) -> None:
+def _finish(face: LiveFace, screen: Screen, ticks: Ticks, place_s: float = 0.0) -> None:
     """Show how it comes to rest."""
     until_s = face.hub.clock() + AFTER_S
     while face.hub.clock() < until_s:
         ticks.wait()
-        if not screen.show(face.frame(screen.lead_s), -1.0):
+        if not screen.show(face.frame(screen.lead_s), place_s):
             return
 
 

@@ -120,7 +120,7 @@ def open_output(sample_rate_hz: int, *, device: int | str | None = None, silent:
     except ResourceError as error:
         if device is not None:
             raise
-        return SilentOutput(sample_rate_hz, str(error))
+        return SilentOutput(sample_rate_hz, str(error).removeprefix("sound: "))
 
 
 class Player:
@@ -156,6 +156,8 @@ class Player:
         if not sample_rate_hz > 0:
             raise UsageError(f"sample_rate_hz: got {sample_rate_hz}, expected a positive number")
         sounddevice = _portaudio()
+        if device is None and sounddevice.default.device[1] < 0:
+            raise ResourceError("sound: there is no output device; `fapengine doctor` tells more")
         self._lock, self._now = Lock(), now
         try:
             about = sounddevice.query_devices(device, "output")

@@ -253,6 +253,10 @@ def test_refuses_and_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
     fallback = open_output(8000)
     assert fallback.is_silent
     assert "querying device" in fallback.description
+    card.default.device = [-1, -1]
+    with pytest.raises(ResourceError, match="there is no output device"):
+        Player(8000)
+    assert open_output(8000).description == "there is no output device; `fapengine doctor` tells more"
     assert open_output(8000, silent=True).description == "no sound was wished for"
 
 

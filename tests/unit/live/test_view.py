@@ -200,3 +200,22 @@ def test_a_window_that_is_wished_for_must_open(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("fapengine.cli._say_live.FaceWindow", refuse)
     with pytest.raises(ResourceError, match="no display"):
         call("say", "Hi.", "--live", "--window", "--silent")
+
+
+def test_ctrl_c_ends_the_speech_with_a_mouth_that_is_shut(
+    windows: list[FakeWindow], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupted(FakeWindow):
+        def show(self, faps: np.ndarray) -> list[Event]:
+            super().show(faps)
+            if len(self.shown) == 40:
+                raise KeyboardInterrupt
+            return []
+
+    monkeypatch.setattr("fapengine.cli._say_live.FaceWindow", Interrupted)
+    text = "This is a sentence that is interrupted in its midst by somebody."
+    call("say", text, "--live", "--window", "--silent", "--without", "all")
+    opened = [-(faps[fap.column(51)] + faps[fap.column(52)]) for faps in windows[0].shown]
+    assert max(opened) > 80
+    assert abs(opened[-1]) < 5
+    assert len(opened) < 80
