@@ -59,9 +59,11 @@ pictures of the default head, 256 x 256 to 720p, the two differ by at most 0.3 o
 99.9 % of the pixels; eyes are always lit at pixels. A painting costs what a reading of it costs for every pixel that is
 shaded, and on llvmpipe small triangles shade many a pixel several times.
 
-Live, `fapengine view` holds its rate by a *frame budget* (`fapengine/render/budget.py`): where frames take too long it
-gives up, in this order, light at pixels, resolution and level of detail in turns, and soft edges; it takes them back
-when there is room, ever more slowly if that does not last.
+Live, edges are softened after drawing; files are multisampled (`--edges fine`), for lashes and brows are thinner than
+pixels and one sample makes dots of them. `fapengine view` holds its rate by a *frame budget*
+(`fapengine/render/budget.py`): it begins with multisampling, and where frames take too long it gives up, in this order,
+that, light at pixels, resolution and level of detail in turns, and softened edges; it takes them back when there is
+room, ever more slowly if that does not last.
 
 ## What a frame's cost grows with
 

@@ -15,6 +15,9 @@ from fapengine.render.camera import preset, turned
 from fapengine.render.canvas import Background
 from fapengine.render.crowd import CrowdRenderer
 
+EDGES = {"fine": 4, "soft": 0}
+"""Samples a pixel; 0 softens edges after drawing."""
+
 
 def parse_background(text: str) -> Background:
     """Turn ``studio``, ``none``, ``#rrggbb`` or a file's name into a background.
@@ -42,6 +45,19 @@ def parse_background(text: str) -> Background:
     return load_picture(Path(text))
 
 
+def parse_edges(text: str) -> int:
+    """Turn ``fine`` or ``soft`` into samples a pixel.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+    """
+    if text not in EDGES:
+        raise UsageError(f"--edges: got {text!r}, expected one of {', '.join(EDGES)}")
+    return EDGES[text]
+
+
 def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
     """Rate in Hz and (T, tracks, 68) FAPs, from each track's start: at the highest rate, until the longest ends.
 
@@ -65,6 +81,7 @@ class Drawing:
     """Of one face, in pixels."""
     camera: str = "front"
     background: Background = "studio"
+    samples: int = 4
     wire: bool = False
     turn_s: float = 0.0
     """Seconds in which the camera goes once round the head; 0: it stands still."""
@@ -86,6 +103,7 @@ class Drawing:
             columns=self.columns(len(meshes)),
             cameras=preset(self.camera),
             background=self.background,
+            samples=self.samples,
             wire=self.wire,
         )
 

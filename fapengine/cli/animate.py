@@ -30,6 +30,7 @@ def animate(
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     background: shared.BackgroundName = "studio",
+    edges: shared.Edges = "fine",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
@@ -50,7 +51,7 @@ def animate(
     from fapengine.files.timings import load_timings
 
     manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background, edges)
     check(options)
     report = Report()
     with report.stage("read"):

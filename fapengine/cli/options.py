@@ -46,6 +46,10 @@ BackgroundName = Annotated[
         help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .webp, .png).",
     ),
 ]
+Edges = Annotated[
+    str,
+    typer.Option("--edges", help="fine (several samples a pixel), or soft: in half the time, but hairs are dotted."),
+]
 Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
 Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]
 Articulation = Annotated[float, typer.Option("--articulation", help="Size of mouth movements; 1 is natural.")]

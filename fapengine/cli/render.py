@@ -31,6 +31,7 @@ def render(
     ] = ["default"],  # noqa: B006  typer copies it
     camera: shared.CameraName = "front",
     background: shared.BackgroundName = "studio",
+    edges: shared.Edges = "fine",
     turntable: Annotated[
         float, typer.Option("--turntable", help="The camera goes once round the head in so many seconds.")
     ] = 0.0,
@@ -45,7 +46,7 @@ def render(
     """
     import numpy as np
 
-    from fapengine.cli._drawing import Drawing, parse_background, side_by_side
+    from fapengine.cli._drawing import Drawing, parse_background, parse_edges, side_by_side
     from fapengine.cli.talk import parse_size, progress
     from fapengine.errors import UsageError
     from fapengine.files.animation import is_sequence
@@ -70,7 +71,12 @@ def render(
     rate_hz, rows = side_by_side([load_motion(path) for path in track])
     rows = np.broadcast_to(rows, (len(rows), faces, rows.shape[2]))
     drawing = Drawing(
-        size=parse_size(size), camera=camera, background=parse_background(background), wire=wire, turn_s=turntable
+        size=parse_size(size),
+        camera=camera,
+        background=parse_background(background),
+        samples=parse_edges(edges),
+        wire=wire,
+        turn_s=turntable,
     )
     if not is_one:
         alpha, whole = drawing.background is None, drawing.picture_size(faces)

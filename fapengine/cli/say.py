@@ -18,6 +18,7 @@ def say(
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     background: shared.BackgroundName = "studio",
+    edges: shared.Edges = "fine",
     size: shared.Size = "512x512",
     fps: shared.Fps = 30.0,
     articulation: shared.Articulation = 1.0,
@@ -53,7 +54,7 @@ def say(
     from fapengine.voices.espeak import EspeakVoice
 
     manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background)
+    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background, edges)
     check(options)
     report = Report()
     spoken = sys.stdin.read() if text == "-" else text

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fapengine.cli._drawing import parse_background
+from fapengine.cli._drawing import parse_background, parse_edges
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads import DEFAULT_HEAD, load_head
@@ -54,6 +54,7 @@ class Options:
     style: Style = Style()  # noqa: RUF009  frozen
     seed: int = 1
     background: str = "studio"
+    edges: str = "fine"
 
 
 @dataclass(slots=True)
@@ -192,6 +193,7 @@ def check(options: Options) -> None:
     for wish in options.expressions:
         parse_wish(wish)
     preset(options.camera)
+    parse_edges(options.edges)
     alpha, size = parse_background(options.background) is None, parse_size(options.size)
     if options.out.suffix != ".fap":
         check_moving(options.out, rate_hz=options.rate_hz, size=size, alpha=alpha)
@@ -270,6 +272,7 @@ def _render(
             size=parse_size(options.size),
             camera=preset(options.camera),
             background=parse_background(options.background),
+            samples=parse_edges(options.edges),
         )
     with renderer, progress("drawing", len(track)) as advance:
 

@@ -28,8 +28,12 @@ PATIENCE_S, AT_LEAST = 0.5, 3
 """Over what time, and how many frames, costs are looked at before the rung falls."""
 SETTLE_S, LONGEST_WAIT_S, PEACE_S = 2.0, 64.0, 300.0
 """How long the rung stays before it climbs, at first and at most; and how long without a fall forgives."""
-VERTEX_SHARE, LIGHT_SHARE, SOFTENING_SHARE = 0.35, 0.28, 0.18
-"""Of a frame's cost on llvmpipe, 512 x 512: work on vertices; of the rest, light at pixels and softening."""
+TAKEN_BACK_S = 15.0
+"""A fall so soon after a climb takes it back."""
+VERTEX_SHARE, LIGHT_SHARE, SOFTENING_SHARE, MULTISAMPLING = 0.35, 0.28, 0.18, 1.3
+"""On llvmpipe, 512 x 512: of a frame with softened edges, work on vertices; of the rest, light at pixels and softening;
+and what multisampling adds, as a multiple of that rest."""
+EDGES = {0: "softened edges", 1: "edges as they are"}
 SCALES = (1.0, 0.85, 0.7, 0.5, 0.35)
 
 
@@ -42,7 +46,8 @@ class Quality:
     scale: float = 1.0
     """Drawn sides to shown sides."""
     shading: Shading = "auto"
-    softens: bool = True
+    samples: int = 4
+    """How edges are smoothed: 4 multisampled, 0 softened after drawing, 1 not at all."""
     relative_cost: float = 1.0
     """Estimate: to that of the best."""
 
@@ -52,7 +57,7 @@ class Quality:
             "every pixel" if self.scale == 1 else f"{100 * self.scale:.0f} % of the resolution",
             "the finest head" if self.level == 0 else f"head {self.level + 1}",
             *(["light at vertices"] if self.shading == "vertices" else []),
-            *([] if self.softens else ["edges as they are"]),
+            *([] if self.samples > 1 else [EDGES[self.samples]]),
         ]
         return ", ".join(parts)
 
@@ -74,27 +79,27 @@ def ladder(vertices: Sequence[int], *, lit_at_pixels: bool) -> tuple[Quality, ..
     """
     if not vertices:
         raise UsageError("ladder: got no level of detail, expected one or more")
-    wishes: list[tuple[int, float, Shading, bool]] = [(0, 1.0, "auto", True)]
+    wishes: list[tuple[int, float, Shading, int]] = [(0, 1.0, "auto", 4), (0, 1.0, "auto", 0)]
     if lit_at_pixels:
-        wishes.append((0, 1.0, "vertices", True))
+        wishes.append((0, 1.0, "vertices", 0))
     shading = wishes[-1][2]
     coarsest = len(vertices) - 1
     for step, scale in enumerate(SCALES[1:], start=1):
-        wishes.append((min(step - 1, coarsest), scale, shading, True))
+        wishes.append((min(step - 1, coarsest), scale, shading, 0))
         if min(step, coarsest) != min(step - 1, coarsest):
-            wishes.append((min(step, coarsest), scale, shading, True))
-    wishes.append((coarsest, SCALES[-1], shading, False))
-    qualities = [
-        Quality(*wish, relative_cost=_relative_cost(*wish, vertices, lit_at_pixels=lit_at_pixels)) for wish in wishes
-    ]
-    return tuple(qualities)
+            wishes.append((min(step, coarsest), scale, shading, 0))
+    wishes.append((coarsest, SCALES[-1], shading, 1))
+    costs = [_cost(*wish, vertices, lit_at_pixels=lit_at_pixels) for wish in wishes]
+    return tuple(Quality(*wish, relative_cost=cost / costs[0]) for wish, cost in zip(wishes, costs, strict=True))
 
 
-def _relative_cost(
-    level: int, scale: float, shading: Shading, softens: bool, vertices: Sequence[int], *, lit_at_pixels: bool
+def _cost(
+    level: int, scale: float, shading: Shading, samples: int, vertices: Sequence[int], *, lit_at_pixels: bool
 ) -> float:
-    saved = LIGHT_SHARE * (shading == "vertices" and lit_at_pixels) + SOFTENING_SHARE * (not softens)
-    return VERTEX_SHARE * vertices[level] / vertices[0] + (1 - VERTEX_SHARE) * scale**2 * (1 - saved)
+    """In frames of the finest head with softened edges."""
+    saved = LIGHT_SHARE * (shading == "vertices" and lit_at_pixels) + SOFTENING_SHARE * (samples == 1)
+    pixels = scale**2 * (1 - saved + MULTISAMPLING * (samples > 1))
+    return VERTEX_SHARE * vertices[level] / vertices[0] + (1 - VERTEX_SHARE) * pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +190,7 @@ class FrameBudget:
         """To the first rung that is estimated to fit, or the last."""
         below = range(self.rung + 1, len(self.qualities))
         chosen = next((rung for rung in below if self._estimate(rung, median) <= self.budget_s), below[-1])
-        if self._climbed and now_s - self._since_s <= 2 * SETTLE_S:
+        if self._climbed and now_s - self._since_s <= TAKEN_BACK_S:
             self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)
         self._fell_s = now_s
         return self._move(chosen, median, now_s)

@@ -148,7 +148,7 @@ class Canvas:
         if samples not in SAMPLES:
             raise UsageError(f"samples: got {samples}, expected one of {', '.join(map(str, SAMPLES))}")
         self.size, self.drawn, self._components = size, drawn or size, components
-        self._context, self.softens = programs.context, samples == 0
+        self._context, self._softens = programs.context, samples == 0
         self._resources: list[Any] = []
         self._canvas = self._framebuffer(self.drawn, samples if samples > 1 else 0)
         self._small = self._framebuffer(self.drawn, 0)
@@ -219,7 +219,7 @@ class Canvas:
         context = self._context
         picture = self._canvas.color_attachments[0]
         context.enable_only(moderngl.DEPTH_TEST)
-        if self.softens:
+        if self._softens:
             self._small.use()
             for (program, array), passes in zip(self._passes, (ALWAYS, IN_FRONT_OF), strict=False):
                 context.depth_func = passes

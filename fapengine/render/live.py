@@ -109,7 +109,7 @@ class LiveRenderer:
         quality = self.quality
         renderer = self._renderer(quality.level)
         renderer.camera, renderer.scale = self.camera, quality.scale
-        renderer.shading, renderer.softens = quality.shading, quality.softens
+        renderer.shading, renderer.samples = quality.shading, quality.samples
         return renderer
 
     def _renderer(self, level: int) -> FaceRenderer:

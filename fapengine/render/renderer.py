@@ -29,7 +29,7 @@ SCALES = (0.1, 1.0)
 class FaceRenderer:
     """Stateful: one mesh in one picture size. Use it as a context manager; it holds GPU memory.
 
-    ``camera``, ``shading``, ``wire`` and ``scale`` may be set between frames.
+    ``camera``, ``shading``, ``wire``, ``scale`` and ``samples`` may be set between frames.
 
     Parameters
     ----------
@@ -123,13 +123,17 @@ class FaceRenderer:
                 self._canvas = self._new_canvas()
 
     @property
-    def softens(self) -> bool:
-        """Whether edges are softened after drawing."""
-        return self._canvas.softens
+    def samples(self) -> int:
+        """How edges are smoothed: see the constructor."""
+        return self._samples
 
-    @softens.setter
-    def softens(self, wanted: bool) -> None:
-        self._canvas.softens = wanted
+    @samples.setter
+    def samples(self, count: int) -> None:
+        if count != self._samples:
+            with self._context:
+                self._canvas.release()
+                self._samples = count
+                self._canvas = self._new_canvas()
 
     def is_lit_at_vertices(self, camera: Camera) -> bool:
         """Tell what ``shading`` comes to with a camera."""

@@ -124,6 +124,13 @@ def test_backgrounds(fap_file: Path, tmp_path: Path) -> None:
     assert np.abs(over_black - black).mean() < 1.0  # composed as other programs do it
 
 
+def test_edges(fap_file: Path, tmp_path: Path) -> None:
+    for edges in ("fine", "soft"):
+        run(fap_file, "--edges", edges, "-o", tmp_path / f"{edges}.png")
+    fine, soft = (load_picture(tmp_path / f"{edges}.png").astype(int) for edges in ("fine", "soft"))
+    assert 0.1 < np.abs(fine - soft).mean() < 4
+
+
 def test_wire_and_sheet(fap_file: Path, tmp_path: Path) -> None:
     run(fap_file, "--wire", "-o", tmp_path / "wire.png")
     run(fap_file, "-o", tmp_path / "bare.png")

@@ -50,6 +50,7 @@ def test_refuses_before_any_work(tmp_path: Path) -> None:
         (Options(tmp_path / "a.avi"), r"a\.avi, expected .* or \.fap"),
         (Options(tmp_path / "a.mp4", background="pink"), "--background: got 'pink'"),
         (Options(tmp_path / "a.mp4", camera="91,91"), "pitch"),
+        (Options(tmp_path / "a.mp4", edges="hard"), "--edges: got 'hard', expected one of fine, soft"),
     ):
         with pytest.raises(UsageError, match=message):
             check(options)

@@ -38,12 +38,13 @@ def test_the_ladder_goes_down() -> None:
     costs = [quality.relative_cost for quality in LADDER]
     assert costs[0] == 1.0
     assert np.all(np.diff(costs) < 0)
-    assert costs[-1] < 0.25
-    assert LADDER[1] == Quality(0, 1.0, "vertices", True, LADDER[1].relative_cost)
+    assert costs[-1] < 0.2
+    assert [quality.samples for quality in LADDER[:3]] == [4, 0, 0]
+    assert LADDER[2] == Quality(0, 1.0, "vertices", 0, LADDER[2].relative_cost)
     assert {quality.level for quality in LADDER} == {0, 1}
-    assert not LADDER[-1].softens
-    assert ladder([15_000], lit_at_pixels=False)[1].scale < 1  # light is at vertices already
-    assert [quality.level for quality in ladder([9, 5, 3], lit_at_pixels=False)] == [0, 0, 1, 1, 2, 2, 2, 2]
+    assert LADDER[-1].samples == 1
+    assert ladder([15_000], lit_at_pixels=False)[2].scale < 1  # light is at vertices already
+    assert [quality.level for quality in ladder([9, 5, 3], lit_at_pixels=False)] == [0, 0, 0, 1, 1, 2, 2, 2, 2]
 
 
 def test_a_machine_that_is_fast_enough_is_left_alone() -> None:
@@ -65,9 +66,9 @@ def test_a_load_is_met_within_a_second_and_forgotten_after_it() -> None:
     assert len(changes) <= 2 + len(LADDER)
 
 
-@pytest.mark.parametrize(("period_s", "heavy_s"), [(4.0, 1.0), (6.0, 2.0), (10.0, 1.0)])
+@pytest.mark.parametrize(("period_s", "heavy_s"), [(5.0, 1.0), (6.0, 2.0), (10.0, 1.0)])
 def test_a_load_that_comes_and_goes_does_not_flicker(period_s: float, heavy_s: float) -> None:
-    """Each climb is taken back; they become rare. Without the doubled waits there are 70 to 120 in five minutes."""
+    """Each climb is taken back; they become rare. Without the doubled waits there are 60 and more in five minutes."""
     _, changes, frames = simulate(lambda now_s: 0.010 * (3 if now_s % period_s < heavy_s else 1), 300.0)
     climbs = [change.time_s for change in changes if not change.is_worse]
     assert 3 <= len(climbs) <= 18
@@ -114,7 +115,7 @@ def test_whatever_frames_cost_the_rung_is_on_the_ladder(costs: list[float], paus
 
 def test_words() -> None:
     assert str(Quality()) == "every pixel, the finest head"
-    assert str(Quality(1, 0.5, "vertices", False)) == (
+    assert str(Quality(1, 0.5, "vertices", 1)) == (
         "50 % of the resolution, head 2, light at vertices, edges as they are"
     )
 
