@@ -29,6 +29,8 @@ Indices = NDArray[np.int64]
 
 TOGETHER_MM = 4.0
 """Two sides of a seam lie nearer than this."""
+WELL = {"lids": 0.9, "lips": 0.7}
+"""Share of the moved skin that moves less than it does where it moves well."""
 APART = {"lids": (0.3, 0.1), "lips": (0.03, 0.06)}
 """And differ in their motion by more than this share of its extent, and more for each mm between: skin stretches."""
 ENDING_MM = 1.5
@@ -78,11 +80,10 @@ class Face:
         return share
 
     def extent(self, role: str) -> float:
-        """How far the skin moves in mm, where it moves well; its last tenth may hide in the mouth."""
+        """How far the skin moves in mm where it moves well; what moves farthest may hide in the mouth."""
         length = np.linalg.norm(self.moves[role][self.skin], axis=1)
-        return (
-            max(float(np.quantile(length[length > 0.1 * length.max(initial=0.0)], 0.9)), 1e-9) if len(length) else 1e-9
-        )
+        moved = length[length > 0.1 * length.max(initial=0.0)]
+        return max(float(np.quantile(moved, WELL["lips" if role == JAW else "lids"])), 1e-9) if len(moved) else 1e-9
 
 
 def locate(mesh: MorphMesh, moves: Mapping[str, Array], standard: FaceMesh) -> dict[str, int]:

@@ -87,7 +87,7 @@ def test_points_are_found_on_three_people(dense: Dense) -> None:
         }
         assert len(off) >= 56
         for name in ("2.2", "2.3", "2.4", "2.5", "3.1", "3.2", "3.3", "3.4", "8.3", "8.4"):
-            assert off[name] < 4.0, (person, name)  # mm
+            assert off[name] < 5.0, (person, name)  # mm
         means.append(np.mean(list(off.values())))
     assert np.mean(means) < 3.2
     assert max(means) < 3.6
