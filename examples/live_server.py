@@ -20,6 +20,7 @@ ear.setblocking(False)
 
 
 async def main() -> None:
+    """Let the server speak, and save what it shows."""
     config = ServeConfig(listen=Listen(port=0, web_port=None), sinks=(f"osc://127.0.0.1:{ear.getsockname()[1]}",))
     server = Server(config, load_profile(config.face.profile))
     await server.start()
