@@ -194,6 +194,28 @@ def test_uneven_frames_are_shown_evenly(modules: Page) -> None:
     assert time_s[-1] == times[-1]  # it ends with the newest
 
 
+def test_time_on_the_screen_does_not_jump_when_the_network_gets_better(modules: Page) -> None:
+    times = np.arange(360) / 60
+    held_up = np.where((times < 2) & (np.arange(360) % 10 == 0), 0.08, 0.0)
+    arrivals = np.maximum.accumulate(times + 5 + held_up)
+    code = """const cushion = new m.FrameCushion(60);
+        const shown = [];
+        let next = 0;
+        for (let now = 5.1; now < 10.9; now += 1 / 60) {
+            while (given.arrivals[next] <= now) {
+                const frame = { number: next, time: given.times[next], faps: new Int32Array(68) };
+                cushion.push(frame, given.arrivals[next++]);
+            }
+            shown.push(cushion.sample(now).time);
+        }
+        return shown;"""
+    shown = np.array(calculated(modules, "time.js", code, times=times.tolist(), arrivals=arrivals.tolist()))
+    steps, lag = np.diff(shown), 0.1 + np.arange(len(shown)) / 60 - shown
+    assert (steps >= 0).all()
+    assert steps[30:].max() < 0.03  # a jump would be of 0.08
+    assert lag[-1] < lag[100] - 0.03  # it has learnt that it need not wait
+
+
 def test_a_new_server_or_a_long_sleep_begins_anew(modules: Page) -> None:
     code = """const cushion = new m.FrameCushion(60);
         const frame = (number, time) => ({ number, time, faps: new Int32Array(68) });
