@@ -4,9 +4,11 @@ import math
 import struct
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message import OscMessage
-from pythonosc.osc_message_builder import OscMessageBuilder
+from pythonosc.osc_message_builder import BuildError, OscMessageBuilder
 from pythonosc.osc_packet import OscPacket
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
@@ -169,3 +171,29 @@ def test_what_is_empty_or_just_fits() -> None:
     assert back.arguments == (b"",)
     each = osc.message("/n", "i", 1)
     assert [len(data) for data in osc.bundles([each, each], limit=16 + 4 + len(each))] == [32, 32]
+
+
+@given(
+    st.lists(
+        st.tuples(st.just("i"), st.integers(-(2**31) - 1, 2**31))
+        | st.tuples(st.just("h"), st.integers(-(2**63) - 1, 2**63))
+        | st.tuples(st.just("s"), st.text(max_size=6))
+        | st.tuples(st.just("f"), st.floats(width=32, allow_nan=False)),
+        max_size=6,
+    )
+)
+def test_messages_are_those_of_python_osc(arguments: list[tuple[str, osc.Argument]]) -> None:
+    builder = OscMessageBuilder("/a/b")
+    try:
+        for tag, value in arguments:
+            builder.add_arg(value, tag)
+        expected = builder.build().dgram
+    except (BuildError, ValueError, OverflowError):
+        expected = None
+    try:
+        built = osc.message("/a/b", "".join(tag for tag, _ in arguments), *(value for _, value in arguments))
+    except UsageError:
+        built = None
+    if any(tag == "s" and "\0" in str(value) for tag, value in arguments):
+        expected = None  # python-osc would cut it
+    assert built == expected
