@@ -20,7 +20,8 @@ from fapengine.files.heads_rigs import load_rig
 from fapengine.mesh.deform import deform
 from fapengine.mesh.head import build_head
 from fapengine.mesh.morphs_adopt import adopt_morphs
-from fapengine.mesh.morphs_locate import JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_axes import JAW, LEFT, RIGHT
+from fapengine.mesh.morphs_locate import locate
 from fapengine.mesh.morphs_names import choose
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES

@@ -9,7 +9,8 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.head import build_head
 from fapengine.mesh.morphs import MorphMesh, Shape
 from fapengine.mesh.morphs_adopt import adopt_morphs
-from fapengine.mesh.morphs_locate import JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_axes import JAW, LEFT, RIGHT
+from fapengine.mesh.morphs_locate import locate
 from fapengine.mpeg4 import fap
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.arkit import arkit_map

@@ -27,7 +27,8 @@ from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.head import build_head
 from fapengine.mesh.morphs import MorphMesh
 from fapengine.mesh.morphs_adopt import adopt_morphs
-from fapengine.mesh.morphs_locate import BOTH, JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_axes import BOTH, JAW, LEFT, RIGHT
+from fapengine.mesh.morphs_locate import locate
 from fapengine.mesh.morphs_names import Choice, choose
 from fapengine.mesh.style import parse_look
 from fapengine.mpeg4.fapu import Fapu

@@ -96,3 +96,10 @@ class MorphMesh:
         moves = np.zeros_like(self.vertices)
         moves[self.shapes[name].vertices] = self.shapes[name].moves
         return moves
+
+    def named(self, words: tuple[str, ...]) -> NDArray[np.bool_]:
+        """(V,) bool: vertices of surfaces with one of these words in their names."""
+        if self.surface is None:
+            return np.zeros(len(self.vertices), bool)
+        chosen = [number for number, name in enumerate(self.surfaces) if any(word in name.lower() for word in words)]
+        return np.isin(self.surface, chosen)

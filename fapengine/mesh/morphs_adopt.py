@@ -41,7 +41,6 @@ from fapengine.mesh.adopted_parts import (
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mesh.morphs import MorphMesh
 from fapengine.mesh.morphs_basis import JAW_FAPS, Mixer, Rig, add_shapes, coordinates
-from fapengine.mesh.morphs_locate import named
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -134,7 +133,7 @@ def adopt_morphs(
     fields = point_fields(laid.place, laid.triangles, node, skin, on_skin)
     with_chin = np.array([[float(name in CHIN)] for name in on_skin])
     jaw = np.clip(continued(laid.place, laid.triangles, node, skin, on_skin, with_chin)[:, 0], 0.0, 1.0)
-    called = np.flatnonzero(named(mesh, FOLLOWING)[laid.kept])
+    called = np.flatnonzero(mesh.named(FOLLOWING)[laid.kept])
     hangers, nearest = followers(laid.place, part, at, skin, eyes, called)
     covered, fields = with_followers(skin, fields, hangers, nearest)
     meant = [*[None] * len(shapes), *alone.values()]
@@ -280,7 +279,7 @@ def _has_iris(mesh: MorphMesh, laid: _Placed, eye: tuple[Indices, Array]) -> boo
 def _materials(mesh: MorphMesh, laid: _Placed, eyes: Eyes, blank: Eyes) -> NDArray[np.uint8]:
     material = np.full(len(laid.kept), Material.SKIN, np.uint8)
     for words, kind in SURFACES:
-        material[named(mesh, words)[laid.kept]] = kind
+        material[mesh.named(words)[laid.kept]] = kind
     for pupil, (ball, _) in eyes.items():
         material[ball] = Material.EYE if pupil in blank else Material.BALL
     return material

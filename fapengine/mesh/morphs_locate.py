@@ -22,6 +22,7 @@ from fapengine.geometry.rigid import fit_rigid
 from fapengine.mesh.adopted_parts import parts
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.morphs import MorphMesh
+from fapengine.mesh.morphs_axes import JAW, LEFT, RIGHT, ROLES, face_axes
 from fapengine.mesh.patch import vertex_normals
 
 Array = NDArray[np.float64]
@@ -37,8 +38,6 @@ ENDING_MM = 1.5
 """How near to its last vertex a seam ends."""
 PROFILE_MM = 3.0
 """Height of a step of the profile."""
-EYE_SHARE = 0.3
-"""Of the distance between the eyes' bones: how far round one the eye reaches."""
 CLOSING = 0.6
 """Share of the largest motion that the middle of an upper lid's margin has at least."""
 NO_SKIN = ("lash", "hair", "brow", "teeth", "tooth", "tongue", "tear", "eyeball", "cornea", "occlusion", "glass")
@@ -47,10 +46,6 @@ REACH_MM = 9.0
 """A point of the standard head without a vertex so near is left out."""
 SAME_WAY = 0.2
 """Least cosine between the normals of a point and of its vertex."""
-LEFT, RIGHT, JAW = "left lid", "right lid", "jaw"
-ROLES = (LEFT, RIGHT, JAW)
-BOTH = "lids"
-"""Instead of the first two: a shape that closes both eyes."""
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
 LOWER = ("2.3", "2.8", "2.9", "8.2", "8.7", "8.8", "2.1", "2.10", "2.11", "2.12")
 UPPER = ("2.2", "2.6", "2.7", "8.1", "8.5", "8.6", "8.9", "8.10", "9.3", "9.15", "9.1", "9.2", "9.4", "9.5")
@@ -108,88 +103,15 @@ def locate(mesh: MorphMesh, moves: Mapping[str, Array], standard: FaceMesh) -> d
     DataError
         If a role is missing or its shape moves nothing, if left and right are exchanged, or no seam of lips is found.
     """
-    if BOTH in moves and not (LEFT in moves and RIGHT in moves):
-        moves = dict(moves) | _halves(mesh, moves[BOTH], moves.get(JAW))
-    moves = {role: move for role, move in moves.items() if np.abs(move).max(initial=0.0) > 0}
-    shown = {role: np.linalg.norm(move, axis=1) for role, move in moves.items()} | _round_bones(mesh, moves)
-    lacking = [role for role in ROLES if role not in shown]
-    if lacking:
-        raise DataError(
-            f"shapes: got none for {', '.join(lacking)}, expected shapes that close the lids of each eye and open the"
-            " jaw (eyeBlinkLeft, eyeBlinkRight, jawOpen); name them in a mapping file, or give the feature points"
-        )
-    centre, axes, scale = _axes(mesh, shown, float(standard.fapu.es0_mm))
+    moves, (centre, axes, scale), shown = face_axes(mesh, moves, float(standard.fapu.es0_mm))
     place = scale * (mesh.vertices - centre) @ axes.T + standard.eye_pivots_mm.mean(axis=0)
     turned = {role: scale * moves[role] @ axes.T for role in ROLES if role in moves}
-    face = _face(place, mesh.triangles, ~named(mesh, NO_SKIN)[mesh.triangles[:, 0]], turned, shown)
+    face = _face(place, mesh.triangles, ~mesh.named(NO_SKIN)[mesh.triangles[:, 0]], turned, shown)
     for _ in range(2):  # the second time in better axes
         face.anchors = _anchors(face, mesh)
         face = _turned_to(face, standard)
     found = _bent(face, standard)
     return found | _tongue(face, mesh)
-
-
-def named(mesh: MorphMesh, words: tuple[str, ...]) -> NDArray[np.bool_]:
-    """(V,) bool: vertices of surfaces with one of these words in their names."""
-    if mesh.surface is None:
-        return np.zeros(len(mesh.vertices), bool)
-    chosen = [number for number, name in enumerate(mesh.surfaces) if any(word in name.lower() for word in words)]
-    return np.isin(mesh.surface, chosen)
-
-
-def _round_bones(mesh: MorphMesh, moves: Mapping[str, Array]) -> dict[str, Array]:
-    """(V,) by role: instead of lids that no shape moves, what lies round the bones of both eyes."""
-    joints = [mesh.limbs[name].joint for name in ("left eye", "right eye") if name in mesh.limbs]
-    if len(joints) < 2:
-        return {}
-    reach = EYE_SHARE * float(np.linalg.norm(joints[0] - joints[1]))
-    near = [(np.linalg.norm(mesh.vertices - joint, axis=1) < reach).astype(np.float64) for joint in joints]
-    return {role: one for role, one in zip((LEFT, RIGHT), near, strict=True) if role not in moves and one.any()}
-
-
-def _axes(mesh: MorphMesh, shown: Mapping[str, Array], separation_mm: float) -> tuple[Array, Array, float]:
-    """Middle between the eyes, rows of axes, and mm per unit."""
-    left, right, jaw = (_centroid(mesh.vertices, shown[role]) for role in ROLES)
-    middle = (left + right) / 2
-    across = left - right
-    size = float(np.linalg.norm(across))
-    up = middle - jaw
-    up = up - across * (up @ across) / max(size, 1e-12) ** 2
-    if not (size > 0 and np.linalg.norm(up) > 0.1 * size):
-        raise DataError("shapes: got lids and jaw that move one place, expected two eyes above a mouth")
-    x, y = across / size, up / np.linalg.norm(up)
-    axes = np.stack([x, y, np.cross(x, y)])
-    normals = vertex_normals(mesh.vertices, mesh.triangles)
-    if sum(_facing(normals, shown[role], axes[2]) for role in ROLES[:2]) < 0:
-        raise DataError("shapes: left and right are exchanged, or triangles face inwards (left is the subject's)")
-    return middle, axes, separation_mm / size
-
-
-def _facing(normals: Array, weight: Array, ahead: Array) -> float:
-    """Mean cosine between a direction and the normals of what moves."""
-    return float(weight @ (normals @ ahead)) / max(float(weight.sum()), 1e-12)
-
-
-def _halves(mesh: MorphMesh, lids: Array, jaw: Array | None) -> dict[str, Array]:
-    """Part a blink of both eyes at the middle between them; the left one is where the face then looks outwards."""
-    size = np.linalg.norm(lids, axis=1)
-    moved = size > 0.05 * size.max(initial=0.0)
-    if jaw is None or not moved.any():
-        return {}
-    spread = mesh.vertices[moved] - mesh.vertices[moved].mean(axis=0)
-    across = np.linalg.svd(spread, full_matrices=False)[2][0]
-    side = (mesh.vertices - mesh.vertices[moved].mean(axis=0)) @ across > 0
-    halves = [np.where(one[:, None], lids, 0.0) for one in (side, ~side)]
-    up = mesh.vertices[moved].mean(axis=0) - _centroid(mesh.vertices, np.linalg.norm(jaw, axis=1))
-    normals = vertex_normals(mesh.vertices, mesh.triangles)
-    ahead = np.cross(across, up)
-    return dict(zip((LEFT, RIGHT) if _facing(normals, size, ahead) > 0 else (RIGHT, LEFT), halves, strict=True))
-
-
-def _centroid(vertices: Array, weight: Array) -> Array:
-    weight = np.where(weight > 0.5 * weight.max(), weight, 0.0)
-    centre: Array = weight @ vertices / weight.sum()
-    return centre
 
 
 def _face(
@@ -411,7 +333,7 @@ def _is_ball(place: Array, lids: Array) -> bool:
 def _tongue(face: Face, mesh: MorphMesh) -> dict[str, int]:
     """Tip of the tongue: of the parts called so, the one that reaches farthest back along the middle."""
     used = np.unique(face.triangles)
-    alone = named(mesh, ("tongue",)) & ~named(mesh, ("gum",))  # a tongue grown to the gums would take them along
+    alone = mesh.named(("tongue",)) & ~mesh.named(("gum",))  # a tongue grown to the gums would take them along
     called = used[alone[used] & (face.part[used] != face.part[face.skin[0]])]
     middle = called[np.abs(face.place[called, 0] - face.place[face.anchors["2.2"], 0]) < TOGETHER_MM]
     if not len(middle):

@@ -14,8 +14,9 @@ from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, Material
 from fapengine.mesh.head import build_head
 from fapengine.mesh.morphs import Limb, MorphMesh, Shape
 from fapengine.mesh.morphs_adopt import adopt_morphs
+from fapengine.mesh.morphs_axes import BOTH, JAW, LEFT, RIGHT
 from fapengine.mesh.morphs_basis import MOST_ROWS, Mixer
-from fapengine.mesh.morphs_locate import BOTH, JAW, LEFT, RIGHT, locate
+from fapengine.mesh.morphs_locate import locate
 from fapengine.mesh.morphs_names import choose, plain, viseme
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
