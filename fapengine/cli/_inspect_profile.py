@@ -126,7 +126,7 @@ def _draw(profile: Profile, path: Path) -> None:
         range(len(faps) - len(profile.expressions), len(faps)), profile.expressions.values(), strict=True
     ):
         faps[row] += face.fap
-    with FaceRenderer(build_head(), size=(PICTURE_PX, PICTURE_PX), camera=preset("front")) as renderer:
+    with FaceRenderer(build_head(), size=(PICTURE_PX, PICTURE_PX), camera=preset("front"), samples=4) as renderer:
         pictures = list(renderer.frames(to_codable(faps)))
     save_png(
         path,
