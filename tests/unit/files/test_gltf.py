@@ -168,6 +168,13 @@ def test_vrm_s_expressions_are_shapes(version: int) -> None:
     assert found.limbs["head"].weight.tolist() == [0, 0, 0, 0]
 
 
+def test_a_target_s_own_name_goes_before_an_expression_s() -> None:
+    builder = vrm(1)
+    custom = builder.doc["extensions"]["VRMC_vrm"]["expressions"]["custom"]
+    custom["Fcl_MTH_A"] = {"morphTargetBinds": [{"node": 0, "index": 1}]}
+    assert read(builder.glb()).dense("Fcl_MTH_A")[:, 2].tolist() == [1, 0, 0, 0]
+
+
 def test_shapes_of_one_name_in_two_meshes_are_one_and_unnamed_ones_are_numbered() -> None:
     builder = plain(targets=("jawOpen",))
     builder.node(mesh=square(builder, targets=("jawOpen", "x")))
@@ -230,7 +237,9 @@ def test_repeated_textures_are_repeated() -> None:
     assert many.notes == ("material 'Skin': its texture repeats 8 times, 4 are kept",)
     builder = textured([[-2, 0.2], [3, 0.2], [3, 0.8], [-2, 0.8]])
     builder.doc["textures"][0]["sampler"] = builder.row("samplers", {"wrapS": 33071})
-    assert [colour_at(read(builder.glb()), vertex) for vertex in range(4)] == SEEN
+    clamped = read(builder.glb())
+    assert [colour_at(clamped, vertex) for vertex in range(4)] == SEEN
+    assert clamped.notes == ()
 
 
 def test_factors_vertex_colours_and_parts_without_a_texture() -> None:
@@ -269,6 +278,16 @@ def test_holes_are_cut_and_what_nobody_would_see_is_left_out() -> None:
         found = read(builder.glb())
         assert len(found.vertices) == 4
         assert found.notes == ("Cornea / Skin: left out, as it is translucent",)
+
+
+def test_a_pane_without_a_texture_is_left_out() -> None:
+    builder = plain(material=0)
+    builder.node(mesh=square(builder))
+    pane = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.3]}}
+    builder.row("materials", pane)
+    assert len(read(builder.glb()).vertices) == 4
+    pane["alphaMode"] = "OPAQUE"
+    assert len(read(builder.glb()).vertices) == 8
 
 
 def test_textures_of_other_kinds_leave_their_colour() -> None:
@@ -311,6 +330,7 @@ WRONG = [
     (plain, "meshes.0.primitives.0.extensions", {"KHR_draco_mesh_compression": {}}, "Draco.*primitives.0"),
     (plain, "bufferViews.0.extensions", {"EXT_meshopt_compression": {}}, r"meshopt.*bufferViews\[0\]"),
     (plain, "scene", 4, r"scene: got 4, expected a whole number, 0..0"),
+    (lambda: vrm(0), "scenes.0.nodes", [0, True], "nodes: got .0, True., expected indices"),
     (plain, "scenes.0.nodes", [7], "nodes: got .7., expected indices 0..0"),
     (plain, "scenes.0.nodes", [0, 0], "got it twice in the scene"),
     (plain, "nodes.0.children", [0], "two parents"),
