@@ -75,7 +75,7 @@ nearly nothing, because each vertex knows the few FAPs that move it; in that plo
 ## Against other renderers
 
 The same mesh, 512 x 512, read back. A peer gets the moved vertices and turned normals ready-made, so it does not
-deform; ours does. *Bare* is without anti-aliasing; PyVista and pygfx have a softening pass (FXAA) like ours, and
+deform, and is coloured at vertices; ours deforms and is painted. *Bare* is without anti-aliasing; PyVista and pygfx have a softening pass (FXAA) like ours, and
 pyrender always multisamples. three.js draws in headless Chromium on the same Mesa, with its standard material and its
 multisampling; *bare* with Phong and stairs; *morphs* deforms by itself, each channel a morph target. *Our page* is the
 page of `fapengine serve` in that browser. Their lights are one to four lamps, ours three with wrapped diffuse and two
