@@ -11,6 +11,7 @@ cubic spline); it starts and ends at rest with zero slope.
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 
 import numpy as np
@@ -109,9 +110,9 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     for phone, together in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
         if phone.is_silence:
             continue
-        group = list(together)
-        times, keys, contacts = [], [], []
-        for index, token in group:
+        times: list[float] = []
+        keys, contact, opens = [], "none", False
+        for index, token in together:
             own = profile.phones[token.name]
             fractions = own.fractions if model is None else model.fractions
             looks = own.targets if found is None else found[index]
@@ -120,13 +121,15 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
                 fractions, looks = (sum(fractions) / len(fractions),), looks.mean(axis=0, keepdims=True)
             keys.append(looks)
             times += [token.start_s + length_s * fraction for fraction in fractions]
-            contacts.append(own.contact)
-        opens = any(must_open(letter) for _, token in group for letter in token.heard)
-        contact = next((one for one in contacts if one != "none"), "open" if opens else "none")
-        resolved.append(Resolved(phone, tuple(times), np.concatenate(keys), contact))
+            contact = own.contact if contact == "none" else contact
+            opens = opens or any(map(must_open, token.heard))
+        if contact == "none" and opens:
+            contact = "open"
+        resolved.append(Resolved(phone, tuple(times), keys[0] if len(keys) == 1 else np.concatenate(keys), contact))
     return resolved, Counter(strange)
 
 
+@cache
 def must_open(letter: str) -> bool:
     """Whether this IPA letter is a vowel that cannot be said with the mouth nearly shut: open or near-open."""
     sound = ipa.SOUNDS.get(letter)
