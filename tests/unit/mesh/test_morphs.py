@@ -64,6 +64,16 @@ def test_points_are_found_wherever_the_face_looks(rig, standard):
     assert len(here) >= 55
     assert np.mean(off) < 3.5  # mm
     assert here["2.2"] != here["2.3"]
+    sunk = -rig.dense("jawOpen")[:, 1]
+    for upper, lower in (
+        ("2.2", "2.3"),
+        ("2.6", "2.8"),
+        ("2.7", "2.9"),
+        ("8.1", "8.2"),
+        ("8.5", "8.7"),
+        ("8.6", "8.8"),
+    ):
+        assert sunk[here[lower]] > sunk[here[upper]] + 10.0, (upper, lower)  # mm: each on its own lip
     turn = Rotation.from_rotvec([0.4, -2.0, 0.9]).as_matrix()
     there = moved(rig, turn, 0.001, np.array([3.0, -1.0, 2.0]))
     same = locate(there, roles(there), standard)
@@ -205,6 +215,21 @@ def test_eyes_jaw_and_head(adopted, rig, marked, standard):
     boned = adopt_morphs(rig, jawless, marked, standard).mesh
     assert (boned.bone == Bone.JAW).any()
     assert deform(boned, frame)[boned.feature_points["2.1"], 1] < boned.point_mm("2.1")[1] - 4.0
+
+
+def test_no_shape_moves_an_eyeball(rig, marked, standard):
+    ball = np.flatnonzero(rig.surface == rig.surfaces.index("Eyeball"))
+    lids = rig.dense("eyeBlinkLeft")
+    lids[ball] = [0.0, -5.0, 0.0]
+    blink = Shape(np.arange(len(lids)), lids)
+    mesh = adopt_morphs(
+        replace(rig, shapes={**rig.shapes, "Blink": blink}), ["Blink", "jawOpen"], marked, standard
+    ).mesh
+    frame = np.zeros(68)
+    frame[fap.column(19)] = 1000.0
+    gone = deform(mesh, frame) - mesh.vertices_mm
+    assert gone[mesh.feature_points["3.1"], 1] < -8.0
+    assert np.abs(gone[mesh.material == Material.EYE]).max() < 1e-3
 
 
 def test_bones_of_the_rig_are_heeded(rig, marked, standard):
