@@ -47,6 +47,8 @@ ZERO_RUN = 22
 SKIP_LIMIT = 100_000
 """Deviation: more skipped frames than this in one plane (over an hour at 25 Hz) count as damage; it bounds the time
 that a decoder fed byte by byte can be made to spend."""
+SHORTEST_PLANE = 5
+"""Bits of a P plane: three fixed, one of the frames skipped, and the least that one coded bit takes."""
 LOOK_AHEAD = 14
 """Data bits that the decoder is ahead at the end of a segment."""
 
@@ -395,7 +397,9 @@ def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any)
 def code_behind(bits: Any, at: int) -> int:
     """Look for a start code behind a plane (FBA section 3): at the next byte boundary, one byte on if already there.
 
-    The stuffing itself is not checked, as the reference family does not.
+    The stuffing itself is not checked, as the reference family does not; but where the bits before the code begin as a
+    P plane does (0 0 1) and have room for the shortest, they are a plane: stuffing is a 0 and ones. (Decoders of the
+    reference family take it for stuffing, and lose the last frame of a face that stands still.)
 
     Returns
     -------
@@ -411,6 +415,8 @@ def code_behind(bits: Any, at: int) -> int:
             return -1
     if start + 32 > n:
         return -2
+    if start - at >= SHORTEST_PLANE and not bits[at] and not bits[at + 1] and bits[at + 2]:
+        return -1
     code = 0
     for k in range(24, 32):
         code = 2 * code + int(bits[start + k])

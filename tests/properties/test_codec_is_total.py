@@ -3,6 +3,7 @@
 import contextlib
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -89,3 +90,13 @@ def test_decoding_undoes_encoding_up_to_half_a_step(
         steps = np.array([0, 0] + [4, 2, 2, 2] + [1] * 62) * quant
         assert (np.abs(shown.values - track.values)[:, 2:6] * (shown.mask[:, 2:6]) <= steps[2:6] // 2 + 1).all()
     assert len(shown) == len(track)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("quant", [0, 1, 5])
+@pytest.mark.parametrize("every", [0, 3])
+def test_a_still_face_keeps_its_last_frame_however_few_bits_it_takes(moving: bool, quant: int, every: int) -> None:
+    for count in range(1, 30):
+        track = FapTrack.of(np.zeros((count, 68), np.int32), rate_hz=25.0)
+        data = encode(track, EncoderOptions(quant=quant, intra_every=every, ranges="fitted", moving_only=moving))
+        assert len(decode(data).track) == count
