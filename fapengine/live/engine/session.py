@@ -20,7 +20,7 @@ from fapengine.live.engine.life import Life
 from fapengine.live.engine.utterance import StreamClock, Utterance
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory.bank import SessionBank
-from fapengine.trajectory.stream import AHEAD_PHONES
+from fapengine.trajectory.stream import AHEAD_PHONES, SAME_S
 from fapengine.trajectory.style import Style
 
 EventKind = Literal["started", "underrun", "late", "concealed", "finished", "cancelled", "error"]
@@ -32,6 +32,9 @@ JUMP_S = 0.08
 """Sound that is farther off than this is jumped to, not slewed to."""
 JUMP_FADE_S = 0.15
 PLAN_EARLY_S = 0.1
+"""So long before phones begin to matter to what is shown, they are planned."""
+GATHER_S, URGENT_S = 0.05, 0.3
+"""A clause comes in several datagrams: its first phones wait so long for the others, unless they are due so soon."""
 CONCEAL_S = 0.06
 """So long before a gap is reached, another phone stands in for the missing one."""
 REMEMBERED = 64
@@ -125,6 +128,8 @@ class Session:
     cancels: list[tuple[float, Cancel]] = field(default_factory=list)
     fresh: list[Phone] = field(default_factory=list)
     """For the planner, at the next frame."""
+    fresh_since_s: float = -inf
+    """Engine time at which the first of them came."""
     fresh_for: int = -1
     """Utterance of the last of them."""
 
@@ -308,11 +313,15 @@ class Session:
         self.fresh = []
 
     def _plan_by_s(self) -> float:
-        """Engine time from which on fresh phones may show: what is far ahead is planned later, together with more."""
+        """Engine time by which fresh phones are planned: what is not urgent waits for more, and is planned with it."""
         planned = self.bank.planned(self.number)
-        if len(planned) <= AHEAD_PHONES or min(phone.start_s for phone in self.fresh) < planned[-1].end_s:
+        first_s = min(phone.start_s for phone in self.fresh)
+        if planned and first_s < planned[-1].end_s - SAME_S:
             return -inf
-        return planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S
+        matter_s = self.fresh_since_s + GATHER_S
+        if len(planned) > AHEAD_PHONES:
+            matter_s = max(matter_s, planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S)
+        return min(matter_s, first_s + self.clock.begins_s - URGENT_S)
 
     def report(self) -> Counters:
         """Count what the planner has met with too."""
@@ -382,6 +391,8 @@ class Session:
 
     def _feed(self, one: Utterance, phones: Iterable[Phone], now_s: float, from_s: float = 0.0) -> None:
         shifted = one.in_stream(phones, from_s)
+        if not self.fresh:
+            self.fresh_since_s = now_s
         self.fresh += shifted
         self.fresh_for = one.number
         begins_s = self.clock.begins_s
