@@ -13,8 +13,8 @@ round before /u/ and spread before /i/.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,7 @@ PENALTIES = {"bias": 0.03, "phone": 1.0, "way": 3.0, "length": 3.0, "beside": 3.
 3 are shrunk by 2 and 4."""
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """A phone, or a part of one, under a name that the profile knows."""
 
     phone: Phone

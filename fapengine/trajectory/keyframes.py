@@ -106,6 +106,7 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     tokens, strange = tokens_of(track, profile.phones)
     model = profile.context if context else None
     found = None if model is None else targets(tokens, model)
+    means = None if found is None else found.mean(axis=1, keepdims=True)
     resolved: list[Resolved] = []
     for phone, together in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
         if phone.is_silence:
@@ -117,8 +118,8 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
             fractions = own.fractions if model is None else model.fractions
             looks = own.targets if found is None else found[index]
             length_s = token.end_s - token.start_s
-            if model is not None and length_s * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1):
-                fractions, looks = (sum(fractions) / len(fractions),), looks.mean(axis=0, keepdims=True)
+            if means is not None and length_s * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1):
+                fractions, looks = (sum(fractions) / len(fractions),), means[index]
             keys.append(looks)
             times += [token.start_s + length_s * fraction for fraction in fractions]
             contact = own.contact if contact == "none" else contact

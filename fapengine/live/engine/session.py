@@ -296,14 +296,14 @@ class Session:
         self.clock.begins_s -= step_s
         self.bank.retime(self.number, self.clock.begins_s)
 
-    def flush(self, now_s: float) -> None:
-        """Give the planner what has come since it was last given something, if it matters by now."""
+    def flush(self, now_s: float, *, if_urgent: bool) -> bool:
+        """Give the planner what has come since it was last given something, if it matters by now; tell whether."""
         if not self.fresh:
-            return
-        due_s = self._plan_by_s()
-        if now_s < due_s:
-            self.wake_s = min(self.wake_s, due_s)
-            return
+            return False
+        due_s, urgent_s = self._plan_by_s()
+        if now_s < (urgent_s if if_urgent else due_s):
+            self.wake_s = min(self.wake_s, max(due_s, nextafter(now_s, inf)))
+            return False
         counts = self.bank.counts(self.number)
         before = counts.late + counts.dropped
         self.bank.feed(self.number, self.fresh)
@@ -311,17 +311,19 @@ class Session:
         if late:
             self.emit(Event(self.name, self.fresh_for, "late", now_s, late))
         self.fresh = []
+        return True
 
-    def _plan_by_s(self) -> float:
-        """Engine time by which fresh phones are planned: what is not urgent waits for more, and is planned with it."""
+    def _plan_by_s(self) -> tuple[float, float]:
+        """Engine times by which fresh phones should be planned, and must: what is not urgent waits for more."""
         planned = self.bank.planned(self.number)
         first_s = min(phone.start_s for phone in self.fresh)
         if planned and first_s < planned[-1].end_s - SAME_S:
-            return -inf
+            return -inf, -inf
         matter_s = self.fresh_since_s + GATHER_S
         if len(planned) > AHEAD_PHONES:
             matter_s = max(matter_s, planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S)
-        return min(matter_s, first_s + self.clock.begins_s - URGENT_S)
+        urgent_s = first_s + self.clock.begins_s - URGENT_S
+        return min(matter_s, urgent_s), urgent_s
 
     def report(self) -> Counters:
         """Count what the planner has met with too."""

@@ -522,3 +522,21 @@ def test_whatever_is_told_the_face_moves_smoothly_and_comes_to_rest(script):
     counters = face.counters("anna")
     assert counters.utterances == counters.finished + counters.unended + counters.cancelled
     assert min(astuple(counters)) >= 0
+
+
+def test_many_clauses_at_once_are_planned_over_several_frames_and_in_time(monkeypatch):
+    face, fed = engine(), []
+    for n in range(40):
+        face.open(f"s{n}", 0.0)
+    feed = face._bank.feed
+    monkeypatch.setattr(face._bank, "feed", lambda *args: fed.append(args) or feed(*args))
+    for n in range(40):
+        say(face, sentence(lead_s=0.8), session=f"s{n}")
+    counts = []
+    for n in range(90):
+        before = len(fed)
+        face.frame(n / RATE_HZ)
+        counts.append(len(fed) - before)
+    assert sum(counts) == 40
+    assert 2 < max(counts) < 10
+    assert not any(face.counters(f"s{n}").late for n in range(40))
