@@ -464,7 +464,8 @@ class Session:
         self._settle(now_s)
 
     def _finish(self, one: Utterance, now_s: float) -> None:
-        self.counters.lost += sum(stop - start for start, stop in one.missing()) - len(one.concealed)
+        missing = {index for start, stop in one.missing() for index in range(start, stop)}
+        self.counters.lost += len(missing - one.concealed)
         self.counters.finished += 1
         self._close(one, "finished", now_s)
 

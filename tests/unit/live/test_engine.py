@@ -298,6 +298,10 @@ def test_a_missing_phone_is_concealed_and_a_late_one_counted():
     face.apply("anna", Append(1, 2, phones[2:3]), 0.59)
     frames(face, 0.6, 0.75)
     assert (kinds(face), face.counters("anna").late) == (["late"], 1)
+    face.apply("anna", End(1, 5, 0.9), 0.75)
+    frames(face, 0.75, 1.2)
+    assert kinds(face) == ["finished"]
+    assert face.counters("anna").lost == 0  # it came after all
 
 
 def test_speech_that_stops_coming_is_an_underrun_and_ends_by_itself():
