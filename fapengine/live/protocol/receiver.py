@@ -16,6 +16,7 @@ import heapq
 import hmac
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
+from itertools import count
 from typing import Any, cast
 
 from fapengine.errors import DataError
@@ -81,6 +82,7 @@ class OscReceiver:
         self._joined: OrderedDict[Hashable, Peer] = OrderedDict()
         self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
         self._sessions: dict[str, WireSession] = {}
+        self._numbers = count()
         self._texts: deque[TextRequest] = deque()
         self._again: list[tuple[float, int, Hashable, bytes]] = []
         self._order = 0
@@ -342,7 +344,7 @@ class OscReceiver:
             self._refuse(name, "sessions", arrival)
             return None
         if name not in self._sessions:
-            self._sessions[name] = WireSession(name, self._engine, self._limits.utterances)
+            self._sessions[name] = WireSession(name, self._engine, self._limits.utterances, self._numbers)
         return self._sessions[name]
 
     def _refuse(self, session: str, reason: str, arrival: Arrival, utterance: int = -1) -> None:

@@ -1,11 +1,11 @@
 """One session of the robust mode: utterances by the sender's numbers, told to the engine under numbers of its own.
 
-A sender that was restarted counts from the beginning again; its old utterances must not be taken for its new ones. So
-the engine's numbers only rise, and the map from the sender's is begun anew when a sender is
-(:class:`~.schema.Hello`), or when it begins an utterance again that was over :data:`AGAIN_S` ago.
+A sender that was restarted, or said bye, counts from the beginning again; its old utterances must not be taken for its
+new ones. So the engine's numbers only rise, whatever session they are for, and the map from the sender's is begun anew
+when a sender is (:class:`~.schema.Hello`), or when it begins an utterance again that was over :data:`AGAIN_S` ago.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 
@@ -43,6 +43,8 @@ class WireSession:
     name: str
     faces: Faces
     most_utterances: int
+    numbers: Iterator[int]
+    """Engine's numbers of new utterances."""
     phone_set: str = "ipa"
     instance: int = 0
     peers: dict[Hashable, int] = field(default_factory=dict)
@@ -51,7 +53,6 @@ class WireSession:
     """By the sender's number, the latest last."""
     busy: dict[int, Hashable] = field(default_factory=dict)
     """Utterances for which something is due, and whom to tell."""
-    next_number: int = 0
     _wire: dict[int, int] = field(default_factory=dict)
     """Engine's number to the sender's."""
     _cancelled_below: int = -INT32
@@ -61,8 +62,7 @@ class WireSession:
 
     def new_number(self) -> int:
         """Give the engine's number of a new utterance."""
-        self.next_number += 1
-        return self.next_number - 1
+        return next(self.numbers)
 
     def join(self, peer: Hashable, hello: schema.Hello, now_s: float) -> bool:
         """Take a sender in; whether it is another one than before, so that what was begun is cancelled."""

@@ -480,7 +480,13 @@ def test_a_session_that_others_closed_is_opened_again():
     one.tick(51.0)
     one.send(BeginUtterance("anna", 1))
     assert one.faces.open_sessions == ["anna"]
-    assert one.faces.commands(Begin) == [Begin(0, "now")] * 2
+    assert one.faces.commands(Begin) == [Begin(0, "now"), Begin(1, "now")]
+
+
+def test_what_is_begun_after_a_bye_is_new_to_the_engine():
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1), schema.Bye("anna"), HELLO, BeginUtterance("anna", 1))
+    assert one.faces.commands(Begin) == [Begin(0, "now"), Begin(1, "now")]
 
 
 def test_bye_cancels_and_is_answered():

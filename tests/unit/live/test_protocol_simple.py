@@ -339,10 +339,10 @@ def test_when_the_session_is_closed_by_others_the_next_phone_begins_anew():
     one.faces.close("face", 50.1)
     one.tick(50.2)
     one.say("/phoneme", "s", "m", at_s=50.3)
-    assert one.faces.commands(Begin) == [Begin(0, "at", 50.04), Begin(0, "at", pytest.approx(50.34))]
+    assert one.faces.commands(Begin) == [Begin(0, "at", 50.04), Begin(1, "at", pytest.approx(50.34))]
     ticked(one, 52.0)
     one.faces.close("face", 52.0)
     one.tick(52.1)
     one.send(schema.BeginUtterance("face", 8), schema.BeginUtterance("face", 9))
     one.say("/phoneme", "s", "m")
-    assert [begin.utterance for begin in one.faces.commands(Begin)[2:]] == [0, 1, 2]  # no number twice in a session
+    assert [begin.utterance for begin in one.faces.commands(Begin)[2:]] == [2, 3, 4]  # no number twice
