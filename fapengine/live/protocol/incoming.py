@@ -70,7 +70,7 @@ class Incoming:
     @property
     def bitmap64(self) -> int:
         """Bit n: phone ``next_index + 1 + n`` is there; as a signed int64."""
-        if len(self.phones) == self.next_index:
+        if max(self.phones, default=-1) < self.next_index:
             return 0
         bits = sum(1 << n for n in range(BITS) if self.next_index + 1 + n in self.phones)
         return bits - (1 << BITS) if bits >> (BITS - 1) else bits
@@ -115,8 +115,8 @@ class Incoming:
         return True
 
     def forget_phones(self) -> None:
-        """Remember only which have come: it is over, and a server remembers many."""
-        self.phones = dict.fromkeys(self.phones, _COME)
+        """Remember only what an acknowledgement tells: it is over, and a server remembers many."""
+        self.phones = {index: _COME for index in self.phones if index > self.next_index}
 
     def missing(self) -> list[tuple[int, int]]:
         """Gaps: first index, index behind the last."""

@@ -8,7 +8,8 @@ acknowledgements of what came within 20 ms, requests for what is missing, events
 what others send: it is counted, for each peer and in all.
 
 Sessions are known by name, not by where they are told from, so that one may be driven over TCP and UDP at once. A
-session is opened by its first message, or by ``hello``, which alone lets its sender be answered. The simple mode has no
+session is opened by its first message, or by ``hello``, which alone lets its sender be answered. Whoever said that is
+answered still when the session was closed by others, or for being idle, and is opened again. The simple mode has no
 names; it drives :data:`SIMPLE_SESSION`.
 """
 
@@ -16,7 +17,7 @@ import heapq
 import hmac
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
-from itertools import count
+from itertools import chain, count
 from typing import Any, cast
 
 from fapengine.errors import DataError
@@ -82,6 +83,7 @@ class OscReceiver:
         self._joined: OrderedDict[Hashable, Peer] = OrderedDict()
         self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
         self._sessions: dict[str, WireSession] = {}
+        self._asleep: OrderedDict[str, WireSession] = OrderedDict()
         self._numbers = count()
         self._texts: deque[TextRequest] = deque()
         self._again: list[tuple[float, int, Hashable, bytes]] = []
@@ -147,7 +149,7 @@ class OscReceiver:
 
         for name, session in list(self._sessions.items()):
             if name not in self._engine:
-                del self._sessions[name]  # closed by others, or for being idle; its next message opens it again
+                self._put_to_sleep(name)
             elif session.busy:
                 session.tick(self._clock_of, send, now_s)
         return replies
@@ -161,7 +163,7 @@ class OscReceiver:
     def forget(self, peer: Hashable) -> None:
         """Drop a peer whose connection is closed. What it had begun is said as far as it came."""
         if self._joined.pop(peer, None) is not None:
-            for session in self._sessions.values():
+            for session in chain(self._sessions.values(), self._asleep.values()):
                 session.peers.pop(peer, None)
         self._strangers.pop(peer, None)
 
@@ -244,14 +246,20 @@ class OscReceiver:
         arrival.replies.append((peer.name, wire_format.encode(welcome)))
 
     def _bye(self, wire: schema.Bye, arrival: Arrival) -> None:
-        session = self._sessions.pop(wire.session, None)
+        session, leaver = self._sessions.get(wire.session), arrival.peer.name
         if session is None or wire.session not in self._engine:
             arrival.peer.tally.add("repeated")
             return
+        listeners = list(session.peers)
+        had_joined = session.peers.pop(leaver, None) is not None
+        if not had_joined and not session.utterances:
+            arrival.peer.tally.add("repeated")
         session.tell(Cancel(), arrival.now_s)
-        for peer in session.peers:
-            notice = schema.Notice(wire.session, -1, "cancelled", engine_us=microseconds(arrival.now_s), reason="bye")
-            arrival.replies.append((peer, wire_format.encode(notice)))
+        for event in self._engine.events():
+            self._tell_event(event, arrival.replies)
+        session.forget()
+        notice = schema.Notice(wire.session, -1, "cancelled", engine_us=microseconds(arrival.now_s), reason="bye")
+        arrival.replies.extend((peer, wire_format.encode(notice)) for peer in listeners)
 
     def _ping(self, wire: schema.Ping, arrival: Arrival) -> None:
         peer, now_s = arrival.peer, arrival.now_s
@@ -344,8 +352,16 @@ class OscReceiver:
             self._refuse(name, "sessions", arrival)
             return None
         if name not in self._sessions:
-            self._sessions[name] = WireSession(name, self._engine, self._limits.utterances, self._numbers)
+            before = self._asleep.pop(name, None)
+            self._sessions[name] = before or WireSession(name, self._engine, self._limits.utterances, self._numbers)
         return self._sessions[name]
+
+    def _put_to_sleep(self, name: str) -> None:
+        """Remember who joined a session that others closed, or that was closed for being idle."""
+        session = self._asleep[name] = self._sessions.pop(name)
+        session.forget()
+        if len(self._asleep) > self._limits.peers:
+            self._asleep.popitem(last=False)
 
     def _refuse(self, session: str, reason: str, arrival: Arrival, utterance: int = -1) -> None:
         arrival.peer.tally.add("refused")

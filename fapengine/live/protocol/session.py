@@ -80,12 +80,16 @@ class WireSession:
                 if not one.is_stopped:
                     self.tell(Cancel(one.number), now_s)
         if is_other or all(one.is_over for one in self.utterances.values()):
-            self.utterances.clear()
-            self._wire.clear()
-            self.busy.clear()
-            self._cancelled_below = -INT32
-            self._cancels.clear()
+            self.forget()
         return is_other
+
+    def forget(self) -> None:
+        """Know of no utterance: the sender's numbers may begin again."""
+        self.utterances.clear()
+        self._wire.clear()
+        self.busy.clear()
+        self._cancelled_below = -INT32
+        self._cancels.clear()
 
     def tell(self, command: Command, now_s: float) -> None:
         """Tell the engine."""

@@ -21,6 +21,7 @@ class Recorder:
         self.happened = []
         self.utterances = {}
         self.is_full = False
+        self.told_too = lambda session, command, now_s: None
 
     def __contains__(self, session):
         return session in self.open_sessions
@@ -36,6 +37,7 @@ class Recorder:
     def apply(self, session, command, now_s):
         assert session in self.open_sessions
         self.told.append((session, command, now_s))
+        self.told_too(session, command, now_s)
         if isinstance(command, Begin) and not self.is_full:
             known = Utterance(command.utterance, StreamClock(0.0), anchor=command.anchor)
             self.utterances.setdefault((session, command.utterance), known)

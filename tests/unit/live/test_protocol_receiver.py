@@ -499,6 +499,46 @@ def test_bye_cancels_and_is_answered():
     assert one.counts.repeated == 2
 
 
+def test_who_stays_after_anothers_bye_is_told_what_was_cancelled_and_still_answered():
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1))
+    one.send(Hello("anna", flags=schema.WANT_ACK, instance=5), peer="b")
+
+    def cancel(session, command, now_s):
+        if isinstance(command, Cancel):
+            one.faces.happen(session, 0, "cancelled", now_s)
+
+    one.faces.told_too = cancel
+    answers = one.send(schema.Bye("anna"), peer="b")
+    assert [(peer, notice.utterance) for peer, notice in answers] == [("a", 1), ("a", -1), ("b", -1)]
+    one.send(BeginUtterance("anna", 1), four())
+    assert {peer for peer, answer in one.tick(50.1) if isinstance(answer, Ack)} == {"a"}
+
+
+def test_who_said_hello_is_answered_still_when_an_idle_session_was_closed_meanwhile():
+    one = Wire()
+    one.send(HELLO)
+    one.send(Hello("anna", flags=schema.WANT_ACK, instance=5), peer="gone")
+    one.faces.close("anna", 51.0)
+    one.tick(51.0)
+    one.receiver.forget("gone")
+    one.send(BeginUtterance("anna", 1), four(), at_s=300.0)
+    assert [(peer, ack.next_index) for peer, ack in one.tick(300.1)] == [("a", 4)]
+    one.faces.happen("anna", 0, "finished", 301.0)
+    assert [(peer, notice.kind) for peer, notice in one.tick(301.0)] == [("a", "finished")]
+
+
+def test_so_many_closed_sessions_are_remembered():
+    one = Wire(limits=WireLimits(peers=2))
+    for name in ("anna", "berta", "clara"):
+        one.send(Hello(name, flags=schema.WANT_ACK))
+        one.faces.close(name, 51.0)
+        one.tick(51.0)
+    for name, answers in (("anna", 0), ("berta", 1), ("clara", 1)):
+        one.send(BeginUtterance(name, 1), Phones(name, 1, 0, 0, FOUR))
+        assert len(one.tick(one.now_s + 0.1)) == answers
+
+
 def test_a_peer_whose_connection_ends_hears_no_more():
     one = Wire()
     one.send(HELLO, BeginUtterance("anna", 1))
