@@ -102,7 +102,8 @@ class PhoneTrack:
                 append(Phone(SILENCE, now_s, phone.start_s))
                 now_s = phone.start_s
             if phone.end_s > now_s:
-                append(Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
+                follows = phone.start_s == now_s
+                append(phone if follows else Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
                 now_s = phone.end_s
         return cls(tuple(filled), level, spelled)
 

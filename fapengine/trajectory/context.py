@@ -12,7 +12,7 @@ Measured on held-out sentences of one speaker (``bench/fidelity``), this is what
 round before /u/ and spread before /i/.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -41,6 +41,12 @@ PENALTIES = {"bias": 0.03, "phone": 1.0, "way": 3.0, "length": 3.0, "beside": 3.
 3 are shrunk by 2 and 4."""
 
 
+LABELS = 4096
+"""Remembered; a sender may make up any number."""
+Part = tuple[str, tuple[str, ...]]
+"""Name in the profile, and the IPA letters as they were spoken."""
+
+
 class Token(NamedTuple):
     """A phone, or a part of one, under a name that the profile knows."""
 
@@ -64,23 +70,40 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
     strange : list of str
         Labels that are no IPA; the neutral vowel stands in.
     """
-    letters_known = tuple(name for name in known if len(name) == 1)
+    parts_of = _speller(tuple(known))
     tokens, strange = [], []
     for phone in track.phones:
+        start_s, end_s = phone.start_s, phone.end_s
         if phone.is_silence:
-            tokens.append(Token(phone, SILENCE, (), phone.start_s, phone.end_s))
+            tokens.append(Token(phone, SILENCE, (), start_s, end_s))
             continue
-        letters = ipa.letters(phone.label)
-        if not letters:
+        parts, is_strange = parts_of(phone.label)
+        if is_strange:
             strange.append(phone.label)
-            letters = ("ə",)
-        whole = "".join(letters)
-        parts = [(whole, letters)] if whole in known else [(ipa.nearest(one, letters_known), (one,)) for one in letters]
-        share = phone.duration_s / len(parts)
+        if len(parts) == 1:
+            tokens.append(Token(phone, *parts[0], start_s, end_s))
+            continue
+        share = (end_s - start_s) / len(parts)
         for index, (name, heard) in enumerate(parts):
-            start_s = phone.start_s + index * share
-            tokens.append(Token(phone, name, heard, start_s, start_s + share))
+            tokens.append(Token(phone, name, heard, start_s + index * share, start_s + (index + 1) * share))
     return tokens, strange
+
+
+@lru_cache(maxsize=16)
+def _speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[Part, ...], bool]]:
+    """Make what takes a label apart into known names, and tells whether it is no IPA; it remembers what it has met."""
+    letters_known = tuple(name for name in known if len(name) == 1)
+
+    @lru_cache(maxsize=LABELS)
+    def parts_of(label: str) -> tuple[tuple[Part, ...], bool]:
+        found = ipa.letters(label)
+        letters = found or ("ə",)
+        whole = "".join(letters)
+        if whole in known:
+            return ((whole, letters),), not found
+        return tuple((ipa.nearest(one, letters_known), (one,)) for one in letters), not found
+
+    return parts_of
 
 
 def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
@@ -133,18 +156,22 @@ def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     durations = [PAUSE_S if one.name == SILENCE else one.end_s - one.start_s for one in tokens]
     lengths = np.full(len(around), PAUSE_S)
     lengths[REACH : len(around) - REACH] = durations
-    lengths = np.log(np.maximum(lengths, SHORTEST_S) / TYPICAL_S)[:, None]
+    lengths = np.log(np.maximum(lengths, SHORTEST_S) / TYPICAL_S)
     kinds = np.array(around)
-    spoken = np.array([index for index, one in enumerate(tokens) if one.name != SILENCE], dtype=np.intp)
-    own = spoken + REACH
-    total = tables.pairs(around, own) + lengths[own] * tables.by_length[kinds[own]]
+    spoken = [index for index, one in enumerate(tokens) if one.name != SILENCE]
+    own = np.array(spoken, dtype=np.intp) + REACH
+    total = tables.pairs(around, [index + REACH for index in spoken])
+    total += lengths[own, None] * tables.by_length[kinds[own]]
+    total += lengths[own[:, None] + _BESIDE] @ tables.lengths_beside
     for step in range(-REACH, REACH + 1):
         total += tables.by_step[kinds[own + step], step + REACH]
-        if step and abs(step) < REACH:
-            total += lengths[own + step] * tables.coefficients[tables.row(f"length {step}")]
     found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
     found[spoken] = total.reshape(len(spoken), *found.shape[1:])
     return found
+
+
+_BESIDE = np.array([step for step in range(-REACH, REACH + 1) if step and abs(step) < REACH])
+"""Steps to the neighbours whose lengths count."""
 
 
 class _Tables:
@@ -159,6 +186,8 @@ class _Tables:
         self.by_length = np.zeros((0, flat.shape[1]))
         """(kinds, D), per length of the token itself."""
         self._rows = model.rows
+        self.lengths_beside = self.coefficients[[self.row(f"length {step}") for step in _BESIDE]]
+        """(steps, D), per length of the neighbour at each of :data:`_BESIDE`."""
         self._names: list[str] = []
         self._kinds: dict[tuple[str, tuple[str, ...]], int] = {}
         self._pairs: dict[tuple[int, int], tuple[int, int]] = {}
@@ -170,7 +199,7 @@ class _Tables:
     def kind(self, token: Token) -> int:
         return self.silence if token.name == SILENCE else self._kind(token.name, token.heard)
 
-    def pairs(self, kinds: Sequence[int], own: NDArray[np.intp]) -> Array:
+    def pairs(self, kinds: Sequence[int], own: Sequence[int]) -> Array:
         """(N, D): what tokens at ``own`` get from standing beside each other."""
         before = [self._pair(kinds[at - 1], kinds[at])[0] for at in own]
         behind = [self._pair(kinds[at], kinds[at + 1])[1] for at in own]

@@ -10,6 +10,7 @@ cubic spline); it starts and ends at rest with zero slope.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
@@ -18,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from fapengine.profiles import Profile
+from fapengine.profiles import ContextModel, Profile
 from fapengine.speech import ipa
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.context import targets, tokens_of
+from fapengine.trajectory.context import Token, targets, tokens_of
 
 REST_MARGIN_S = 0.12
 """Before and behind speech: time to leave and to reach rest. Articulators start about 120 ms before the sound (JALI,
@@ -37,6 +38,10 @@ APART_S = 0.03
 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
 CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one gives way."""
+
+
+Keys = tuple[tuple[float, ...], NDArray[np.float64]]
+"""Times in s, and targets (keyframes, K)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,29 +110,56 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     """
     tokens, strange = tokens_of(track, profile.phones)
     model = profile.context if context else None
-    found = None if model is None else targets(tokens, model)
-    means = None if found is None else found.mean(axis=1, keepdims=True)
+    keys = _own_keys(tokens, profile) if model is None else _keys_in_context(tokens, model)
     resolved: list[Resolved] = []
-    for phone, together in groupby(enumerate(tokens), key=lambda entry: entry[1].phone):
+    for _, together in groupby(zip(tokens, keys, strict=True), key=lambda entry: id(entry[0].phone)):
+        parts = list(together)
+        phone = parts[0][0].phone
         if phone.is_silence:
             continue
-        times: list[float] = []
-        keys, contact, opens = [], "none", False
-        for index, token in together:
-            own = profile.phones[token.name]
-            fractions = own.fractions if model is None else model.fractions
-            looks = own.targets if found is None else found[index]
-            length_s = token.end_s - token.start_s
-            if means is not None and length_s * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1):
-                fractions, looks = (sum(fractions) / len(fractions),), means[index]
-            keys.append(looks)
-            times += [token.start_s + length_s * fraction for fraction in fractions]
-            contact = own.contact if contact == "none" else contact
-            opens = opens or any(map(must_open, token.heard))
+        contact, opens = "none", False
+        for token, _ in parts:
+            contact = profile.phones[token.name].contact if contact == "none" else contact
+            opens = opens or _opens(token.heard)
         if contact == "none" and opens:
             contact = "open"
-        resolved.append(Resolved(phone, tuple(times), keys[0] if len(keys) == 1 else np.concatenate(keys), contact))
+        times_s, looks = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
+        resolved.append(Resolved(phone, times_s, looks, contact))
     return resolved, Counter(strange)
+
+
+def _own_keys(tokens: Sequence[Token], profile: Profile) -> list[Keys]:
+    """Give each token the keyframes that the profile has for its phone."""
+    keys: list[Keys] = []
+    for token in tokens:
+        if token.name == SILENCE:
+            keys.append(((), np.zeros((0, profile.space.mode_count))))
+            continue
+        own, length_s = profile.phones[token.name], token.end_s - token.start_s
+        keys.append((tuple(token.start_s + length_s * fraction for fraction in own.fractions), own.targets))
+    return keys
+
+
+def _keys_in_context(tokens: Sequence[Token], model: ContextModel) -> list[Keys]:
+    """Give each token the keyframes that it has between its neighbours; one where there is no room for more."""
+    looks, fractions = targets(tokens, model), model.fractions
+    starts = np.array([token.start_s for token in tokens])
+    lengths = np.array([token.end_s for token in tokens]) - starts
+    crowded = lengths * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1)
+    times = (starts[:, None] + lengths[:, None] * np.array(fractions)).tolist()
+    middles, means = (starts + lengths * (sum(fractions) / len(fractions))).tolist(), looks.mean(axis=1, keepdims=True)
+    return [
+        ((middles[n],), means[n]) if alone else (tuple(times[n]), looks[n]) for n, alone in enumerate(crowded.tolist())
+    ]
+
+
+def _joined(keys: Sequence[Keys]) -> Keys:
+    return tuple(time for times, _ in keys for time in times), np.concatenate([looks for _, looks in keys])
+
+
+@cache
+def _opens(heard: tuple[str, ...]) -> bool:
+    return any(map(must_open, heard))
 
 
 @cache
@@ -139,22 +171,29 @@ def must_open(letter: str) -> bool:
 
 def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int, end_s: float) -> Keyframes:
     """Put keyframes of phones and pauses in order, rest at 0 s and at ``end_s``; see the theory of operation."""
-    rest = np.zeros(mode_count)
-    keys = [(time, target) for one in resolved for time, target in zip(one.times_s, one.targets, strict=True)]
-    if not keys:
+    if not resolved:
         return Keyframes(np.zeros(0), np.zeros((0, mode_count)))
+    times = [time for one in resolved for time in one.times_s]
     first_s, last_s = resolved[0].phone.start_s, resolved[-1].phone.end_s
+    rests: list[float] = []
     for phone in track.phones:
         if phone.is_silence and first_s < phone.start_s < last_s and phone.duration_s >= SHORTEST_PAUSE_S:
-            if phone.duration_s >= HELD_PAUSE_S:
-                keys += [(phone.start_s + REST_MARGIN_S, rest), (phone.end_s - REST_MARGIN_S, rest)]
-            else:
-                keys.append(((phone.start_s + phone.end_s) / 2, rest))
-    keys += [(max(first_s - REST_MARGIN_S, 0.0), rest), (min(last_s + REST_MARGIN_S, end_s), rest)]
-    keys.sort(key=lambda key: key[0])
-    spaced = [keys[0]]
-    for key in keys[1:-1]:
-        if spaced[-1][0] + CLOSEST_KEYS_S <= key[0] <= keys[-1][0] - CLOSEST_KEYS_S:
-            spaced.append(key)
-    spaced.append(keys[-1])
-    return Keyframes(np.array([time for time, _ in spaced]), np.stack([target for _, target in spaced]))
+            held = phone.duration_s >= HELD_PAUSE_S
+            edges = (phone.start_s + REST_MARGIN_S, phone.end_s - REST_MARGIN_S)
+            rests += edges if held else [(phone.start_s + phone.end_s) / 2]
+    rests += [max(first_s - REST_MARGIN_S, 0.0), min(last_s + REST_MARGIN_S, end_s)]
+    at = np.array(times + rests)
+    order = np.argsort(at, kind="stable")
+    if np.diff(at[order]).min() < CLOSEST_KEYS_S:
+        order = order[_spaced(at[order].tolist())]
+    weights = np.concatenate([*(one.targets for one in resolved), np.zeros((len(rests), mode_count))])
+    return Keyframes(at[order], weights[order])
+
+
+def _spaced(times_s: Sequence[float]) -> list[int]:
+    """Choose the keys that stand far enough apart; the first and the last stay."""
+    kept, last = [0], len(times_s) - 1
+    for index in range(1, last):
+        if times_s[kept[-1]] + CLOSEST_KEYS_S <= times_s[index] <= times_s[last] - CLOSEST_KEYS_S:
+            kept.append(index)
+    return [*kept, last]

@@ -119,7 +119,6 @@ class StreamingPlanner:
     horizon_s: float = 0.0
     counts: Counts = field(default_factory=Counts)
     _phones: list[Phone] = field(default_factory=list)
-    _resolved: list[Resolved] = field(default_factory=list)
     _holds: dict[Phone, Hold] = field(default_factory=dict)
     _kept_holds: list[Hold] = field(default_factory=list)
     _plans: list[StreamPlan] = field(default_factory=list)
@@ -160,6 +159,9 @@ class StreamingPlanner:
         self._replan(edge, FADE_S)
 
     def _place(self, phone: Phone) -> None:
+        if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
+            self._phones.append(phone)
+            return
         first = bisect_right(self._phones, phone.start_s + SAME_S, key=lambda one: one.end_s)
         behind = max(bisect_left(self._phones, phone.end_s - SAME_S, key=lambda one: one.start_s), first)
         overlapped = self._phones[first:behind]
@@ -200,10 +202,10 @@ class StreamingPlanner:
         over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
         self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
         track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
-        self._resolved, _ = resolve(track, self.profile, context=self.style.context)
-        keys = place_keyframes(track, self._resolved, modes, np.inf)
+        resolved, _ = resolve(track, self.profile, context=self.style.context)
+        keys = place_keyframes(track, resolved, modes, np.inf)
         path = hermite.Path.through(keys.times_s, keys.weights)
-        self._renew_holds(edge)
+        self._renew_holds(resolved, edge)
         if not np.isfinite(edge):  # nothing shown yet: nothing to keep
             self._plans = [StreamPlan(-np.inf, path, 0.0, self._plans[0].left_over)]
             return
@@ -213,13 +215,13 @@ class StreamingPlanner:
         first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
         self._plans = self._plans[first:]
 
-    def _renew_holds(self, edge: float) -> None:
+    def _renew_holds(self, resolved: Sequence[Resolved], edge: float) -> None:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
         begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
         coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
         known, self._holds = self._holds, {}
         shut = {(phone.label, phone.start_s): hold for phone, hold in known.items() if hold.start_s - RAMP_S < edge}
-        for one in self._resolved:
+        for one in resolved:
             if one.contact == "none":
                 continue
             # a phone of which only the end has changed is the same one: it is not shut once more
