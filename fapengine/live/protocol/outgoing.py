@@ -17,7 +17,12 @@ END_REPEATS_S = (0.0, 0.02, 0.06)
 DEADLINE_S = 0.3
 """So long after its end a phone that has not come is not sent any more."""
 FASTEST_S, SLOWEST_S = 0.06, 0.25
-"""Bounds of the time after which a phone that was not acknowledged is sent again."""
+"""Bounds of the time after which a phone that was not acknowledged is sent again; an engine that takes longer to answer
+is waited for, so that what is crowded is not crowded more."""
+MARGIN_S = 0.015
+"""Beyond what an answer takes."""
+BUSY = 3.0
+"""Times that, at most, is waited."""
 BACKOFF = 1.5
 MOST_TRIES = 60
 CANCEL_TRIES = 12
@@ -27,7 +32,9 @@ FORGOTTEN_S = 60.0
 
 @dataclass(slots=True)
 class _Sent:
+    first_s: float
     at_s: float
+    """The last time."""
     tries: int = 1
 
 
@@ -102,22 +109,25 @@ class Outgoing:
         """Remember that phones went out."""
         for index in range(first, stop):
             before = self._sent.get(index)
-            self._sent[index] = _Sent(now_s, before.tries + 1 if before else 1)
+            if before is None:
+                self._sent[index] = _Sent(now_s, now_s)
+            else:
+                before.at_s, before.tries = now_s, before.tries + 1
 
-    def overdue(self, now_s: float, rtt_s: float) -> list[tuple[int, int]]:
+    def overdue(self, now_s: float, answer_s: float) -> list[tuple[int, int]]:
         """Find runs of phones that should have been acknowledged by now."""
         runs: list[tuple[int, int]] = []
         for index in self._open(now_s):
-            if now_s >= self._again_s(index, rtt_s):
+            if now_s >= self._again_s(index, answer_s):
                 if runs and runs[-1][1] == index:
                     runs[-1] = (runs[-1][0], index + 1)
                 else:
                     runs.append((index, index + 1))
         return runs
 
-    def overdue_s(self, now_s: float, rtt_s: float) -> float:
+    def overdue_s(self, now_s: float, answer_s: float) -> float:
         """When the next phone must go again, if nothing is heard."""
-        return min((self._again_s(index, rtt_s) for index in self._open(now_s)), default=inf)
+        return min((self._again_s(index, answer_s) for index in self._open(now_s)), default=inf)
 
     def wanted(self, first: int, stop: int, now_s: float, rtt_s: float) -> tuple[int, int] | None:
         """Clip a request to what was sent, and not just now."""
@@ -126,25 +136,28 @@ class Outgoing:
             return None
         return first, stop
 
-    def take(self, ack: Ack, now_s: float) -> None:
-        """Learn what has come."""
+    def take(self, ack: Ack, now_s: float) -> float | None:
+        """Learn what has come; how long the latest of it took to be answered, if it is new."""
         if ack.revision != self.revision:
-            return
+            return None
         self.is_begun, self.active_s = True, now_s
+        known = self.next_index
         self.next_index = max(self.next_index, ack.next_index)
         bits = ack.bitmap64 & (2**64 - 1)
         self.come.update(ack.next_index + 1 + n for n in range(64) if bits >> n & 1)
         self.come = {index for index in self.come if index > self.next_index}
         if ack.is_ended and self.is_ended:
             self.is_end_known, self.end_s = True, inf
+        newest = self._sent.get(self.next_index - 1) if self.next_index > known else None
+        return None if newest is None else now_s - newest.first_s
 
-    def end_sent_at(self, now_s: float, repeats: bool, rtt_s: float) -> None:
+    def end_sent_at(self, now_s: float, repeats: bool, answer_s: float) -> None:
         """Remember that the end went out, and when it goes again."""
         self.end_sent += 1
         if self.end_sent < len(END_REPEATS_S) and repeats:
             self.end_s = now_s + END_REPEATS_S[self.end_sent] - END_REPEATS_S[self.end_sent - 1]
         elif self.end_sent < MOST_TRIES and not self.is_end_known:
-            self.end_s = now_s + _wait_s(self.end_sent, rtt_s)
+            self.end_s = now_s + _wait_s(self.end_sent, answer_s)
         else:
             self.end_s = inf
 
@@ -182,14 +195,14 @@ class Outgoing:
                 waiting.append(index)
         return waiting
 
-    def _again_s(self, index: int, rtt_s: float) -> float:
+    def _again_s(self, index: int, answer_s: float) -> float:
         sent = self._sent[index]
-        return sent.at_s + _wait_s(sent.tries, rtt_s)
+        return sent.at_s + _wait_s(sent.tries, answer_s)
 
 
-def _wait_s(tries: int, rtt_s: float) -> float:
-    first_s = max(2 * rtt_s + 0.03, FASTEST_S)
-    return max(min(first_s * BACKOFF ** min(tries - 1, 20), SLOWEST_S), first_s)
+def _wait_s(tries: int, answer_s: float) -> float:
+    first_s = max(answer_s + MARGIN_S, FASTEST_S)
+    return min(first_s * BACKOFF ** min(tries - 1, 20), max(SLOWEST_S, BUSY * first_s))
 
 
 class OutgoingCancel:

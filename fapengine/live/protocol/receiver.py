@@ -358,8 +358,11 @@ class OscReceiver:
 
     def _put_to_sleep(self, name: str) -> None:
         """Remember who joined a session that others closed, or that was closed for being idle."""
-        session = self._asleep[name] = self._sessions.pop(name)
+        session = self._sessions.pop(name)
+        if not session.peers:
+            return
         session.forget()
+        self._asleep[name] = session
         if len(self._asleep) > self._limits.peers:
             self._asleep.popitem(last=False)
 

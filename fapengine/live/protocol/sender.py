@@ -29,6 +29,10 @@ from fapengine.speech.phone_track import Phone
 
 CLOCK_WAIT_S = 0.25
 """So long an utterance at a time waits for the first pong."""
+ANSWERS = 5
+"""Of which the quickest tells how long the engine takes to answer: one to a phone that had been lost tells too much."""
+FIRST_ANSWER_S = 0.2
+"""What an engine that has never answered is given."""
 INT32 = 2**31 - 1
 
 
@@ -89,6 +93,7 @@ class OscSender:
         self._queue: list[tuple[float, int, bytes]] = []
         self._order = 0
         self._told: deque[tuple[int, str, int, int]] = deque(maxlen=64)
+        self._answers_s: deque[float] = deque(maxlen=ANSWERS)
 
     # What is told ---------------------------------------------------------------------------------------------------
 
@@ -255,7 +260,7 @@ class OscSender:
             if one.chunked < len(one.phones):
                 times_s.append(one.next_s)
             if self._asks and not self._reliable:
-                times_s.append(one.overdue_s(now_s, self.clock.rtt_s))
+                times_s.append(one.overdue_s(now_s, self._answer_s))
             if one.chunked >= len(one.phones):
                 times_s.append(one.end_s)
         return min(times_s)
@@ -306,8 +311,9 @@ class OscSender:
                     self._begin_again(now_s)
             case schema.Ack():
                 one = self._utterances.get(told.utterance)
-                if one is not None:
-                    one.take(told, now_s)
+                took_s = one.take(told, now_s) if one is not None else None
+                if took_s is not None:
+                    self._answers_s.append(took_s)
             case schema.Nack():
                 one = self._utterances.get(told.utterance)
                 run = one.wanted(told.first, told.stop, now_s, self.clock.rtt_s) if one else None
@@ -344,6 +350,13 @@ class OscSender:
         for one in self._utterances.values():
             one.restart(now_s)
 
+    @property
+    def _answer_s(self) -> float:
+        """How long an answer takes of late, the queues of a busy engine included."""
+        if self._answers_s:
+            return min(self._answers_s)
+        return self.clock.rtt_s if self.clock.is_known else FIRST_ANSWER_S
+
     def _find(self, utterance: int) -> Outgoing:
         if utterance not in self._utterances:
             raise UsageError(f"utterance: got {utterance}, expected one that was begun and is not over")
@@ -360,9 +373,9 @@ class OscSender:
             if self._reliable:
                 one.next_s = -inf
         if self._asks and not self._reliable:
-            for run in one.overdue(now_s, self.clock.rtt_s):
+            for run in one.overdue(now_s, self._answer_s):
                 self._send_run(one, run, now_s, put)
-        if not one.phones and not one.is_announced:  # so that its place in the queue is known
+        if not (one.phones or one.is_announced or one.is_begun):  # so that its place in the queue is known
             one.is_announced = True
             put(self._bundle(self._opening(one, now_s)))
         if one.is_ended and one.chunked >= len(one.phones) and now_s >= one.end_s:
@@ -380,7 +393,7 @@ class OscSender:
                 one.sequence += 1
         packet = self._bundle([*parts, end])
         put(packet if len(packet) <= self._limit else wire.encode(end))
-        one.end_sent_at(now_s, not self._reliable, self.clock.rtt_s if self._asks and not self._reliable else inf)
+        one.end_sent_at(now_s, not self._reliable, self._answer_s if self._asks and not self._reliable else inf)
 
     def _send_run(
         self,

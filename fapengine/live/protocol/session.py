@@ -27,6 +27,8 @@ FOLLOW_S = 1.0
 FOLLOW_ERROR_S = 0.003
 HEARD_S = 2.0
 """So long the sender's word about its sound counts more than its clock."""
+REMEMBERED_S = 20.0
+"""An utterance that is over is remembered for so long, in which repeats of it may still come: senders repeat for 15."""
 FADES_MS = (10, 10_000)
 MOST_PEERS = 8
 """Of one session, that hear of it; the first ones are forgotten."""
@@ -108,6 +110,7 @@ class WireSession:
         elif message.utterance < self._cancelled_below and one is None:
             tally.add("repeated")
             return True
+        self._forget_old(now_s)
         one = self._incoming(message.utterance)
         if one.is_over or (one.begun is not None and message.revision <= one.revision):
             tally.add("repeated")
@@ -263,10 +266,19 @@ class WireSession:
             one = self.utterances[wire] = Incoming(self.new_number(), self.phone_set)
             self._wire[one.number] = wire
             while len(self.utterances) > self.most_utterances:
-                oldest = next(iter(self.utterances))
-                self._wire.pop(self.utterances.pop(oldest).number, None)
-                self.busy.pop(oldest, None)
+                self._forget_one(next(iter(self.utterances)))
         return one
+
+    def _forget_old(self, now_s: float) -> None:
+        """Forget those that were over long ago, the oldest first."""
+        for wire, one in list(self.utterances.items()):
+            if now_s - one.over_s <= REMEMBERED_S:
+                break
+            self._forget_one(wire)
+
+    def _forget_one(self, wire: int) -> None:
+        self._wire.pop(self.utterances.pop(wire).number, None)
+        self.busy.pop(wire, None)
 
     def _find(self, wire: int) -> Incoming | None:
         """Find an utterance, or make it known: phones may overtake its begin. None: it was cancelled unseen."""

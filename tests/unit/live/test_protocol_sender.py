@@ -145,9 +145,32 @@ def test_what_is_not_acknowledged_goes_again_ever_more_seldom():
     assert gaps == sorted(gaps)
     assert gaps[-1] == 0.25
     one.hear(Ack("anna", number, 1, 0b10))  # 0 and 3 have come
-    assert {(told.first_index, len(told.phones)) for _, told in one.until(3.0, Phones)} == {(1, 2)}
+    again = one.until(20.0, Phones)
+    assert {(told.first_index, len(told.phones)) for _, told in again} == {(1, 2)}
+    assert again[1][0] - again[0][0] > 2.0  # an engine that took so long to answer is not pressed
     one.hear(Ack("anna", number, 4, 0))
-    assert one.until(4.0, Phones) == []
+    assert one.until(30.0, Phones) == []
+
+
+def test_an_acknowledgement_of_what_was_not_yet_sent_is_survived():
+    one = Desk().ready()
+    number = one.sender.begin(one.now_s)
+    one.hear(Ack("anna", number, 3, 0))  # of one that had the same number before
+    one.until(0.1)
+    one.sender.append(number, phones(4))
+    assert [told.phones[-1].label for _, told in one.until(0.2, Phones)][-1] == "ɑ"
+
+
+def test_a_quick_answer_counts_for_more_than_one_to_what_was_lost():
+    one = Desk(repeats=0).ready()
+    number = one.sender.begin(one.now_s, anchor="at", at_s=30.0)
+    for first, answered_s in ((0, 0.02), (4, 2.0)):
+        one.sender.append(number, phones(4, first))
+        one.until(one.now_s + answered_s)
+        one.hear(Ack("anna", number, first + 4, 0))
+    one.sender.append(number, phones(4, 8))
+    first, second = (when for when, _ in one.until(one.now_s + 0.1, Phones))
+    assert second - first == pytest.approx(0.06, abs=0.01)
 
 
 def test_what_can_no_longer_be_shown_is_not_sent():
