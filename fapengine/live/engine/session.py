@@ -296,14 +296,8 @@ class Session:
         self.clock.begins_s -= step_s
         self.bank.retime(self.number, self.clock.begins_s)
 
-    def flush(self, now_s: float, *, if_urgent: bool) -> bool:
-        """Give the planner what has come since it was last given something, if it matters by now; tell whether."""
-        if not self.fresh:
-            return False
-        due_s, urgent_s = self._plan_by_s()
-        if now_s < (urgent_s if if_urgent else due_s):
-            self.wake_s = min(self.wake_s, max(due_s, nextafter(now_s, inf)))
-            return False
+    def flush(self, now_s: float) -> None:
+        """Give the planner what has come since it was last given something."""
         counts = self.bank.counts(self.number)
         before = counts.late + counts.dropped
         self.bank.feed(self.number, self.fresh)
@@ -311,10 +305,9 @@ class Session:
         if late:
             self.emit(Event(self.name, self.fresh_for, "late", now_s, late))
         self.fresh = []
-        return True
 
-    def _plan_by_s(self) -> tuple[float, float]:
-        """Engine times by which fresh phones should be planned, and must: what is not urgent waits for more."""
+    def plan_by_s(self) -> tuple[float, float]:
+        """Engine times by which fresh phones must be planned, and should be: what is not urgent waits for more."""
         planned = self.bank.planned(self.number)
         first_s = min(phone.start_s for phone in self.fresh)
         if planned and first_s < planned[-1].end_s - SAME_S:
@@ -323,7 +316,7 @@ class Session:
         if len(planned) > AHEAD_PHONES:
             matter_s = max(matter_s, planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S)
         urgent_s = first_s + self.clock.begins_s - URGENT_S
-        return min(matter_s, urgent_s), urgent_s
+        return urgent_s, min(matter_s, urgent_s)
 
     def report(self) -> Counters:
         """Count what the planner has met with too."""

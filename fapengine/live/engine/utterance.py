@@ -50,6 +50,8 @@ class Utterance:
     """Its own time, while it is paused."""
     concealed: set[int] = field(default_factory=set)
     """Indices of phones for which another stood in."""
+    last_s: float = 0.0
+    """End of what is known, gaps or not."""
     _newest_s: float = inf
     """Beginning of the phones that came last."""
 
@@ -77,11 +79,6 @@ class Utterance:
     def known_s(self) -> float:
         """Up to here it is known without a gap, in its own time; it may be silent there."""
         return self.phones[self.next_index - 1].end_s if self.next_index else 0.0
-
-    @property
-    def last_s(self) -> float:
-        """End of what is known, gaps or not."""
-        return max((phone.end_s for phone in self.phones.values()), default=0.0)
 
     @property
     def end_s(self) -> float:
@@ -114,6 +111,7 @@ class Utterance:
         for index, phone in enumerate(command.phones, command.first_index):
             if index not in self.phones and (self.phone_count is None or index < self.phone_count):
                 self.phones[index] = phone
+                self.last_s = max(self.last_s, phone.end_s)
                 new.append(phone)
         while self.next_index in self.phones:
             self.next_index += 1
@@ -125,6 +123,7 @@ class Utterance:
         """Forget the phones that begin at or behind ``from_s``, and its end: new ones come."""
         self.revision = revision
         self.phones = {index: phone for index, phone in self.phones.items() if phone.start_s < from_s}
+        self.last_s = max((phone.end_s for phone in self.phones.values()), default=0.0)
         self.phone_count = self.duration_s = None
         self.is_dry = False
         self.next_index = 0
