@@ -54,7 +54,7 @@ class Speaker:
     def work(self, now_s: float) -> float:
         """Say what is due and send it; gives when to come again."""
         if now_s >= self.ends_s - LEFT_S:
-            self._begin(max(self.ends_s, now_s + LEFT_S))
+            self._begin(max(self.ends_s, now_s))
         if self.utterance not in self.sender.live:  # somebody cancelled it
             self.waiting = []
         while self.waiting and self.zero_s + self.waiting[0].start_s < now_s + AHEAD_S:
@@ -124,7 +124,8 @@ class Load:
         """Speak and hear; frames count after ``warm_s``."""
         start_s = time.monotonic()
         stop_s = start_s + warm_s + seconds
-        plan = [(start_s + warm_s * 0.5 * n / len(self.speakers), n) for n in range(len(self.speakers))]
+        spread_s = min(warm_s, CLAUSE_PHONES / PHONES_HZ)  # senders that know nothing of each other
+        plan = [(start_s + spread_s * n / len(self.speakers), n) for n in range(len(self.speakers))]
         heapq.heapify(plan)
         counting = False
         while (now_s := time.monotonic()) < stop_s:

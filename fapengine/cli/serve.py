@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
 
-COLLECT_AFTER = (10_000, 10, 1000)
-"""Objects, and collections of the younger generation, before Python looks for cycles, of which there are few. With its
-own values (700, 10, 10) it looks through all that 500 sessions hold every few seconds, and stops for 50 ms."""
+COLLECT_SHARE = 1e-4
+"""Of its time the server looks for cycles of dead objects; there are few, each closed connection leaves one. Python by
+itself looks every few seconds; with 500 sessions that takes 30 ms, in which nothing is shown."""
+COLLECT_S = (30.0, 600.0)
+"""Least and most from one look to the next."""
 
 
 def serve(
@@ -111,10 +113,27 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, server.stop)
+    gc.disable()
     gc.collect()
     gc.freeze()  # tables and models live as long as the server does: no need to look through them again and again
-    gc.set_threshold(*COLLECT_AFTER)
-    await serve_until_stopped(server, lambda: _announce(server))
+    collecting = asyncio.create_task(_collect_now_and_then())
+    try:
+        await serve_until_stopped(server, lambda: _announce(server))
+    finally:
+        collecting.cancel()
+
+
+async def _collect_now_and_then() -> None:
+    import asyncio
+    import gc
+    import time
+
+    took_s = 0.0
+    while True:
+        await asyncio.sleep(min(max(took_s / COLLECT_SHARE, COLLECT_S[0]), COLLECT_S[1]))
+        begun_s = time.perf_counter()
+        gc.collect()
+        took_s = time.perf_counter() - begun_s
 
 
 def _announce(server: "Server") -> None:

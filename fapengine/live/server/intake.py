@@ -17,6 +17,9 @@ from typing import Protocol, cast
 from fapengine.live.server.fairness import FairQueue
 
 SLICE_S = 0.001
+BACKLOG, BACKLOG_SLICE_S = 64, 0.004
+"""With more packets waiting, so much is done before a frame, even if frames are skipped for it: what comes too late is
+sent again by its senders, and planned in pieces, so that ever more would wait."""
 BUSY = 8
 """Datagrams for one frame that are many."""
 
@@ -111,12 +114,12 @@ class Intake:
         return taken
 
     def before_frame(self, now_s: float) -> None:
-        """Take what has come up to now, so that this frame holds it; a slice of it at most."""
+        """Take what has come up to now, so that this frame holds it; a slice of it at most, or several behind a jam."""
         for reader in self._readers:
             reader()
         self.is_busy = self.counts.datagrams - self._counted > BUSY
         self._counted = self.counts.datagrams
-        self.work(SLICE_S)
+        self.work(SLICE_S if len(self.queue) <= BACKLOG else BACKLOG_SLICE_S)
 
     def after_frame(self, now_s: float) -> None:
         """Send what the receiver has to say unasked: acknowledgements, requests, events."""
