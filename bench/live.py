@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.live_load import listening
+from bench.live_load import listening, warming_s
 from fapengine.live import osc
 
 GOAL_SESSIONS, GOAL_LATE_MS = 500, 1000 / 60 + 5
@@ -183,7 +183,7 @@ def measure(sessions: int, seconds: float, *, chunked: bool) -> dict[str, Any]:
         load = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         go_before(load.pid)
         go_before(os.getpid())
-        time.sleep(3.0)  # the load's own warming up
+        time.sleep(warming_s(sessions))
         before, cpu_s, start_s = server.metrics(), server.cpu_s(), time.monotonic()
         late_s = probe(server.address, eyes, seconds - 1.5)
         used = (server.cpu_s() - cpu_s) / (time.monotonic() - start_s)

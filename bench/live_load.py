@@ -27,9 +27,16 @@ PHONES_HZ, CLAUSE_PHONES = 12.0, 24
 LEFT_S = 0.5
 CHUNK_S, AHEAD_S = 0.1, 0.5
 LABELS = ("m", "ɑː", "b", "iː", "p", "uː", "f", "ɛ", "v", "s", "t", "n", "k", "aɪ", "ʃ", "l")
+JOIN_HZ, SETTLE_S = 100.0, 2.0
+"""So many senders begin in a second; then it settles."""
 NUMBER_AT = 96
 """Of a ``/fap/1/frame`` with 66 FAPs and a name of 5 letters: address 16 bytes, tags 72, name 8."""
 HEAD = struct.Struct(">8siq")
+
+
+def warming_s(sessions: int) -> float:
+    """How long it takes until all speak and it has settled."""
+    return sessions / JOIN_HZ + SETTLE_S
 
 
 def name_of(session: int) -> str:
@@ -124,7 +131,7 @@ class Load:
         """Speak and hear; frames count after ``warm_s``."""
         start_s = time.monotonic()
         stop_s = start_s + warm_s + seconds
-        spread_s = min(warm_s, CLAUSE_PHONES / PHONES_HZ)  # senders that know nothing of each other
+        spread_s = warm_s - SETTLE_S if warm_s else 0.0
         plan = [(start_s + spread_s * n / len(self.speakers), n) for n in range(len(self.speakers))]
         heapq.heapify(plan)
         counting = False
@@ -188,16 +195,16 @@ def main() -> None:
     parser.add_argument("--hear", type=int, required=True)
     parser.add_argument("--sessions", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--warm", type=float, default=3.0)
     parser.add_argument("--phones", action="store_true")
     wanted = parser.parse_args()
     host, port = wanted.to.rsplit(":", 1)
     load = Load((host, int(port)), listening(wanted.hear), wanted.sessions, chunked=wanted.phones)
     cpu_s = time.process_time()
-    load.run(wanted.seconds, wanted.warm)
+    warm_s = warming_s(wanted.sessions)
+    load.run(wanted.seconds, warm_s)
     cpu_s = time.process_time() - cpu_s
     load.close()
-    print(json.dumps(load.report() | {"load_cpu": cpu_s / (wanted.seconds + wanted.warm)}))
+    print(json.dumps(load.report() | {"load_cpu": cpu_s / (wanted.seconds + warm_s)}))
 
 
 if __name__ == "__main__":

@@ -135,8 +135,15 @@ class OscReceiver:
             self._handle(message, Arrival(known, now_s, at_s, replies))
         return replies
 
-    def tick(self, now_s: float) -> Replies:
-        """Do what is due; to be called about once a frame."""
+    def tick(self, now_s: float, is_behind: Callable[[Hashable], bool] = lambda peer: False) -> Replies:
+        """Do what is due; to be called about once a frame.
+
+        Parameters
+        ----------
+        now_s : float
+        is_behind : callable, optional
+            Whether packets of a peer have come that were not yet given to :meth:`receive`.
+        """
         replies: Replies = []
         for event in self._engine.events():
             self._tell_event(event, replies)
@@ -151,7 +158,7 @@ class OscReceiver:
             if name not in self._engine:
                 self._put_to_sleep(name)
             elif session.busy:
-                session.tick(self._clock_of, send, now_s)
+                session.tick(self._clock_of, send, now_s, is_behind)
         return replies
 
     def texts(self) -> list[TextRequest]:

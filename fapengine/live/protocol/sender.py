@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Each datagram of phones repeats the two chunks before it, so single losses cost nothing; what is not acknowledged, or
-asked for, goes again as long as it can be shown; an end goes three times, a cancel until it is answered. Until the
+asked for, goes again as long as it can be shown; an end and a cancel go until they are answered. Until the
 engine has acknowledged an utterance each of its datagrams begins with its begin, so that none needs another.
 
 Pings keep the clocks together (:mod:`.clock`). An engine that was restarted has another ``instance``, or says that it
@@ -386,14 +386,15 @@ class OscSender:
             self.session, one.number, len(one.phones), one.duration_us, one.checksum, one.revision
         )
         parts: list[schema.Wire] = [*self._opening(one, now_s)]
-        if one.end_sent and one.chunks and self._repeats:  # the last chunks have none behind them that repeats them
+        if one.end_sent and one.chunks and self._repeats and not self._asks:  # nothing else repeats the last chunks
             first = one.chunks[max(len(one.chunks) - self._repeats, 0)][0]
             if first >= one.next_index:
                 parts.append(self._phones(one, first, one.chunked))
                 one.sequence += 1
         packet = self._bundle([*parts, end])
         put(packet if len(packet) <= self._limit else wire.encode(end))
-        one.end_sent_at(now_s, not self._reliable, self._answer_s if self._asks and not self._reliable else inf)
+        waits = self._asks and not self._reliable
+        one.end_sent_at(now_s, not (self._asks or self._reliable), self._answer_s if waits else inf)
 
     def _send_run(
         self,

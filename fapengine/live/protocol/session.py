@@ -231,8 +231,14 @@ class WireSession:
         """Sender's number of an utterance of the engine."""
         return self._wire.get(number)
 
-    def tick(self, clock_of: Callable[[Hashable], SenderClock | None], send: Send, now_s: float) -> None:
-        """Acknowledge, ask, and compare, as far as it is due."""
+    def tick(
+        self,
+        clock_of: Callable[[Hashable], SenderClock | None],
+        send: Send,
+        now_s: float,
+        is_behind: Callable[[Hashable], bool],
+    ) -> None:
+        """Acknowledge, ask, and compare, as far as it is due; what may wait unread is not asked for."""
         for wire, peer in list(self.busy.items()):
             one = self.utterances.get(wire)
             if one is None:
@@ -252,6 +258,8 @@ class WireSession:
                 send(peer, self._ack(wire, one, now_s))
                 if one.has_error:
                     send(peer, self._notice(wire, "error", now_s, "checksum"))
+            if one.nack_s <= now_s and is_behind(peer):
+                one.nack_s = now_s + NACK_AGAIN_S
             if one.nack_s <= now_s:
                 one.nacks += 1
                 one.nack_s = now_s + NACK_AGAIN_S

@@ -1,4 +1,7 @@
-"""Packets wait here, a queue for each peer, and are taken in turn: a flood fills its own queue and nobody else's."""
+"""Packets wait here, a queue for each peer, and are taken in turn: a flood fills its own queue and nobody else's.
+
+A turn is a few packets, because what comes together is answered and planned together.
+"""
 
 from collections import deque
 from collections.abc import Hashable
@@ -8,15 +11,19 @@ from fapengine.errors import UsageError
 PACKETS_A_PEER = 256
 """A second of a lively sender."""
 PEERS = 4096
+TURN = 6
+"""Packets: a clause of speech has about so many."""
 
 
 class FairQueue:
-    """Stateful: bounded, one packet from each peer in turn.
+    """Stateful: bounded, a few packets from each peer in turn.
 
     Parameters
     ----------
     packets_a_peer, peers : int
         A packet beyond is refused.
+    turn : int
+        Packets of one peer that are taken before it is another's turn.
 
     Attributes
     ----------
@@ -32,17 +39,20 @@ class FairQueue:
 
     Examples
     --------
-    >>> queue = FairQueue()
+    >>> queue = FairQueue(turn=1)
     >>> for peer, packet in (("a", b"1"), ("a", b"2"), ("b", b"3")):
     ...     _ = queue.put(peer, packet)
     >>> [queue.take() for _ in range(4)]
     [('a', b'1'), ('b', b'3'), ('a', b'2'), None]
     """
 
-    def __init__(self, *, packets_a_peer: int = PACKETS_A_PEER, peers: int = PEERS) -> None:
-        if packets_a_peer < 1 or peers < 1:
-            raise UsageError(f"queue: got {packets_a_peer} packets of {peers} peers, expected 1 or more of each")
+    def __init__(self, *, packets_a_peer: int = PACKETS_A_PEER, peers: int = PEERS, turn: int = TURN) -> None:
+        if packets_a_peer < 1 or peers < 1 or turn < 1:
+            raise UsageError(
+                f"queue: got {packets_a_peer} packets of {peers} peers, {turn} a turn, expected 1 or more of each"
+            )
         self.flooded = self.crowded = 0
+        self._turn = self._left = turn
         self._room, self._peers = packets_a_peer, peers
         self._waiting: dict[Hashable, deque[bytes]] = {}
         self._turns: deque[Hashable] = deque()
@@ -72,14 +82,17 @@ class FairQueue:
         """Take the next packet in turn, and whose it is; None where none waits."""
         if not self._turns:
             return None
-        peer = self._turns.popleft()
+        peer = self._turns[0]
         own = self._waiting[peer]
         packet = own.popleft()
         self._count -= 1
-        if own:
-            self._turns.append(peer)
-        else:
-            del self._waiting[peer]
+        self._left -= 1
+        if not own:
+            del self._waiting[self._turns.popleft()]
+            self._left = self._turn
+        elif not self._left:
+            self._turns.rotate(-1)
+            self._left = self._turn
         return peer, packet
 
     def waiting(self, peer: Hashable) -> int:

@@ -34,8 +34,8 @@ class Receiver(Protocol):
         """Take a packet in; what is to be answered, and to whom."""
         ...
 
-    def tick(self, now_s: float) -> Replies:
-        """Give what is to be said unasked."""
+    def tick(self, now_s: float, is_behind: Callable[[Hashable], bool]) -> Replies:
+        """Give what is to be said unasked; ``is_behind`` tells whether packets of a peer wait."""
         ...
 
 
@@ -123,7 +123,7 @@ class Intake:
 
     def after_frame(self, now_s: float) -> None:
         """Send what the receiver has to say unasked: acknowledgements, requests, events."""
-        self._send(self.receiver.tick(now_s))
+        self._send(self.receiver.tick(now_s, lambda peer: self.queue.waiting(peer) > 0))
 
     def work(self, budget_s: float) -> bool:
         """Understand packets in turn for so long; False when none is left."""

@@ -242,6 +242,15 @@ def test_gaps_are_asked_for_until_they_are_filled():
     assert told(one.tick(51.05), Nack) == [Nack("anna", 1, 4, 6)]
 
 
+def test_what_may_wait_unread_is_not_asked_for():
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1), four(0, 1), four(3, 4, 1), at_s=50.0)
+    behind = one.read(one.receiver.tick(50.05, lambda peer: peer == "a"))
+    assert [type(answer) for _, answer in behind] == [Ack]
+    assert told(one.tick(50.1), Nack) == []
+    assert told(one.tick(50.16), Nack) == [Nack("anna", 1, 1, 3)]
+
+
 def test_a_gap_that_is_never_filled_is_not_asked_for_for_ever():
     one = Wire()
     one.send(HELLO, BeginUtterance("anna", 1), four(3, 4), at_s=50.0)

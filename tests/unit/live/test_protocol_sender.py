@@ -193,18 +193,30 @@ def test_what_is_asked_for_goes_at_once_and_not_twice_in_a_round_trip():
     assert [(told.first_index, len(told.phones)) for _, told in one.until(0.052, Phones)] == [(2, 3)]
 
 
-def test_an_end_goes_three_times_with_the_last_phones_and_until_it_is_known():
+def test_an_end_goes_three_times_where_nothing_is_acknowledged():
+    one = Desk(acknowledged=False).ready()
+    number = one.sender.begin(one.now_s)
+    one.sender.append(number, phones(4))
+    one.sender.end(number, duration_s=0.5)
+    sent = one.until(1.0)
+    assert [when for when, told in sent if isinstance(told, EndUtterance)] == [0.01, 0.03, 0.07]
+    assert [(when, len(told.phones)) for when, told in sent if isinstance(told, Phones)] == [
+        (0.01, 4), (0.03, 4), (0.07, 4),
+    ]  # fmt: skip
+
+
+def test_an_end_goes_until_it_is_known():
     one = Desk().ready()
     number = one.sender.begin(one.now_s)
     one.sender.append(number, phones(4))
     one.sender.end(number, duration_s=0.5)
     sent = one.until(0.1)
     ends = [when for when, told in sent if isinstance(told, EndUtterance)]
-    assert ends == [0.01, 0.03, 0.07]
+    assert ends == [0.01, 0.07]
     end = next(told for _, told in sent if isinstance(told, EndUtterance))
     assert (end.phone_count, end.duration_us, end.revision) == (4, 500_000, 0)
     assert end.checksum == schema.checksum(one.sender._utterances[number].phones)
-    assert [len(told.phones) for when, told in sent if isinstance(told, Phones) and when == 0.03] == [4]
+    assert [len(told.phones) for when, told in sent if isinstance(told, Phones) and when == 0.07] == [4]
     assert one.until(1.0, EndUtterance)
     one.hear(Ack("anna", number, 4, 0, is_ended=1))
     assert one.until(2.0, EndUtterance) == []

@@ -36,7 +36,8 @@ class Echo:
             pass
         return [(peer, b"pong")] if packet == b"/ping" else []
 
-    def tick(self, now_s: float) -> list[tuple[Hashable, bytes]]:
+    def tick(self, now_s: float, is_behind: Callable[[Hashable], bool]) -> list[tuple[Hashable, bytes]]:
+        self.is_behind = is_behind
         taken, self.unasked = self.unasked, []
         return taken
 
@@ -129,14 +130,29 @@ def test_a_flood_keeps_nobody_else_waiting_and_work_is_done_in_slices() -> None:
             begun_s = time.perf_counter()
             assert intake.work(0.001)
             took_s = time.perf_counter() - begun_s
-            assert b"/a" in echo.packets()  # the second in turn
+            assert echo.packets()[2:4] == [b"/a", b"/flood"]  # in turn
             assert len(echo.got) < 20
             assert took_s < 0.5
             await until(lambda: len(echo.got) == 51)
         door.close()
 
-    intake = run(main, FairQueue(packets_a_peer=50))
+    intake = run(main, FairQueue(packets_a_peer=50, turn=2))
     assert intake.counts.datagrams == 401
+
+
+def test_a_jam_is_worked_off_in_longer_slices_and_told_to_the_receiver() -> None:
+    async def main(intake: Intake, echo: Echo) -> None:
+        echo.takes_s = 0.0002
+        crowd = [f"peer {n}" for n in range(100)]
+        for peer in crowd:
+            intake.queue.put(peer, b"/a")
+        intake.before_frame(0.0)
+        assert 8 < len(echo.got) < 40  # 4 ms of 0.2 each; a slice of 1 ms holds 5
+        intake.after_frame(0.0)
+        taken = {peer for _, peer in echo.got}
+        assert [echo.is_behind(peer) for peer in crowd] == [peer not in taken for peer in crowd]
+
+    run(main)
 
 
 def test_at_most_so_many_datagrams_are_read_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,16 +41,18 @@ def test_rates_that_cannot_be(rate_hz: float) -> None:
 
 
 def test_a_flood_fills_its_own_queue() -> None:
-    queue = FairQueue(packets_a_peer=10, peers=3)
+    queue = FairQueue(packets_a_peer=10, peers=3, turn=2)
     for number in range(1000):
         assert queue.put("flood", b"%d" % number) is (number < 10)
     assert queue.put("a", b"x")
     assert queue.put("b", b"y")
     assert not queue.put("c", b"z")
     assert (queue.flooded, queue.crowded, len(queue)) == (990, 1, 12)
-    assert [queue.take() for _ in range(4)] == [("flood", b"0"), ("a", b"x"), ("b", b"y"), ("flood", b"1")]
+    assert [queue.take() for _ in range(5)] == [
+        ("flood", b"0"), ("flood", b"1"), ("a", b"x"), ("b", b"y"), ("flood", b"2"),
+    ]  # fmt: skip
     assert queue.put("c", b"z")  # there is room again
-    assert queue.waiting("flood") == 8
+    assert queue.waiting("flood") == 7
     assert queue.waiting("a") == 0
 
 
@@ -71,6 +73,6 @@ def test_the_packets_of_a_peer_keep_their_order(steps: list[tuple[str, bytes] | 
 
 
 def test_bounds_that_cannot_be() -> None:
-    for bounds in ({"packets_a_peer": 0}, {"peers": 0}):
+    for bounds in ({"packets_a_peer": 0}, {"peers": 0}, {"turn": 0}):
         with pytest.raises(UsageError, match="expected 1 or more of each"):
             FairQueue(**bounds)
