@@ -16,7 +16,7 @@ from fapengine.cli._live_face import LiveFace, Ticks, has_display
 from fapengine.cli._phone_ticker import ticker
 from fapengine.cli.talk import Options, parse_expressions, parse_size
 from fapengine.errors import ResourceError
-from fapengine.files.heads import load_head
+from fapengine.files.heads import load_levels
 from fapengine.mpeg4 import fap
 from fapengine.render.panel import Panel
 from fapengine.render.window import FaceWindow
@@ -155,9 +155,10 @@ class _WindowScreen:
     """Stateful: a window that shows the face while it speaks."""
 
     def __init__(self, options: Options) -> None:
+        finest, *coarser = load_levels(options.head)
         self._window = FaceWindow(
-            load_head(options.head), title="fapengine say", size=parse_size(options.size), camera=options.camera,
-            panel=Panel(),
+            finest, coarser=coarser, title="fapengine say", size=parse_size(options.size), camera=options.camera,
+            panel=Panel(), hold_hz=options.rate_hz,
         )  # fmt: skip
         self._window.hide_panel()
 

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,8 +32,8 @@ class Wish:
     sentences: tuple[str, ...] = ()
 
 
-def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_json: bool = False) -> None:
-    """Show a source until the window is closed.
+def run_window(levels: Sequence[FaceMesh], shown: Callable[[], Source], wish: Wish, *, as_json: bool = False) -> None:
+    """Show a source until the window is closed; the levels of the head begin with the finest.
 
     Raises
     ------
@@ -42,7 +42,9 @@ def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_js
     UsageError
         If the size or the camera cannot be.
     """
-    with FaceWindow(mesh, size=wish.size, camera=wish.camera, keys=KEYS, hold_hz=wish.rate_hz) as window:
+    with FaceWindow(
+        levels[0], coarser=levels[1:], size=wish.size, camera=wish.camera, keys=KEYS, hold_hz=wish.rate_hz
+    ) as window:
         source = shown()
         try:
             begun_s = time.monotonic()
@@ -65,8 +67,10 @@ def run_window(mesh: FaceMesh, shown: Callable[[], Source], wish: Wish, *, as_js
 
 
 def _pace(window: FaceWindow) -> str:
-    """Say how fast, and at what resolution if that was given up for it."""
-    given_up = "" if window.quality.scale == 1 else f" at {100 * window.quality.scale:.0f} %"
+    """Say how fast, and at what resolution and with what head if those were given up for it."""
+    quality = window.quality
+    given_up = "" if quality.scale == 1 else f" at {100 * quality.scale:.0f} %"
+    given_up += ", coarser head" if quality.level else ""
     return f"{window.rate_hz:.0f} fps, {1e3 * window.busy_s:.1f} ms a frame{given_up}"
 
 

@@ -48,7 +48,7 @@ def view(
     from fapengine.cli._view_window import Wish, run_window
     from fapengine.cli.talk import parse_size
     from fapengine.errors import UsageError
-    from fapengine.files.heads import load_head
+    from fapengine.files.heads import load_levels
 
     if audio is not None and (source is None or "://" in source):
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
@@ -57,7 +57,7 @@ def view(
     wish = Wish(
         size=parse_size(size), camera=camera, rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
     )  # fmt: skip
-    mesh = load_head(head)
+    levels = load_levels(head)
 
     def shown() -> "Source":
         if source is None:
@@ -66,7 +66,7 @@ def view(
             return _elsewhere(source, session, voice, device, silent)
         return _file(Path(source), audio, device, silent)
 
-    run_window(mesh, shown, wish, as_json=as_json)
+    run_window(levels, shown, wish, as_json=as_json)
 
 
 def _speaking(

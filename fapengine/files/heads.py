@@ -24,7 +24,7 @@ from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.recordings import MESHES, load_mesh
 from fapengine.mesh.adopted import Adopted
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
-from fapengine.mesh.head import build_head
+from fapengine.mesh.head import LEVELS, build_head
 from fapengine.mesh.morphs import MorphMesh
 from fapengine.mesh.morphs_adopt import adopt_morphs
 from fapengine.mesh.morphs_axes import BOTH, JAW, LEFT, RIGHT
@@ -269,6 +269,20 @@ def load_head(name: str) -> FaceMesh:
             return _mesh({name: arrays[name] for name in arrays.files}, texture)
     except (*DAMAGE, UnidentifiedImageError) as error:
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
+
+
+def load_levels(name: str) -> list[FaceMesh]:
+    """Load a head and, if it is our own, its coarsest level of detail after it; a folder holds one level.
+
+    Raises as :func:`load_head`.
+    """
+    levels = [load_head(name)]
+    if _is_ours(name):
+        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
+        coarsest = next(iter(LEVELS))
+        if level != coarsest:
+            levels.append(build_head(style, level=coarsest))
+    return levels
 
 
 def load_head_info(name: str) -> HeadInfo:

@@ -10,7 +10,7 @@ the panel, Enter types, Escape or Q closes; the caller adds its own.
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any
@@ -54,6 +54,8 @@ class FaceWindow:
     ----------
     mesh : FaceMesh
         Whose face.
+    coarser : sequence of FaceMesh
+        The same with fewer vertices, for a rate that could not be held otherwise.
     title : str
     size : (int, int)
         Points, panel included.
@@ -80,6 +82,7 @@ class FaceWindow:
         self,
         mesh: FaceMesh,
         *,
+        coarser: Sequence[FaceMesh] = (),
         title: str = "fapengine",
         size: tuple[int, int] = (820, 560),
         camera: str = "front",
@@ -90,7 +93,7 @@ class FaceWindow:
     ) -> None:
         if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {SMALLEST[0]}x{SMALLEST[1]}")
-        self._mesh, self.camera, self._keys = mesh, preset(camera), dict(keys or {})
+        self._meshes, self.camera, self._keys = (mesh, *coarser), preset(camera), dict(keys or {})
         self.panel = panel or Panel()
         self.panel.buttons = (*map(_label, CAMERAS), *self.panel.buttons)
         self.panel.lit |= {_label(camera)}
@@ -263,9 +266,9 @@ class FaceWindow:
             if self._renderer is not None:
                 self._renderer.release()
             if self._hold_hz is None:
-                self._renderer = FaceRenderer(self._mesh, size=size, context=self._context)
+                self._renderer = FaceRenderer(self._meshes[0], size=size, context=self._context)
             else:
-                self._renderer = LiveRenderer([self._mesh], rate_hz=self._hold_hz, size=size, context=self._context)
+                self._renderer = LiveRenderer(self._meshes, rate_hz=self._hold_hz, size=size, context=self._context)
         return self._renderer
 
     def _panel_of(self, scale: float) -> moderngl.Texture:

@@ -15,7 +15,7 @@ from fapengine.cli.head import _poses
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.fap import save_fap
-from fapengine.files.heads import load_head, load_head_info, load_neutral
+from fapengine.files.heads import load_head, load_head_info, load_levels, load_neutral
 from fapengine.files.heads_rigs import load_rig
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.head import build_head
@@ -274,6 +274,14 @@ def test_a_head_goes_there_and_back(imported):
     assert mesh.fapu.mw0_mm == pytest.approx(build_head().fapu.mw0_mm, rel=1e-3)
     assert np.ptp(mesh.albedo) > 0.5
     assert 'licence = "not stated"' in (imported / "head.toml").read_text()
+
+
+def test_a_head_of_ours_has_a_coarser_level(imported):
+    finest, coarsest = load_levels("default")
+    assert len(coarsest.vertices_mm) < 0.6 * len(finest.vertices_mm)
+    assert finest.feature_points.keys() == coarsest.feature_points.keys()
+    assert len(load_levels("default:level=coarse")) == 1
+    assert len(load_levels(str(imported))) == 1
 
 
 def test_points_may_be_places(brought, imported, tmp_path):

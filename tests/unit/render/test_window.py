@@ -56,13 +56,14 @@ def speaking() -> np.ndarray:
 
 
 def test_it_gives_quality_up_for_a_rate(display: None) -> None:
-    with FaceWindow(MESH, size=SIZE, vsync=False, hold_hz=1000.0) as hasty:
+    with FaceWindow(build_head(), coarser=[MESH], size=SIZE, vsync=False, hold_hz=1000.0) as hasty:
         hasty.show(REST)
-        assert hasty.quality.scale == 1
+        assert (hasty.quality.level, hasty.quality.scale) == (0, 1)
         for _ in range(300):
             hasty.show(REST)
             if hasty.quality.scale < 0.5:
                 break
+        assert hasty.quality.level == 1
         assert hasty.quality.scale < 0.5
         hasty.show(REST)
         rough = hasty.picture().astype(int)
