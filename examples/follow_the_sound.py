@@ -17,7 +17,7 @@ from fapengine.voices.espeak import EspeakVoice
 RATE_HZ = 50.0
 hub = Hub(Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1)), rate_hz=RATE_HZ)
 hub.open("anna")
-speaker = Loudspeaker(hub)  # without a sound card it keeps time by the clock, and says so
+speaker = Loudspeaker(hub, "anna")  # without a sound card it keeps time by the clock, and says so
 hub.say("anna", EspeakVoice("en-us").speak("Hello there."))
 frames, off_ms = [], [0.0]
 while speaker.is_playing:

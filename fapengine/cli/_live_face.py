@@ -86,12 +86,11 @@ class LiveFace:
         sinks: Sequence[str] = (),
     ) -> None:
         addresses = [_datagrams(url) for url in sinks]
-        wanted = device_of(device)
         engine = Engine(load_profile(profile), rng=np.random.default_rng(seed), style=style)
         self.hub = Hub(engine, rate_hz=rate_hz)
         self.hub.open(SESSION)
         self.speaker = Loudspeaker(
-            self.hub, opens=lambda sample_rate_hz: open_output(sample_rate_hz, device=wanted, silent=silent)
+            self.hub, SESSION, opens=lambda sample_rate_hz: open_output(sample_rate_hz, device=device, silent=silent)
         )
         self.errors = Errors()
         self._sinks = [DatagramSink(self.hub, address) for address in addresses]
@@ -174,11 +173,6 @@ class Ticks:
             time.sleep(max(self._pacer.next_s - self._clock() - SLEEP_MARGIN_S / 2, 0.0))
         self.frames += 1
         self.skipped += due[1]
-
-
-def device_of(text: str | None) -> int | str | None:
-    """Read ``--device``: a number, or a part of a name."""
-    return int(text) if text is not None and text.isdecimal() else text
 
 
 def has_display() -> bool:

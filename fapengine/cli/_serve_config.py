@@ -50,6 +50,7 @@ def configured(path: Path | None, given: Mapping[str, Any]) -> ServeConfig:
         listen=replace(listen, web_port=None) if given["no_page"] else listen,
         face=replace(own.face, **told(profile="profile", head="head", rate_hz="fps", seed="seed")),
         style=_still(own.style, given["without"]),
+        sound=replace(own.sound, **told(session="sound", device="device")),
         log=replace(own.log, **told(format="log"), **({"level": "debug"} if given["verbose"] else {})),
         sinks=(*own.sinks, *given["sink"]),
     )

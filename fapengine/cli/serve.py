@@ -44,6 +44,15 @@ def serve(
             " May be given again.",
         ),
     ] = [],  # noqa: B006  typer copies it
+    sound: Annotated[
+        str | None,
+        typer.Option(
+            "--sound",
+            help="Play what this session's voice says through this machine's loudspeaker, and let its face follow;"
+            " 'face' is the session of one-line senders and of the page.",
+        ),
+    ] = None,
+    device: shared.Device = None,
     token: Annotated[
         str | None,
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
@@ -87,7 +96,7 @@ def serve(
     given = {
         "host": host, "port": port, "web_port": web_port, "no_page": no_page, "sink": sink, "token": token,
         "metrics": metrics, "log": log, "verbose": verbose, "profile": profile, "head": head, "fps": fps,
-        "seed": seed, "without": without,
+        "seed": seed, "without": without, "sound": sound, "device": device,
     }  # fmt: skip
     wanted = configured(config, given)
     begin_log(wanted.log.level, wanted.log.format)
@@ -148,6 +157,8 @@ def _announce(server: "Server") -> None:
         query = f"?token={config.listen.token}" if config.listen.token else ""
         lines.append(("page", f"http://{_spelled(*sites.pop(0))}/{query}"))
     lines += [("sink", str(sink.address)) for sink in server.sinks]
+    if server.speaker is not None:
+        lines.append(("sound", f"{server.speaker.session}: {server.speaker.description}"))
     if config.listen.metrics_port is not None:
         lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))
     log = logging.getLogger("fapengine.server")
@@ -157,6 +168,8 @@ def _announce(server: "Server") -> None:
         for what, where in lines:
             typer.echo(f"{what:<8} {where}")
         typer.echo("Ctrl-C stops.")
+    if server.speaker is not None and server.speaker.is_silent:
+        log.warning("no sound; the face keeps time by the clock: %s", server.speaker.description)
     if config.listen.host not in ("127.0.0.1", "::1", "localhost") and not config.listen.token:
         log.warning("everybody in the network may speak here: set a token")
 

@@ -87,7 +87,6 @@ def _elsewhere(source: str, session: str | None, voice: str, device: str | None,
     from functools import partial
     from urllib.parse import urlsplit
 
-    from fapengine.cli._live_face import device_of
     from fapengine.cli._view_sources import OscSource, ServerSource
     from fapengine.errors import UsageError
     from fapengine.live.sound import open_output
@@ -97,7 +96,7 @@ def _elsewhere(source: str, session: str | None, voice: str, device: str | None,
 
     if not source.startswith("osc://"):
         link = ServerLink(source, session=session, plays=not silent)
-        opens = partial(open_output, device=device_of(device))
+        opens = partial(open_output, device=device)
         return ServerSource(link, voice=voice, sound=None if silent else ServerSound(link, opens=opens))
     try:
         parts = urlsplit(source)
@@ -112,7 +111,6 @@ def _elsewhere(source: str, session: str | None, voice: str, device: str | None,
 def _file(path: Path, audio: Path | None, device: str | None, silent: bool) -> "Source":
     import time
 
-    from fapengine.cli._live_face import device_of
     from fapengine.cli._view_sources import TrackSource
     from fapengine.errors import DataError
     from fapengine.files.motion import load_motion
@@ -126,7 +124,7 @@ def _file(path: Path, audio: Path | None, device: str | None, silent: bool) -> "
     if audio is None:
         return TrackSource(track, time.monotonic, title=title)
     samples, sample_rate_hz = load_sound(audio)
-    output = open_output(sample_rate_hz, device=device_of(device), silent=silent)
+    output = open_output(sample_rate_hz, device=device, silent=silent)
     return TrackSource(
         track, time.monotonic, title=title, samples=samples, sample_rate_hz=sample_rate_hz, output=output
     )  # fmt: skip

@@ -30,6 +30,10 @@ blinks = true           # also head_motion, gaze, idle, emphasis
 name = "en-us"          # speaks /tts/text and the page's text box
 rate_wpm = 160
 
+[sound]
+session = ""            # whose voice this machine's loudspeaker plays, "face" say; "": nobody's, pages play their own
+device = ""             # its number, or a part of its name; "": the system's
+
 [limits]
 sessions = 1000
 utterances = 32         # of a session, queued
@@ -88,6 +92,16 @@ class VoiceChoice:
 
 
 @dataclass(frozen=True, slots=True)
+class SoundChoice:
+    """Whose voice is heard where the server runs."""
+
+    session: str | None = None
+    """None: nobody's."""
+    device: str | None = None
+    """Number or a part of its name; None: the system's."""
+
+
+@dataclass(frozen=True, slots=True)
 class Caps:
     """What one server holds at most."""
 
@@ -128,6 +142,7 @@ class ServeConfig:
     face: Face = field(default_factory=Face)
     style: Style = field(default_factory=Style)
     voice: VoiceChoice = field(default_factory=VoiceChoice)
+    sound: SoundChoice = field(default_factory=SoundChoice)
     limits: Caps = field(default_factory=Caps)
     log: Log = field(default_factory=Log)
     sinks: tuple[str, ...] = ()
@@ -161,6 +176,7 @@ def parse_config(data: bytes, name: str) -> ServeConfig:
         face=_face(table.table("face", needed=False)),
         style=_style(table.table("style", needed=False)),
         voice=_voice(table.table("voice", needed=False)),
+        sound=_sound(table.table("sound", needed=False)),
         limits=_caps(table.table("limits", needed=False)),
         log=_log(table.table("log", needed=False)),
         sinks=tuple(_sink(one) for one in table.tables("sink", needed=False)),
@@ -211,6 +227,12 @@ def _style(table: TomlTable) -> Style:
 def _voice(table: TomlTable) -> VoiceChoice:
     own = VoiceChoice()
     made = VoiceChoice(table.take("name", str, own.name), _between(table, "rate_wpm", int, own.rate_wpm, 80, 450))
+    table.finish()
+    return made
+
+
+def _sound(table: TomlTable) -> SoundChoice:
+    made = SoundChoice(table.take("session", str, "") or None, table.take("device", str, "") or None)
     table.finish()
     return made
 

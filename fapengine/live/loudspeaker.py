@@ -1,18 +1,21 @@
-"""Plays what a hub's faces say, and tells the faces where the sound really is, so that they follow it.
+"""Plays what one of a hub's faces says, and tells the face where the sound really is, so that it follows.
 
 Theory of operation
 -------------------
 An utterance whose sound is played here is begun with the anchor ``"audio"``: its face waits. :meth:`Loudspeaker.follow`
-is called before every frame; it reads each sound's place from the output, whose clock is the sound card's, and hands it
+is called before every frame; it reads the sound's place from the output, whose clock is the sound card's, and hands it
 on as :class:`fapengine.live.engine.commands.Audio`. The engine slews to it, or jumps where it must. A sound that stands
 still is told as one that does, and its face rests. A device that is gone is replaced by silence of the same length: the
-face goes on. A sound that is stopped ends its utterance.
+face goes on. A sound that is stopped ends its utterance, and an utterance that is cancelled its sound; a face that is
+told to pause takes its sound along.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fapengine.live.engine.commands import Audio, Cancel, Seek
+from fapengine.live.engine.commands import Audio, Cancel, Command, Pause, Resume, Seek
+from fapengine.live.engine.session import Event
 from fapengine.live.server.hub import Hub, Spoken
 from fapengine.live.sound import Output, SilentOutput, open_output
 
@@ -27,6 +30,7 @@ SETTLE_S = 1.2
 LEAP_S = 0.04
 """Face and sound that are farther apart are brought together at once; the engine slews what is less by 2 %."""
 
+log = logging.getLogger("fapengine.sound")
 OpenOutput = Callable[[int], Output]
 
 
@@ -49,23 +53,29 @@ class _Playing:
 
 
 class Loudspeaker:
-    """Stateful: the sound of a hub's faces; on the hub's thread. Close it.
+    """Stateful: the sound of a face; on the hub's thread. Close it.
 
     Parameters
     ----------
     hub : Hub
-    session : str, optional
-        Whose voice is played; by default all.
+    session : str
+        Whose voice is played.
     opens : callable
         Sample rate in Hz to an output; called once for each rate.
     """
 
-    def __init__(self, hub: Hub, *, session: str | None = None, opens: OpenOutput = open_output) -> None:
-        self._hub, self._opens = hub, opens
+    def __init__(self, hub: Hub, session: str, *, opens: OpenOutput = open_output) -> None:
+        self._hub, self.session, self._opens = hub, session, opens
         self._outputs: dict[int, Output] = {}
         self._playing: list[_Playing] = []
+        self._is_held = False
+        """The face was told to pause: it is not told that its sound still moves."""
         self._off_s: float | None = None
-        self._unsubscribe = hub.on_speech(session, self._play, plays=True)
+        self._unsubscribe = (
+            hub.on_speech(session, self._play, plays=True),
+            hub.on_event(session, self._event),
+            hub.on_command(session, self._command),
+        )
 
     @property
     def description(self) -> str:
@@ -98,7 +108,7 @@ class Loudspeaker:
         return self._outputs[sample_rate_hz]
 
     def follow(self, now_s: float) -> None:
-        """Tell every face where its sound is; call it before each frame.
+        """Tell the face where its sound is; call it before each frame.
 
         Parameters
         ----------
@@ -106,6 +116,8 @@ class Loudspeaker:
             The hub's clock.
         """
         self._off_s = None
+        if self._is_held and (self.session not in self._hub.engine or self._hub.engine.state(self.session) != "paused"):
+            self._hold(False)  # a face's pause ends with what it was saying
         for rate_hz, output in tuple(self._outputs.items()):
             if not output.is_alive(now_s):
                 self._replace(rate_hz, output, now_s)
@@ -113,15 +125,17 @@ class Loudspeaker:
             if one.sound is None and (one.output.is_settled(now_s) or now_s - one.since_s > SETTLE_S):
                 rest = one.spoken.speech.samples[round(one.skipped_s * one.spoken.speech.sample_rate_hz) :]
                 one.sound = one.output.play(rest)
-            if one.spoken.session not in self._hub.engine or (one.sound and one.output.is_over(one.sound, now_s)):
+            if self.session not in self._hub.engine:
+                self._drop(one)
+            elif one.sound and one.output.is_over(one.sound, now_s):
                 self._playing.remove(one)
-                continue
-            place_s = one.output.position_s(one.sound, now_s) if one.sound else None
-            if place_s is not None:
-                self._follow(one, place_s + one.skipped_s, now_s)
+            elif one.sound and not self._is_held:
+                place_s = one.output.position_s(one.sound, now_s)
+                if place_s is not None:
+                    self._follow(one, place_s + one.skipped_s, now_s)
 
     def pause(self, on: bool) -> None:
-        """Let sound stand still, or go on; the faces do as it does."""
+        """Let sound stand still, or go on; the face does as it does."""
         for output in self._outputs.values():
             output.pause(on)
 
@@ -129,15 +143,17 @@ class Loudspeaker:
         """Fall silent at once, and end what was being said."""
         for output in self._outputs.values():
             output.stop()
-        for one in self._playing:
-            if one.spoken.session in self._hub.engine:
-                self._hub.apply(one.spoken.session, Cancel(one.spoken.utterance))
-        self._playing.clear()
+        self._is_held = False
+        playing, self._playing = self._playing, []
+        for one in playing:
+            if self.session in self._hub.engine:
+                self._hub.apply(self.session, Cancel(one.spoken.utterance))
 
     def close(self) -> None:
         """Play no more, and give the devices back."""
         self.stop()
-        self._unsubscribe()
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
         for output in self._outputs.values():
             output.close()
 
@@ -145,9 +161,29 @@ class Loudspeaker:
         output = self.open(spoken.speech.sample_rate_hz)
         self._playing.append(_Playing(spoken, output, self._hub.clock()))
 
+    def _event(self, event: Event) -> None:
+        if event.kind == "cancelled":
+            for one in [one for one in self._playing if one.spoken.utterance == event.utterance]:
+                self._drop(one)
+
+    def _drop(self, one: _Playing) -> None:
+        if one.sound:
+            one.output.drop(one.sound)
+        self._playing.remove(one)
+
+    def _command(self, session: str, command: Command, now_s: float) -> None:
+        """Pause and go on as the face is told to; a pause of a face that says nothing is none."""
+        if isinstance(command, Resume) or (isinstance(command, Pause) and self._playing):
+            self._hold(isinstance(command, Pause))
+
+    def _hold(self, on: bool) -> None:
+        self._is_held = on
+        self.pause(on)
+
     def _replace(self, rate_hz: int, gone: Output, now_s: float) -> None:
         """Go on in silence, from where each sound was."""
         silence = SilentOutput(rate_hz, f"{gone.description}: is gone", now=self._hub.clock)
+        log.warning("no sound any more; the face keeps time by the clock: %s", silence.description)
         self._outputs[rate_hz] = silence
         for one in self._playing:
             if one.output is gone:
@@ -157,22 +193,22 @@ class Loudspeaker:
         gone.close()
 
     def _follow(self, one: _Playing, place_s: float, now_s: float) -> None:
-        hub, session, number = self._hub, one.spoken.session, one.spoken.utterance
+        hub, session, number = self._hub, self.session, one.spoken.utterance
         if place_s != one.place_s:
             one.place_s, one.moved_s = place_s, now_s
         stands = now_s - one.moved_s > STILL_S
         if one.zero_s is None or stands != one.is_still or (not stands and now_s - one.told_s >= TELL_EVERY_S):
-            apart_s = self._apart_s(session, number, place_s, now_s)
+            apart_s = self._apart_s(number, place_s, now_s)
             if apart_s is not None and abs(apart_s) > LEAP_S and not stands:
                 hub.apply(session, Seek(number, place_s))
             hub.apply(session, Audio(number, now_s, place_s, 0.0 if stands else 1.0))
             one.told_s, one.is_still, one.zero_s = now_s, stands, now_s - place_s
         if place_s >= 0:
-            self._off_s = self._apart_s(session, number, place_s, now_s)
+            self._off_s = self._apart_s(number, place_s, now_s)
 
-    def _apart_s(self, session: str, number: int, place_s: float, now_s: float) -> float | None:
+    def _apart_s(self, number: int, place_s: float, now_s: float) -> float | None:
         """How far the face is ahead; None before it has begun, and while it stands."""
-        utterance = self._hub.engine.utterance(session, number)
+        utterance = self._hub.engine.utterance(self.session, number)
         if utterance is None or not utterance.anchored:
             return None
         return float(utterance.position_s(now_s)) - place_s

@@ -60,8 +60,12 @@ class Output(Protocol):
         """Stand still, or go on."""
         ...
 
+    def drop(self, sound: int) -> None:
+        """Let a sound fall silent within 10 ms of sound, or never begin."""
+        ...
+
     def stop(self) -> None:
-        """Fall silent within 10 ms of sound, and drop what waits."""
+        """Drop every sound; a pause ends."""
         ...
 
     def close(self) -> None:
@@ -96,14 +100,14 @@ def devices() -> list[Device]:
     ]
 
 
-def open_output(sample_rate_hz: int, *, device: int | str | None = None, silent: bool = False) -> Output:
+def open_output(sample_rate_hz: int, *, device: str | None = None, silent: bool = False) -> Output:
     """Open the device, or without one an output that only keeps time.
 
     Parameters
     ----------
     sample_rate_hz : int
         Of the sounds.
-    device : int or str, optional
+    device : str, optional
         Its number, or a part of its name; by default the system's. One that is named must be there.
     silent : bool
         Open none.
@@ -116,7 +120,7 @@ def open_output(sample_rate_hz: int, *, device: int | str | None = None, silent:
     if silent:
         return SilentOutput(sample_rate_hz, "no sound was wished for")
     try:
-        return Player(sample_rate_hz, device=device)
+        return Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
     except ResourceError as error:
         if device is not None:
             raise
@@ -224,6 +228,11 @@ class Player:
         with self._lock:
             self._queue.pause(on)
 
+    def drop(self, sound: int) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._queue.drop(sound)
+
     def stop(self) -> None:
         """See :class:`Output`."""
         with self._lock:
@@ -278,6 +287,11 @@ class SilentOutput:
         """See :class:`Output`."""
         self._reach(self._now())
         self._queue.pause(on)
+
+    def drop(self, sound: int) -> None:
+        """See :class:`Output`."""
+        self._reach(self._now())
+        self._queue.drop(sound)
 
     def stop(self) -> None:
         """See :class:`Output`."""

@@ -16,7 +16,7 @@ KEPT = 64
 """Sounds that are over and still remembered."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Sound:
     samples: Samples
     first: int | None = None
@@ -120,20 +120,31 @@ class SoundQueue:
         self.taken += frames
 
     def stop(self) -> None:
-        """Let what is handed out die away over :data:`FADE_S`, and drop what waits; a pause ends."""
-        for number, sound in list(self._known.items()):
-            if sound.first is None:
-                del self._known[number]
-        playing = self._waiting[0] if self._waiting and self._waiting[0].first is not None else None
-        self._waiting.clear()
-        was_paused, self._is_paused, self._ramp = self._is_paused, False, 0
-        if playing is None:
+        """Drop every sound, see :meth:`drop`; a pause ends."""
+        for number in list(self._known):
+            self.drop(number)
+        self._is_paused, self._ramp = False, 0
+
+    def drop(self, sound: int) -> None:
+        """Let a sound die away over :data:`FADE_S`, or never begin; what waits behind it moves up.
+
+        Raises
+        ------
+        UsageError
+            If there was no sound of that number.
+        """
+        one = self._find(sound)
+        if one is None or one not in self._waiting:
             return
-        tail = playing.samples[playing.done : playing.done + (0 if was_paused else self._fade)]
+        if one.first is None:
+            del self._known[sound]
+            self._waiting.remove(one)
+            return
+        tail = one.samples[one.done : one.done + (0 if self._is_paused else self._fade)]
         faded = tail * np.linspace(1.0, 0.0, len(tail), endpoint=False)
-        playing.samples = np.concatenate([playing.samples[: playing.done], faded.astype(np.int16)])
-        if len(tail):
-            self._waiting.append(playing)
+        one.samples = np.concatenate([one.samples[: one.done], faded.astype(np.int16)])
+        if not len(tail):
+            self._waiting.remove(one)
 
     def position_s(self, sound: int, stream_s: float) -> float | None:
         """Find where a sound is when the stream is at ``stream_s``; None while it waits, or was dropped.

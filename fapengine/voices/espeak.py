@@ -89,6 +89,18 @@ def _library() -> tuple[ctypes.CDLL, int]:
     return library, rate_hz
 
 
+def sample_rate_hz() -> int:
+    """Of every sound that it makes.
+
+    Raises
+    ------
+    ResourceError
+        If espeak-ng is not installed.
+    """
+    with _lock:
+        return _library()[1]
+
+
 @cache
 def voices() -> dict[str, str]:
     """All voices: language code (BCP 47) to name, for example ``{"en-us": "English (America)"}``."""

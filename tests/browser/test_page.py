@@ -238,6 +238,22 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
     page.run("page.setSound(false)")
 
 
+def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:
+    page.open("ilse")
+    hello = "page.message({ type: 'hello', session: 'ilse', rate_hz: 60, profile: 'p', voice: true, sound: %r })"
+    page.run(hello % "server")
+    assert page.run("document.getElementById('sound').disabled")
+    assert page.run("document.getElementById('sound').textContent") == "At server"
+    page.run("page.hasChosenSilence = false")
+    page.run("document.getElementById('text').value = 'Hello.'")
+    page.run("document.getElementById('say').click()")
+    page.key("m")
+    page.until(f"page.cushion.frames.at(-1).faps[{fap.column(3)}] > 50")  # it speaks, and waits for no sound of ours
+    assert not page.run("page.sound.on")
+    page.run(hello % "page")
+    assert not page.run("document.getElementById('sound').disabled")
+
+
 @pytest.mark.parametrize("width", [320, 390, 768])
 def test_the_page_fits_a_narrow_screen(page: Page, width: int) -> None:
     page.open("jana")

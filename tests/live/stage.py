@@ -1,10 +1,15 @@
 """A whole server in a test: real sockets on loopback, the loop of the test, a receiver of frames."""
 
 import asyncio
+import json
 import socket
-from collections.abc import AsyncIterator, Callable, Coroutine
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from fapengine._resources import profile_files
 from fapengine.live import osc
@@ -136,3 +141,39 @@ async def until(true: Callable[[], bool], limit_s: float = 100.0) -> None:
         if asyncio.get_running_loop().time() > stop_s:
             raise AssertionError("it never became so")
         await asyncio.sleep(0.005)
+
+
+STARTED: list[subprocess.Popen[bytes]] = []
+"""Servers in processes of their own; when a test is over they are ended."""
+
+
+class Serve:
+    """``fapengine serve`` in a process of its own."""
+
+    def __init__(
+        self, log: Path, ear: Ear, port: int = 0, *more: str, environment: Mapping[str, str] | None = None
+    ) -> None:
+        command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--log", "json", "--port", str(port)]
+        command += ["--without", "all", "--sink", f"osc://127.0.0.1:{ear.port}", *more]
+        with log.open("w") as file:
+            self.process = subprocess.Popen(command, stdout=file, stderr=file, env=environment)
+        STARTED.append(self.process)
+        self.log = log
+        wait(lambda: "\n" in log.read_text() or self.process.poll() is not None)
+        ready = json.loads(log.read_text().splitlines()[0])
+        assert ready["message"] == "ready"
+        self.where = {one["what"]: one["where"] for one in ready["listens"]}
+        self.port = int(self.where["OSC in"].split()[0].rsplit(":", 1)[1])
+        self.address = ("127.0.0.1", self.port)
+
+    def end(self, number: int) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(20)
+
+
+def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], object] = lambda: None) -> None:
+    stop_s = time.monotonic() + limit_s
+    while not true():
+        assert time.monotonic() < stop_s, "it never became so"
+        work()
+        time.sleep(0.005)

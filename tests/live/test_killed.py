@@ -6,59 +6,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 from fapengine.live.protocol.sender import OscSender
 from fapengine.speech.phone_track import Phone
-from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
+from tests.live.stage import Ear, Sender, Serve, config_of, on_a_loop, running, until, wait
 
 LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 250)]
 """Two minutes, so that there is something left to be said whenever the server is back."""
-
-
-STARTED: list[subprocess.Popen[bytes]] = []
-
-
-@pytest.fixture(autouse=True)
-def _nothing_runs_on():
-    yield
-    while STARTED:
-        process = STARTED.pop()
-        process.kill()
-        process.wait()
-
-
-class Serve:
-    """``fapengine serve`` in a process of its own."""
-
-    def __init__(self, log: Path, ear: Ear, port: int = 0, *more: str) -> None:
-        command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--log", "json", "--port", str(port)]
-        command += ["--without", "all", "--sink", f"osc://127.0.0.1:{ear.port}", *more]
-        with log.open("w") as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=file)
-        STARTED.append(self.process)
-        self.log = log
-        wait(lambda: "\n" in log.read_text() or self.process.poll() is not None)
-        ready = json.loads(log.read_text().splitlines()[0])
-        assert ready["message"] == "ready"
-        where = {one["what"]: one["where"] for one in ready["listens"]}
-        self.port = int(where["OSC in"].split()[0].rsplit(":", 1)[1])
-        self.address = ("127.0.0.1", self.port)
-
-    def end(self, number: int) -> int:
-        self.process.send_signal(number)
-        return self.process.wait(20)
-
-
-def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], object] = lambda: None) -> None:
-    stop_s = time.monotonic() + limit_s
-    while not true():
-        assert time.monotonic() < stop_s, "it never became so"
-        work()
-        time.sleep(0.005)
 
 
 def test_a_signal_lets_the_faces_come_to_rest(tmp_path: Path) -> None:

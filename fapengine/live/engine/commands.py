@@ -47,16 +47,26 @@ class End:
     revision: int = 0
 
 
+VOICE_UTTERANCES = 1 << 30
+"""What the server's own voice says is numbered from here, so that it never meets a sender's."""
+
+
 @dataclass(frozen=True, slots=True)
 class Cancel:
     """Stop speaking (barge-in). The same again changes nothing."""
 
     utterance: int | None = None
-    """None: all there are."""
+    """None: all there are, or see ``first``."""
     at_s: float | None = None
     """Engine time; None: at once."""
     fade_s: float = 0.2
     """The face is at rest this much later."""
+    first: int = 0
+    """With None for the utterance: only those that are numbered so, or higher."""
+
+    def means(self, utterance: int) -> bool:
+        """Whether an utterance is to stop."""
+        return utterance >= self.first if self.utterance is None else utterance == self.utterance
 
 
 @dataclass(frozen=True, slots=True)

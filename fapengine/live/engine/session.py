@@ -204,7 +204,7 @@ class Session:
             elif (command.at_s, command) not in self.cancels:
                 self.cancels.append((command.at_s, command))
             return
-        stopped = [one for one in self.queue if command.utterance in (None, one.number)]
+        stopped = [one for one in self.queue if command.means(one.number)]
         if any(one.anchored for one in stopped):
             self._silence(now_s, command.fade_s)
         for one in stopped:

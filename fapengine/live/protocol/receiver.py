@@ -22,7 +22,7 @@ from typing import Any, cast
 
 from fapengine.errors import DataError
 from fapengine.live import osc
-from fapengine.live.engine.commands import Cancel, Command, Pause, Resume, Seek
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Cancel, Command, Pause, Resume, Seek
 from fapengine.live.engine.session import Event, Limits
 from fapengine.live.protocol import gestures, labels, schema
 from fapengine.live.protocol import wire as wire_format
@@ -205,8 +205,10 @@ class OscReceiver:
             if kind is None:
                 message, kind = self._simple.named(message)
             if kind is None:
-                if self._session(self._simple.session, arrival) is not None:
-                    self._simple.obey(message, arrival, self._sessions[self._simple.session].new_number)
+                session = self._session(self._simple.session, arrival)
+                if session is not None and self._simple.obey(message, arrival, session.new_number):
+                    session.tell(Cancel(first=VOICE_UTTERANCES), arrival.now_s)
+                    self._forget_texts(session.name)
                 return
             tally.add("surplus", wire_format.surplus(kind, message))
             self._obey(wire_format.parse(kind, message), arrival)
@@ -262,6 +264,7 @@ class OscReceiver:
         if not had_joined and not session.utterances:
             arrival.peer.tally.add("repeated")
         session.tell(Cancel(), arrival.now_s)
+        self._forget_texts(wire.session)
         for event in self._engine.events():
             self._tell_event(event, arrival.replies)
         session.forget()
@@ -302,6 +305,8 @@ class OscReceiver:
         session = self._session(wire.session, arrival)
         if session is None:
             return
+        if wire.utterance == schema.NOW and wire.at_us < 0:
+            self._forget_texts(wire.session)
         for number in session.cancel(wire, arrival.now_s, arrival.peer.tally):
             now_us = microseconds(arrival.now_s)
             notice = schema.Notice(wire.session, number, "cancelled", count=wire.number, engine_us=now_us)
@@ -352,6 +357,10 @@ class OscReceiver:
             self._refuse(wire.session, "text", arrival)
         elif wire.text.strip() and self._session(wire.session, arrival) is not None:
             self._texts.append(TextRequest(wire.session, wire.text, wire.voice, arrival.peer.name))
+
+    def _forget_texts(self, session: str) -> None:
+        """Of texts that the voice was not handed yet: it is not to say them any more."""
+        self._texts = deque(one for one in self._texts if one.session != session)
 
     def _session(self, name: str, arrival: Arrival) -> WireSession | None:
         """Find a session, or open it; None if there are as many as there may be."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import inf
 
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
 from fapengine.live.engine.session import JUMP_S
 from fapengine.live.protocol import labels, schema
 from fapengine.live.protocol.clock import SenderClock
@@ -187,8 +187,8 @@ class WireSession:
         for wire, one in self.utterances.items():
             if not one.is_stopped and (everyone or wire < message.below):
                 self._cancel(one, message.at_us, fade_s, now_s)
-        if everyone and message.at_us < 0:  # what the server's voice or the simple mode says, too
-            self.tell(Cancel(None, None, fade_s), now_s)
+        if message.at_us < 0:  # what the server's voice says, too, and with everyone what the simple mode does
+            self.tell(Cancel(None, None, fade_s, 0 if everyone else VOICE_UTTERANCES), now_s)
         return [schema.NOW]
 
     def _is_repeat(self, message: schema.CancelUtterance, now_s: float) -> bool:

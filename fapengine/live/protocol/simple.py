@@ -159,17 +159,18 @@ class SimpleSpeaker:
             one = self._begin(at_s + DELAY_S, now_s)
         one.started = True
 
-    def stop(self, at_s: float, now_s: float) -> None:
-        """Close the utterance: its sound ends at ``at_s``, and what lies behind is not said."""
+    def stop(self, at_s: float, now_s: float) -> bool:
+        """Close the utterance: its sound ends at ``at_s``, what lies behind is not said; whether there was one."""
         if self._open is not None:
             self._end(self._open, now_s)
         number, self._last, self._zero_s = self._last, None, None
         known = self.find(number) if number is not None else None
         if number is None or known is None:
-            return
+            return False
         over_s = now_s + known.end_s - known.position_s(now_s) if known.anchored else inf
         if over_s > at_s + DELAY_S:
             self.tell(Cancel(number, at_s + DELAY_S, CANCEL_FADE_S), now_s)
+        return True
 
     def tick(self, now_s: float) -> None:
         """Hold on what is held; end what is quiet."""

@@ -54,8 +54,8 @@ class SimpleMode:
             return message, None
         return osc.Message(message.address, "s" + message.tags, (self.session, *message.arguments)), kind
 
-    def obey(self, message: osc.Message, arrival: Arrival, new_number: Callable[[], int]) -> None:
-        """Do what a message says; the session is open.
+    def obey(self, message: osc.Message, arrival: Arrival, new_number: Callable[[], int]) -> bool:
+        """Do what a message says; the session is open. True: the server's voice is meant, too.
 
         Raises
         ------
@@ -74,7 +74,8 @@ class SimpleMode:
         elif message.address == START:
             self._speaker.start(arrival.at_s, arrival.now_s)
         else:
-            self._speaker.stop(arrival.at_s, arrival.now_s)
+            return not self._speaker.stop(arrival.at_s, arrival.now_s)
+        return False
 
     def tick(self, now_s: float) -> None:
         """Hold on what is held; end what is quiet."""

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
 from fapengine.live.engine.session import Event
 from fapengine.live.server.pacer import FramePacer
 from fapengine.live.server.shown import HubCounts, HubFrame, HubFrames, Spoken
@@ -38,8 +38,6 @@ RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
 LOOK_EVERY_S = 1.0
 """How often idle sessions are looked for."""
-FIRST_UTTERANCE = 1 << 30
-"""Utterances that the hub itself begins count from here, so that they never meet those of a sender."""
 PHONES_A_COMMAND = 64
 SOUND_WAIT_S = 1.5
 """An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
@@ -59,6 +57,14 @@ class _Unheard:
     session: str
     utterance: int
     since_s: float
+
+
+@dataclass(slots=True, eq=False)
+class _Asked:
+    """Stateful: a text that a voice is turning into sound."""
+
+    session: str
+    is_cancelled: bool = False
 
 
 @dataclass(slots=True)
@@ -103,9 +109,10 @@ class Hub:
         self._look_s = -np.inf
         self._listeners = _Listeners()
         self._numbers = count()
-        self._utterances = count(FIRST_UTTERANCE)
+        self._utterances = count(VOICE_UTTERANCES)
         self._holders: dict[str, int] = {}
         self._unheard: list[_Unheard] = []
+        self._asked: list[_Asked] = []
         self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
         self.engine.event_listeners.append(self._tell_event)
@@ -260,8 +267,8 @@ class Hub:
 
     async def speak(
         self, session: str, text: str, *, voice: str = DEFAULT_VOICE, rate_wpm: int = DEFAULT_RATE_WPM
-    ) -> Spoken:
-        """Speak a text: the voice works in a thread, then the session says it.
+    ) -> Spoken | None:
+        """Speak a text: the voice works in a thread, then the session says it, unless it was told to stop meanwhile.
 
         Raises
         ------
@@ -272,8 +279,13 @@ class Hub:
         """
         if len(text) > MOST_TEXT:
             raise UsageError(f"text: got {len(text)} letters, expected at most {MOST_TEXT}")
-        speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
-        return self.say(session, speech, text=text)
+        asked = _Asked(session)
+        self._asked.append(asked)
+        try:
+            speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
+        finally:
+            self._asked.remove(asked)
+        return None if asked.is_cancelled else self.say(session, speech, text=text)
 
     # Time
 
@@ -329,6 +341,9 @@ class Hub:
         self._stopped = True
 
     def _hurry_unheard(self, now_s: float) -> None:
+        for one in self._unheard:
+            if one.session in self.engine and self.engine.state(one.session) == "paused":
+                one.since_s = now_s
         late = [one for one in self._unheard if now_s - one.since_s > SOUND_WAIT_S]
         for one in late:
             self._unheard.remove(one)
@@ -368,7 +383,7 @@ class Hub:
                 self._call(self._listeners.event, key, listener, event)
 
     def _tell_command(self, session: str, command: Command, now_s: float) -> None:
-        if self._unheard and isinstance(command, Audio | Cancel):
+        if isinstance(command, Audio | Cancel):
             self._hear(session, command, now_s)
         for key, (wanted, listener) in tuple(self._listeners.command.items()):
             if wanted in (None, session):
@@ -376,11 +391,14 @@ class Hub:
 
     def _hear(self, session: str, command: Audio | Cancel, now_s: float) -> None:
         """Strike off what is heard or cancelled; while a session's sound plays, what is queued behind it may wait."""
-        gone = command.utterance
-        self._unheard = [one for one in self._unheard if one.session != session or gone not in (one.utterance, None)]
+        means = command.means if isinstance(command, Cancel) else command.utterance.__eq__
+        self._unheard = [one for one in self._unheard if one.session != session or not means(one.utterance)]
         for one in self._unheard:
             if one.session == session:
                 one.since_s = now_s
+        if isinstance(command, Cancel) and command.utterance is None:
+            for asked in self._asked:
+                asked.is_cancelled |= asked.session == session
 
     def _call(self, listeners: dict[int, Any], key: int, listener: Callable[..., None], *what: object) -> None:
         try:

@@ -23,6 +23,7 @@ from fapengine.live.config import ServeConfig
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
+from fapengine.live.loudspeaker import Loudspeaker
 from fapengine.live.protocol.counts import TextRequest
 from fapengine.live.protocol.receiver import OscReceiver
 from fapengine.live.server.doors import DatagramDoor, StreamDoor
@@ -31,8 +32,10 @@ from fapengine.live.server.hub import Hub
 from fapengine.live.server.intake import Intake
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
+from fapengine.live.sound import open_output
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
+from fapengine.voices.espeak import sample_rate_hz
 
 DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
 """When it stops, faces come to rest over the first, and the server ends after the second."""
@@ -68,6 +71,7 @@ class _Parts:
     sinks: list[Sink] = field(default_factory=list)
     sites: list[_Site] = field(default_factory=list)
     texts: set[asyncio.Task[None]] = field(default_factory=set)
+    speaker: Loudspeaker | None = None
 
 
 class Server:
@@ -126,13 +130,18 @@ class Server:
         """Sinks that are open."""
         return self._parts.sinks
 
+    @property
+    def speaker(self) -> Loudspeaker | None:
+        """What plays a session's voice here, if that is wished for."""
+        return self._parts.speaker
+
     async def start(self) -> None:
         """Open everything.
 
         Raises
         ------
         ResourceError
-            If a port is taken, or a host unknown; then nothing stays open.
+            If a port is taken, a host unknown, or a sound device that was named not there; then nothing stays open.
         UsageError
             If a sink cannot be understood.
         """
@@ -164,14 +173,21 @@ class Server:
         self._stop.set()
 
     async def _open(self) -> None:
-        listen, parts = self.config.listen, self._parts
+        listen, sound, parts = self.config.listen, self.config.sound, self._parts
         parts.datagrams, parts.streams = await self._doors(listen.host, listen.port)
         for url in self.config.sinks:
             parts.sinks.append(await open_sink(self.hub, parse_sink(url)))
+        if sound.session is not None:
+            parts.speaker = Loudspeaker(
+                self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
+            )
+            parts.speaker.open(sample_rate_hz())
         if listen.web_port is not None and self._head is not None:
             from fapengine.live.web.app import COUNTS, make_app  # the page's files are read then
 
-            app = make_app(self.hub, self._head, token=listen.token, profile=self.config.face.profile)
+            app = make_app(
+                self.hub, self._head, token=listen.token, profile=self.config.face.profile, heard_here=sound.session
+            )
             self.metrics.page = app[COUNTS]
             parts.sites.append(await _serve(app, listen.host, listen.web_port))
         if listen.metrics_port is not None:
@@ -195,13 +211,15 @@ class Server:
     async def _tick_on(self) -> None:
         before, after, observe = self.intake.before_frame, self._after, self.metrics.tick_s.observe
         clock, late = self.hub.clock, self.metrics.late_s.observe
-        begun_s = 0.0
+        speaker, begun_s = self._parts.speaker, 0.0
 
         def begin(now_s: float, due_s: float) -> None:
             nonlocal begun_s
             begun_s = now_s
             late(max(0.0, now_s - due_s))
             before(now_s)
+            if speaker is not None:
+                speaker.follow(clock())
 
         def end(now_s: float) -> None:
             after(now_s)
@@ -222,14 +240,14 @@ class Server:
     async def _speak(self, request: TextRequest) -> None:
         voice = self.config.voice
         try:
-            await self.hub.speak(
+            said = await self.hub.speak(
                 request.session, request.text, voice=request.voice or voice.name, rate_wpm=voice.rate_wpm
             )
         except FapEngineError as error:
             self.texts.refused += 1
             log.warning("a text was not spoken: %s", error, extra={"session": request.session})
         else:
-            self.texts.spoken += 1
+            self.texts.spoken += said is not None
 
     async def _drain(self) -> None:
         self._draining = True
@@ -253,6 +271,8 @@ class Server:
         parts = self._parts
         for task in tuple(parts.texts):
             task.cancel()
+        if parts.speaker is not None:
+            parts.speaker.close()
         for site in parts.sites:
             await site.runner.cleanup()
         for sink in parts.sinks:
@@ -263,7 +283,7 @@ class Server:
             await parts.streams.close()
         self._parts.sites.clear()
         self._parts.sinks.clear()
-        parts.datagrams = parts.streams = None
+        parts.datagrams = parts.streams = parts.speaker = None
 
     async def _answer_metrics(self, request: web.Request) -> web.Response:
         token = self.config.listen.token

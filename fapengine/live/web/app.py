@@ -51,6 +51,7 @@ class _Server:
     hub: Hub
     token: str | None
     hello: dict[str, object]
+    heard_here: str | None
     counts: WebCounts = field(default_factory=WebCounts)
     sounds: SoundShelf = field(default_factory=SoundShelf)
     rooms: dict[str, Room] = field(default_factory=dict)
@@ -63,7 +64,7 @@ class _Server:
             session = session_name(request.query.get("session", DEFAULT_SESSION))
             if self.counts.pages >= MOST_PAGES:
                 raise UsageError(f"pages: got one more than {MOST_PAGES}")
-            room = open_room(self.hub, session, self.rooms)
+            room = open_room(self.hub, session, self.rooms, is_heard_here=session == self.heard_here)
         except (DataError, UsageError) as error:
             self.counts.refused += 1
             raise web.HTTPBadRequest(text=str(error)) from error
@@ -74,7 +75,8 @@ class _Server:
         connection = Connection(self.hub, room, socket, self.counts)
         self.connections.add(connection)
         try:
-            await connection.run(text_of("hello", session=session, **self.hello))
+            sound = "server" if room.is_heard_here else "page"
+            await connection.run(text_of("hello", session=session, sound=sound, **self.hello))
         finally:
             self.connections.discard(connection)
             if not len(room) and self.rooms.get(session) is room:
@@ -120,7 +122,13 @@ SERVER: web.AppKey[_Server] = web.AppKey("server", _Server)
 
 
 def make_app(
-    hub: Hub, head: FaceMesh, *, token: str | None = None, profile: str = "", rate_hz: float | None = None
+    hub: Hub,
+    head: FaceMesh,
+    *,
+    token: str | None = None,
+    profile: str = "",
+    rate_hz: float | None = None,
+    heard_here: str | None = None,
 ) -> web.Application:
     """Build the web application; whoever runs it also ticks the hub.
 
@@ -136,6 +144,8 @@ def make_app(
         Name of the profile, to be shown.
     rate_hz : float, optional
         Frames a second; by default the hub's.
+    heard_here : str, optional
+        The session whose sound the server plays itself; its pages play none.
 
     Returns
     -------
@@ -152,7 +162,7 @@ def make_app(
     except ResourceError:
         voices = []
     hello = {"protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices)}
-    server = _Server(hub, token, hello)
+    server = _Server(hub, token, hello, heard_here)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
     app[SERVER], app[COUNTS] = server, server.counts

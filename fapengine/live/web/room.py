@@ -45,6 +45,8 @@ class Room:
         The server.
     session : str
         Opened if it is not open yet.
+    is_heard_here : bool
+        Whether the server plays the sound itself, and pages none.
 
     Raises
     ------
@@ -52,8 +54,8 @@ class Room:
         If the server has no room for one more session.
     """
 
-    def __init__(self, hub: Hub, session: str) -> None:
-        self._hub, self.session = hub, session
+    def __init__(self, hub: Hub, session: str, *, is_heard_here: bool = False) -> None:
+        self._hub, self.session, self.is_heard_here = hub, session, is_heard_here
         self._leave = [
             hub.hold(session),
             hub.subscribe(session, self._frame),
@@ -91,7 +93,9 @@ class Room:
     def plays(self, member: Member, *, on: bool) -> None:
         """Note whether a page plays sounds."""
         self._members[member]()
-        self._members[member] = self._hub.on_speech(self.session, lambda spoken: self._spoken(member, spoken), plays=on)
+        self._members[member] = self._hub.on_speech(
+            self.session, lambda spoken: self._spoken(member, spoken), plays=on and not self.is_heard_here
+        )
 
     def tell(self, member: Member, command: Command) -> None:
         """Pass a page's command on. Of the pages that play one sound, the first says where it is.
@@ -103,7 +107,7 @@ class Room:
         """
         if isinstance(command, Audio):
             said = self._said.get(command.utterance)
-            if said is None or said.leader not in (None, member):
+            if self.is_heard_here or said is None or said.leader not in (None, member):
                 return
             said.leader = member
         self._hub.apply(self.session, command)
@@ -135,7 +139,8 @@ class Room:
 
     def _spoken(self, member: Member, spoken: Spoken) -> None:
         query = urlencode({"session": spoken.session, "utterance": spoken.utterance})
-        member.put_text(text_of("sound", utterance=spoken.utterance, url=f"/sound.wav?{query}", text=spoken.text))
+        url = None if self.is_heard_here else f"/sound.wav?{query}"
+        member.put_text(text_of("sound", utterance=spoken.utterance, url=url, text=spoken.text))
 
     def _frame(self, frame: HubFrame) -> None:
         packed = pack_frame(frame.number, frame.time_s, frame.faps)
@@ -197,8 +202,8 @@ class Room:
             member.put_text(text)
 
 
-def open_room(hub: Hub, session: str, rooms: dict[str, Room]) -> Room:
-    """Find the room of a session, or open it.
+def open_room(hub: Hub, session: str, rooms: dict[str, Room], *, is_heard_here: bool = False) -> Room:
+    """Find the room of a session, or open it; see :class:`Room`.
 
     Raises
     ------
@@ -206,5 +211,5 @@ def open_room(hub: Hub, session: str, rooms: dict[str, Room]) -> Room:
         If the server has no room for one more session.
     """
     if session not in rooms or not len(rooms[session]):
-        rooms[session] = Room(hub, session)
+        rooms[session] = Room(hub, session, is_heard_here=is_heard_here)
     return rooms[session]

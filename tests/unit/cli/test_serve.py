@@ -18,6 +18,7 @@ from fapengine.live.server.logs import begin_log
 NOTHING: dict[str, Any] = {
     "host": None, "port": None, "web_port": None, "no_page": False, "sink": [], "token": None, "metrics": None,
     "log": None, "verbose": False, "profile": None, "head": None, "fps": None, "seed": None, "without": [],
+    "sound": None, "device": None,
 }  # fmt: skip
 
 
@@ -42,13 +43,14 @@ def test_options_go_before_the_file(tmp_path: Path) -> None:
 def test_every_option_arrives() -> None:
     told = {
         "host": "h", "port": 0, "web_port": 3, "token": "t", "metrics": 4, "log": "json", "verbose": True,
-        "profile": "p", "head": "o", "seed": 0, "without": ["all"],
+        "profile": "p", "head": "o", "seed": 0, "without": ["all"], "sound": "face", "device": "USB",
     }  # fmt: skip
     config = configured(None, NOTHING | told)
     listen = config.listen
     assert (listen.host, listen.port, listen.web_port, listen.metrics_port, listen.token) == ("h", 0, 3, 4, "t")
     assert (config.log.format, config.log.level) == ("json", "debug")
     assert (config.face.profile, config.face.head, config.face.seed) == ("p", "o", 0)
+    assert (config.sound.session, config.sound.device) == ("face", "USB")
     assert not any((config.style.blinks, config.style.gaze, config.style.emphasis))
     assert configured(None, NOTHING | {"web_port": 3, "no_page": True}).listen.web_port is None
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fapengine.cli import _view_sources as sources
-from fapengine.cli._live_face import LiveFace, Ticks, device_of
+from fapengine.cli._live_face import LiveFace, Ticks
 from fapengine.cli._phone_ticker import ticker
 from fapengine.cli._view_sources import BLINK, PAUSE, STOP, OscSource, ServerSource, SpeakingSource, TrackSource
 from fapengine.errors import UsageError
@@ -342,10 +342,6 @@ def test_ticks_are_steady_and_count_what_they_skip() -> None:
     ticks.wait()
     assert time.monotonic() - started >= 0.03
     assert ticks.frames == 3
-
-
-def test_a_device_is_a_number_or_a_name() -> None:
-    assert (device_of("3"), device_of("Head"), device_of(None)) == (3, "Head", None)
 
 
 def test_the_ticker_shows_nothing_now_before_the_beginning() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fapengine._resources import profile_files
+from fapengine.live.engine.commands import Cancel, Pause, Resume
 from fapengine.live.engine.engine import Engine
 from fapengine.live.loudspeaker import SETTLE_S, STILL_S, Loudspeaker
 from fapengine.live.server.hub import Hub
@@ -75,6 +76,9 @@ class Card:
     def pause(self, on: bool) -> None:
         self.queue.pause(on)
 
+    def drop(self, sound: int) -> None:
+        self.queue.drop(sound)
+
     def stop(self) -> None:
         self.queue.stop()
 
@@ -121,7 +125,7 @@ def stage(**card: object) -> Stage:
     made = Card(clock, **card)
     hub = Hub(Engine(PROFILE, rng=np.random.default_rng(1), style=STYLE), rate_hz=60.0, clock=clock)
     hub.open("face")
-    return Stage(made, clock, hub, Loudspeaker(hub, opens=lambda rate_hz: made))
+    return Stage(made, clock, hub, Loudspeaker(hub, "face", opens=lambda rate_hz: made))
 
 
 def opening(faps: np.ndarray) -> np.ndarray:
@@ -247,6 +251,64 @@ def test_utterances_follow_one_another_and_a_stop_ends_them() -> None:
     assert made.hub.engine.counters("face").cancelled == 1
 
 
+def test_an_utterance_that_is_cancelled_takes_its_sound_along_and_no_other() -> None:
+    made = stage()
+    first, second = made.hub.say("face", babble(1.5)), made.hub.say("face", babble(1.5))
+    made.run(0.5)
+    made.hub.apply("face", Cancel(first.utterance))
+    made.run(0.4)
+    assert made.speaker.zero_s(first.utterance) is None
+    assert made.speaker.zero_s(second.utterance) == pytest.approx(50.6, abs=0.05)  # it moved up
+    assert made.hub.engine.state("face") == "speaking"
+    made.hub.apply("face", Cancel(None, at_s=made.clock.now_s + 0.3))
+    made.run(0.2)
+    assert made.speaker.is_playing
+    made.run(0.3)
+    assert not made.speaker.is_playing
+    assert made.card.is_over(2, made.clock.now_s)
+    assert made.hub.engine.state("face") == "idle"
+
+
+def test_a_face_that_is_told_to_pause_takes_its_sound_along() -> None:
+    made = stage()
+    made.hub.apply("face", Pause())  # it says nothing: nothing to pause
+    made.hub.say("face", babble(3.0))
+    made.run(1.0)
+    made.hub.apply("face", Pause())
+    made.run(1.0)
+    assert made.hub.engine.state("face") == "paused"
+    assert made.frames[-1][0] == pytest.approx(1.0, abs=0.03)
+    made.hub.apply("face", Resume())
+    made.run(0.5)
+    assert made.hub.engine.state("face") == "speaking"
+    assert abs(made.off_s[-1]) < 0.01
+    for ends in (made.speaker.stop, lambda: made.hub.apply("face", Cancel())):
+        made.hub.apply("face", Pause())
+        made.run(0.3)
+        ends()  # and the pause is over
+        made.off_s.clear()
+        made.hub.say("face", babble(1.0))
+        made.run(0.5)
+        assert made.hub.engine.state("face") == "speaking"
+        assert abs(made.off_s[-1]) < 0.01
+
+
+def test_a_pause_lasts_whatever_waits_behind() -> None:
+    made = stage()
+    for _ in range(2):
+        made.hub.say("face", babble(2.0))
+    made.run(1.0)
+    made.hub.apply("face", Pause())
+    made.run(3.0)
+    assert made.hub.engine.state("face") == "paused"
+    assert made.hub.counts.unheard == 0
+    made.hub.apply("face", Resume())
+    made.run(1.6)
+    assert made.hub.engine.state("face") == "speaking"
+    assert made.hub.counts.unheard == 0
+    assert abs(made.off_s[-1]) < 0.01
+
+
 def test_a_session_that_goes_is_let_go() -> None:
     made = stage()
     made.hub.say("face", babble(1.5))
@@ -255,6 +317,8 @@ def test_a_session_that_goes_is_let_go() -> None:
     made.clock.now_s += 0.1
     made.speaker.follow(made.clock.now_s)
     assert not made.speaker.is_playing
+    made.clock.now_s += 0.2  # what the card has fetched is still heard
+    assert made.card.is_over(1, made.clock.now_s)
     made.hub.open("face")
     spoken = made.hub.say("face", babble(1.5))
     assert spoken.anchor == "audio"

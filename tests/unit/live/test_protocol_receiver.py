@@ -7,6 +7,7 @@ from protocol_double import Wire, phones
 
 from fapengine.live import osc
 from fapengine.live.engine.commands import (
+    VOICE_UTTERANCES,
     Append,
     Audio,
     Begin,
@@ -348,14 +349,15 @@ def test_a_cancel_of_all_below_a_number_spares_the_others_whenever_it_comes():
     one = Wire()
     cancel = CancelUtterance("anna", below=3, number=8)
     answers = one.send(HELLO, BeginUtterance("anna", 3), BeginUtterance("anna", 1), cancel)
-    assert one.faces.commands(Cancel) == [Cancel(1)]
+    stopped = [Cancel(1), Cancel(first=VOICE_UTTERANCES)]
+    assert one.faces.commands(Cancel) == stopped
     (answer,) = told(answers, Notice)
     assert (answer.utterance, answer.kind, answer.count) == (-1, "cancelled", 8)
     one.send(BeginUtterance("anna", 2), Phones("anna", 2, 0, 0, FOUR))  # had been under way
     assert len(one.faces.commands(Begin)) == 2
     assert told(one.tick(50.5), Notice) == []  # and is not asked for
     assert told(one.send(cancel, at_s=51.0), Notice)[0].count == 8
-    assert len(one.faces.commands(Cancel)) == 1
+    assert one.faces.commands(Cancel) == stopped
 
 
 def test_a_cancel_at_a_place_of_the_utterance():
@@ -449,7 +451,7 @@ def test_a_restarted_sender_counts_anew_and_its_old_speech_is_cancelled():
     one = Wire()
     one.send(HELLO, BeginUtterance("anna", 0), CancelUtterance("anna", below=5, number=1), BeginUtterance("anna", 5))
     one.send(Hello("anna", instance=6), BeginUtterance("anna", 0), peer="b")
-    assert [type(command) for command in one.faces.commands()] == [Begin, Cancel, Begin, Cancel, Begin]
+    assert [type(command) for command in one.faces.commands()] == [Begin, Cancel, Cancel, Begin, Cancel, Begin]
     assert one.faces.commands(Begin)[-1].utterance == 2
     assert one.counts.resets == 1
     one.faces.happen("anna", 2, "finished", 51.0)
@@ -660,6 +662,22 @@ def test_texts_are_handed_out_once_and_have_limits():
     ]  # fmt: skip
     assert one.receiver.texts() == []
     assert told(one.send(schema.SpeakText("anna", "x" * 4001)), Notice)[0].reason == "text"
+
+
+def test_a_stop_and_a_cancel_of_all_stop_the_voice_too():
+    one = Wire()
+    one.say("/tts/text", "s", "hello")
+    one.send(schema.SpeakText("anna", "and you"))
+    one.say("/tts/stop")
+    assert one.faces.commands(Cancel) == [Cancel(first=VOICE_UTTERANCES)]
+    assert [text.session for text in one.receiver.texts()] == ["anna"]  # the other was not handed to it yet
+    one.send(schema.SpeakText("anna", "and you"), CancelUtterance("anna", below=3, number=8))
+    assert one.faces.commands(Cancel)[1:] == [Cancel(None, None, 0.2, VOICE_UTTERANCES)]
+    assert one.receiver.texts() == []
+    one.send(schema.SpeakText("anna", "and you"), CancelUtterance("anna", at_us=10_000_000))
+    assert len(one.receiver.texts()) == 1
+    one.send(schema.SpeakText("anna", "and you"), schema.Bye("anna"))
+    assert one.receiver.texts() == []
 
 
 # What is not understood -----------------------------------------------------------------------------------------------

@@ -54,6 +54,9 @@ def test_every_key_is_taken() -> None:
         [voice]
         name = "de"
         rate_wpm = 100
+        [sound]
+        session = "face"
+        device = "3"
         [limits]
         sessions = 2
         utterances = 3
@@ -78,6 +81,7 @@ def test_every_key_is_taken() -> None:
     assert (config.face.profile, config.face.head, config.face.rate_hz, config.face.seed) == ("p", "h", 30.0, 5)
     assert (config.style.jaw, config.style.blinks, config.style.method) == (2.0, False, "paper")
     assert (config.voice.name, config.voice.rate_wpm) == ("de", 100)
+    assert (config.sound.session, config.sound.device) == ("face", "3")
     assert (config.limits.engine.sessions, config.limits.engine.utterances, config.limits.engine.queued_s) == (2, 3, 4)
     assert (config.limits.engine.silence_s, config.limits.engine.wait_s) == (1, 8)
     assert (config.limits.idle_close_s, config.limits.packets_a_peer, config.limits.streams) == (5, 6, 7)

@@ -8,7 +8,7 @@ import pytest
 
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, End, Express
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
 from fapengine.live.server import hub as hubs
@@ -188,7 +188,7 @@ def test_what_a_voice_said_moves_the_face_and_reaches_the_ears() -> None:
     said = hub.say("a", spoken(), text="mama")
     assert heard == [said]
     assert elsewhere == []
-    assert (said.anchor, said.text, said.utterance) == ("now", "mama", hubs.FIRST_UTTERANCE)
+    assert (said.anchor, said.text, said.utterance) == ("now", "mama", VOICE_UTTERANCES)
     frames = run(hub, clock, 2.0)
     assert max(frame.faps[0, JAW] for frame in frames) > 50
     assert not frames[-1].faps.any()
@@ -251,6 +251,27 @@ def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
     with pytest.raises(UsageError, match="text: got 2001 letters"):
         asyncio.run(hub.speak("a", "x" * 2001))
+
+
+def test_a_text_that_is_stopped_while_the_voice_works_is_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    hub, _ = hub_of()
+    hub.open("a")
+    hub.open("b")
+
+    def synthesise(*what: object) -> Speech:
+        hub.apply("a", Cancel(first=VOICE_UTTERANCES))
+        return spoken()
+
+    monkeypatch.setattr(hubs, "_synthesise", synthesise)
+    assert asyncio.run(hub.speak("a", "Mama.")) is None
+    assert hub.engine.state("a") == "idle"
+    assert asyncio.run(hub.speak("b", "Mama.")) is not None
+    own = hub.say("a", spoken())
+    hub.apply("a", Begin(3))
+    hub.apply("a", Append(3, 0, own.speech.phones.phones))
+    hub.apply("a", Cancel(first=VOICE_UTTERANCES))
+    assert hub.engine.utterance("a", own.utterance) is None
+    assert hub.engine.utterance("a", 3) is not None  # a sender's goes on
 
 
 def test_a_real_voice_speaks() -> None:

@@ -99,6 +99,30 @@ def test_a_pause_loses_nothing_and_places_stay_true(buffers: list[int]) -> None:
     assert queue.is_over(number, len(heard) / RATE_HZ)
 
 
+def test_a_sound_that_is_dropped_leaves_the_others_alone() -> None:
+    queue = SoundQueue(RATE_HZ)
+    first, second, third, fourth = (queue.add(tone(1000, 1000 * level)) for level in (1, 2, 3, 4))
+    queue.take(100)
+    queue.drop(second)
+    assert queue.is_over(second, 0.0)
+    queue.drop(first)
+    queue.drop(second)
+    fade = round(FADE_S * RATE_HZ)
+    out = queue.take(fade + 1000)
+    assert (np.diff(out[:fade].astype(int)) < 0).all()
+    np.testing.assert_array_equal(out[fade:], tone(1000, 3000))
+    assert queue.is_over(first, (100 + fade) / RATE_HZ)
+    assert queue.position_s(third, (100 + fade + 500) / RATE_HZ) == pytest.approx(500 / RATE_HZ)
+    queue.drop(third)  # it was handed out already
+    assert not queue.is_over(third, (100 + fade + 500) / RATE_HZ)
+    queue.take(10)
+    queue.pause(True)
+    queue.take(200)
+    queue.drop(fourth)  # nothing of it is heard any more, and nothing clicks
+    queue.pause(False)
+    assert not queue.take(500).any()
+
+
 def test_a_pause_fades_and_a_stop_ends_it() -> None:
     queue = SoundQueue(RATE_HZ)
     first = queue.add(tone(4000))

@@ -93,8 +93,8 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
     FakeWindow.made = []
     for place in ("fapengine.cli._view_window", "fapengine.cli._say_live"):
         monkeypatch.setattr(f"{place}.FaceWindow", FakeWindow)
-    monkeypatch.setattr("fapengine.files.heads.load_head", lambda name: None)
-    monkeypatch.setattr("fapengine.cli._say_live.load_head", lambda name: None)
+    monkeypatch.setattr("fapengine.files.heads.load_levels", lambda name: [None])
+    monkeypatch.setattr("fapengine.cli._say_live.load_levels", lambda name: [None])
     return FakeWindow.made
 
 

@@ -102,7 +102,7 @@ def test_hello_comes_first_then_frames_at_the_rate(head: FaceMesh) -> None:
             hello = await socket.receive_json()
             assert hello.items() >= {
                 "type": "hello", "protocol": "fapengine-web/1", "session": "anna", "rate_hz": 100.0,
-                "profile": "grid_s1_en",
+                "profile": "grid_s1_en", "sound": "page",
             }.items()  # fmt: skip
             frames = [await frame_from(socket) for _ in range(20)]
             numbers, times = [frame[0] for frame in frames], np.array([frame[1] for frame in frames])

@@ -7,7 +7,7 @@ import pytest
 
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, End, Express
+from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, Command, End, Express
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
 from fapengine.live.server.hub import Hub
@@ -203,6 +203,20 @@ def test_one_page_leads_a_sound_and_another_takes_over_when_it_goes(hub: Hub) ->
     room.leave(one)
     room.tell(other, Audio(1, hub_time, 0.5))
     assert [audio.position_s for audio in heard] == [0.1, 0.2, 0.5]
+
+
+def test_where_the_server_plays_the_sound_no_page_does(hub: Hub) -> None:
+    heard: list[Command] = []
+    hub.on_command("anna", lambda session, command, now_s: heard.append(command))
+    room, page = Room(hub, "anna", is_heard_here=True), Page()
+    room.enter(page)
+    room.plays(page, on=True)
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    spoken = hub.say("anna", speech)
+    assert spoken.anchor == "now"  # the page is not waited for
+    assert [text["url"] for text in page.of("sound")] == [None]
+    room.tell(page, Audio(spoken.utterance, 100.0, 0.1))
+    assert not any(isinstance(command, Audio) for command in heard)
 
 
 def test_the_last_page_closes_the_door(hub: Hub, clock: Clock) -> None:

@@ -1,5 +1,5 @@
-// Draws the head with WebGL2 by the shaders of shaders/, as fapengine/render/renderer.py does: into a texture first,
-// then edges are found and softened on the way to the canvas.
+// Draws the head with WebGL2 by the shaders of shaders/, as fapengine/render/renderer.py does. Edges are either fine,
+// four samples a pixel, or soft: drawn into a texture first, found and softened on the way to the canvas.
 
 import { boneMatrices, channelWeights, irisAndPupil } from "./deform.js";
 import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
@@ -9,6 +9,7 @@ const FLOAT_BYTES = 4;
 // choice of the painting's level for each; a graphics card does both in passing.
 const FINE_PX = 8;
 const SHARPER = 0.3;
+const FINE_SAMPLES = 4; // any WebGL2 has as many
 const DRAWN_BY_CPU = /llvmpipe|swiftshader|softpipe|software|basic render/i;
 const UNITS = { u_moves: 0, u_turns: 1, u_skin: 2, u_picture: 0 };
 const PARTS = {
@@ -47,7 +48,7 @@ export class FaceView {
     this.moves = entries(gl, this.head.moves);
     this.turns = entries(gl, this.head.turns);
     this.skin = this.head.skin ? painting(gl, this.head.skin) : null;
-    this.size = [0, 0];
+    this.target = null;
   }
 
   // Compiled when it is first wanted.
@@ -84,24 +85,20 @@ export class FaceView {
     return made;
   }
 
-  resize(width, height) {
-    const { gl } = this;
-    if (this.size[0] === width && this.size[1] === height) return;
-    this.size = [width, height];
-    [this.canvas.width, this.canvas.height] = this.size;
-    if (this.target) {
-      gl.deleteFramebuffer(this.target.frame);
-      gl.deleteTexture(this.target.picture);
-      gl.deleteRenderbuffer(this.target.depth);
-    }
-    this.target = target(gl, width, height);
+  resize(width, height, fineEdges) {
+    const samples = fineEdges ? FINE_SAMPLES : 0;
+    const { target, gl } = this;
+    if (target && target.width === width && target.height === height && target.samples === samples) return;
+    [this.canvas.width, this.canvas.height] = [width, height];
+    target?.release();
+    this.target = makeTarget(gl, width, height, samples);
   }
 
   // faps: 68 numbers, FAPU. camera: see camera.js.
   draw(faps, camera) {
     const { gl } = this;
-    const [width, height] = this.size;
-    if (gl.isContextLost() || !width || !height) return;
+    if (gl.isContextLost() || !this.target) return;
+    const { width, height } = this.target;
     this.weights = channelWeights(this.head, faps, this.weights);
     this.bones = boneMatrices(this.head, faps, this.bones);
     const clip = clipFromWorld(camera, width / height);
@@ -132,6 +129,23 @@ export class FaceView {
     }
     gl.disable(gl.CULL_FACE);
     if (this.wall) this.cover("backdrop", { u_wall: this.wall, u_falloff: 1 });
+    if (this.target.samples) this.resolve();
+    else this.soften();
+  }
+
+  // In two steps: the canvas may have another format, in which samples cannot be resolved.
+  resolve() {
+    const { gl, target } = this;
+    const corners = [0, 0, target.width, target.height];
+    for (const [from, to] of [[target.frame, target.resolved], [target.resolved, null]]) {
+      gl.bindFramebuffer(gl.READ_FRAMEBUFFER, from);
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, to);
+      gl.blitFramebuffer(...corners, ...corners, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+    }
+  }
+
+  soften() {
+    const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     bind(gl, UNITS.u_picture, this.target.picture);
     gl.depthFunc(gl.ALWAYS);
@@ -244,15 +258,38 @@ function painting(gl, { array, shape: [height, width] }) {
   return made;
 }
 
-function target(gl, width, height) {
-  const picture = texture(gl, gl.LINEAR);
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
-  const depth = gl.createRenderbuffer();
-  gl.bindRenderbuffer(gl.RENDERBUFFER, depth);
-  gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT24, width, height);
-  const frame = gl.createFramebuffer();
-  gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, picture, 0);
-  gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, depth);
-  return { picture, depth, frame };
+// Where the face is drawn: into a picture, or with samples into buffers that are resolved into another.
+function makeTarget(gl, width, height, samples) {
+  const buffers = [];
+  const frames = [];
+  const frame = (attach) => {
+    frames.push(gl.createFramebuffer());
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frames.at(-1));
+    attach();
+    return frames.at(-1);
+  };
+  const attachBuffer = (format, place, count) => {
+    buffers.push(gl.createRenderbuffer());
+    gl.bindRenderbuffer(gl.RENDERBUFFER, buffers.at(-1));
+    gl.renderbufferStorageMultisample(gl.RENDERBUFFER, count, format, width, height);
+    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, place, gl.RENDERBUFFER, buffers.at(-1));
+  };
+  const made = { width, height, samples, picture: null, resolved: null };
+  if (samples) {
+    made.resolved = frame(() => attachBuffer(gl.RGBA8, gl.COLOR_ATTACHMENT0, 0));
+  } else {
+    made.picture = texture(gl, gl.LINEAR);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+  }
+  made.frame = frame(() => {
+    if (samples) attachBuffer(gl.RGBA8, gl.COLOR_ATTACHMENT0, samples);
+    else gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made.picture, 0);
+    attachBuffer(gl.DEPTH_COMPONENT24, gl.DEPTH_ATTACHMENT, samples);
+  });
+  made.release = () => {
+    frames.forEach((one) => gl.deleteFramebuffer(one));
+    buffers.forEach((one) => gl.deleteRenderbuffer(one));
+    gl.deleteTexture(made.picture);
+  };
+  return made;
 }

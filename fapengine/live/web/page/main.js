@@ -52,6 +52,7 @@ class Page {
     this.ticker = new Ticker(byId("ticker"));
     this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
     this.sound = new Sound((where) => this.report(where));
+    this.heardElsewhere = false; // the server plays the sound
     this.faps = new Float32Array(68);
     this.fps = { since: performance.now(), count: 0, last: 0 };
     this.lags = [];
@@ -102,7 +103,14 @@ class Page {
     this.resized = false;
     const { clientWidth: width, clientHeight: height } = this.view.canvas;
     const dense = Math.min(devicePixelRatio, 2, Math.sqrt(MOST_PIXELS / Math.max(width * height, 1))) * this.budget.scale;
-    this.view.resize(Math.max(1, Math.round(width * dense)), Math.max(1, Math.round(height * dense)));
+    const [across, down] = [width, height].map((side) => Math.max(1, Math.round(side * dense)));
+    this.view.resize(across, down, this.wantsFineEdges);
+  }
+
+  // Where a graphics card draws and holds the rate; ?edges=fine or soft decides otherwise.
+  get wantsFineEdges() {
+    const wanted = query.get("edges");
+    return wanted ? wanted === "fine" : !this.view.frugal && this.budget.scale === 1;
   }
 
   // From the server's clock to the screen, s: the middle one of the last pictures, for single ones are held up.
@@ -233,7 +241,7 @@ class Page {
       return;
     }
     this.pause(false);
-    if (!this.hasChosenSilence && !this.sound.on) await this.setSound(true);
+    if (!this.hasChosenSilence && !this.heardElsewhere && !this.sound.on) await this.setSound(true);
     if (this.link.send("say", { text })) {
       byId("text").select();
       this.told("");
@@ -243,12 +251,20 @@ class Page {
   }
 
   async setSound(wanted) {
+    if (this.heardElsewhere) return;
     this.hasChosenSilence = !wanted;
     const on = wanted ? await this.sound.enable() : (await this.sound.disable(), false);
-    byId("sound").setAttribute("aria-pressed", on);
-    byId("sound").textContent = on ? "Sound on" : "Sound off";
+    this.showSound(on);
     this.link.send("plays", { on });
     if (wanted && !on) this.told("This browser has no sound to play on; the face speaks silently.");
+  }
+
+  showSound(on) {
+    const button = byId("sound");
+    button.disabled = this.heardElsewhere;
+    button.setAttribute("aria-pressed", on);
+    button.textContent = this.heardElsewhere ? "At server" : on ? "Sound on" : "Sound off";
+    button.title = this.heardElsewhere ? "The server plays the sound, on its machine" : "Sound on this page (M)";
   }
 
   hush() {
@@ -316,7 +332,7 @@ class Page {
         break;
       case "sound":
         this.told(message.text);
-        if (this.sound.on) this.sound.play(utterance, address(message.url));
+        if (this.sound.on && message.url) this.sound.play(utterance, address(message.url));
         break;
       case "pins":
         this.panel.pins(message.values);
@@ -330,7 +346,7 @@ class Page {
     }
   }
 
-  hello({ session, rate_hz, profile, voice }) {
+  hello({ session, rate_hz, profile, voice, sound }) {
     this.write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.clock = new ServerClock();
@@ -339,7 +355,10 @@ class Page {
     this.cushion = new FrameCushion(rate_hz);
     for (const id of ["text", "say"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
-    if (this.sound.on) this.link.send("plays", { on: true });
+    this.heardElsewhere = sound === "server";
+    const on = this.sound.on && !this.heardElsewhere;
+    this.showSound(on);
+    if (on) this.link.send("plays", { on });
   }
 
   keys() {
