@@ -34,6 +34,10 @@ SILENT_S = 0.5
 IDLE_S = 0.25
 """The thread looks up at least so often."""
 KEPT_EVENTS = 256
+KEPT_OVER = 1024
+"""Of so many utterances it is known how they ended."""
+MOST_AT_ONCE = 64
+"""Datagrams that are read before something is sent again."""
 TcpFraming = Literal["slip", "length"]
 Phones = PhoneTrack | Iterable[Phone | schema.WirePhone]
 
@@ -54,7 +58,8 @@ class Client:
     token : str
         If the engine wants one.
     on_event : callable, optional
-        Called in the client's thread with each :class:`~fapengine.live.protocol.schema.Notice`.
+        Called in the client's thread with each :class:`~fapengine.live.protocol.schema.Notice`. What it raises ends
+        the connection, and is said by the next call.
     clock : callable
         Seconds that only rise.
 
@@ -102,9 +107,10 @@ class Client:
         self._changed = threading.Condition()
         self._events: deque[schema.Notice] = deque(maxlen=KEPT_EVENTS)
         self._over: dict[int, str] = {}
-        self._fault: ResourceError | None = None
+        self._fault: ResourceError | UsageError | None = None
         self._stops = False
         self._wake_in, self._wake_out = socket.socketpair()
+        self._wake_out.setblocking(False)
         self._thread = threading.Thread(target=self._work, name=f"fapengine client {session}", daemon=True)
         self._thread.start()
 
@@ -115,7 +121,8 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is not None:
-            self.cancel()
+            with suppress(ResourceError, UsageError):  # lost, or closed: the block's own error is the one to tell
+                self.cancel()
         self.close()
 
     # Speech ---------------------------------------------------------------------------------------------------------
@@ -181,7 +188,7 @@ class Client:
         """Stop speaking at once (barge-in): one utterance, or all. To do it again changes nothing."""
         with self._telling() as now_s:
             for number in self._sender.live if utterance is None else (utterance,):
-                self._over.setdefault(number, "cancelled")
+                self._note_over(number, "cancelled")
             self._sender.cancel(now_s, utterance=utterance, fade_s=fade_s)
 
     def audio_position(
@@ -354,7 +361,8 @@ class Client:
             self._sender.tell(message, now_s, repeats=repeats)
 
     def _wake(self) -> None:
-        self._wake_out.send(b"\0")
+        with suppress(BlockingIOError):  # full of wakes that are still to be read
+            self._wake_out.send(b"\0")
 
     # The thread -----------------------------------------------------------------------------------------------------
 
@@ -367,9 +375,15 @@ class Client:
                 self._hear(self._pipe.receive(wait_s, self._wake_in))
             self._send_due()
         except (OSError, DataError) as error:
-            with self._changed:
-                self._fault = ResourceError(f"engine at {self._pipe.name}: the connection is lost ({error})")
-                self._changed.notify_all()
+            self._fail(ResourceError(f"engine at {self._pipe.name}: the connection is lost ({error})"))
+        except UsageError as error:
+            self._fail(error)
+            raise  # a program's mistake: the thread's hook shows its place
+
+    def _fail(self, fault: ResourceError | UsageError) -> None:
+        with self._changed:
+            self._fault = fault
+            self._changed.notify_all()
 
     def _send_due(self) -> None:
         with self._changed:
@@ -387,11 +401,23 @@ class Client:
                 for notice in notices:
                     self._events.append(notice)
                     if notice.kind in ("finished", "cancelled", "error") and notice.reason != "checksum":
-                        self._over.setdefault(notice.utterance, notice.kind)
+                        self._note_over(notice.utterance, notice.kind)
                 self._changed.notify_all()
             for notice in notices:
-                if self._on_event is not None:
-                    self._on_event(notice)
+                self._call(notice)
+
+    def _call(self, notice: schema.Notice) -> None:
+        if self._on_event is None:
+            return
+        try:
+            self._on_event(notice)
+        except Exception as error:  # it is the user's and may raise anything
+            raise UsageError(f"on_event: raised {error!r}") from error
+
+    def _note_over(self, utterance: int, how: str) -> None:
+        self._over.setdefault(utterance, how)
+        while len(self._over) > KEPT_OVER:
+            del self._over[next(iter(self._over))]
 
 
 class _Datagrams:
@@ -408,18 +434,18 @@ class _Datagrams:
         self._socket.setblocking(False)
 
     def send(self, packet: bytes) -> None:
-        with suppress(ConnectionError, BlockingIOError):  # nobody listens, or no room: as a datagram that is lost
+        with suppress(OSError):  # nobody listens, no room, no network: as a datagram that is lost
             self._socket.send(packet)
 
     def receive(self, wait_s: float, wake: socket.socket) -> list[bytes]:
         _wait([self._socket, wake], wait_s, wake)
         packets: list[bytes] = []
-        while len(packets) < 64:
+        for _ in range(MOST_AT_ONCE):
             try:
                 packets.append(self._socket.recv(65_536))
             except BlockingIOError:
                 break
-            except ConnectionError:  # nobody listened to what was sent before
+            except OSError:  # what was sent before did not go: nobody listens, no network
                 continue
         return packets
 

@@ -1,5 +1,6 @@
 """The client over real sockets of this machine, against the real receiver and engine."""
 
+import errno
 import select
 import socket
 import threading
@@ -10,6 +11,7 @@ import pytest
 
 from fapengine._resources import profile_files
 from fapengine.errors import ResourceError, UsageError
+from fapengine.live import client
 from fapengine.live.client import Client
 from fapengine.live.engine.engine import Engine
 from fapengine.live.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
@@ -247,6 +249,101 @@ def test_a_connection_that_ends_is_said_at_the_next_call():
     with pytest.raises(ResourceError, match="the connection is lost"):
         face.wait(SOON_S)
     face.close()
+
+
+class Cable:
+    """A UDP socket whose network can go away."""
+
+    def __init__(self, plugged: socket.socket):
+        self.plugged = plugged
+        self.is_cut = False
+        self.errors = [errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENOBUFS]
+        self.fileno, self.close = plugged.fileno, plugged.close
+
+    def fail(self) -> None:
+        if self.is_cut:
+            self.errors.append(self.errors.pop(0))
+            raise OSError(self.errors[0], "away")
+
+    def send(self, packet: bytes) -> int:
+        self.fail()
+        return self.plugged.send(packet)
+
+    def recv(self, size: int) -> bytes:
+        self.fail()
+        return self.plugged.recv(size)
+
+
+def test_a_network_that_goes_away_for_a_while_ends_nothing():
+    with Place() as place, Client(port=place.port, session="anna") as face:
+        face.wait(SOON_S)
+        cable = face._pipe._socket = Cable(face._pipe._socket)
+        cable.is_cut = True
+        number = face.begin()
+        face.append(number, MAMA)
+        face.end(number)
+        assert face.wait_until_over(number, 0.1) == "lost"
+        cable.is_cut = False
+        assert face.wait_until_over(number, SOON_S) == "finished"
+
+
+def test_what_a_callback_raises_is_said_at_the_next_call(monkeypatch):
+    shown = []
+    monkeypatch.setattr(threading, "excepthook", shown.append)
+
+    def fail(notice):
+        raise OSError("the user's own")
+
+    with Place() as place:
+        face = Client(port=place.port, on_event=fail)
+        number = face.say([Phone("ɑ", 0.0, 20.0)])
+        begun_s = time.monotonic()
+        assert face.wait_until_over(number, SOON_S) == "lost"
+        assert time.monotonic() < begun_s + SOON_S
+        with pytest.raises(UsageError, match=r"on_event: raised OSError\(\"the user's own\"\)"):
+            face.blink()
+        face.close()
+    assert isinstance(shown[0].exc_value.__cause__, OSError)  # with its place, on stderr
+
+
+def test_a_callback_may_tell_more_than_the_thread_has_read():
+    said = threading.Event()
+
+    def chatter(notice):
+        for _ in range(500):
+            face.blink()
+        said.set()
+
+    with Place() as place:
+        face = Client(port=place.port, on_event=chatter)
+        face.say(MAMA)
+        assert said.wait(SOON_S)
+        face.close()
+
+
+def test_an_error_inside_the_block_goes_before_a_connection_that_was_lost():
+    def fail() -> None:
+        with face:
+            place.__exit__()
+            while face._fault is None:
+                time.sleep(0.01)
+            raise KeyError("the user's own")
+
+    with Place() as place:
+        face = Client(port=place.port, tcp=True).wait(SOON_S)
+        with pytest.raises(KeyError):
+            fail()
+    with pytest.raises(UsageError, match="client: is closed"):
+        face.blink()
+
+
+def test_only_the_last_utterances_are_remembered(monkeypatch):
+    monkeypatch.setattr(client, "KEPT_OVER", 3)
+    with Place() as place, Client(port=place.port) as face:
+        numbers = [face.begin() for _ in range(5)]
+        for number in numbers:
+            face.cancel(number)
+        assert [face.wait_until_over(number) for number in numbers] == ["lost"] * 2 + ["cancelled"] * 3
 
 
 def test_wrong_calls_are_said_at_once():
