@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import PurePosixPath
 from urllib.parse import urlsplit
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.server.hub import Hub
@@ -64,7 +64,6 @@ class _Server:
             session = session_name(request.query.get("session", DEFAULT_SESSION))
             if self.counts.pages >= MOST_PAGES:
                 raise UsageError(f"pages: got one more than {MOST_PAGES}")
-            room = open_room(self.hub, session, self.rooms, is_heard_here=session == self.heard_here)
         except (DataError, UsageError) as error:
             self.counts.refused += 1
             raise web.HTTPBadRequest(text=str(error)) from error
@@ -72,6 +71,13 @@ class _Server:
         if not socket.can_prepare(request).ok:
             raise web.HTTPUpgradeRequired(text="This address speaks WebSocket.")  # the page asks so why it was refused
         await socket.prepare(request)
+        try:  # not before: whoever gets no further than here leaves no open room behind
+            room = open_room(self.hub, session, self.rooms, is_heard_here=session == self.heard_here)
+        except UsageError as error:
+            self.counts.refused += 1
+            await socket.send_str(text_of("error", message=str(error)))
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
+            return socket
         connection = Connection(self.hub, room, socket, self.counts)
         self.connections.add(connection)
         try:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError
 from fapengine.live.engine import commands
 from fapengine.live.engine.commands import Command
+from fapengine.live.fap_osc import MAX_SESSION_BYTES
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
@@ -33,7 +34,6 @@ MAX_TEXT = 2000
 MAX_FAP = 1 << 24
 """FAPU: beyond anything that a face can do, and exact in the shaders' floats."""
 MAX_ANGLE_RAD = 1.6
-MAX_SESSION = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +265,6 @@ def session_name(text: str) -> str:
     DataError
         If it is empty, too long, or has anything but printable letters.
     """
-    if not (text and text.isprintable() and len(text.encode("utf-8", "replace")) <= MAX_SESSION):
-        raise DataError(f"session: got {_shown(text)}, expected 1..{MAX_SESSION} bytes of printable letters")
+    if not (text and text.isprintable() and len(text.encode("utf-8", "replace")) <= MAX_SESSION_BYTES):
+        raise DataError(f"session: got {_shown(text)}, expected 1..{MAX_SESSION_BYTES} bytes of printable letters")
     return text

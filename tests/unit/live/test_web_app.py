@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from aiohttp import ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError, web
 from aiohttp.test_utils import TestClient, TestServer
 
 from fapengine._resources import profile_files
@@ -304,7 +304,10 @@ def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) 
         async with client.get("/ws?session=%0A") as answer:
             assert (answer.status, "session: got" in await answer.text()) == (400, True)
         one, other = await client.ws_connect("/ws?session=a"), await client.ws_connect("/ws?session=b")
-        await refused("/ws?session=c")  # sessions
+        async with client.ws_connect("/ws?session=c") as socket:
+            assert "limit of 2" in (await socket.receive_json())["message"]
+            assert (await socket.receive()).type is WSMsgType.CLOSE
+            assert socket.close_code == 1013
         third = await client.ws_connect("/ws?session=b")
         await third.receive_json()
         await refused("/ws?session=b")  # pages
@@ -312,6 +315,23 @@ def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) 
             await socket.close()
 
     serve(head, use, sessions=2)
+
+
+def test_whoever_does_not_come_in_leaves_no_session_behind(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def gone(self: web.WebSocketResponse, request: web.BaseRequest) -> None:
+        raise ConnectionResetError("gone before it was let in")
+
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.get("/ws?session=a") as answer:
+            assert answer.status == 426
+        with monkeypatch.context() as patch:
+            patch.setattr(web.WebSocketResponse, "prepare", gone)
+            with pytest.raises(ClientError):
+                await client.ws_connect("/ws?session=a")
+        assert "a" not in hub.engine
+        assert not client.app[web_app.SERVER].rooms
+
+    serve(head, use)
 
 
 def test_a_server_that_stops_says_goodbye(head: FaceMesh) -> None:

@@ -136,7 +136,7 @@ def test_numbers_that_json_lacks_become_null() -> None:
     }
 
 
-@pytest.mark.parametrize("name", ["", "a\nb", "x" * 65, "é" * 33, "\ud800"])
+@pytest.mark.parametrize("name", ["", "a\nb", "x" * 33, "é" * 17, "\ud800"])
 def test_a_session_has_a_short_printable_name(name: str) -> None:
     with pytest.raises(DataError, match="session: got"):
         wire.session_name(name)
