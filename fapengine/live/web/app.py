@@ -110,7 +110,7 @@ class _Server:
                 trouble = "The token is missing or wrong: open the address that the server printed."
         elif not _is_address(host):
             trouble = f"Asked for as {host!r}: use the address, or start the server with a token."
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and origin.partition("://")[2] != host:
             trouble = f"A page of {origin} may not talk to this server."
         if trouble:
             self.counts.refused += 1
@@ -206,11 +206,8 @@ def _charset(kind: str) -> str | None:
 
 
 def _is_address(host: str) -> bool:
-    name = urlsplit(f"//{host}").hostname or ""
-    if name == "localhost" or name.endswith(".localhost"):
-        return True
     try:
-        ipaddress.ip_address(name)
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == "localhost" or name.endswith(".localhost") or bool(ipaddress.ip_address(name))
     except ValueError:
         return False
-    return True

@@ -31,6 +31,8 @@ MAX_MESSAGE = 16_384
 """Bytes of one JSON text from a page."""
 MAX_TEXT = 2000
 """Letters of one sentence to speak."""
+PINNABLE = {str(number): number for number in range(3, fap.FAP_COUNT + 1)}
+"""FAPs by the one name that each has in a message."""
 MAX_FAP = 1 << 24
 """FAPU: beyond anything that a face can do, and exact in the shaders' floats."""
 MAX_ANGLE_RAD = 1.6
@@ -156,11 +158,12 @@ def _say(fields: _Fields) -> Request:
 def _pin(fields: _Fields) -> Request:
     values: dict[int, int | None] = {}
     for name, value in fields.table("values").items():
-        if not name.isascii() or not name.isdigit() or not 3 <= int(name[:4]) <= fap.FAP_COUNT:
+        number = PINNABLE.get(name)
+        if number is None:
             raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where="message 'pin'")
         if value is not None and (isinstance(value, bool) or not isinstance(value, int) or abs(value) > MAX_FAP):
             raise DataError(f"FAP {name}: got {_shown(value)}, expected whole FAPU or null", where="message 'pin'")
-        values[int(name)] = value
+        values[number] = value
     return Pin(values)
 
 

@@ -266,7 +266,10 @@ def test_a_token_keeps_strangers_out(head: FaceMesh) -> None:
 def test_pages_of_others_are_refused(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         own = f"http://127.0.0.1:{client.port}"
-        for headers in ({"Origin": "http://evil.example"}, {"Origin": "null"}, {"Host": f"evil.example:{client.port}"}):
+        for headers in (
+            {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://["},
+            {"Host": f"evil.example:{client.port}"}, {"Host": "["}, {"Host": ""},
+        ):  # fmt: skip
             with pytest.raises(WSServerHandshakeError) as caught:
                 await client.ws_connect("/ws", headers=headers)
             assert caught.value.status == 403

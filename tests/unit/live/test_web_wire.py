@@ -60,6 +60,8 @@ REFUSED = [
     ('{"type": "pin", "values": {"69": 1}}', r"got FAP '69', expected 3\.\.68"),
     ('{"type": "pin", "values": {"٣": 1}}', r"expected 3\.\.68"),
     ('{"type": "pin", "values": {"' + "0" * 6000 + '3": 1}}', r"expected 3\.\.68"),
+    ('{"type": "pin", "values": {"0003' + "0" * 5000 + '": 1}}', r"expected 3\.\.68"),
+    ('{"type": "pin", "values": {"00040000": 1}}', r"got FAP '00040000', expected 3\.\.68"),
     ('{"type": "pin", "values": {"3": 1.5}}', "FAP 3: got 1.5, expected whole FAPU or null"),
     ('{"type": "pin", "values": {"3": true}}', "FAP 3: got True"),
     ('{"type": "pin", "values": {"3": 16777217}}', "FAP 3: got 16777217"),
