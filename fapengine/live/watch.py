@@ -223,7 +223,7 @@ class ServerLink:
         scheme = "https" if parts.scheme == "wss" else "http"
         try:
             async with client.get(f"{scheme}://{parts.netloc}{path}{query}") as answer:
-                data = await answer.content.read(MOST_SOUND) if answer.status == HTTPStatus.OK else b""
+                data = await _body(answer) if answer.status == HTTPStatus.OK else b""
             samples, rate_hz = parse_wav(data)
         except (self._aiohttp.ClientError, OSError, TimeoutError, DataError):
             self.counts.refused += 1
@@ -275,6 +275,22 @@ class ServerLink:
         if asked_s is not None:
             now_s = self._clock()
             self._trips = [*self._trips[-BEST_PINGS + 1 :], (now_s - asked_s, server_s - (asked_s + now_s) / 2)]
+
+
+async def _body(answer: Any) -> bytes:
+    """Read an answer to its end; aiohttp's ``read(n)`` returns as soon as anything is there.
+
+    Raises
+    ------
+    DataError
+        If it is longer than :data:`MOST_SOUND`.
+    """
+    data = bytearray()
+    async for piece in answer.content.iter_any():
+        data += piece
+        if len(data) > MOST_SOUND:
+            raise DataError(f"sound: got more than {MOST_SOUND} bytes")
+    return bytes(data)
 
 
 def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:

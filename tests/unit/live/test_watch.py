@@ -1,18 +1,21 @@
 """A live face from elsewhere: from a real server over its WebSocket, and from datagrams."""
 
+import asyncio
 import contextlib
 import io
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import wave
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+from aiohttp import web
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,6 +49,14 @@ def serve(port: int, head: Path) -> subprocess.Popen[bytes]:
     ports = ("--port", "0", "--web-port", str(port))
     command = [sys.executable, "-m", "fapengine", "serve", *ports, "--without", "all", "--head", str(head)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def wav(frames: bytes, *, channels: int = 1, width: int = 2, rate_hz: int = 8000) -> bytes:
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as out:
+        out.setparams((channels, width, rate_hz, 0, "NONE", ""))
+        out.writeframes(frames)
+    return buffer.getvalue()
 
 
 def opening(faps: np.ndarray) -> float:
@@ -121,6 +132,71 @@ def play_here(port: int) -> None:
         link.close()
 
 
+class SoundServer:
+    """Stateful: a server that tells those who come of sounds, and hands them out."""
+
+    def __init__(self, *texts: str, sounds: Mapping[str, bytes]) -> None:
+        self._texts, self._sounds = texts, sounds
+        self.port = free_port()
+        self.loop = asyncio.new_event_loop()
+        self.socket: web.WebSocketResponse
+        self._is_up = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        assert self._is_up.wait(10)
+
+    def tell(self, text: str) -> None:
+        asyncio.run_coroutine_threadsafe(self.socket.send_str(text), self.loop).result(10)
+
+    def close(self) -> None:
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(10)
+
+    def _run(self) -> None:
+        app = web.Application()
+        app.router.add_get("/ws", self._talk)
+        app.router.add_get("/sound.wav", self._sound)
+        runner = web.AppRunner(app, shutdown_timeout=0.1)
+        self.loop.run_until_complete(runner.setup())
+        self.loop.run_until_complete(web.TCPSite(runner, "127.0.0.1", self.port).start())
+        self._is_up.set()
+        self.loop.run_forever()
+        self.loop.run_until_complete(runner.cleanup())
+        self.loop.close()
+
+    async def _talk(self, request: web.Request) -> web.WebSocketResponse:
+        self.socket = web.WebSocketResponse()
+        await self.socket.prepare(request)
+        for text in self._texts:
+            await self.socket.send_str(text)
+        async for _ in self.socket:
+            pass
+        return self.socket
+
+    async def _sound(self, request: web.Request) -> web.Response:
+        return web.Response(body=self._sounds[request.query["utterance"]])
+
+
+def sound_text(utterance: int) -> str:
+    return text_of("sound", utterance=utterance, url=f"/sound.wav?utterance={utterance}", text="")
+
+
+def test_a_long_sound_is_had_whole_and_one_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = np.arange(220_500).astype(np.int16)  # 10 s
+    sounds = {"1": wav(samples.astype("<i2").tobytes(), rate_hz=22_050), "2": wav(bytes(500_000))}
+    monkeypatch.setattr(watch, "MOST_SOUND", 450_000)
+    server = SoundServer(sound_text(1), sound_text(2), sounds=sounds)
+    link = ServerLink(f"http://127.0.0.1:{server.port}/", plays=True)
+    try:
+        heard: list[HeardSound] = []
+        assert until(lambda: bool(heard.extend(link.sounds()) or (heard and link.counts.refused)))
+        assert [one.utterance for one in heard] == [1]
+        np.testing.assert_array_equal(heard[0].samples, samples)
+    finally:
+        link.close()
+        server.close()
+
+
 class StubLink:
     state, age_s = "open", 0.02
 
@@ -191,20 +267,11 @@ def test_a_sound_that_is_none_is_refused(data: bytes) -> None:
 
 
 def test_sounds_of_one_and_two_channels_are_read() -> None:
-    def wav(channels: int, width: int) -> bytes:
-        buffer = io.BytesIO()
-        with wave.open(buffer, "wb") as out:
-            out.setnchannels(channels)
-            out.setsampwidth(width)
-            out.setframerate(8000)
-            out.writeframes(bytes(range(4 * channels * width)))
-        return buffer.getvalue()
-
-    mono, rate_hz = parse_wav(wav(1, 2))
+    mono, rate_hz = parse_wav(wav(bytes(range(8))))
     assert (mono.tolist(), rate_hz) == ([0x0100, 0x0302, 0x0504, 0x0706], 8000)
-    assert parse_wav(wav(2, 2))[0].tolist() == [0x0100, 0x0504, 0x0908, 0x0D0C]
+    assert parse_wav(wav(bytes(range(16)), channels=2))[0].tolist() == [0x0100, 0x0504, 0x0908, 0x0D0C]
     with pytest.raises(DataError, match="got 8 bits at 8000 Hz, expected 16"):
-        parse_wav(wav(1, 1))
+        parse_wav(wav(bytes(range(4)), width=1))
 
 
 @given(st.binary(max_size=200))
