@@ -33,6 +33,8 @@ DEFAULT_SESSION = "face"
 MOST_PAGES = 256
 HEARTBEAT_S = 20.0
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+NOT_FOR_ALL = ("/head.bin", "/setup.json")
+"""Files that only those may have who may watch: the face may be somebody's own."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -99,6 +101,16 @@ class _Server:
         if wav is None:
             raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
         return web.Response(body=wav, content_type="audio/wav", headers=HEADERS)
+
+    async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
+        """Answer with a file of the page, packed for whoever can unpack it."""
+        if request.path in NOT_FOR_ALL:
+            self.admit(request)
+        if "gzip" in request.headers.get("Accept-Encoding", ""):
+            return web.Response(
+                body=packed, content_type=kind, charset=_charset(kind), headers=HEADERS | {"Content-Encoding": "gzip"}
+            )
+        return web.Response(body=body, content_type=kind, charset=_charset(kind), headers=HEADERS)
 
     def admit(self, request: web.Request) -> None:
         """Refuse whoever may not be here."""
@@ -176,7 +188,7 @@ def make_app(
     app.router.add_get("/ws", server.socket)
     app.router.add_get("/sound.wav", server.sound)
     for path, (kind, body) in page_files(head, voices).items():
-        app.router.add_get(path, partial(_serve, kind, body, gzip.compress(body, 6, mtime=0)))
+        app.router.add_get(path, partial(server.file, kind, body, gzip.compress(body, 6, mtime=0)))
     return app
 
 
@@ -191,14 +203,6 @@ def page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]
         if suffix in KINDS:
             found["/" if file.name == "index.html" else f"/{file.name}"] = (KINDS[suffix], file.read_bytes())
     return found
-
-
-async def _serve(kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
-    if "gzip" in request.headers.get("Accept-Encoding", ""):
-        return web.Response(
-            body=packed, content_type=kind, charset=_charset(kind), headers=HEADERS | {"Content-Encoding": "gzip"}
-        )
-    return web.Response(body=body, content_type=kind, charset=_charset(kind), headers=HEADERS)
 
 
 def _charset(kind: str) -> str | None:

@@ -250,15 +250,18 @@ def test_a_token_keeps_strangers_out(head: FaceMesh) -> None:
             with pytest.raises(WSServerHandshakeError) as caught:
                 await client.ws_connect(path)
             assert caught.value.status == 403
-        async with client.get("/sound.wav?utterance=1") as answer:
-            assert answer.status == 403
+        for path in ("/sound.wav?utterance=1", "/head.bin", "/setup.json"):
+            async with client.get(path) as answer:
+                assert answer.status == 403, path
+        async with client.get("/head.bin?token=s%C3%A9cret") as answer:
+            assert answer.status == 200
         async with client.ws_connect("/ws?token=s%C3%A9cret") as socket:
             assert (await socket.receive_json())["type"] == "hello"
         async with client.get("/sound.wav?utterance=1", headers={"Authorization": "Bearer sécret"}) as answer:
             assert answer.status == 404
         async with client.get("/") as answer:
             assert answer.status == 200
-        assert client.app[COUNTS].refused == 4
+        assert client.app[COUNTS].refused == 6
 
     serve(head, use, token="sécret")
 

@@ -28,7 +28,7 @@ function fail(error) {
 }
 
 async function fetched(path, read) {
-  const answer = await fetch(path);
+  const answer = await fetch(address(path));
   if (!answer.ok) throw new Error(`${path}: the server answered ${answer.status} ${await answer.text()}`);
   return answer[read]();
 }
