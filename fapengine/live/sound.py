@@ -302,9 +302,9 @@ class SilentOutput:
         """See :class:`Output`."""
 
     def _reach(self, now_s: float) -> float:
-        """Hand out all that would have been heard by now; where the stream is."""
+        """Pass over all that would have been heard by now; where the stream is."""
         stream_s = now_s - self._start_s
-        self._queue.take(max(round(stream_s * self._rate_hz) + 1 - self._queue.taken, 0))
+        self._queue.skip(max(round(stream_s * self._rate_hz) + 1 - self._queue.taken, 0))
         return stream_s
 
 

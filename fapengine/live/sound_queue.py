@@ -14,6 +14,8 @@ FADE_S = 0.01
 """Over which a sound that is stopped dies away, and one that goes on comes back; shorter ones click."""
 KEPT = 64
 """Sounds that are over and still remembered."""
+SKIPPED = 1 << 14
+"""Frames that are passed over at a time while something sounds."""
 
 
 @dataclass(slots=True, eq=False)
@@ -86,6 +88,15 @@ class SoundQueue:
         self.taken += sounding
         self._keep_silent(frames - sounding)
         return buffer
+
+    def skip(self, frames: int) -> None:
+        """Go on as :meth:`take` does where nobody listens; silence of any length costs nothing."""
+        while frames and self._waiting and (self._ramp or not self._is_paused):
+            piece = min(frames, SKIPPED)
+            self.take(piece)
+            frames -= piece
+        self._ramp = max(self._ramp - frames, 0)
+        self._keep_silent(frames)
 
     def pause(self, on: bool) -> None:
         """Stand still, or go on; nothing is dropped."""

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -169,6 +169,27 @@ def test_an_unknown_sound_is_refused(number: int) -> None:
         queue.position_s(number, 0.0)
 
 
+@given(st.lists(st.tuples(st.sampled_from(["add", "pause", "go on", "drop", "stop"]), st.integers(0, 40_000))))
+def test_what_is_skipped_leaves_the_queue_as_what_is_taken_does(deeds: list[tuple[str, int]]) -> None:
+    taken, skipped = SoundQueue(RATE_HZ), SoundQueue(RATE_HZ)
+    for deed, frames in deeds:
+        for queue in (taken, skipped):
+            if deed == "add":
+                queue.add(tone(frames))
+            elif deed == "drop" and queue._count:
+                queue.drop(queue._count)
+            elif deed == "stop":
+                queue.stop()
+            else:
+                queue.pause(deed == "pause")
+        taken.take(frames)
+        skipped.skip(frames)
+        assert (taken.taken, taken._ramp) == (skipped.taken, skipped._ramp)
+        for number in range(1, taken._count + 1):
+            for stream_s in (0.5 * taken.taken / RATE_HZ, taken.taken / RATE_HZ):
+                assert taken.position_s(number, stream_s) == skipped.position_s(number, stream_s)
+
+
 # Without a device
 
 
@@ -193,6 +214,20 @@ def test_a_silent_output_takes_as_long_as_sound_would() -> None:
     out.stop()
     assert out.is_over(second, 103.56 + FADE_S + 0.001)
     out.close()
+
+
+@pytest.mark.parametrize("end", [SilentOutput.stop, lambda out: out.pause(True)])
+def test_a_silent_output_may_be_left_alone_for_years(end: Callable[[SilentOutput], None]) -> None:
+    clock = Clock()
+    out = SilentOutput(22_050, "no device", now=clock)
+    clock.now_s += 1e9
+    out.play(tone(22_050))
+    clock.now_s += 0.5
+    end(out)
+    clock.now_s += 1e9
+    out.stop()
+    number = out.play(tone(22_050))
+    assert out.position_s(number, clock.now_s + 0.5) == pytest.approx(0.5, abs=0.01)
 
 
 # On devices that are no devices
