@@ -1,8 +1,9 @@
 """Everybody who watches one session: what its face does goes to all of them, and one of them leads it by its sound."""
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any, Protocol
 from urllib.parse import urlencode
 
@@ -11,6 +12,8 @@ from fapengine.live.server.hub import Hub, HubFrame, Spoken
 from fapengine.live.web.wire import pack_frame, text_of
 
 MOST_UTTERANCES = 32
+MOST_RUNS = 8
+"""Of an utterance with gaps, a page that comes late is told so many stretches, the last ones."""
 POSITION_EVERY = 15
 """Frames between two messages about where an utterance is."""
 OVER = ("finished", "cancelled")
@@ -30,10 +33,12 @@ class Member(Protocol):
 
 @dataclass(slots=True)
 class _Said:
-    """Messages that tell of one utterance, for pages that come later; and who plays it."""
+    """One utterance that pages were told of."""
 
-    texts: list[str] = field(default_factory=list)
+    recent: deque[str] = field(default_factory=lambda: deque(maxlen=4))
+    """The last messages of it; senders repeat themselves."""
     leader: Member | None = None
+    """Who plays it."""
 
 
 class Room:
@@ -76,8 +81,8 @@ class Room:
         self.plays(member, on=False)
         for text in (self._pins(), *self._levels.values()):
             member.put_text(text)
-        for said in self._said.values():
-            for text in said.texts:
+        for number in self._said:
+            for text in self._so_far(number):
                 member.put_text(text)
 
     def leave(self, member: Member) -> None:
@@ -171,14 +176,7 @@ class Room:
             case Begin():
                 self._note(command.utterance, text_of("begin", utterance=command.utterance))
             case Append():
-                phones = [(p.label, round(p.start_s, 4), round(p.end_s, 4), p.word or None) for p in command.phones]
-                first = command.first_index
-                self._note(
-                    command.utterance,
-                    text_of(
-                        "phones", utterance=command.utterance, first=first, revision=command.revision, phones=phones
-                    ),
-                )
+                self._note(command.utterance, _phones(command))
             case End():
                 text = text_of("end", utterance=command.utterance, duration_s=command.duration_s)
                 self._note(command.utterance, text)
@@ -191,15 +189,37 @@ class Room:
 
     def _note(self, utterance: int, text: str) -> None:
         said = self._said.setdefault(utterance, _Said())
-        if text not in said.texts[-4:]:  # senders repeat themselves
-            said.texts.append(text)
+        if text not in said.recent:
+            said.recent.append(text)
             self._tell_all(text)
         while len(self._said) > MOST_UTTERANCES:
             self._said.popitem(last=False)
 
+    def _so_far(self, number: int) -> list[str]:
+        """Say of an utterance what the engine knows: few messages, however many it came in."""
+        known = self._hub.engine.utterance(self.session, number)
+        if known is None:
+            return []
+        texts = [text_of("begin", utterance=number)]
+        for _, run in groupby(enumerate(sorted(known.phones)), lambda place: place[1] - place[0]):
+            indices = [index for _, index in run]
+            phones = tuple(known.phones[index] for index in indices)
+            texts.append(_phones(Append(number, indices[0], phones, known.revision)))
+        del texts[1:-MOST_RUNS]
+        if known.duration_s is not None:
+            texts.append(text_of("end", utterance=number, duration_s=known.duration_s))
+        return texts
+
     def _tell_all(self, text: str) -> None:
         for member in self._members:
             member.put_text(text)
+
+
+def _phones(command: Append) -> str:
+    phones = [(p.label, round(p.start_s, 4), round(p.end_s, 4), p.word or None) for p in command.phones]
+    return text_of(
+        "phones", utterance=command.utterance, first=command.first_index, revision=command.revision, phones=phones
+    )
 
 
 def open_room(hub: Hub, session: str, rooms: dict[str, Room], *, is_heard_here: bool = False) -> Room:

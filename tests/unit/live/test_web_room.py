@@ -131,14 +131,42 @@ def test_a_repeated_message_is_told_once(hub: Hub) -> None:
     assert page.kinds() == ["pins", "begin", "phones", "end"]
 
 
-def test_a_room_remembers_a_bounded_number_of_utterances(hub: Hub) -> None:
+def test_a_page_is_told_of_a_bounded_number_of_utterances(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rooms, "MOST_UTTERANCES", 5)
     room, page, late = Room(hub, "anna"), Page(), Page()
     room.enter(page)
-    for number in range(rooms.MOST_UTTERANCES + 5):
+    for number in range(8):
         hub.apply("anna", Append(number, 0, PHONES))
     room.enter(late)
-    assert len(late.of("phones")) == rooms.MOST_UTTERANCES
-    assert late.of("phones")[-1]["utterance"] == rooms.MOST_UTTERANCES + 4
+    assert [text["utterance"] for text in late.of("phones")] == [3, 4, 5, 6, 7]
+
+
+def test_what_came_phone_by_phone_is_told_a_late_page_in_few_messages(hub: Hub) -> None:
+    room, page, late = Room(hub, "anna"), Page(), Page()
+    room.enter(page)
+    hub.apply("anna", Begin(1))
+    phones = [Phone("m", index / 10, (index + 1) / 10) for index in range(900)]
+    for index, phone in enumerate(phones):
+        if index != 600:  # lost on the way
+            hub.apply("anna", Append(1, index, (phone,)))
+    room.enter(late)
+    assert late.kinds() == ["pins", "begin", "phones", "phones"]
+    assert [(text["first"], len(text["phones"])) for text in late.of("phones")] == [(0, 600), (601, 299)]
+    hub.apply("anna", Append(1, 4, (phones[4],), revision=1))  # all of it anew, of which nothing else came yet
+    last = Page()
+    room.enter(last)
+    assert [(text["first"], text["revision"], text["phones"]) for text in last.of("phones")] == [
+        (4, 1, [["m", 0.4, 0.5, None]])
+    ]
+
+
+def test_a_sender_that_leaves_gaps_does_not_flood_a_late_page(hub: Hub) -> None:
+    room, page, late = Room(hub, "anna"), Page(), Page()
+    room.enter(page)
+    for index in range(0, 3000, 2):
+        hub.apply("anna", Append(1, index, (Phone("m", index / 10, (index + 1) / 10),)))
+    room.enter(late)
+    assert [text["first"] for text in late.of("phones")] == list(range(3000 - 2 * rooms.MOST_RUNS, 3000, 2))
 
 
 def test_a_cancel_is_told(hub: Hub) -> None:
