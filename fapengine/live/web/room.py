@@ -181,7 +181,9 @@ class Room:
                 text = text_of("end", utterance=command.utterance, duration_s=command.duration_s)
                 self._note(command.utterance, text)
             case Cancel():
-                self._tell_all(text_of("cancel", utterance=command.utterance))
+                some = command.utterance is None and command.first > 0
+                for number in filter(command.means, self._said) if some else (command.utterance,):
+                    self._tell_all(text_of("cancel", utterance=number))
             case Express():
                 name = command.expression.name.lower()
                 self._levels[name] = text_of("express", name=name, level=command.level)

@@ -7,7 +7,17 @@ import pytest
 
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Append, Audio, Begin, Blink, Cancel, Command, End, Express
+from fapengine.live.engine.commands import (
+    VOICE_UTTERANCES,
+    Append,
+    Audio,
+    Begin,
+    Blink,
+    Cancel,
+    Command,
+    End,
+    Express,
+)
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
 from fapengine.live.server.hub import Hub
@@ -175,6 +185,17 @@ def test_a_cancel_is_told(hub: Hub) -> None:
     say(hub)
     hub.apply("anna", Cancel())
     assert page.of("cancel") == [{"type": "cancel", "utterance": None}]
+
+
+def test_where_the_server_s_voice_is_stopped_a_sender_s_utterance_goes_on(hub: Hub) -> None:
+    room, page = Room(hub, "anna"), Page()
+    room.enter(page)
+    say(hub)
+    say(hub, VOICE_UTTERANCES)
+    say(hub, VOICE_UTTERANCES + 1)
+    hub.apply("anna", Cancel(first=VOICE_UTTERANCES))
+    hub.apply("anna", Cancel(1))
+    assert [text["utterance"] for text in page.of("cancel")] == [VOICE_UTTERANCES, VOICE_UTTERANCES + 1, 1]
 
 
 def test_a_held_fap_stays_whatever_is_said_and_all_pages_know(hub: Hub, clock: Clock) -> None:
