@@ -16,6 +16,8 @@ from fapengine.trajectory import hermite
 Array = NDArray[np.float64]
 
 FIRST_ROWS = 16
+MOST_WISHES = 1024
+"""Of a row: of more, the latest is dropped."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -70,6 +72,7 @@ class Ramps:
         """Let a channel glide to a goal from a time on, over a time; a later ramp takes over from an earlier one."""
         self._order += 1
         insort(self._wishes[row], _Wish(at_s, self._order, channel, goal, over_s))
+        del self._wishes[row][MOST_WISHES:]
         self._due_s[row] = self._wishes[row][0].at_s
 
     def forget(self, row: int, channel: int, from_s: float) -> None:

@@ -69,6 +69,8 @@ class Event:
     """Engine time."""
     count: int = 1
     """Phones, where phones are meant."""
+    position_s: float = 0.0
+    """Where the utterance was, in its own time; 0 before it is settled."""
 
 
 @dataclass(slots=True)
@@ -150,6 +152,9 @@ class Session:
 
     def begin(self, command: Begin, now_s: float) -> None:
         """Open an utterance."""
+        if command.anchor == "at" and command.at_s > now_s + self.limits.queued_s:
+            self.counters.refused += 1  # all that comes later would wait for it
+            return
         one = self._open(command.utterance, command.revision, now_s)
         if one is None:
             return
@@ -233,6 +238,7 @@ class Session:
             return
         self.is_paused = False
         for one in self.queue:
+            one.latest_s = now_s
             if one.resume_s is not None:
                 self._put(one, self.clock.stream_s(now_s) - one.resume_s, now_s)
         self._settle(now_s)
@@ -260,6 +266,8 @@ class Session:
                 self.pause(Pause(), now_s)
                 one.resume_s = heard_s
         elif not one.anchored:
+            if one.resume_s is None:  # of another sound than the one that stood still: all go on
+                self.resume(Resume(), now_s)
             self.is_paused = False
             self._put(one, self.clock.stream_s(now_s) - heard_s, now_s)
             self._settle(now_s)
@@ -278,10 +286,12 @@ class Session:
         for at_s, command in [due for due in self.cancels if due[0] <= now_s]:
             self.cancels.remove((at_s, command))
             self.cancel(command, now_s)
-        for one in list(self.queue):
+        for place, one in enumerate(list(self.queue)):
             if one.anchored:
                 self._advance(one, now_s)
-            elif not self.is_paused and now_s >= one.latest_s + self.limits.wait_s:
+            elif place or self.is_paused:
+                one.latest_s = now_s  # it waits for others
+            elif now_s >= one.latest_s + self.limits.wait_s:
                 self._give_up(one, now_s)
         self._settle(now_s)
         self.wake_s = min((at_s for at_s, _ in self.cancels), default=inf)
@@ -302,8 +312,9 @@ class Session:
         before = counts.late + counts.dropped
         self.bank.feed(self.number, self.fresh)
         late = counts.late + counts.dropped - before
-        if late:
-            self.emit(Event(self.name, self.fresh_for, "late", now_s, late))
+        one = self.find(self.fresh_for)
+        if late and one is not None:
+            self._tell(one, "late", now_s, late)
         self.fresh = []
 
     def plan_by_s(self) -> tuple[float, float]:
@@ -329,7 +340,7 @@ class Session:
         at_s = one.position_s(now_s)
         if at_s >= 0 and not one.has_started:
             one.has_started = True
-            self.emit(Event(self.name, one.number, "started", now_s))
+            self._tell(one, "started", now_s)
         gap = one.gap() if len(one.phones) != one.next_index else None
         if gap and gap[0].end_s <= at_s + CONCEAL_S:
             self._conceal(one, gap[0], gap[1], gap[2], now_s)
@@ -340,7 +351,7 @@ class Session:
         if at_s > one.last_s and one.phones and not one.is_dry:
             one.is_dry = True
             self.counters.underruns += 1
-            self.emit(Event(self.name, one.number, "underrun", now_s))
+            self._tell(one, "underrun", now_s)
         if at_s > one.last_s and now_s >= one.latest_s + self.limits.silence_s:
             self._give_up(one, now_s)
 
@@ -426,7 +437,7 @@ class Session:
     def _conceal(self, one: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
         one.concealed.update(between)
         self.counters.concealed += len(between)
-        self.emit(Event(self.name, one.number, "concealed", now_s, len(between)))
+        self._tell(one, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
             self._feed(one, [Phone(before.label, before.end_s, after.start_s)], now_s)
 
@@ -472,4 +483,8 @@ class Session:
         self.over[one.number] = one.revision
         while len(self.over) > REMEMBERED:
             del self.over[next(iter(self.over))]
-        self.emit(Event(self.name, one.number, kind, now_s))
+        self._tell(one, kind, now_s)
+
+    def _tell(self, one: Utterance, kind: EventKind, now_s: float, count: int = 1) -> None:
+        position_s = one.position_s(now_s) if one.anchored else 0.0
+        self.emit(Event(self.name, one.number, kind, now_s, count, position_s))

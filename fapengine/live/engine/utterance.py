@@ -56,29 +56,9 @@ class Utterance:
     """Beginning of the phones that came last."""
 
     @property
-    def received(self) -> set[int]:
-        """Indices of the phones that are there."""
-        return set(self.phones)
-
-    @property
-    def bitmap64(self) -> int:
-        """Phones above :attr:`next_index` that are there: bit ``n`` is index ``next_index + 1 + n``, 64 in all."""
-        return sum(1 << n for n in range(64) if self.next_index + 1 + n in self.phones)
-
-    @property
     def anchored(self) -> bool:
         """Whether its beginning is settled."""
         return self.zero_s is not None
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether its end is known and no phone is missing."""
-        return self.phone_count is not None and self.next_index >= self.phone_count
-
-    @property
-    def known_s(self) -> float:
-        """Up to here it is known without a gap, in its own time; it may be silent there."""
-        return self.phones[self.next_index - 1].end_s if self.next_index else 0.0
 
     @property
     def end_s(self) -> float:
@@ -95,15 +75,7 @@ class Utterance:
 
     def missing(self) -> list[tuple[int, int]]:
         """Gaps as (first index, index behind the last), the tail too once the end is known."""
-        count = self.phone_count if self.phone_count is not None else max(self.phones, default=-1) + 1
-        gaps: list[tuple[int, int]] = []
-        for index in range(self.next_index, count):
-            if index not in self.phones:
-                if gaps and gaps[-1][1] == index:
-                    gaps[-1] = (gaps[-1][0], index + 1)
-                else:
-                    gaps.append((index, index + 1))
-        return gaps
+        return gaps(self.phones, self.next_index, self.phone_count)
 
     def add(self, command: Append) -> list[Phone]:
         """Take phones in; returns those that are new."""
@@ -153,3 +125,20 @@ class Utterance:
             if end_s > start_s:
                 shifted.append(Phone(phone.label, start_s, end_s, phone.stress, phone.word))
         return shifted
+
+
+def gaps(known: Iterable[int], first: int, stop: int | None) -> list[tuple[int, int]]:
+    """Find what is missing from ``first`` on, as (first index, index behind the last).
+
+    Parameters
+    ----------
+    known : iterable of int
+        Indices that are there.
+    first, stop : int
+        Between them; no stop: to the highest that is known.
+    """
+    stops = sorted(index for index in known if index >= first and (stop is None or index < stop))
+    if stop is not None:
+        stops.append(stop)
+    starts = [first, *(index + 1 for index in stops)]
+    return [(start, end) for start, end in zip(starts, stops, strict=False) if start < end]

@@ -52,6 +52,8 @@ class WireLimits:
 
     packet: int = 16_384
     """Bytes. The largest message of the schema has 9 KB."""
+    messages: int = 128
+    """Of a packet, a bundle: some 3 ms of work."""
     peers: int = 1024
     """Peers that said hello, and as many that did not; the ones not heard of longest are forgotten."""
     utterances: int = 64

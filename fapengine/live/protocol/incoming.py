@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from math import inf
 
+from fapengine.live.engine.utterance import gaps
 from fapengine.live.protocol.schema import BeginUtterance, EndUtterance, Phones, WirePhone, checksum
 
 ACK_S = 0.02
@@ -12,7 +13,8 @@ REORDER_S = 0.03
 NACK_AGAIN_S = 0.1
 MOST_NACKS = 30
 UNBEGUN_S = 0.3
-"""After this time its sender is told that an utterance was never begun."""
+"""After this time its sender is told that an utterance was never begun; so often, then its phones are forgotten."""
+MOST_UNBEGUN = 10
 BITS = 64
 MOST_PASSED = 64
 
@@ -43,6 +45,8 @@ class Incoming:
     """When to ask for what is missing."""
     nacks: int = 0
     unbegun_s: float = inf
+    unbegun: int = 0
+    """How often its sender was told that it was never begun."""
     follow_s: float = inf
     """When to compare its position with the sender's clock."""
     clock_steps: int = 0
@@ -120,15 +124,7 @@ class Incoming:
 
     def missing(self) -> list[tuple[int, int]]:
         """Gaps: first index, index behind the last."""
-        stop = self.end.phone_count if self.end is not None else max(self.phones, default=-1) + 1
-        gaps: list[tuple[int, int]] = []
-        for index in range(self.next_index, stop):
-            if index not in self.phones:
-                if gaps and gaps[-1][1] == index:
-                    gaps[-1] = (gaps[-1][0], index + 1)
-                else:
-                    gaps.append((index, index + 1))
-        return gaps
+        return gaps(self.phones, self.next_index, self.end.phone_count if self.end is not None else None)
 
     def is_sound(self) -> bool:
         """Whether what came is what was sent, once it is whole."""

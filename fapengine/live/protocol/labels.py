@@ -54,7 +54,6 @@ def phone_set_named(name: str) -> str | None:
     return plain if plain in alphabets.ALPHABETS or plain == MPEG4_VISEMES else None
 
 
-@lru_cache(maxsize=4096)
 def to_phone(label: str, phone_set: str) -> tuple[str, int]:
     """IPA (or :data:`SILENCE`) and stress of a label; :data:`UNKNOWN` for one that is too long.
 
@@ -64,8 +63,11 @@ def to_phone(label: str, phone_set: str) -> tuple[str, int]:
     (('aɪ', 1), ('_', 0), ('s', 0), ('?', 0))
     """
     plain = label.strip()
-    if len(plain.encode()) > LABEL_BYTES:
-        return UNKNOWN, 0
+    return (UNKNOWN, 0) if len(plain.encode()) > LABEL_BYTES else _to_phone(plain, phone_set)
+
+
+@lru_cache(maxsize=4096)
+def _to_phone(plain: str, phone_set: str) -> tuple[str, int]:
     if phone_set == MPEG4_VISEMES:
         return to_viseme(plain), 0
     if plain.lower() in alphabets.SILENCES:

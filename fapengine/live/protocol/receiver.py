@@ -8,9 +8,9 @@ acknowledgements of what came within 20 ms, requests for what is missing, events
 what others send: it is counted, for each peer and in all.
 
 Sessions are known by name, not by where they are told from, so that one may be driven over TCP and UDP at once. A
-session is opened by its first message, or by ``hello``, which alone lets its sender be answered. Whoever said that is
-answered still when the session was closed by others, or for being idle, and is opened again. The simple mode has no
-names; it drives :data:`SIMPLE_SESSION`.
+session is opened by its first message, or by ``hello``, which alone lets its sender be told what becomes of it; others
+are answered only what they ask, or what is refused. Whoever said hello is answered still when the session was closed by
+others, or for being idle, and is opened again. The simple mode has no names; it drives :data:`SIMPLE_SESSION`.
 """
 
 import heapq
@@ -125,7 +125,8 @@ class OscReceiver:
             tally.add("malformed")
             return []
         replies: Replies = []
-        for message in messages:
+        tally.add("refused", max(len(messages) - self._limits.messages, 0))
+        for message in messages[: self._limits.messages]:
             tally.add("messages")
             at_s = now_s
             if message.time_tag != osc.IMMEDIATELY:
@@ -369,7 +370,8 @@ class OscReceiver:
             return None
         if name not in self._sessions:
             before = self._asleep.pop(name, None)
-            self._sessions[name] = before or WireSession(name, self._engine, self._limits.utterances, self._numbers)
+            most, phones = self._limits.utterances, self._engine_limits.phones
+            self._sessions[name] = before or WireSession(name, self._engine, most, phones, self._numbers)
         return self._sessions[name]
 
     def _put_to_sleep(self, name: str) -> None:
@@ -399,15 +401,13 @@ class OscReceiver:
         session = self._sessions.get(event.session)
         if session is None:
             return
-        known = self._engine.utterance(event.session, event.utterance) if event.session in self._engine else None
-        position_s = known.position_s(event.time_s) if known is not None and known.anchored else 0.0
         if event.kind in ("finished", "cancelled", "error"):
             wire = session.over(event.utterance, event.kind == "cancelled", event.time_s)
         else:
             wire = session.wire_number(event.utterance)
         if wire is None:  # of the simple mode, or of the server's voice
             return
-        position_us = min(max(microseconds(position_s), -(2**31)), 2**31 - 1)
+        position_us = min(max(microseconds(event.position_s), -(2**31)), 2**31 - 1)
         notice = schema.Notice(event.session, wire, event.kind, position_us, event.count, microseconds(event.time_s))
         packet = wire_format.encode(notice)
         for peer, flags in session.peers.items():

@@ -88,7 +88,7 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Bye:
-    """Close the session: what is being said is cancelled."""
+    """Leave the session: what is being said is cancelled."""
 
     ADDRESS: ClassVar[str] = "/fap/1/bye"
     TAGS: ClassVar[str] = "s"

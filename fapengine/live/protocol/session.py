@@ -16,7 +16,7 @@ from fapengine.live.protocol import labels, schema
 from fapengine.live.protocol.clock import SenderClock
 from fapengine.live.protocol.counts import Tally
 from fapengine.live.protocol.faces import Faces
-from fapengine.live.protocol.incoming import ACK_S, MOST_NACKS, NACK_AGAIN_S, UNBEGUN_S, Incoming
+from fapengine.live.protocol.incoming import ACK_S, MOST_NACKS, MOST_UNBEGUN, NACK_AGAIN_S, UNBEGUN_S, Incoming
 from fapengine.speech.phone_track import Phone
 
 AGAIN_S = 2.0
@@ -45,6 +45,8 @@ class WireSession:
     name: str
     faces: Faces
     most_utterances: int
+    most_phones: int
+    """Of an utterance: as many as the engine takes."""
     numbers: Iterator[int]
     """Engine's numbers of new utterances."""
     phone_set: str = "ipa"
@@ -141,6 +143,9 @@ class WireSession:
 
     def phones(self, message: schema.Phones, peer: Hashable, now_s: float, tally: Tally) -> None:
         """Take phones in."""
+        if message.first_index + len(message.phones) > self.most_phones:
+            tally.add("refused")
+            return
         one = self._find(message.utterance)
         if one is None or one.is_cancelled:
             tally.add("repeated")
@@ -158,9 +163,12 @@ class WireSession:
 
     def end(self, message: schema.EndUtterance, peer: Hashable, now_s: float, tally: Tally) -> None:
         """Learn that an utterance is whole."""
+        if not 0 <= message.phone_count <= self.most_phones:
+            tally.add("refused")
+            return
         one = self._find(message.utterance)
-        if one is None or one.is_cancelled or not 0 <= message.phone_count <= 1_000_000:
-            tally.add("repeated" if one is None or one.is_cancelled else "malformed")
+        if one is None or one.is_cancelled:
+            tally.add("repeated")
             return
         if not one.is_over and one.finish(message):
             self._tell_end(one, now_s)
@@ -252,6 +260,10 @@ class WireSession:
                 self._follow(one, clock_of(peer), now_s)
             if one.unbegun_s <= now_s:
                 one.unbegun_s = now_s + UNBEGUN_S
+                one.unbegun += 1
+                if one.unbegun > MOST_UNBEGUN or peer not in self.peers:  # nobody there, or who is not to be answered
+                    self._forget_one(wire)
+                    continue
                 send(peer, self._notice(wire, "unknown", now_s, "no begin"))
             if one.ack_s <= now_s:
                 one.ack_s = inf

@@ -115,7 +115,7 @@ class SimpleSpeaker:
 
     def place_phone(self, label: str, stress: int, start_s: float, duration_s: float, now_s: float) -> None:
         """Show a phone at a time of the utterance."""
-        one = self._open
+        one = self._known()
         if one is not None and one.zero_s is not None and not one.started:  # it was told phone by phone
             self._end(one, now_s)
             one = None
@@ -185,9 +185,15 @@ class SimpleSpeaker:
         if now_s - one.told_s > QUIET_S:
             self._end(one, now_s)
 
+    def _known(self) -> _Open | None:
+        """Return the utterance that is being told, unless the engine is through with it: others may cancel, too."""
+        if self._open is not None and self.find(self._open.number) is None:
+            self._open = None
+        return self._open
+
     def _live(self, at_s: float, now_s: float) -> _Open:
         """Return the utterance in which phones are told as they begin."""
-        one = self._open
+        one = self._known()
         if one is not None and one.zero_s is not None and at_s - one.zero_s < TURN_S:
             return one
         if one is not None:

@@ -22,6 +22,7 @@ NAMELESS: dict[str, type[schema.FromSender]] = {
     "/param": schema.SetParameter,
 }
 """Messages of the robust mode without their first argument, the session."""
+LONGEST_NAME = 64
 SHORTEST_S, LONGEST_S = 0.001, 60.0
 """Durations are held between these."""
 
@@ -99,10 +100,10 @@ class SimpleMode:
         if len(times) < 2:
             duration_s = _held(times[0]) if times and times[0] > 0 else None
             speaker.begin_phone(ipa, stress, arrival.at_s, arrival.now_s, duration_s)
-        elif 0 <= times[0] <= self._latest_s - LONGEST_S:
+        elif 0 <= times[0] <= self._latest_s - _held(times[1]):
             speaker.place_phone(ipa, stress, times[0], _held(times[1]), arrival.now_s)
         else:
-            raise DataError(f"{PHONEME}: got a start at {times[0]} s, expected 0..{self._latest_s - LONGEST_S}")
+            raise DataError(f"{PHONEME}: got {times[0]} to {times[0] + times[1]} s, expected 0..{self._latest_s}")
 
     def _viseme(self, arguments: tuple[osc.Argument, ...], arrival: Arrival, speaker: SimpleSpeaker) -> None:
         name, values = _label_and_numbers(VISEME, arguments, arrival)
@@ -125,6 +126,8 @@ def _label_and_numbers(
     numbers = [float(value) for value in rest[:2] if isinstance(value, int | float) and math.isfinite(value)]
     if not isinstance(label, str | int) or isinstance(label, bool) or len(numbers) < len(rest[:2]):
         raise DataError(f"{what}: got {arguments!r:.60}, expected a name and up to two numbers")
+    if isinstance(label, str) and len(label) > LONGEST_NAME:  # it would be remembered
+        raise DataError(f"{what}: got a name of {len(label)} letters, expected at most {LONGEST_NAME}")
     arrival.peer.tally.add("surplus", len(rest) - len(numbers))
     return label, numbers
 

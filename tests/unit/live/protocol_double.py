@@ -54,9 +54,11 @@ class Recorder:
         self.utterances[session, number] = Utterance(number, StreamClock(0.0), anchor="now", zero_s=zero_s)
 
     def happen(self, session, number, kind, time_s, count=1):
+        known = self.utterances.get((session, number))
+        position_s = known.position_s(time_s) if known is not None and known.anchored else 0.0
         if kind in ("finished", "cancelled", "error"):
             self.utterances.pop((session, number), None)
-        self.happened.append(Event(session, number, kind, time_s, count))
+        self.happened.append(Event(session, number, kind, time_s, count, position_s))
 
     def commands(self, kind=None, session=None):
         return [

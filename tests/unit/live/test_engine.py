@@ -1,6 +1,7 @@
 """The engine: what faces do when they are told, as their FAPs show it."""
 
 from dataclasses import astuple
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -26,7 +27,9 @@ from fapengine.live.engine.commands import (
     TurnHead,
 )
 from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.ramps import MOST_WISHES, Ramps
 from fapengine.live.engine.session import Limits
+from fapengine.live.engine.utterance import gaps
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.visemes import Expression
@@ -160,11 +163,74 @@ def test_chunks_in_any_order_even_before_their_beginning():
     mixed.apply("anna", End(1, len(phones), phones[-1].end_s + 0.3), 0.0)
     mixed.apply("anna", Append(1, 2, phones[2:8]), 0.0)
     assert mixed.utterance("anna", 1).missing() == [(0, 2)]
-    assert mixed.utterance("anna", 1).bitmap64 == sum(1 << n for n in range(1, 14))
     mixed.apply("anna", Begin(1), 0.0)
     mixed.apply("anna", Append(1, 0, phones[:2]), 0.0)
-    assert mixed.utterance("anna", 1).is_complete
+    assert mixed.utterance("anna", 1).missing() == []
     np.testing.assert_array_equal(frames(straight, 0.0, 2.2), frames(mixed, 0.0, 2.2))
+
+
+@given(st.sets(st.integers(0, 30)), st.integers(0, 10), st.integers(10, 30) | st.none())
+def test_gaps_are_what_is_missing(known, first, stop):
+    found = gaps(known, first, stop)
+    last = max(known, default=-1) + 1 if stop is None else stop
+    assert [n for run in found for n in range(*run)] == [n for n in range(first, last) if n not in known]
+    assert all(before[1] < behind[0] for before, behind in pairwise(found))
+
+
+def test_what_waits_for_its_sound_behind_others_is_not_given_up_meanwhile():
+    one = engine(wait_s=1.0)
+    say(one, sentence(), number=1)
+    say(one, sentence(), number=2, anchor="audio")
+    frames(one, 0.0, 2.0)  # the first lasts longer than the second would wait
+    one.apply("anna", Pause(), 1.9)
+    frames(one, 2.0, 4.0)
+    one.apply("anna", Resume(), 4.0)
+    frames(one, 4.0, 4.9)
+    assert one.utterance("anna", 2) is not None
+    assert "error" not in kinds(one)
+    frames(one, 4.9, 6.0)
+    assert kinds(one) == ["error"]
+
+
+def test_word_of_another_sound_lets_all_go_on_where_they_were():
+    one = engine()
+    say(one, sentence(), number=1)
+    frames(one, 0.0, 1.0)
+    one.apply("anna", Pause(), 1.0)
+    say(one, sentence(), number=2, now_s=2.0, anchor="audio")
+    frames(one, 1.0, 3.0)
+    one.apply("anna", Audio(2, 3.0, -1.0), 3.0)
+    assert one.state("anna") == "speaking"
+    assert one.utterance("anna", 1).position_s(3.0) == pytest.approx(1.0)
+    assert one.utterance("anna", 2).position_s(3.0) == pytest.approx(-1.0)
+
+
+def test_a_time_that_lies_too_far_ahead_is_refused():
+    one = engine(queued_s=10.0)
+    one.apply("anna", Begin(1, "at", 10.5), 0.0)
+    assert one.utterance("anna", 1) is None
+    assert one.counters("anna").refused == 1
+    one.apply("anna", Begin(2, "at", 9.5), 0.0)
+    assert one.utterance("anna", 2) is not None
+
+
+def test_events_tell_where_the_utterance_was():
+    one = engine()
+    say(one, sentence())
+    frames(one, 0.0, 1.0)
+    one.apply("anna", Cancel(), 1.0)
+    told = {event.kind: event.position_s for event in one.events()}
+    assert told == {"started": pytest.approx(0.0, abs=0.03), "cancelled": pytest.approx(1.0)}
+
+
+def test_what_is_wished_for_the_future_has_a_limit():
+    ramps = Ramps(np.zeros(1))
+    row = ramps.open()
+    for number in reversed(range(2 * MOST_WISHES)):
+        ramps.send(row, 0, 10.0 + number, float(number), 0.5)
+    assert ramps.values(10.5)[0, row] == pytest.approx(0.0)
+    assert ramps.values(15.6)[0, row] == pytest.approx(5.0)  # what is near is kept
+    assert ramps.values(1e6)[0, row] == pytest.approx(MOST_WISHES - 1)
 
 
 def test_cancel_closes_the_mouth_and_is_idempotent():

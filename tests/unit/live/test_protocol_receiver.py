@@ -2,6 +2,7 @@
 
 from math import inf
 
+import numpy as np
 import pytest
 from protocol_double import Wire, phones
 
@@ -289,8 +290,35 @@ def test_an_end_may_come_without_a_duration_or_be_shorter_than_its_phones():
     one.send(BeginUtterance("anna", 1), four(), EndUtterance("anna", 1, 4))
     one.send(BeginUtterance("anna", 2), Phones("anna", 2, 0, 0, FOUR), EndUtterance("anna", 2, 4, 100))
     assert [end.duration_s for end in one.faces.commands(End)] == [pytest.approx(0.4), pytest.approx(0.4)]
-    one.send(BeginUtterance("anna", 3), EndUtterance("anna", 3, -1), EndUtterance("anna", 3, 2_000_000))
-    assert one.counts.malformed == 2
+    one.send(BeginUtterance("anna", 3), EndUtterance("anna", 3, -1), EndUtterance("anna", 3, 20_001))
+    one.send(Phones("anna", 3, 0, 19_998, FOUR))  # more than the engine takes
+    assert one.counts.refused == 3
+    assert len(one.faces.commands(Append)) == 2
+
+
+def test_a_far_end_costs_no_more_than_a_near_one():
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1), four(), EndUtterance("anna", 1, 20_000))
+    (_, asked) = one.tick(50.5)
+    assert (asked[1].first, asked[1].stop) == (4, 20_000)
+
+
+def test_what_is_never_begun_is_told_of_ten_times_and_only_to_who_said_hello():
+    one = Wire()
+    one.send(HELLO, four())
+    one.send(Phones("berta", 1, 0, 0, FOUR), peer="b")
+    told_s = [at_s for at_s in np.arange(50.0, 60.0, 0.1) for _ in told(one.tick(at_s), Notice)]
+    assert len(told_s) == 10
+    assert told_s[-1] < 53.5
+    one.send(BeginUtterance("anna", 1), four())
+    assert len(one.faces.commands(Append)) == 1
+
+
+def test_of_a_bundle_only_so_many_messages_are_obeyed():
+    one = Wire(limits=WireLimits(messages=5))
+    blink = osc.message("/blink")
+    one.send(b"#bundle\0" + bytes(8) + (len(blink).to_bytes(4, "big") + blink) * 12)
+    assert (one.counts.messages, one.counts.refused) == (5, 7)
 
 
 def test_phones_behind_the_end_are_left():

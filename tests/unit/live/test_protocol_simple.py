@@ -161,6 +161,24 @@ def test_a_stop_ends_a_script_of_which_nothing_was_told_for_long():
     assert one.faces.commands(Cancel) == [Cancel(0, 55.0 + DELAY_S, 0.15), Cancel(first=VOICE_UTTERANCES)]
 
 
+@pytest.mark.parametrize("tags", ["s", "sff"])
+def test_after_a_cancel_by_others_the_next_phone_begins_anew(tags):
+    one = Wire()
+    times = (0.5, 0.2)[: len(tags) - 1]
+    one.say("/phoneme", tags, "m", *times, at_s=50.0)
+    one.faces.happen("face", 0, "cancelled", 50.05)
+    one.say("/phoneme", tags, "ɑ", *times, at_s=50.1)
+    assert [begin.utterance for begin in one.faces.commands(Begin)] == [0, 1]
+    assert one.faces.commands(Append)[-1].utterance == 1
+
+
+@pytest.mark.parametrize("address", ["/phoneme", "/viseme"])
+def test_names_of_any_length_are_not_remembered(address):
+    one = Wire()
+    one.say(address, "s", "m" * 65)
+    assert (one.counts.malformed, one.faces.told) == (1, [])
+
+
 def test_a_stop_when_all_is_said_cancels_nothing():
     one = Wire()
     one.say("/phoneme", "sf", "m", 0.1, at_s=50.0)
