@@ -7,6 +7,7 @@ from typing import Any
 
 from fapengine.errors import UsageError
 from fapengine.live.config import FORMATS, RATES_HZ, ServeConfig, parse_config
+from fapengine.live.protocol.schema import check_session
 from fapengine.live.server.sinks import parse_sink
 from fapengine.trajectory.style import GENERATORS, Style
 
@@ -45,12 +46,19 @@ def configured(path: Path | None, given: Mapping[str, Any]) -> ServeConfig:
     listen = replace(
         own.listen, **told(host="host", port="port", web_port="web_port", token="token", metrics_port="metrics")
     )
+    listen = replace(listen, token=listen.token or None)  # an empty variable of the environment is none
+    sound = replace(own.sound, **told(session="sound", device="device"))
+    sound = replace(sound, session=sound.session or None, device=sound.device or None)
+    if sound.session is not None:
+        check_session(sound.session)
+    elif sound.device is not None:
+        raise UsageError(f"--device: got {sound.device!r}, expected --sound SESSION with it")
     return replace(
         own,
         listen=replace(listen, web_port=None) if given["no_page"] else listen,
         face=replace(own.face, **told(profile="profile", head="head", rate_hz="fps", seed="seed")),
         style=_still(own.style, given["without"]),
-        sound=replace(own.sound, **told(session="sound", device="device")),
+        sound=sound,
         log=replace(own.log, **told(format="log"), **({"level": "debug"} if given["verbose"] else {})),
         sinks=(*own.sinks, *given["sink"]),
     )

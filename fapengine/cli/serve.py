@@ -32,7 +32,8 @@ def serve(
         int | None, typer.Option("--port", "-p", min=0, max=65535, help="OSC in, UDP and TCP. [default: 9110]")
     ] = None,
     web_port: Annotated[
-        int | None, typer.Option("--web-port", "-w", min=0, max=65535, help="The page. [default: 8110]")
+        int | None,
+        typer.Option("--web-port", "-w", min=0, max=65535, help="The page; 0: any free port. [default: 8110]"),
     ] = None,
     no_page: Annotated[bool, typer.Option("--no-page", help="Serve no page.")] = False,
     sink: Annotated[
@@ -58,7 +59,8 @@ def serve(
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
     ] = None,
     metrics: Annotated[
-        int | None, typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics.")
+        int | None,
+        typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics; 0: any free one."),
     ] = None,
     log: Annotated[str | None, typer.Option("--log", help="text, or json: an object a line. [default: text]")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log every utterance.")] = False,
@@ -102,11 +104,8 @@ def serve(
     begin_log(wanted.log.level, wanted.log.format)
     face = load_head(wanted.face.head) if wanted.listen.web_port is not None else None
     own_profile = load_profile(wanted.face.profile)
-    guard = begin_guard(wanted.sinks, wanted.face.rate_hz)
-    try:
+    with begin_guard(wanted.sinks, wanted.face.rate_hz) as guard:
         asyncio.run(_run(wanted, own_profile, face, guard))
-    finally:
-        guard.end()
 
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Guard") -> None:
@@ -148,13 +147,14 @@ async def _collect_now_and_then() -> None:
 def _announce(server: "Server") -> None:
     """Say where everything is: for people on standard output, for programs in the log."""
     import logging
+    from urllib.parse import quote
 
     config = server.config
     host, port = server.osc_address
     sites = list(server.sites)
     lines = [("OSC in", f"{_spelled(host, port)} (UDP and TCP)")]
     if config.listen.web_port is not None:
-        query = f"?token={config.listen.token}" if config.listen.token else ""
+        query = f"?token={quote(config.listen.token, safe='')}" if config.listen.token else ""
         lines.append(("page", f"http://{_spelled(*sites.pop(0))}/{query}"))
     lines += [("sink", str(sink.address)) for sink in server.sinks]
     if server.speaker is not None:

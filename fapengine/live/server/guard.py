@@ -16,6 +16,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from types import TracebackType
 
 import numpy as np
 
@@ -35,12 +36,20 @@ BYE = b"bye\n"
 
 @dataclass(slots=True)
 class Guard:
-    """Stateful: the server's end of the pipe. Made by :func:`begin_guard`."""
+    """Stateful: the server's end of the pipe, and a context manager. Made by :func:`begin_guard`."""
 
     process: int
     pipe: int
     _told: tuple[str, ...] = field(default=(), repr=False)
     _late: bytes = field(default=b"", repr=False)
+
+    def __enter__(self) -> "Guard":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end(is_good=kind is None)
 
     def tell(self, sessions: tuple[str, ...]) -> None:
         """Write down which sessions are open, if that has changed. Never waits."""
@@ -52,11 +61,11 @@ class Guard:
             with contextlib.suppress(BlockingIOError):
                 self._late = self._late[os.write(self.pipe, self._late) :]
 
-    def end(self) -> None:
-        """Say goodbye: the faces were put to rest in good order."""
+    def end(self, *, is_good: bool = True) -> None:
+        """Say goodbye, if the faces were put to rest in good order; else the guard does it now."""
         os.set_blocking(self.pipe, True)
         with contextlib.suppress(BrokenPipeError):
-            os.write(self.pipe, self._late + BYE)
+            os.write(self.pipe, self._late + BYE * is_good)
         os.close(self.pipe)
         os.waitpid(self.process, 0)
 
@@ -113,7 +122,8 @@ def watch(pipe: int, rest: Callable[[dict[str, float]], None]) -> None:
                 return
             with contextlib.suppress(ValueError):  # cut by the end
                 sessions = {name: sessions.get(name, time.monotonic()) for name in json.loads(line)}
-    rest(sessions)
+    if sessions:
+        rest(sessions)
 
 
 def put_to_rest(addresses: Sequence[SinkAddress], sessions: dict[str, float], rate_hz: float) -> None:

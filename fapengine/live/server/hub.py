@@ -41,7 +41,7 @@ LOOK_EVERY_S = 1.0
 PHONES_A_COMMAND = 64
 SOUND_WAIT_S = 1.5
 """An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
-MOST_TEXT = 2000
+MOST_TEXT = 4000
 """Letters that are spoken at once."""
 LEAD_S, TAIL_S = 0.15, 0.25
 """Silence around a voice: the mouth opens out of rest and comes back to it."""
@@ -113,6 +113,8 @@ class Hub:
         self._holders: dict[str, int] = {}
         self._unheard: list[_Unheard] = []
         self._asked: list[_Asked] = []
+        self._voice = asyncio.Lock()
+        """Texts are said in the order in which they came."""
         self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
         self.engine.event_listeners.append(self._tell_event)
@@ -248,21 +250,23 @@ class Hub:
         Raises
         ------
         UsageError
-            If the session is not open.
+            If the session is not open, or has as many utterances as there may be.
         """
-        listeners = [one for one in self._listeners.speech.values() if one[0] in (None, session)]
+        listeners = {key: one for key, one in self._listeners.speech.items() if one[0] in (None, session)}
         if anchor is None:
-            anchor = "audio" if any(plays for _, plays, _ in listeners) else "now"
+            anchor = "audio" if any(plays for _, plays, _ in listeners.values()) else "now"
         spoken = Spoken(session, next(self._utterances), text, speech, anchor)
         phones = speech.phones.phones
         self.apply(session, Begin(spoken.utterance, anchor))
+        if self.engine.utterance(session, spoken.utterance) is None:
+            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
         for first in range(0, len(phones), PHONES_A_COMMAND):
             self.apply(session, Append(spoken.utterance, first, phones[first : first + PHONES_A_COMMAND]))
         self.apply(session, End(spoken.utterance, len(phones), speech.duration_s))
         if anchor == "audio":
             self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
-        for _, _, listener in listeners:
-            listener(spoken)
+        for key, (_, _, listener) in listeners.items():
+            self._call(self._listeners.speech, key, listener, spoken)
         return spoken
 
     async def speak(
@@ -282,7 +286,10 @@ class Hub:
         asked = _Asked(session)
         self._asked.append(asked)
         try:
-            speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
+            async with self._voice:
+                if asked.is_cancelled:
+                    return None
+                speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
         finally:
             self._asked.remove(asked)
         return None if asked.is_cancelled else self.say(session, speech, text=text)
@@ -299,7 +306,9 @@ class Hub:
         self.engine.collect()
         sessions = tuple(shown.sessions)
         faps = self._with_pins(sessions, shown.faps) if self._pins else shown.faps
-        frames = HubFrames(self.counts.frames if number is None else number, now_s, sessions, faps)
+        if number is None:
+            number = self.counts.frames + self.counts.skipped
+        frames = HubFrames(number, now_s, sessions, faps)
         self.counts.frames += 1
         for key, listener in tuple(self._listeners.frames.items()):
             self._call(self._listeners.frames, key, listener, frames)
@@ -341,20 +350,22 @@ class Hub:
         self._stopped = True
 
     def _hurry_unheard(self, now_s: float) -> None:
-        for one in self._unheard:
-            if one.session in self.engine and self.engine.state(one.session) == "paused":
+        """Let what waits for a sound that is not heard of go on by the clock, one behind the other."""
+        for one in tuple(self._unheard):
+            if one.session not in self.engine:
+                self._unheard.remove(one)
+            elif self.engine.state(one.session) in ("speaking", "paused"):
                 one.since_s = now_s
-        late = [one for one in self._unheard if now_s - one.since_s > SOUND_WAIT_S]
-        for one in late:
-            self._unheard.remove(one)
-            if one.session in self.engine:
+            elif now_s - one.since_s > SOUND_WAIT_S:
+                self._unheard.remove(one)
                 self.counts.unheard += 1
                 self.engine.apply(one.session, Audio(one.utterance, now_s, 0.0), now_s)
 
     def _close_idle(self, now_s: float) -> None:
         for session in self.engine.sessions:
             quiet_s = now_s - self.engine.touched_s.get(session, now_s)
-            if quiet_s > self._idle_close_s and session not in self._holders and self.engine.state(session) == "idle":
+            is_still = self.engine.state(session) in ("idle", "paused")
+            if quiet_s > self._idle_close_s and session not in self._holders and is_still:
                 self.counts.idle_closed += 1
                 self.engine.close(session, now_s)
 
@@ -391,8 +402,8 @@ class Hub:
 
     def _hear(self, session: str, command: Audio | Cancel, now_s: float) -> None:
         """Strike off what is heard or cancelled; while a session's sound plays, what is queued behind it may wait."""
-        means = command.means if isinstance(command, Cancel) else command.utterance.__eq__
-        self._unheard = [one for one in self._unheard if one.session != session or not means(one.utterance)]
+        stops = command if isinstance(command, Cancel) else Cancel(command.utterance)
+        self._unheard = [one for one in self._unheard if one.session != session or not stops.means(one.utterance)]
         for one in self._unheard:
             if one.session == session:
                 one.since_s = now_s

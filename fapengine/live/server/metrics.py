@@ -1,7 +1,7 @@
 """What a running server tells Prometheus: text of its own registry, read on the loop's thread."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 
 from prometheus_client import CollectorRegistry, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -26,6 +26,15 @@ HUB = {
 }
 
 
+@dataclass(slots=True)
+class TextCounts:
+    """Stateful: texts that senders wanted spoken."""
+
+    spoken: int = 0
+    refused: int = 0
+    """Too many at once, or not to be spoken by the voice that there is."""
+
+
 class ServerMetrics(Collector):
     """Stateful: counts of a server, gathered when asked for.
 
@@ -34,11 +43,12 @@ class ServerMetrics(Collector):
     hub, intake : Hub, Intake
     peers : PeerCounts
         Of all senders together.
+    texts : TextCounts
     sinks : iterable of Sink
     """
 
-    def __init__(self, hub: Hub, intake: Intake, peers: PeerCounts, sinks: Iterable[Sink]) -> None:
-        self._hub, self._intake, self._peers, self._sinks = hub, intake, peers, sinks
+    def __init__(self, hub: Hub, intake: Intake, peers: PeerCounts, texts: TextCounts, sinks: Iterable[Sink]) -> None:
+        self._hub, self._intake, self._peers, self._texts, self._sinks = hub, intake, peers, texts, sinks
         self.page: WebCounts | None = None
         """Of the page, where there is one."""
         self._registry = CollectorRegistry()
@@ -73,6 +83,7 @@ class ServerMetrics(Collector):
             "streams_broken": intake.streams_broken, "flooded": queue.flooded, "crowded": queue.crowded,
         }  # fmt: skip
         yield _labelled("intake", "What came in and what was refused, by kind.", came)
+        yield _labelled("texts", "Texts that senders wanted spoken, by what became of them.", asdict(self._texts))
         yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=intake.streams)
         yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
         if self.page is not None:

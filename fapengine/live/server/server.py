@@ -30,7 +30,7 @@ from fapengine.live.server.doors import DatagramDoor, StreamDoor
 from fapengine.live.server.fairness import FairQueue
 from fapengine.live.server.hub import Hub
 from fapengine.live.server.intake import Intake
-from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics
+from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
 from fapengine.live.sound import open_output
 from fapengine.mesh.face_mesh import FaceMesh
@@ -39,7 +39,7 @@ from fapengine.voices.espeak import sample_rate_hz
 
 DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
 """When it stops, faces come to rest over the first, and the server ends after the second."""
-TEXTS_AT_ONCE = 8
+TEXTS_AT_ONCE = 16
 """Texts that wait for the voice; more are refused."""
 
 log = logging.getLogger("fapengine.server")
@@ -51,15 +51,6 @@ class _Site:
 
     runner: web.AppRunner
     address: tuple[str, int]
-
-
-@dataclass(slots=True)
-class TextCounts:
-    """Stateful: texts that senders wanted spoken."""
-
-    spoken: int = 0
-    refused: int = 0
-    """Too many at once, or not to be spoken by the voice that there is."""
 
 
 @dataclass(slots=True, eq=False)
@@ -101,7 +92,7 @@ class Server:
         self.intake = Intake(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
         self._parts = _Parts()
-        self.metrics = ServerMetrics(self.hub, self.intake, self.receiver.counts, self._parts.sinks)
+        self.metrics = ServerMetrics(self.hub, self.intake, self.receiver.counts, self.texts, self._parts.sinks)
         self._head = head
         self._draining = False
         self._stop = asyncio.Event()
@@ -232,6 +223,7 @@ class Server:
         for request in self.receiver.texts():
             if self._draining or len(self._parts.texts) >= TEXTS_AT_ONCE:
                 self.texts.refused += 1
+                log.warning("a text was not spoken: too many wait", extra={"session": request.session})
                 continue
             task = asyncio.create_task(self._speak(request))
             self._parts.texts.add(task)

@@ -43,6 +43,8 @@ STREAMS = 256
 UDP_SEGMENT = 103
 """Socket option of Linux: linux/udp.h."""
 SEGMENTS, SEGMENTED_BYTES = 64, 60_000
+CUTS_NOT = (errno.EINVAL, errno.EIO, errno.EOPNOTSUPP, errno.EMSGSIZE, errno.ENOPROTOOPT)
+"""Where the system does not cut; any other error says that nothing can be sent now."""
 """What the system takes in one piece at most."""
 
 
@@ -195,7 +197,7 @@ class Post:
             try:
                 sent += self._send_run(datagrams[start : start + run]) if run > 1 else self._send_one(datagrams[start])
             except OSError as error:
-                if run > 1 and error.errno not in (errno.EAGAIN, errno.EWOULDBLOCK):
+                if run > 1 and error.errno in CUTS_NOT:
                     self._cuts = False
                     continue  # the same again, one by one
             start += run

@@ -53,11 +53,14 @@ def test_every_option_arrives() -> None:
     assert (config.sound.session, config.sound.device) == ("face", "USB")
     assert not any((config.style.blinks, config.style.gaze, config.style.emphasis))
     assert configured(None, NOTHING | {"web_port": 3, "no_page": True}).listen.web_port is None
+    assert configured(None, NOTHING | {"token": "", "sound": "", "device": ""}) == ServeConfig()
 
 
 @pytest.mark.parametrize(
     ("told", "what"),
     [
+        ({"device": "USB"}, r"--device: got 'USB', expected --sound SESSION"),
+        ({"sound": "x" * 33}, "session: got"),
         ({"fps": 0.5}, r"--fps: got 0.5, expected 1..240"),
         ({"fps": float("nan")}, "--fps: got nan"),
         ({"log": "xml"}, "--log: got 'xml', expected text or json"),

@@ -2,13 +2,14 @@
 
 import asyncio
 import logging
+import time
 
 import numpy as np
 import pytest
 
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express, Pause
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
 from fapengine.live.server import hub as hubs
@@ -225,6 +226,70 @@ def test_a_queued_sound_may_wait_while_the_one_before_plays() -> None:
     assert hub.counts.unheard == 0
 
 
+def test_what_is_not_heard_of_goes_on_one_behind_the_other() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.on_speech(None, lambda _: None, plays=True)
+    events: list[tuple[str, int]] = []
+    hub.on_event("a", lambda event: events.append((event.kind, event.utterance - VOICE_UTTERANCES)))
+    for _ in range(2):
+        hub.say("a", spoken())
+    run(hub, clock, 8.0)
+    assert events == [("started", 0), ("finished", 0), ("started", 1), ("finished", 1)]
+    assert hub.counts.unheard == 2
+
+
+def test_a_session_that_stands_still_is_closed_too() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+    hub.say("a", spoken())
+    run(hub, clock, 0.2)
+    hub.apply("a", Pause())
+    run(hub, clock, 12.0)
+    assert "a" not in hub.engine
+    assert hub.counts.idle_closed == 1
+
+
+def test_a_face_that_has_too_much_to_say_is_not_given_the_sound_of_more() -> None:
+    hub, _ = hub_of(utterances=1)
+    hub.open("a")
+    heard: list[object] = []
+    hub.on_speech("a", heard.append, plays=False)
+    hub.say("a", spoken())
+    with pytest.raises(UsageError, match="as many utterances"):
+        hub.say("a", spoken())
+    assert len(heard) == 1
+
+
+def test_a_player_that_fails_is_dropped() -> None:
+    hub, clock = hub_of()
+    hub.open("a")
+
+    def fail(said: object) -> None:
+        raise RuntimeError("no")
+
+    hub.on_speech("a", fail, plays=False)
+    hub.say("a", spoken())
+    assert hub.counts.listeners_dropped == 1
+    hub.say("a", spoken())
+    assert hub.counts.listeners_dropped == 1
+    assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
+
+
+def test_texts_are_said_in_the_order_in_which_they_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    hub, _ = hub_of()
+    hub.open("a")
+    monkeypatch.setattr(hubs, "_synthesise", lambda text, *_: time.sleep(0.1 if text == "long" else 0.0) or spoken())
+    said: list[str] = []
+    hub.on_speech("a", lambda one: said.append(one.text), plays=False)
+
+    async def ask() -> None:
+        await asyncio.gather(*(hub.speak("a", text) for text in ("long", "short", "shorter")))
+
+    asyncio.run(ask())
+    assert said == ["long", "short", "shorter"]
+
+
 def test_a_sound_whose_session_is_gone_is_forgotten() -> None:
     hub, clock = hub_of()
     hub.open("a")
@@ -249,8 +314,8 @@ def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked == [("Mama.", "de", 150)]
     assert said.text == "Mama."
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
-    with pytest.raises(UsageError, match="text: got 2001 letters"):
-        asyncio.run(hub.speak("a", "x" * 2001))
+    with pytest.raises(UsageError, match="text: got 4001 letters"):
+        asyncio.run(hub.speak("a", "x" * 4001))
 
 
 def test_a_text_that_is_stopped_while_the_voice_works_is_not_said(monkeypatch: pytest.MonkeyPatch) -> None:

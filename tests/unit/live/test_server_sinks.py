@@ -527,6 +527,21 @@ def test_a_guard_that_is_told_goodbye_does_nothing() -> None:
     guards.watch(reading, lambda sessions: pytest.fail("it was told goodbye"))
 
 
+@pytest.mark.parametrize("fault", [None, RuntimeError("a bug")])
+def test_only_a_good_end_says_goodbye(fault: Exception | None) -> None:
+    reading, writing = os.pipe()
+    process = os.fork()
+    if not process:
+        os._exit(0)
+    with contextlib.suppress(RuntimeError), guards.Guard(process, writing) as guard:
+        guard.tell(("anna",))
+        if fault is not None:
+            raise fault
+    told: list[object] = []
+    guards.watch(reading, told.append)
+    assert len(told) == (fault is not None)
+
+
 def test_a_face_that_comes_back_is_followed_again() -> None:
     faces = OscFaces()
     faps = np.ones((1, 68), np.int32)
