@@ -308,6 +308,20 @@ def test_the_documented_viewer_works(page: Page) -> None:
     page.run("socket.close()")
 
 
+def test_a_lost_graphics_context_comes_back_with_the_face(page: Page) -> None:
+    page.open("olga", "&edges=fine")
+    page.until(REST)
+    before = stage(page.picture(), page)
+    page.run("window.lose = page.view.gl.getExtension('WEBGL_lose_context'); lose.loseContext()")
+    page.until("page.view.gl.isContextLost()")
+    page.run("lose.restoreContext()")
+    page.until("!page.view.gl.isContextLost()")
+    page.sleep(0.3)
+    assert np.abs(stage(page.picture(), page) - before).max() <= 2
+    assert page.run("page.view.gl.getError()") == 0
+    page.complaints[:] = [one for one in page.complaints if "context" not in one.lower()]
+
+
 def test_without_webgl_the_page_says_so(page: Page) -> None:
     page.call("Page.addScriptToEvaluateOnNewDocument", source="HTMLCanvasElement.prototype.getContext = () => null")
     page.go(page.server.url)

@@ -48,7 +48,9 @@ export class FaceView {
     this.moves = entries(gl, this.head.moves);
     this.turns = entries(gl, this.head.turns);
     this.skin = this.head.skin ? painting(gl, this.head.skin) : null;
-    this.target = null;
+    this.level = null;
+    // After a lost context nobody asks for the size again.
+    this.target &&= makeTarget(gl, this.target.width, this.target.height, this.target.samples);
   }
 
   // Compiled when it is first wanted.
