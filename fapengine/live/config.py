@@ -37,9 +37,9 @@ device = ""             # its number, or a part of its name; "": the system's
 [limits]
 sessions = 1000
 utterances = 32         # of a session, queued
-queued_s = 600.0        # of an utterance
+queued_s = 600.0        # of an utterance, and how far ahead one may begin
 silence_s = 2.0         # an utterance without an end is over when nothing more comes for so long
-wait_s = 30.0           # one that never begins to be said is given up
+wait_s = 30.0           # one whose turn it is and whose sound does not come is given up
 idle_close_s = 120.0    # a session that nobody talks to or watches is closed
 packets_a_peer = 256    # waiting to be understood
 streams = 256           # TCP connections
