@@ -51,11 +51,11 @@ class Limits:
     phones: int = 20_000
     """Of an utterance."""
     queued_s: float = 600.0
-    """Of an utterance."""
+    """Of an utterance, and how far ahead one may begin."""
     silence_s: float = 2.0
     """An utterance whose end was not told is over when nothing more comes for so long."""
     wait_s: float = 30.0
-    """An utterance that never begins is given up when nothing more comes for so long."""
+    """One whose turn it is, and whose sound does not come, is given up after so long."""
 
 
 @dataclass(frozen=True, slots=True)
