@@ -105,7 +105,8 @@ class ServerLink:
         self._plays = plays
         self._sounds: deque[HeardSound] = deque()
         self._ended: deque[int] = deque()
-        self._fetching: set[asyncio.Task[None]] = set()
+        self._fetching: dict[int, asyncio.Task[None]] = {}
+        """Utterance to the task that has its sound sent."""
         self.state: LinkState = "connecting"
         self.trouble = ""
         """Why there is no connection."""
@@ -145,7 +146,7 @@ class ServerLink:
         return [self._sounds.popleft() for _ in range(len(self._sounds))]
 
     def ended(self) -> list[int]:
-        """Take the utterances that were cancelled since this was asked last."""
+        """Take the utterances that were cancelled since this was asked last; ask before :meth:`sounds`."""
         return [self._ended.popleft() for _ in range(len(self._ended))]
 
     def faps(self) -> Faps:
@@ -198,36 +199,37 @@ class ServerLink:
         self._queue = asyncio.Queue()
         if self._plays:
             await link.send_str(text_of("plays", on=True))
-        sender = asyncio.ensure_future(self._send_all(link))
+        sender, turn = asyncio.ensure_future(self._send_all(link)), asyncio.Lock()
         try:
             async for message in link:
                 if message.type == self._aiohttp.WSMsgType.BINARY:
                     self._take_frame(message.data)
                 elif message.type == self._aiohttp.WSMsgType.TEXT:
-                    url = self._take_text(message.data)
-                    if url is not None:
-                        task = asyncio.ensure_future(self._fetch(client, *url))
-                        self._fetching.add(task)
-                        task.add_done_callback(self._fetching.discard)
+                    sound = self._take_text(message.data)
+                    if sound is not None:
+                        self._fetching[sound[0]] = asyncio.ensure_future(self._fetch(client, turn, *sound))
         finally:
-            tasks = (sender, *self._fetching)
+            tasks = (sender, *self._fetching.values())
+            self._fetching.clear()
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _fetch(self, client: Any, utterance: int, path: str) -> None:
-        """Have a sound."""
+    async def _fetch(self, client: Any, turn: asyncio.Lock, utterance: int, path: str) -> None:
+        """Have a sound, after those before it: they are played in the order in which they come."""
         parts = urlsplit(self._url)
         token = dict(parse_qsl(parts.query)).get("token")
         query = f"&{urlencode({'token': token})}" if token else ""
         scheme = "https" if parts.scheme == "wss" else "http"
         try:
-            async with client.get(f"{scheme}://{parts.netloc}{path}{query}") as answer:
+            async with turn, client.get(f"{scheme}://{parts.netloc}{path}{query}") as answer:
                 data = await _body(answer) if answer.status == HTTPStatus.OK else b""
             samples, rate_hz = parse_wav(data)
         except (self._aiohttp.ClientError, OSError, TimeoutError, DataError):
             self.counts.refused += 1
             return
+        finally:
+            self._fetching.pop(utterance, None)
         self._sounds.append(HeardSound(utterance, samples, rate_hz))
 
     async def _send_all(self, link: Any) -> None:
@@ -263,7 +265,10 @@ class ServerLink:
             elif kind == "pong":
                 self._take_pong(int(message["number"]), float(message["time_s"]))
             elif kind == "event" and message["kind"] in ENDED:
-                self._ended.append(int(message["utterance"]))
+                number = int(message["utterance"])
+                self._ended.append(number)
+                if number in self._fetching:
+                    self._fetching.pop(number).cancel()
             elif kind == "sound" and self._plays and str(message["url"]).startswith(SOUND_PATH):
                 return int(message["utterance"]), str(message["url"])
         except (ValueError, KeyError, TypeError):

@@ -52,16 +52,19 @@ class ServerSound:
         now_s : float
             Monotonic clock.
         """
+        ended = self._link.ended()
         for heard in self._link.sounds():
             if heard.sample_rate_hz not in self._outputs:
                 self._outputs[heard.sample_rate_hz] = self._opens(heard.sample_rate_hz)
             output = self._outputs[heard.sample_rate_hz]
             self._playing.append(_Playing(heard.utterance, output, output.play(heard.samples), moved_s=now_s))
-        ended = set(self._link.ended())
-        if self._link.state != "open" or any(one.utterance in ended for one in self._playing):
+        if self._link.state != "open":
             self.stop()
         for one in tuple(self._playing):
-            if one.output.is_over(one.sound, now_s):
+            if one.utterance in ended:
+                one.output.drop(one.sound)
+                self._playing.remove(one)
+            elif one.output.is_over(one.sound, now_s):
                 self._playing.remove(one)
             else:
                 self._tell(one, now_s)

@@ -133,10 +133,11 @@ def play_here(port: int) -> None:
 
 
 class SoundServer:
-    """Stateful: a server that tells those who come of sounds, and hands them out."""
+    """Stateful: a server that tells those who come of sounds, and hands them out; one of them not before it is let."""
 
-    def __init__(self, *texts: str, sounds: Mapping[str, bytes]) -> None:
-        self._texts, self._sounds = texts, sounds
+    def __init__(self, *texts: str, sounds: Mapping[str, bytes], held: str = "") -> None:
+        self._texts, self._sounds, self._held = texts, sounds, held
+        self._is_let = asyncio.Event()
         self.port = free_port()
         self.loop = asyncio.new_event_loop()
         self.socket: web.WebSocketResponse
@@ -147,6 +148,9 @@ class SoundServer:
 
     def tell(self, text: str) -> None:
         asyncio.run_coroutine_threadsafe(self.socket.send_str(text), self.loop).result(10)
+
+    def let(self) -> None:
+        self.loop.call_soon_threadsafe(self._is_let.set)
 
     def close(self) -> None:
         self.loop.call_soon_threadsafe(self.loop.stop)
@@ -174,6 +178,8 @@ class SoundServer:
         return self.socket
 
     async def _sound(self, request: web.Request) -> web.Response:
+        if request.query["utterance"] == self._held:
+            await self._is_let.wait()
         return web.Response(body=self._sounds[request.query["utterance"]])
 
 
@@ -192,6 +198,28 @@ def test_a_long_sound_is_had_whole_and_one_without_end_is_refused(monkeypatch: p
         assert until(lambda: bool(heard.extend(link.sounds()) or (heard and link.counts.refused)))
         assert [one.utterance for one in heard] == [1]
         np.testing.assert_array_equal(heard[0].samples, samples)
+    finally:
+        link.close()
+        server.close()
+
+
+def test_sounds_come_in_the_order_in_which_they_were_said_and_none_that_was_cancelled_meanwhile() -> None:
+    sounds = {str(number): wav(bytes(2 * number)) for number in (1, 2, 3, 4)}
+    server = SoundServer(*map(sound_text, (1, 2, 3)), sounds=sounds, held="1")
+    link = ServerLink(f"http://127.0.0.1:{server.port}/", plays=True)
+    try:
+        assert until(lambda: 3 in link._fetching)
+        time.sleep(0.1)  # 3 would be here, if it did not wait for 1
+        server.tell(text_of("event", kind="cancelled", utterance=2, time_s=0.0, count=1))
+        assert until(lambda: link.ended() == [2])
+        server.let()
+        heard: list[int] = []
+        assert until(lambda: bool(heard.extend(one.utterance for one in link.sounds()) or len(heard) == 2))
+        assert heard == [1, 3]
+        server.tell(sound_text(4))
+        assert until(lambda: bool(link._sounds))
+        assert not link._fetching
+        assert link.counts.refused == 0
     finally:
         link.close()
         server.close()
@@ -245,7 +273,11 @@ def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     sound.pause(False)
     run(0.1)
     assert link.sent[-1]["rate"] == 1.0
+    link.queue.append(HeardSound(8, np.ones(8000, np.int16), 8000))
     link.over.append(7)
+    run(0.2)
+    assert link.sent[-1]["utterance"] == 8  # what waited behind goes on
+    link.over.append(8)
     run(0.02)
     assert not sound.is_playing
     link.queue.append(HeardSound(8, np.ones(800, np.int16), 8000))
