@@ -238,6 +238,72 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
     page.run("page.setSound(false)")
 
 
+def with_sound(page: Page, session: str) -> None:
+    page.open(session)
+    page.run(KEEP_FRAMES + "page.hasChosenSilence = false")
+    assert page.run("page.setSound(true).then(() => page.sound.on)")
+    page.run("document.getElementById('face').focus()")
+
+
+def test_what_is_said_before_and_during_a_pause_is_heard_after_it(page: Page) -> None:
+    with_sound(page, "ina")
+    page.run("""
+        const decode = page.sound.context.decodeAudioData.bind(page.sound.context);
+        page.sound.context.decodeAudioData = async (data) => {
+            while (!window.late) await new Promise((done) => setTimeout(done, 20));
+            return decode(data);
+        };
+        page.link.send("say", { text: "One, two, three, four." });""")
+    page.until("page.sound.playing.size === 1")
+    page.key(" ")  # before it is decoded
+    page.until("page.sound.context.state === 'suspended'")
+    page.run("page.link.send('say', { text: 'Five, six.' })")
+    page.until("page.sound.playing.size === 2")
+    page.run("window.late = true")
+    page.sleep(0.3)
+    assert page.run("page.sound.playing.size") == 2
+    page.key(" ")
+    page.until("kept.texts.filter((text) => text.kind === 'finished').length === 2 && page.sound.playing.size === 0")
+    page.run("page.setSound(false)")
+
+
+def test_sound_that_is_switched_in_a_pause_stands_still_with_the_face(page: Page) -> None:
+    with_sound(page, "isa")
+    page.run("page.link.send('say', { text: 'One, two, three, four, five, six, seven, eight.' })")
+    page.until("[...page.sound.playing.values()].some(({ source }) => source) && page.sound.heard() > 0.3")
+    page.key(" ")
+    page.until("page.sound.context.state === 'suspended'")
+    page.key("m")
+    page.until("page.sound.playing.size === 0")
+    assert page.run("document.getElementById('sound').textContent") == "Sound off"
+    page.key("m")
+    page.until("document.getElementById('sound').textContent === 'Sound on'")
+    page.until("page.sound.context.state === 'suspended'")  # still paused
+    page.key("m")
+    page.until("document.getElementById('sound').textContent === 'Sound off'")
+    page.key(" ")
+    page.until("kept.texts.some((text) => text.kind === 'finished')")
+    assert page.run("page.sound.context.state") == "suspended"
+    assert not page.run("page.sound.on")
+
+
+def test_sound_that_is_switched_off_in_mid_sentence_stays_off(page: Page) -> None:
+    with_sound(page, "ivo")
+    page.run("page.link.send('say', { text: 'One, two, three, four, five, six, seven, eight.' })")
+    page.until("[...page.sound.playing.values()].some(({ source }) => source)")
+    page.key("m")
+    page.until("page.sound.context.state === 'suspended'")
+    page.key(" ")
+    page.key(" ")
+    page.sleep(0.2)
+    assert page.run("page.sound.context.state") == "suspended"
+    assert page.run("page.sound.playing.size") == 0
+    page.run("page.setSound(true)")  # what comes next is heard: nothing waits for an end that never comes
+    page.run("page.link.send('cancel'); page.link.send('say', { text: 'Nine.' })")
+    page.until("[...page.sound.playing.values()].some(({ source }) => source)")
+    page.run("page.setSound(false)")
+
+
 def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:
     page.open("ilse")
     hello = "page.message({ type: 'hello', session: 'ilse', rate_hz: 60, profile: 'p', voice: true, sound: %r })"

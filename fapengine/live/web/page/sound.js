@@ -7,13 +7,11 @@ export class Sound {
   // report({ utterance, position, rate }): position in s of what is heard now.
   constructor(report) {
     this.report = report;
+    this.on = false; // switched on, even while it stands still
+    this.held = false;
     this.playing = new Map();
     this.queue = Promise.resolve();
     setInterval(() => this.tell(), REPORT_EVERY_MS);
-  }
-
-  get on() {
-    return Boolean(this.context) && this.context.state === "running";
   }
 
   // Browsers let a page sound only after a click or a key. Resolves to whether it may.
@@ -25,68 +23,69 @@ export class Sound {
     } catch {
       return false;
     }
+    this.on = this.context.state === "running";
+    await this.hold(this.held);
     return this.on;
   }
 
   disable() {
+    this.on = false;
+    for (const { source } of this.playing.values()) source?.disconnect();
     this.stop(null);
     return this.context?.suspend();
   }
 
   // Stand still where it is, or go on.
   hold(wanted) {
-    if (this.playing.size) return wanted ? this.context.suspend() : this.context.resume();
+    this.held = wanted;
+    if (this.on) return wanted ? this.context.suspend() : this.context.resume();
   }
 
   // Sounds play one behind the other, in the order in which they came.
   play(utterance, url) {
-    const waiting = { cancelled: false };
-    this.playing.set(utterance, waiting);
+    const sound = { cancelled: false };
+    this.playing.set(utterance, sound);
     const data = fetch(url).then((answer) => {
       if (!answer.ok) throw new Error(`${answer.status}`);
       return answer.arrayBuffer();
     });
     data.catch(() => {}); // told below, in its turn
-    this.queue = this.queue.then(() => this.start(utterance, data, waiting)).catch(() => this.playing.delete(utterance));
+    const over = () => this.playing.get(utterance) === sound && this.playing.delete(utterance);
+    this.queue = this.queue.then(() => this.start(sound, data)).then(over, over);
   }
 
-  async start(utterance, data, waiting) {
+  async start(sound, data) {
     const buffer = await this.context.decodeAudioData(await data);
-    if (waiting.cancelled || !this.on) {
-      this.playing.delete(utterance);
-      return;
-    }
+    if (sound.cancelled) return;
     const source = new AudioBufferSourceNode(this.context, { buffer });
     const gain = new GainNode(this.context);
     source.connect(gain).connect(this.context.destination);
     const starts = this.context.currentTime + START_IN_S;
-    const over = new Promise((resolve) => (source.onended = resolve));
+    const over = new Promise((resolve) => (source.onended = sound.end = resolve));
     source.start(starts);
-    this.playing.set(utterance, { source, gain, starts, duration: buffer.duration });
+    Object.assign(sound, { source, gain, starts, duration: buffer.duration });
     this.tell();
     await over;
-    this.playing.delete(utterance);
   }
 
-  // Cancel one utterance, or all (null): a short fade, for a cut clicks.
+  // Cancel one utterance, or all (null): a short fade, for a cut clicks. Nobody waits for it: where the context stands
+  // still, no sound ends.
   stop(utterance) {
-    for (const [number, { source, gain, ...waiting }] of this.playing) {
+    for (const [number, sound] of this.playing) {
       if (utterance !== null && number !== utterance) continue;
-      if (source) {
-        gain.gain.setTargetAtTime(0, this.context.currentTime, 0.02);
-        source.stop(this.context.currentTime + 0.12);
-      } else {
-        this.playing.get(number).cancelled = true;
-      }
+      this.playing.delete(number);
+      sound.cancelled = true;
+      if (!sound.source) continue;
+      sound.gain.gain.setTargetAtTime(0, this.context.currentTime, 0.02);
+      sound.source.stop(this.context.currentTime + 0.12);
+      sound.end();
     }
   }
 
   tell() {
-    for (const [utterance, playing] of this.playing) {
-      if (playing.source && this.on) {
-        const position = Math.min(this.heard() - playing.starts, playing.duration);
-        this.report({ utterance, position, rate: 1 });
-      }
+    if (this.held || this.context?.state !== "running") return;
+    for (const [utterance, { source, starts, duration }] of this.playing) {
+      if (source) this.report({ utterance, position: Math.min(this.heard() - starts, duration), rate: 1 });
     }
   }
 
