@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fapengine.cli._live_face import LiveFace
 from fapengine.cli._phone_ticker import ticker
 from fapengine.errors import FapEngineError
-from fapengine.live.engine.commands import Blink, Express, Look, Manner
+from fapengine.live.engine.commands import Blink, Express, Look, Manner, Pause, Resume
 from fapengine.live.sound import Output
 from fapengine.live.watch import ServerLink
 from fapengine.live.watch_osc import OscFrames
@@ -110,10 +110,10 @@ class SpeakingSource:
         self._asked: list[tuple[str, Future[Speech]]] = []
         self._said: list[tuple[int, Speech]] = []
         self._note = ""
-        self._is_paused = False
 
     def say(self, text: str) -> None:
-        """Have it spoken, behind what is being said."""
+        """Have it spoken, behind what is being said; a pause ends."""
+        self._pause(False)
         self._asked.append((text, self._voice.submit(self._speak, text)))
 
     @property
@@ -149,7 +149,7 @@ class SpeakingSource:
 
     def lit(self) -> frozenset[str]:
         """See :class:`Source`."""
-        return frozenset({PAUSE} if self._is_paused else ())
+        return frozenset({PAUSE} if self._face.speaker.is_paused else ())
 
     def handle(self, event: Event) -> None:
         """See :class:`Source`."""
@@ -160,16 +160,18 @@ class SpeakingSource:
         elif event.key == BLINK:
             self._face.tell(Blink())
         elif event.key == STOP:
-            self._is_paused = False
             self._face.stop()
         elif event.key == PAUSE:
-            self._is_paused = not self._is_paused
-            self._face.speaker.pause(self._is_paused)  # the face stands still with its sound
+            self._pause(not self._face.speaker.is_paused)
 
     def close(self) -> None:
         """See :class:`Source`."""
         self._voice.shutdown(wait=True, cancel_futures=True)
         self._face.close()
+
+    def _pause(self, on: bool) -> None:
+        if on != self._face.speaker.is_paused:
+            self._face.tell(Pause() if on else Resume())
 
     def _move(self, event: Moved) -> None:
         if event.key in ("yaw", "pitch"):

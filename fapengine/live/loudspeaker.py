@@ -6,8 +6,8 @@ An utterance whose sound is played here is begun with the anchor ``"audio"``: it
 is called before every frame; it reads the sound's place from the output, whose clock is the sound card's, and hands it
 on as :class:`fapengine.live.engine.commands.Audio`. The engine slews to it, or jumps where it must. A sound that stands
 still is told as one that does, and its face rests. A device that is gone is replaced by silence of the same length: the
-face goes on. A sound that is stopped ends its utterance, and an utterance that is cancelled its sound; a face that is
-told to pause takes its sound along.
+face goes on. A sound that is stopped ends its utterance, and an utterance that is cancelled or given up its sound; a
+face that is told to pause takes its sound along.
 """
 
 import logging
@@ -97,6 +97,11 @@ class Loudspeaker:
         """Whether a sound plays or waits."""
         return bool(self._playing)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether the face was told to pause, and its sound stands still with it."""
+        return self._is_held
+
     def zero_s(self, utterance: int) -> float | None:
         """Engine time of the beginning of an utterance's sound; None if that is not known (yet, or any more)."""
         return next((one.zero_s for one in self._playing if one.spoken.utterance == utterance), None)
@@ -134,11 +139,6 @@ class Loudspeaker:
                 if place_s is not None:
                     self._follow(one, place_s + one.skipped_s, now_s)
 
-    def pause(self, on: bool) -> None:
-        """Let sound stand still, or go on; the face does as it does."""
-        for output in self._outputs.values():
-            output.pause(on)
-
     def stop(self) -> None:
         """Fall silent at once, and end what was being said."""
         for output in self._outputs.values():
@@ -162,7 +162,7 @@ class Loudspeaker:
         self._playing.append(_Playing(spoken, output, self._hub.clock()))
 
     def _event(self, event: Event) -> None:
-        if event.kind == "cancelled":
+        if event.kind in ("cancelled", "error"):
             for one in [one for one in self._playing if one.spoken.utterance == event.utterance]:
                 self._drop(one)
 
@@ -172,13 +172,14 @@ class Loudspeaker:
         self._playing.remove(one)
 
     def _command(self, session: str, command: Command, now_s: float) -> None:
-        """Pause and go on as the face is told to; a pause of a face that says nothing is none."""
-        if isinstance(command, Resume) or (isinstance(command, Pause) and self._playing):
-            self._hold(isinstance(command, Pause))
+        """Pause and go on with the face; a pause of a face that says nothing is none."""
+        if isinstance(command, Pause | Resume):
+            self._hold(self._hub.engine.state(session) == "paused")
 
     def _hold(self, on: bool) -> None:
         self._is_held = on
-        self.pause(on)
+        for output in self._outputs.values():
+            output.pause(on)
 
     def _replace(self, rate_hz: int, gone: Output, now_s: float) -> None:
         """Go on in silence, from where each sound was."""

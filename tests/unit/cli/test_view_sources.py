@@ -238,6 +238,23 @@ def test_pause_and_stop_hold_the_face_and_its_sound(hall: Hall) -> None:
     assert opening(frames[-1]) == pytest.approx(0, abs=2)
 
 
+def test_a_pause_is_of_what_is_being_said(hall: Hall) -> None:
+    hall.run(0.1)
+    hall.source.handle(Pressed(PAUSE))  # nothing is said: nothing stands still
+    assert not hall.source.lit()
+    hall.say("mam")
+    assert max(map(opening, hall.run(0.5))) > 80
+    assert len(hall.face.errors.off_s) > 10  # the face goes with its sound
+    hall.source.handle(Pressed(PAUSE))
+    hall.run(0.5)
+    assert hall.source.lit() == {PAUSE}
+    hall.say("mam")
+    assert not hall.source.lit()
+    hall.run(2.5)
+    assert not hall.source.is_busy
+    assert hall.face.hub.engine.counters("face").finished == 2
+
+
 def test_sliders_and_keys_move_the_face(hall: Hall) -> None:
     def settled() -> np.ndarray:
         return hall.run(1.0)[-1]

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from fapengine._resources import profile_files
-from fapengine.live.engine.commands import Cancel, Pause, Resume
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek
 from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.session import Event
 from fapengine.live.loudspeaker import SETTLE_S, STILL_S, Loudspeaker
 from fapengine.live.server.hub import Hub
 from fapengine.live.sound_queue import SoundQueue
@@ -172,23 +173,6 @@ def test_a_sound_that_stands_still_stops_the_face() -> None:
     assert made.hub.engine.state("face") == "idle"
 
 
-def test_a_pause_holds_sound_and_face() -> None:
-    made = stage()
-    made.hub.say("face", babble(3.0))
-    made.run(1.0)
-    made.speaker.pause(True)
-    made.run(1.0)
-    assert made.hub.engine.state("face") == "paused"
-    assert made.frames[-1][0] == pytest.approx(1.0, abs=0.03)  # what was fetched is heard to its end
-    made.speaker.pause(False)
-    made.run(0.5)
-    assert made.hub.engine.state("face") == "speaking"
-    assert abs(made.off_s[-1]) < 0.01
-    made.run(2.5)
-    assert made.frames[-1][0] == pytest.approx(3.0)
-    assert made.hub.engine.state("face") == "idle"
-
-
 def test_a_leap_of_the_sound_is_followed_at_once() -> None:
     """60 ms would take the engine 3 s at 2 %; the sound stood still too briefly for the face to rest."""
     made = stage(stalls=((52.0, 0.06),))
@@ -269,6 +253,16 @@ def test_an_utterance_that_is_cancelled_takes_its_sound_along_and_no_other() -> 
     assert made.hub.engine.state("face") == "idle"
 
 
+def test_an_utterance_that_is_given_up_takes_its_sound_along() -> None:
+    made = stage()
+    spoken = made.hub.say("face", babble(1.5))
+    made.run(0.5)
+    made.hub.engine.event_listeners[0](Event("face", spoken.utterance, "error", made.clock.now_s))
+    assert not made.speaker.is_playing
+    made.clock.now_s += 0.2
+    assert made.card.is_over(1, made.clock.now_s)
+
+
 def test_a_face_that_is_told_to_pause_takes_its_sound_along() -> None:
     made = stage()
     made.hub.apply("face", Pause())  # it says nothing: nothing to pause
@@ -291,6 +285,33 @@ def test_a_face_that_is_told_to_pause_takes_its_sound_along() -> None:
         made.run(0.5)
         assert made.hub.engine.state("face") == "speaking"
         assert abs(made.off_s[-1]) < 0.01
+
+
+def test_a_pause_at_the_end_of_a_sound_is_none_or_ends_with_the_face() -> None:
+    made = stage(drift_ppm=-20_000)  # the sound is behind the face
+    made.hub.say("face", babble(3.0))
+    made.run(1.0)
+    made.hub.apply("face", Seek(VOICE_UTTERANCES, 3.0))
+    made.hub.tick(made.clock.now_s)
+    assert (made.hub.engine.state("face"), made.speaker.is_playing) == ("idle", True)
+    made.hub.apply("face", Pause())  # in the frame in which the face has finished
+    assert not made.speaker.is_paused
+    assert not made.card.queue._is_paused
+    late = stage()
+    late.hub.say("face", babble(1.5))
+    late.run(1.57)
+    late.hub.apply("face", Pause())  # the card has all of it already
+    late.run(0.5)
+    assert not late.speaker.is_playing
+    assert late.speaker.is_paused
+    assert late.hub.engine.state("face") == "paused"
+    late.hub.say("face", babble(1.5))
+    late.hub.apply("face", Resume())
+    late.run(0.5)
+    assert not late.speaker.is_paused
+    assert late.hub.engine.state("face") == "speaking"
+    assert late.card.position_s(2, late.clock.now_s) == pytest.approx(0.4, abs=0.03)
+    assert abs(late.off_s[-1]) < 0.01
 
 
 def test_a_pause_lasts_whatever_waits_behind() -> None:
