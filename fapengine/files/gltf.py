@@ -8,14 +8,14 @@ import base64
 import binascii
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
-from fapengine.files.gltf_json import Item, parse_json
+from fapengine.files.gltf_json import LARGEST, Item, parse_json
 
 MAGIC, VERSION = b"glTF", 2
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -28,16 +28,40 @@ KINDS = (
 """Arrays of a document that are looked up by index."""
 MOST_ELEMENTS = 4_000_000
 """Elements of an accessor; without a buffer view they cost a file nothing."""
+MOST_ELEMENTS_IN_ALL = 32_000_000
+"""Elements that are read, those of an accessor as often as it is used."""
 UNDERSTOOD = (
-    "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "VRM", "VRMC_vrm",
+    "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "KHR_texture_basisu",
+    "VRM", "VRMC_vrm",
 )  # fmt: skip
-"""Required extensions that change what is read here and are heeded."""
+"""Required extensions that change what is read here and are heeded; textures of Basis Universal are left out."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_pointer")
 """Beginnings of extensions that change nothing that is read here."""
 COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 
 Fetch = Callable[[str], bytes]
 """Reads a file named in the document, relative to it; raises DataError."""
+
+
+@dataclass(slots=True)
+class Budget:
+    """Stateful: how much has been unpacked; a few bytes of a file may ask for any amount."""
+
+    what: str
+    most: int
+    taken: int = 0
+
+    def take(self, count: int, where: str) -> None:
+        """Count what is about to be unpacked.
+
+        Raises
+        ------
+        DataError
+            If it is too much in all.
+        """
+        self.taken += count
+        if self.taken > self.most:
+            raise DataError(f"{self.what}: got {self.taken} in all, expected at most {self.most}", where=where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +73,7 @@ class Gltf:
     """By :data:`KINDS`."""
     buffers: tuple[bytes, ...]
     fetch: Fetch
+    elements: Budget = field(default_factory=lambda: Budget("elements", MOST_ELEMENTS_IN_ALL))
 
     @property
     def accessors(self) -> list[Item]:
@@ -72,8 +97,8 @@ class Gltf:
         numbers = values.astype(np.float64)
         if item.flag("normalized") and kind != "<f4":
             numbers = np.maximum(numbers / np.iinfo(kind).max, -1.0)
-        if not np.isfinite(numbers).all():
-            raise DataError("got numbers that are not finite", where=item.where)
+        if not (np.abs(numbers) < LARGEST).all():
+            raise DataError(f"got numbers that are not finite, or beyond {LARGEST:g}", where=item.where)
         return numbers
 
     def indices(self, index: int, below: int) -> NDArray[np.int64]:
@@ -102,15 +127,16 @@ class Gltf:
             )
         return buffer[first : first + length]
 
-    @staticmethod
-    def _shape(item: Item) -> tuple[int, int, str]:
+    def _shape(self, item: Item) -> tuple[int, int, str]:
         kind = COMPONENTS.get(item.index("componentType", 1 << 16))
         width = WIDTHS.get(item.string("type"))
         if kind is None or width is None:
             raise item.fail(
                 "type" if kind else "componentType", f"one of {', '.join(map(str, WIDTHS if kind else COMPONENTS))}"
             )
-        return item.index("count", MOST_ELEMENTS), width, kind
+        count = item.index("count", MOST_ELEMENTS)
+        self.elements.take(count, item.where)
+        return count, width, kind
 
     def _read(self, item: Item, count: int, width: int, kind: str) -> NDArray[np.generic]:
         """Elements of a buffer view, which may be interleaved with others."""

@@ -4,8 +4,6 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from fapengine.errors import DataError
 
 LARGEST = 1e30
@@ -22,7 +20,9 @@ def parse_json(data: bytes, where: str) -> "Item":
     """
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:  # UnicodeDecodeError is a ValueError
+        if b"\\u" in data:
+            json.dumps(value, ensure_ascii=False).encode()  # half a surrogate pair can neither be printed nor be a path
+    except (ValueError, RecursionError) as error:  # Unicode's errors are ValueErrors
         raise DataError(f"is not JSON: {str(error)[:120]}", where=where) from error
     if not isinstance(value, dict):
         raise DataError(f"got {type(value).__name__}, expected a JSON object", where=where)
@@ -59,6 +59,11 @@ class Item:
             raise self.fail(key, "an object")
         return Item(value, self._place(key))
 
+    def extras(self) -> "Item":
+        """Object of the application's own data; an empty one where it is none, as glTF lets it be any JSON."""
+        value = self._values.get("extras")
+        return Item(value if isinstance(value, dict) else {}, self._place("extras"))
+
     def items(self, key: str) -> "list[Item]":
         """Array of objects under a key; none where it is absent."""
         return [
@@ -89,7 +94,7 @@ class Item:
     def number(self, key: str, default: float) -> float:
         """One finite number."""
         value = self._values.get(key, default)
-        if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < LARGEST:
             raise self.fail(key, "a finite number")
         return float(value)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError
 from fapengine.files.gltf import Gltf, compressed
-from fapengine.files.gltf_json import Item
+from fapengine.files.gltf_json import LARGEST, Item
 from fapengine.files.gltf_textures import Atlas, Look
 from fapengine.files.gltf_vrm import Binding, bindings, humanoid
 from fapengine.mesh.morphs import Limb, MorphMesh, Shape
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
+MOST_VERTICES = 2_000_000
+"""Of the scene, those of a mesh as often as a node shows it; each takes some 500 bytes on its way."""
 STILL = 1e-7
 """Share of a mesh's size below which a shape does not move a vertex."""
 BONE_NAMES = {
@@ -73,7 +75,7 @@ def read_scene(gltf: Gltf) -> MorphMesh:
     return MorphMesh(
         vertices=np.concatenate(parts.vertices),
         triangles=np.concatenate(parts.triangles),
-        shapes=_shapes(parts, bindings(gltf, nodes)),
+        shapes=_shapes(gltf, parts, bindings(gltf, nodes)),
         uv=uv,
         texture=texture,
         albedo=np.concatenate(parts.albedo),
@@ -103,7 +105,10 @@ def _transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dic
         node, above = waiting.popleft()
         if node in world:
             raise DataError(f"node {node}: got it twice in the scene, expected a tree", where=nodes[node].where)
-        world[node] = above @ _local(nodes[node])
+        with np.errstate(all="ignore"):
+            world[node] = above @ _local(nodes[node])
+        if not (np.abs(world[node]) < LARGEST).all():
+            raise DataError(f"node {node}: got a transform beyond {LARGEST:g} in all", where=nodes[node].where)
         waiting += [(child, world[node]) for child in children[node]]
     return world
 
@@ -157,7 +162,7 @@ def _add_mesh(
     meshes = gltf.rows["meshes"]
     number = nodes[node].index("mesh", len(meshes))
     mesh = meshes[number]
-    names = mesh.item("extras").strings("targetNames")
+    names = mesh.extras().strings("targetNames")
     for item in mesh.items("primitives"):
         mode = item.index("mode", 7, TRIANGLES)
         if mode < TRIANGLES:
@@ -168,6 +173,10 @@ def _add_mesh(
         local = gltf.accessor(attributes.index("POSITION", len(gltf.accessors)))
         if local.shape[1] != 3:
             raise DataError(f"POSITION: got {local.shape[1]} components, expected 3", where=item.where)
+        if parts.count + len(local) > MOST_VERTICES:
+            raise DataError(
+                f"vertices: got {parts.count + len(local)} in all, expected at most {MOST_VERTICES}", where=item.where
+            )
         titles = (nodes[node].string("name", ""), mesh.string("name", ""))
         look = atlas.material(item)
         if look.hidden:
@@ -183,9 +192,9 @@ def _add_mesh(
         for name, inside in below.items():
             parts.limbs.setdefault(name, []).append((first, carry.share(inside)))
         size = STILL * float(np.linalg.norm(np.ptp(local, axis=0))) if len(local) else 0.0
+        own = item.extras().strings("targetNames") or names
         for target, attribute in enumerate(item.items("targets")):
             _add_target(gltf, attribute, size, (number, target), first, carry.matrix, parts)
-            own = item.item("extras").strings("targetNames") or names
             parts.names.setdefault(
                 (number, target), own[target] if target < len(own) else _title(gltf, attribute, target)
             )
@@ -258,7 +267,10 @@ def _carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[i
     if (weights < 0).any() or (total <= 0).any():
         raise DataError("WEIGHTS: got a vertex that hangs on nothing", where=attributes.where)
     weights = weights / total
-    return _Carrier(np.einsum("vj,vjkl->vkl", weights, matrices[joints]), np.array(bones)[joints], weights)
+    matrix = np.zeros((count, 4, 4))
+    for joint, weight in zip(joints.T, weights.T, strict=True):  # one after the other: all at once fill the memory
+        matrix += weight[:, None, None] * matrices[joint]
+    return _Carrier(matrix, np.array(bones)[joints], weights)
 
 
 def _influences(gltf: Gltf, attributes: Item, count: int) -> tuple[Indices, Array]:
@@ -318,18 +330,19 @@ def _add_look(gltf: Gltf, attributes: Item, look: Look, titles: tuple[str, str],
     parts.surfaces.append(" / ".join(dict.fromkeys(filter(None, (*titles, look.name)))))
 
 
-def _shapes(parts: _Parts, bound: dict[str, list[Binding]]) -> dict[str, Shape]:
+def _shapes(gltf: Gltf, parts: _Parts, bound: dict[str, list[Binding]]) -> dict[str, Shape]:
     """Shapes by name: the targets themselves, then VRM's expressions, which combine some."""
     sums: dict[str, list[tuple[Indices, Array]]] = {}
     for key, name in parts.names.items():
         sums.setdefault(name, []).extend(parts.moves.get(key, []))
     for name, binds in bound.items():
-        if name not in sums:
-            sums[name] = [
-                (vertices, bind.weight * moves)
-                for bind in binds
-                for vertices, moves in parts.moves.get((bind.mesh, bind.target), [])
-            ]
+        if name in sums:
+            continue
+        sums[name] = []
+        for bind in binds:
+            for vertices, moves in parts.moves.get((bind.mesh, bind.target), []):
+                gltf.elements.take(len(vertices), "extensions")
+                sums[name].append((vertices, bind.weight * moves))
     return {name: _sum(entries) for name, entries in sums.items()}
 
 

@@ -8,6 +8,8 @@ it is masked.
 import io
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.files.gltf import Gltf, fetch_uri
+from fapengine.files.gltf import Budget, Gltf, fetch_uri
 from fapengine.files.gltf_json import Item
 
 Array = NDArray[np.float64]
@@ -27,6 +29,10 @@ LARGEST_IMAGE = 2048
 """And of each image in it."""
 MOST_PIXELS = 8192 * 8192
 """Of one image; more is refused before it is unpacked."""
+MOST_PIXELS_IN_ALL = 1 << 29
+"""Of all images and tiles, as they are kept."""
+FORMATS = ("PNG", "JPEG", "WEBP")
+"""What glTF allows. Others are not tried: for some, such as EPS, Pillow starts a program."""
 GUTTER = 4
 MOST_REPEATS = 4
 BLANK = 8
@@ -66,12 +72,39 @@ class Look:
         return placed
 
 
+@contextmanager
+def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.Image]:
+    """Open an image that is not too large to be unpacked.
+
+    Raises
+    ------
+    UnsupportedError
+        If it has more than :data:`MOST_PIXELS`.
+    DataError
+        If it cannot be read.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
+            with Image.open(io.BytesIO(data), formats=formats) as image:
+                if image.width * image.height > MOST_PIXELS:
+                    raise UnsupportedError(
+                        f"image: got {image.width}x{image.height} pixels, expected at most {MOST_PIXELS}", where=where
+                    )
+                yield image
+    except DataError:
+        raise
+    except Exception as error:  # whatever the library trips over, the file is at fault
+        raise DataError(f"image: cannot be read ({type(error).__name__}: {error})", where=where) from error
+
+
 class Atlas:
     """Stateful: the images that were asked for, then all of them in one."""
 
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
         self._images: dict[int, Picture] = {}
+        self._pixels = Budget("pixels of images", MOST_PIXELS_IN_ALL)
         self.notes: list[str] = []
 
     def material(self, primitive: Item) -> Look:
@@ -126,21 +159,10 @@ class Atlas:
             data = self._gltf.view(item.index("bufferView", len(self._gltf.views)))
         else:
             data = fetch_uri(item.string("uri"), self._gltf.fetch, item.where)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
-                with Image.open(io.BytesIO(data)) as image:
-                    if image.width * image.height > MOST_PIXELS:
-                        raise UnsupportedError(
-                            f"image: got {image.width}x{image.height} pixels, expected at most {MOST_PIXELS}",
-                            where=item.where,
-                        )
-                    pixels = np.asarray(image.convert("RGBA"), np.uint8)
-                    return _smaller(pixels, math.ceil(max(pixels.shape[:2]) / LARGEST_IMAGE))
-        except UnsupportedError:
-            raise
-        except Exception as error:  # whatever the library trips over, the file is at fault
-            raise DataError(f"image: cannot be read ({type(error).__name__}: {error})", where=item.where) from error
+        with opened(data, FORMATS, item.where) as image:
+            factor = math.ceil(max(image.size) / LARGEST_IMAGE)
+            self._pixels.take(math.ceil(image.width / factor) * math.ceil(image.height / factor), item.where)
+            return _smaller(np.asarray(image.convert("RGBA"), np.uint8), factor)
 
     def build(self, looks: list[Look], coordinates: list[Array]) -> tuple[Picture | None, Array | None]:
         """Pack what the parts use: the texture (H, W, 4) and coordinates in it (V, 2); None where no part has one."""
@@ -181,8 +203,9 @@ class Atlas:
         if max(image.shape[:2]) * max(repeats) > LARGEST:
             factor = math.ceil(max(image.shape[:2]) * max(repeats) / LARGEST)
             image = _smaller(image, factor)
+        self._pixels.take(image.shape[0] * image.shape[1] * repeats[0] * repeats[1], f"material {look.name!r}")
         tile = np.tile(image, (repeats[1], repeats[0], 1))
-        alpha = tile[..., 3] * look.alpha
+        alpha = np.clip(tile[..., 3] * look.alpha, 0.0, 255.0)
         if look.mode == "MASK":
             tile[..., 3] = np.where(alpha >= 255.0 * look.cutoff, 255, 0)
         else:
@@ -217,6 +240,11 @@ def pack_tiles(tiles: list[Picture]) -> tuple[Picture, list[tuple[int, int, int,
         Sides are powers of two, at most :data:`LARGEST`.
     list of (x, y, width, height)
         Where each lies, px, without its gutter.
+
+    Raises
+    ------
+    DataError
+        If they are so many that not even a pixel of each fits.
     """
     sizes = list(tiles)
     while True:
@@ -225,6 +253,8 @@ def pack_tiles(tiles: list[Picture]) -> tuple[Picture, list[tuple[int, int, int,
         if width <= LARGEST and height <= LARGEST:
             break
         largest = max(map(_area, sizes))
+        if largest == (1 + 2 * GUTTER) ** 2:
+            raise DataError(f"textures: got {len(tiles)}, which do not fit into {LARGEST}x{LARGEST} pixels")
         sizes = [_smaller(tile, 2) if _area(tile) == largest else tile for tile in sizes]
     packed = np.zeros((_power(height), width, 4), np.uint8)
     for tile, (x, y, _, _) in zip(sizes, places, strict=True):

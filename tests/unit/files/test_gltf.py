@@ -1,5 +1,7 @@
 """glTF, GLB and VRM: every kind of accessor, transforms, skins, colours; and what is wrong with a file."""
 
+import base64
+import io
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -9,8 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import EpsImagePlugin, Image
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.files import gltf, gltf_scene, gltf_textures
 from fapengine.files.gltf import parse_gltf
 from fapengine.files.gltf_scene import read_scene
 from fapengine.files.gltf_textures import LARGEST, pack_tiles
@@ -293,6 +297,8 @@ def test_a_pane_without_a_texture_is_left_out() -> None:
 def test_textures_of_other_kinds_leave_their_colour() -> None:
     builder = textured(CORNERS)
     builder.doc["textures"][0] = {"extensions": {"KHR_texture_basisu": {"source": 0}}}
+    builder.doc["images"][0]["mimeType"] = "image/ktx2"
+    builder.doc["extensionsRequired"] = ["KHR_texture_basisu"]  # as it must be where there is no other source
     found = read(builder.glb())
     assert found.texture is None
     assert "of a kind that is not read" in found.notes[0]
@@ -338,6 +344,8 @@ WRONG = [
     (plain, "nodes.0.rotation", [0, 0, 0, 0], "a quaternion that is not 0"),
     (plain, "nodes.0.scale", [1, 1], "expected 3 numbers"),
     (plain, "nodes.0.matrix", [1e300] * 16, "16 finite numbers"),
+    (plain, "nodes.0.rotation", [1e-160, 0, 0, 0], r"got a transform beyond 1e\+30.*at nodes.0."),
+    (plain, "nodes.0.name", "\ud800", "is not JSON.*surrogates not allowed"),
     (plain, "nodes", {"0": 1}, "expected an array of objects"),
     (plain, "meshes.0", 5, "expected an array of objects"),
     (plain, "meshes.0.extras.targetNames", ["a", 5], "expected an array of strings"),
@@ -370,6 +378,7 @@ WRONG = [
     (lambda: vrm(0), "extensions.VRM.blendShapeMaster.blendShapeGroups.0.binds.0.index", 2, "index: got 2"),
     (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.node", 1, "mesh: got None"),
     (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.weight", "1", "a finite number"),
+    (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.weight", 10**400, "a finite number"),
     (lambda: textured(CORNERS), "meshes.0.primitives.0.attributes.TEXCOORD_0", 0, "TEXCOORD: got shape"),
     (lambda: textured(CORNERS), "meshes.0.primitives.0.attributes.COLOR_0", 2, "COLOR_0: got shape"),
     (lambda: textured(CORNERS), "images.0.bufferView", 0, "image: cannot be read"),
@@ -417,6 +426,84 @@ def test_an_image_larger_than_the_whole_is_made_smaller() -> None:
     assert many.texture is not None
     assert many.texture.shape[1] <= LARGEST
     assert [colour_at(found, vertex)[0] for vertex in range(4)] == [0, 200, 200, 0]
+
+
+def test_parts_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder = plain()
+    builder.node(mesh=0)
+    for place, name, most, message in (
+        (gltf_scene, "MOST_VERTICES", 8, r"vertices: got 8 in all, expected at most 7 .at meshes.0..primitives.0.\)"),
+        (gltf, "MOST_ELEMENTS_IN_ALL", 28, r"elements: got 28 in all, expected at most 27 .at accessors.0.\)"),
+    ):
+        monkeypatch.setattr(place, name, most)
+        assert len(read(builder.glb()).vertices) == 8
+        monkeypatch.setattr(place, name, most - 1)
+        with pytest.raises(DataError, match=message):
+            read(builder.glb())
+        monkeypatch.undo()
+    monkeypatch.setattr(gltf, "MOST_ELEMENTS_IN_ALL", 30)
+    assert list(read(vrm(1).glb()).shapes) == ["Fcl_MTH_A", "Fcl_EYE_Close", "a", "Wow"]
+    bound = vrm(1)
+    bound.doc["extensions"]["VRMC_vrm"]["expressions"]["custom"]["Wow"]["morphTargetBinds"] *= 7
+    with pytest.raises(DataError, match="elements: got 31 in all, expected at most 30"):
+        read(bound.glb())
+
+
+def test_images_and_tiles_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder = textured([[0.2, 0.2], [1.8, 0.2], [1.8, 0.8], [0.2, 0.8]], alphaMode="MASK", alphaCutoff=0.1)
+    builder.doc["materials"].append(builder.doc["materials"][0] | {"alphaCutoff": 0.2, "name": "Other"})
+    second = dict(builder.doc["meshes"][0]["primitives"][0], material=1)
+    builder.node(mesh=builder.row("meshes", {"primitives": [second]}))
+    needed = 64 * 64 + 2 * (64 * 128)  # one image, and seen twice in a row in two tiles
+    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", needed)
+    assert read(builder.glb()).texture is not None
+    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", needed - 1)
+    with pytest.raises(DataError, match=rf"pixels of images: got {needed} in all, .*material 'Other'"):
+        read(builder.glb())
+    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", 64 * 64 - 1)
+    with pytest.raises(DataError, match=r"pixels of images: got 4096 in all, .*at images.0."):
+        read(builder.glb())
+
+
+def test_more_images_than_the_whole_has_pixels() -> None:
+    dot = np.zeros((1, 1, 4), np.uint8)
+    with pytest.raises(DataError, match="textures: got 300000, which do not fit into 4096x4096 pixels"):
+        pack_tiles([dot] * 300_000)
+
+
+@pytest.mark.parametrize("kind", ["EPS", "GIF", "JPEG"])
+def test_images_of_other_formats_are_not_tried(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *given, **named: started.append(given))
+    buffer = io.BytesIO()
+    Image.fromarray(PIXELS).save(buffer, kind)
+    builder = textured(CORNERS)
+    builder.doc["images"][0] = {"uri": "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()}
+    if kind == "JPEG":
+        assert read(builder.glb()).texture is not None
+        return
+    with pytest.raises(DataError, match=r"image: cannot be read .UnidentifiedImageError"):
+        read(builder.glb())
+    assert started == []
+
+
+@pytest.mark.parametrize("extras", ["hi", 5, [1], {"targetNames": ["rise"]}, {"more": True}])
+def test_extras_may_be_anything(extras: Any) -> None:
+    builder = plain()
+    builder.doc["meshes"][0]["primitives"][0]["extras"] = extras
+    assert list(read(builder.glb()).shapes) == ["rise"]
+    builder.doc["meshes"][0]["extras"] = extras
+    assert len(read(builder.glb()).shapes) == 1
+
+
+def test_transforms_that_grow_beyond_numbers() -> None:
+    builder = Builder()
+    mesh = square(builder)
+    for number in range(12):
+        builder.node(shown=number == 0, children=[number + 1], scale=[1e29] * 3)
+    builder.node(shown=False, mesh=mesh)
+    with pytest.raises(DataError, match=r"node 1: got a transform beyond 1e\+30 in all .at nodes.1.\)"):
+        read(builder.glb())
 
 
 def test_a_long_chain_of_nodes_is_no_matter() -> None:
