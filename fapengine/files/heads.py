@@ -7,18 +7,20 @@ mesh, float32) and, where it is painted, ``head.png``.
 import csv
 import hashlib
 import io
+import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from fapengine._toml import parse_toml, quoted
 from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
+from fapengine.files.gltf_textures import opened
 from fapengine.files.heads_rigs import is_rig, load_mapping, load_rig
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.recordings import MESHES, load_mesh
@@ -41,6 +43,8 @@ DEFAULT_HEAD = "default"
 ARRAYS = tuple(
     field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
 )
+LARGEST_BYTES = 1 << 30
+"""Of a head's arrays, unpacked; a small archive cannot ask for more."""
 NEAREST_SHARE = 0.05
 """A feature point given as a place must have a vertex within this share of the mesh's size."""
 
@@ -260,14 +264,17 @@ def load_head(name: str) -> FaceMesh:
         return build_head(style, level=level)
     _, files = _read(name)
     folder = Path(name)
-    try:
-        texture = None
-        if TEXTURE_NAME in files:
-            with Image.open(io.BytesIO(files[TEXTURE_NAME])) as image:
+    texture = None
+    if TEXTURE_NAME in files:
+        where = str(folder / TEXTURE_NAME)
+        try:
+            with opened(files[TEXTURE_NAME], ("PNG",), where) as image:
                 texture = np.asarray(image, np.uint8)
-        with np.load(io.BytesIO(files[ARRAYS_NAME]), allow_pickle=False) as arrays:
-            return _mesh({name: arrays[name] for name in arrays.files}, texture)
-    except (*DAMAGE, UnidentifiedImageError) as error:
+        except DataError as error:
+            raise ProfileError(error.message, where=where) from error
+    try:
+        return _mesh(_arrays(files[ARRAYS_NAME]), texture)
+    except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may be of any shape
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
 
 
@@ -318,6 +325,15 @@ def _read(name: str) -> tuple[HeadInfo, dict[str, bytes]]:
         if (found := hashlib.sha256(data).hexdigest()) != digests[key]:
             raise hashes.fail(key, f"got {found}, expected {digests[key]}")
     return info, files
+
+
+def _arrays(data: bytes) -> dict[str, Any]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > LARGEST_BYTES:
+        raise DataError(f"got {size} bytes unpacked, expected at most {LARGEST_BYTES}")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh:

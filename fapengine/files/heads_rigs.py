@@ -57,7 +57,10 @@ def load_rig(path: Path) -> MorphMesh:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(RIGS)} or a folder")
 
     def fetch(name: str) -> bytes:
-        beside = (path.parent / name).resolve()
+        try:
+            beside = (path.parent / name).resolve()
+        except (ValueError, RuntimeError) as error:  # a NUL in the name; links that lead in a circle
+            raise DataError(f"uri: got {name!r}, expected a file's name ({error})") from error
         if not beside.is_relative_to(path.parent.resolve()):
             raise DataError(f"uri: got {name!r}, expected a file in the folder of {path.name}")
         try:

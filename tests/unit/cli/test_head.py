@@ -1,7 +1,11 @@
 """``fapengine head``, and --head everywhere."""
 
 import hashlib
+import io
 import json
+import struct
+import zipfile
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -253,6 +257,11 @@ def test_a_painted_mesh_keeps_its_picture(tmp_path):
 
 def test_files_beside_a_document_stay_in_its_folder(avatar, tmp_path):
     builder = plain_square()
+    (tmp_path / "round").symlink_to(tmp_path / "round")
+    for name in ("\0.bin", "%00.bin", "\ud800.bin", "round/b.bin"):
+        (tmp_path / "a.gltf").write_bytes(builder.gltf(name))
+        with pytest.raises(DataError, match=r"a\.gltf"):
+            load_rig(tmp_path / "a.gltf")
     (tmp_path / "a.gltf").write_bytes(builder.gltf("../b.bin"))
     with pytest.raises(DataError, match=r"expected a file in the folder of a\.gltf"):
         load_rig(tmp_path / "a.gltf")
@@ -372,10 +381,62 @@ def test_heads_that_are_none(imported, tmp_path):
     digests = toml.replace(hashlib.sha256(arrays).hexdigest(), hashlib.sha256(cut).hexdigest())
     with pytest.raises(ProfileError, match="arrays"):
         load_head(write(digests, cut))
-    (tmp_path / "head.png").write_bytes(b"no picture")
-    painted = toml + f'"head.png" = "{hashlib.sha256(b"no picture").hexdigest()}"\n'
-    with pytest.raises(ProfileError, match="arrays: cannot identify"):
-        load_head(write(painted))
+    picture = io.BytesIO()
+    Image.new("RGB", (2, 2)).save(picture, "BMP")
+    huge = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in ((b"IHDR", struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)), (b"IDAT", b""))
+    )
+    for data in (b"no picture", huge, picture.getvalue()):
+        (tmp_path / "head.png").write_bytes(data)
+        painted = toml + f'"head.png" = "{hashlib.sha256(data).hexdigest()}"\n'
+        with pytest.raises(ProfileError, match=r"image: cannot be read .*at .*head\.png"):
+            load_head(write(painted))
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("channels", np.float64(3.0)),
+        ("channels", np.array([[np.inf, 0.0, 1.0]])),
+        ("fapu_mm", np.ones(6)),
+        ("point_names", np.array("8.1")),
+        ("vertices_mm", np.float32(1.0)),
+        ("normals", None),
+    ],
+)
+def test_arrays_that_are_no_head_s(imported, tmp_path, name, array):
+    with np.load(imported / "head.npz") as archive:
+        arrays = dict(archive) | {name: array}
+    if array is None:
+        del arrays[name]
+    np.savez(tmp_path / "head.npz", **arrays)
+    sign(imported, tmp_path)
+    with pytest.raises(ProfileError, match=r"arrays: .*at .*head\.npz"):
+        load_head(str(tmp_path))
+
+
+def sign(imported: Path, folder: Path) -> None:
+    """Write the TOML of a head for other arrays."""
+    old, new = (hashlib.sha256((place / "head.npz").read_bytes()).hexdigest() for place in (imported, folder))
+    (folder / "head.toml").write_text((imported / "head.toml").read_text().replace(old, new))
+
+
+def test_arrays_that_ask_for_more_than_there_is(imported, tmp_path):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 55,)})
+    with zipfile.ZipFile(tmp_path / "head.npz", "w") as archive:
+        archive.writestr("vertices_mm.npy", header.getvalue())
+    sign(imported, tmp_path)
+    with pytest.raises(ProfileError, match="arrays: Unable to allocate"):
+        load_head(str(tmp_path))
+    data = bytearray((tmp_path / "head.npz").read_bytes())
+    entry = data.index(b"PK\x01\x02")
+    data[entry + 24 : entry + 28] = struct.pack("<I", (1 << 30) + 1)  # unpacked size in the directory
+    (tmp_path / "head.npz").write_bytes(data)
+    sign(imported, tmp_path)
+    with pytest.raises(ProfileError, match="arrays: got 1073741825 bytes unpacked, expected at most 1073741824"):
+        load_head(str(tmp_path))
 
 
 def test_the_default_head_may_look_otherwise() -> None:
