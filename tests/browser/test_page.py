@@ -161,6 +161,26 @@ def test_an_expression_shows_and_sliders_follow_the_face(page: Page) -> None:
     page.until("document.getElementById('fap-12').value === '0'")
 
 
+def test_a_page_that_is_loaded_anew_knows_a_pause_and_neutral_means_all(page: Page) -> None:
+    page.open("elsa")
+    page.run(KEEP_FRAMES)
+    smile = f"page.cushion.frames.at(-1).faps[{fap.column(59)}]"
+    slide(page, "expression-joy", 1)
+    page.until(f"{smile} > 100")
+    say(page, "Many people like to sing along with the radio.")
+    page.until("kept.texts.some((text) => text.kind === 'started')")
+    page.run("page.pause(true)")
+    page.open("elsa")
+    page.run(KEEP_FRAMES)
+    assert "Paused" in page.run("document.getElementById('said').textContent")
+    page.run("document.getElementById('neutral').click()")
+    page.until(f"{smile} < 5")
+    page.run("document.getElementById('face').focus()")
+    page.key(" ")
+    page.until("kept.texts.some((text) => text.kind === 'finished')")
+    page.until(REST)
+
+
 def test_faps_are_found_by_name_and_number(page: Page) -> None:
     page.open("fee")
 
@@ -306,7 +326,10 @@ def test_sound_that_is_switched_off_in_mid_sentence_stays_off(page: Page) -> Non
 
 def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:
     page.open("ilse")
-    hello = "page.message({ type: 'hello', session: 'ilse', rate_hz: 60, profile: 'p', voice: true, sound: %r })"
+    hello = (
+        "page.message({ type: 'hello', session: 'ilse', rate_hz: 60, profile: 'p', voice: true, sound: %r,"
+        " paused: false })"
+    )
     page.run(hello % "server")
     assert page.run("document.getElementById('sound').disabled")
     assert page.run("document.getElementById('sound').textContent") == "At server"
@@ -334,14 +357,21 @@ def test_the_page_fits_a_narrow_screen(page: Page, width: int) -> None:
 def test_a_server_that_is_killed_or_ends_is_looked_for_and_found_again(page: Page) -> None:
     page.open("karla")
     page.run(KEEP_FRAMES)
+    assert page.run("page.setSound(true)") is None
     say(page, "Ah, ah, ah, this mouth is wide open when the server goes away.")
     jaw = fap.column(3)
     page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 150")
+    assert page.run("page.sound.playing.size") == 1
     page.server.kill()
     page.until("document.body.dataset.connection === 'waiting'")
+    assert page.run("page.sound.playing.size") == 0
+    page.run("page.setSound(false)")
     page.until("page.faps.every((value) => value === 0)")  # the mouth does not stay open
     page.server.start("a secret")
     page.until("!document.getElementById('notice').hidden")
+    assert "token" in page.run("document.getElementById('notice').textContent")
+    page.go(f"{page.server.url}?session=karla")
+    page.until("!window.page && !document.getElementById('notice').hidden")
     assert "token" in page.run("document.getElementById('notice').textContent")
     page.open("karla", "&token=a%20secret")
     assert page.run("document.getElementById('notice').hidden")

@@ -83,8 +83,8 @@ class _Server:
         connection = Connection(self.hub, room, socket, self.counts)
         self.connections.add(connection)
         try:
-            sound = "server" if room.is_heard_here else "page"
-            await connection.run(text_of("hello", session=session, sound=sound, **self.hello))
+            told = {"sound": "server" if room.is_heard_here else "page", "paused": room.is_paused}
+            await connection.run(text_of("hello", session=session, **told, **self.hello))
         finally:
             self.connections.discard(connection)
             if not len(room) and self.rooms.get(session) is room:

@@ -75,6 +75,11 @@ class Room:
     def __len__(self) -> int:
         return len(self._members)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether the face stands still until it is told to go on."""
+        return self._hub.engine.state(self.session) == "paused"
+
     def enter(self, member: Member) -> None:
         """Let a page in; it is told what is being said."""
         self._members[member] = lambda: None

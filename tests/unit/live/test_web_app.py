@@ -102,7 +102,7 @@ def test_hello_comes_first_then_frames_at_the_rate(head: FaceMesh) -> None:
             hello = await socket.receive_json()
             assert hello.items() >= {
                 "type": "hello", "protocol": "fapengine-web/1", "session": "anna", "rate_hz": 100.0,
-                "profile": "grid_s1_en", "sound": "page",
+                "profile": "grid_s1_en", "sound": "page", "paused": False,
             }.items()  # fmt: skip
             frames = [await frame_from(socket) for _ in range(20)]
             numbers, times = [frame[0] for frame in frames], np.array([frame[1] for frame in frames])
@@ -145,6 +145,20 @@ def test_a_text_becomes_phones_frames_and_sound(head: FaceMesh) -> None:
             assert (event["kind"], event["utterance"]) == ("started", sound["utterance"])
             jaw = [(await frame_from(socket))[2][fap.column(3)] for _ in range(60)]
             assert max(jaw) > 100
+
+    serve(head, use)
+
+
+def test_a_page_that_comes_in_a_pause_is_told_so(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            await socket.send_json({"type": "say", "text": "Mama."})
+            await text_from(socket, "sound")
+            await socket.send_json({"type": "pause"})
+            await socket.send_json({"type": "ping", "number": 1})
+            await text_from(socket, "pong")
+        async with client.ws_connect("/ws?session=anna") as socket:
+            assert (await socket.receive_json())["paused"] is True
 
     serve(head, use)
 

@@ -53,6 +53,7 @@ class Page {
     this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
     this.sound = new Sound((where) => this.report(where));
     this.heardElsewhere = false; // the server plays the sound
+    this.paused = false;
     this.faps = new Float32Array(68);
     this.fps = { since: performance.now(), count: 0, last: 0 };
     this.lags = [];
@@ -275,11 +276,16 @@ class Page {
 
   // Face and sound stand still together, and go on together.
   pause(wanted) {
-    if (wanted === Boolean(this.paused)) return;
-    this.paused = wanted;
+    if (wanted === this.paused) return;
     this.link.send(wanted ? "pause" : "resume");
-    this.sound.hold(wanted);
-    this.told(wanted ? "Paused; Space goes on." : "");
+    this.stand(wanted);
+  }
+
+  stand(still) {
+    if (still === this.paused) return;
+    this.paused = still;
+    this.sound.hold(still);
+    this.told(still ? "Paused; Space goes on." : "");
   }
 
   // Where the sound is, in the server's time. The face shows frames some time after they were made: it is told to be
@@ -300,7 +306,10 @@ class Page {
   connection(name) {
     document.body.dataset.connection = name;
     this.write("connection", CONNECTIONS[name]);
-    if (name === "waiting") this.ticker.clear();
+    if (name === "waiting") {
+      this.ticker.clear();
+      this.sound.stop(null); // nobody moves the lips any more
+    }
     if (name === "connected") this.refused("");
   }
 
@@ -346,12 +355,13 @@ class Page {
     }
   }
 
-  hello({ session, rate_hz, profile, voice, sound }) {
+  hello({ session, rate_hz, profile, voice, sound, paused }) {
     this.write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.clock = new ServerClock();
     this.lags = [];
-    this.pause(false);
+    this.panel.rest(); // what is set is told next
+    this.stand(paused);
     this.cushion = new FrameCushion(rate_hz);
     for (const id of ["text", "say"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";

@@ -70,11 +70,13 @@ export class Panel {
       byId("expressions").append(made.element);
     }
     byId("neutral").addEventListener("click", () => {
-      for (const [name, { show, input }] of this.levels) {
-        if (Number(input.value)) this.send("express", { name, level: 0 });
-        show(0);
-      }
+      for (const name of names) this.send("express", { name, level: 0 }); // the face may show what no slider knows
+      this.rest();
     });
+  }
+
+  rest() {
+    for (const { show } of this.levels.values()) show(0);
   }
 
   express(name, level) {
