@@ -212,8 +212,24 @@ def test_the_keyboard_is_enough(page: Page) -> None:
         "document.querySelector('.views').children[2].textContent"
     )
     page.run(KEEP_FRAMES)
+    page.run("document.querySelector('.views').children[0].focus(); page.blinks = 0")
+    page.run(
+        "const { send } = page.link; page.link.send = function (type, fields) {"
+        " page.blinks += type === 'blink'; return send.call(this, type, fields); }"
+    )
+    page.key("2")
+    page.until("page.flight === null && page.camera.yaw === page.presets[1][1].yaw")
+    page.key("B")  # Caps Lock
+    assert page.run("page.blinks") == 1
+    page.key(" ")  # on a button
+    assert not page.run("page.paused")
+    page.run("document.getElementById('expression-joy').focus()")
+    page.key("b")
+    assert page.run("page.blinks") == 2
     page.key("/")
     assert page.run("document.activeElement.id") == "text"
+    page.key("b")
+    assert page.run("page.blinks") == 2
     page.call("Input.insertText", text="This sentence is long, and nobody will hear the end of it.")
     page.key("Enter")
     page.until("kept.texts.some((text) => text.kind === 'started')")

@@ -375,12 +375,14 @@ class Page {
     document.addEventListener("keydown", (event) => {
       if (event.key === "Escape") this.hush();
       if (event.ctrlKey || event.metaKey || event.altKey) return;
-      if (event.target.matches("input, button, summary")) return;
-      if (event.key === "/") byId("text").focus();
-      else if (event.key === "m") this.setSound(!this.sound.on);
-      else if (event.key === "b") this.link.send("blink");
-      else if (event.key === " ") this.pause(!this.paused);
-      else if (event.key >= "1" && event.key <= "9") this.fly(Number(event.key) - 1);
+      if (event.target.matches("[type=text], [type=search]")) return;
+      if (event.key === " " && event.target.matches("button, summary, [type=checkbox]")) return; // it means these
+      const key = event.key.toLowerCase();
+      if (key === "/") byId("text").focus();
+      else if (key === "m") this.setSound(!this.sound.on);
+      else if (key === "b") this.link.send("blink");
+      else if (key === " ") this.pause(!this.paused);
+      else if (key >= "1" && key <= "9") this.fly(Number(key) - 1);
       else return;
       event.preventDefault();
     });
