@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from fapengine._toml import parse_toml, quoted
 from fapengine.capture.arrays import DAMAGE
-from fapengine.errors import DataError, ProfileError, UsageError
-from fapengine.files.gltf_textures import opened
+from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
+from fapengine.files.gltf_textures import MOST_PIXELS, opened
 from fapengine.files.heads_rigs import is_rig, load_mapping, load_rig
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.recordings import MESHES, load_mesh
@@ -62,7 +62,7 @@ def load_neutral(path: Path) -> MorphMesh:
     UsageError
         If it cannot be read or its ending is unknown.
     DataError
-        If it holds no mesh.
+        If it holds no mesh, or a texture too large to be read again.
     ResourceError
         If trimesh is not installed.
     """
@@ -70,6 +70,9 @@ def load_neutral(path: Path) -> MorphMesh:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)
     texture, uv = _texture(visual, len(vertices))
+    if texture is not None and texture.shape[0] * texture.shape[1] > MOST_PIXELS:
+        size = f"{texture.shape[1]}x{texture.shape[0]}"
+        raise UnsupportedError(f"texture: got {size} pixels, expected at most {MOST_PIXELS}", where=str(path))
     albedo = None if texture is not None else _albedo(visual)
     return MorphMesh(vertices=vertices, triangles=triangles, shapes={}, texture=texture, uv=uv, albedo=albedo)
 
@@ -85,9 +88,9 @@ def _texture(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArray
 
 def _albedo(visual: Any) -> NDArray[np.float64] | None:
     """Linear RGB of each vertex; None where the file says nothing about colour."""
-    if not getattr(visual, "defined", False):
-        return None
     coloured = visual.to_color() if hasattr(visual, "to_color") else visual
+    if not getattr(coloured, "defined", False):  # a material whose picture is not there has no colours either
+        return None
     srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
     if np.ptp(srgb, axis=0).max() == 0.0:
         return None  # one colour for all is a default, not a painting

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from fapengine.cli.head import _poses
 from fapengine.cli.main import app
-from fapengine.errors import DataError, ProfileError, UsageError
+from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
+from fapengine.files import heads
 from fapengine.files.fap import save_fap
 from fapengine.files.heads import load_head, load_head_info, load_levels, load_neutral
 from fapengine.files.heads_rigs import load_rig
@@ -240,7 +241,7 @@ def test_meshes_without_shapes_need_points(brought, tmp_path):
     run("head", "import", tmp_path / "face.glb", "--points", brought / "places.csv", "-o", tmp_path / "h")
 
 
-def test_a_painted_mesh_keeps_its_picture(tmp_path):
+def test_a_painted_mesh_keeps_its_picture(tmp_path, monkeypatch):
     pixels = np.zeros((16, 16, 3), np.uint8)
     pixels[:8, 8:] = (250, 10, 20)
     Image.fromarray(pixels).save(tmp_path / "skin.png")
@@ -253,6 +254,12 @@ def test_a_painted_mesh_keeps_its_picture(tmp_path):
     assert mesh.texture.shape == (16, 16, 4)
     seen = [mesh.texture[int(v * 16), int(u * 16), :3].tolist() for u, v in mesh.uv]
     assert [row == [250, 10, 20] for row in seen] == [place[0] == 1 for place in mesh.vertices.tolist()]
+    monkeypatch.setattr(heads, "MOST_PIXELS", 255)
+    with pytest.raises(UnsupportedError, match=r"texture: got 16x16 pixels, expected at most 255 .at .*face\.obj"):
+        load_neutral(tmp_path / "face.obj")
+    (tmp_path / "skin.png").unlink()
+    bare = load_neutral(tmp_path / "face.obj")
+    assert (bare.texture, bare.albedo, len(bare.vertices)) == (None, None, 3)
 
 
 def test_files_beside_a_document_stay_in_its_folder(avatar, tmp_path):
