@@ -339,6 +339,8 @@ class ServerSource:
 
     def frame(self, lead_s: float) -> Faps:
         """See :class:`Source`."""
+        if self._link.state == "open" and not self._link.is_speaking:
+            self._pause(False)  # as the face's does, it ends with what was being said
         if self._sound is not None:
             self._sound.follow(self._clock())
         return self._link.faps()
@@ -363,18 +365,17 @@ class ServerSource:
     def handle(self, event: Event) -> None:
         """See :class:`Source`."""
         if isinstance(event, Said):
+            self._pause(False)
             self._link.send("say", text=event.text, voice=self._voice)
         elif isinstance(event, Moved):
             self._move(event)
         elif event.key == PAUSE:
-            self._is_paused = not self._is_paused
-            if self._sound is not None and self._sound.is_playing:
-                self._sound.pause(self._is_paused)  # the face stands still with it
-            else:
-                self._link.send("pause" if self._is_paused else "resume")
+            self._pause(not self._is_paused and self._link.is_speaking)
         elif event.key == STOP:
-            self._is_paused = False
             self._link.send("cancel")
+            if self._sound is not None:
+                self._sound.stop()
+            self._pause(False)
         elif event.key == BLINK:
             self._link.send("blink")
 
@@ -383,6 +384,16 @@ class ServerSource:
         if self._sound is not None:
             self._sound.close()
         self._link.close()
+
+    def _pause(self, on: bool) -> None:
+        """Let the face and its sound stand still, or go on."""
+        if on == self._is_paused:
+            return
+        self._is_paused = on
+        if self._sound is not None:
+            self._sound.pause(on)
+        if on or self._sound is None or not self._sound.is_playing:  # a sound that goes on says where: that is exact
+            self._link.send("pause" if on else "resume")
 
     def _move(self, event: Moved) -> None:
         if event.key in ("yaw", "pitch"):

@@ -110,6 +110,7 @@ class Loudspeaker:
         """Open the output now, so that the first sound need not wait for it."""
         if sample_rate_hz not in self._outputs:
             self._outputs[sample_rate_hz] = self._opens(sample_rate_hz)
+            self._outputs[sample_rate_hz].pause(self._is_held)
         return self._outputs[sample_rate_hz]
 
     def follow(self, now_s: float) -> None:

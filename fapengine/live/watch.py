@@ -35,7 +35,8 @@ CLOSE_S = 3.0
 SOUND_PATH = "/sound.wav?"
 MOST_SOUND = 1 << 26
 """Bytes of one sound: half an hour and more."""
-ENDED = ("cancelled", "error")
+STOPPED, OVER = ("cancelled", "error"), ("cancelled", "error", "finished")
+"""Events: its sound is not to be heard any more; nothing more is said of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +106,7 @@ class ServerLink:
         self._plays = plays
         self._sounds: deque[HeardSound] = deque()
         self._ended: deque[int] = deque()
+        self._saying: set[int] = set()
         self._fetching: dict[int, asyncio.Task[None]] = {}
         """Utterance to the task that has its sound sent."""
         self.state: LinkState = "connecting"
@@ -136,6 +138,11 @@ class ServerLink:
     def round_trip_s(self) -> float | None:
         """Of the quickest of late pings."""
         return min(self._trips)[0] if self._trips else None
+
+    @property
+    def is_speaking(self) -> bool:
+        """Whether something is being said there, or waits."""
+        return bool(self._saying)
 
     def server_s(self, now_s: float) -> float | None:
         """Turn the monotonic clock into the server's; None before that is known."""
@@ -197,6 +204,7 @@ class ServerLink:
 
     async def _talk(self, client: Any, link: Any) -> None:
         self._queue = asyncio.Queue()
+        self._saying.clear()
         if self._plays:
             await link.send_str(text_of("plays", on=True))
         sender, turn = asyncio.ensure_future(self._send_all(link)), asyncio.Lock()
@@ -264,16 +272,22 @@ class ServerLink:
                 self.hello = message
             elif kind == "pong":
                 self._take_pong(int(message["number"]), float(message["time_s"]))
-            elif kind == "event" and message["kind"] in ENDED:
-                number = int(message["utterance"])
-                self._ended.append(number)
-                if number in self._fetching:
-                    self._fetching.pop(number).cancel()
+            elif kind == "begin":
+                self._saying.add(int(message["utterance"]))
+            elif kind == "event" and message["kind"] in OVER:
+                self._take_end(int(message["utterance"]), message["kind"])
             elif kind == "sound" and self._plays and str(message["url"]).startswith(SOUND_PATH):
                 return int(message["utterance"]), str(message["url"])
         except (ValueError, KeyError, TypeError):
             self.counts.refused += 1
         return None
+
+    def _take_end(self, number: int, kind: str) -> None:
+        self._saying.discard(number)
+        if kind in STOPPED:
+            self._ended.append(number)
+            if number in self._fetching:
+                self._fetching.pop(number).cancel()
 
     def _take_pong(self, number: int, server_s: float) -> None:
         asked_s = self._pings.pop(number, None)

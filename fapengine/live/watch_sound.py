@@ -38,6 +38,8 @@ class ServerSound:
         self._link, self._opens = link, opens
         self._outputs: dict[int, Output] = {}
         self._playing: list[_Playing] = []
+        self._is_paused = False
+        """The face was told to pause: it is not told that its sound still moves."""
 
     @property
     def is_playing(self) -> bool:
@@ -56,6 +58,7 @@ class ServerSound:
         for heard in self._link.sounds():
             if heard.sample_rate_hz not in self._outputs:
                 self._outputs[heard.sample_rate_hz] = self._opens(heard.sample_rate_hz)
+                self._outputs[heard.sample_rate_hz].pause(self._is_paused)
             output = self._outputs[heard.sample_rate_hz]
             self._playing.append(_Playing(heard.utterance, output, output.play(heard.samples), moved_s=now_s))
         if self._link.state != "open":
@@ -70,7 +73,8 @@ class ServerSound:
                 self._tell(one, now_s)
 
     def pause(self, on: bool) -> None:
-        """Let sound stand still, or go on; the face does as it does."""
+        """Let sound stand still, or go on, with the face."""
+        self._is_paused = on
         for output in self._outputs.values():
             output.pause(on)
 
@@ -78,6 +82,7 @@ class ServerSound:
         """Fall silent."""
         for output in self._outputs.values():
             output.stop()
+        self._is_paused = False
         self._playing.clear()
 
     def close(self) -> None:
@@ -93,6 +98,8 @@ class ServerSound:
             one.place_s, one.moved_s = place_s, now_s
         stands = now_s - one.moved_s > STILL_S
         if stands == one.is_still and (stands or now_s - one.told_s < TELL_EVERY_S):
+            return
+        if self._is_paused and not stands:
             return
         one.told_s, one.is_still = now_s, stands
         ahead_s = 0.0 if stands else max(self._link.age_s or 0.0, 0.0)

@@ -277,7 +277,7 @@ def test_sliders_and_keys_move_the_face(hall: Hall) -> None:
 
 
 class Link:
-    state, trouble = "lost", "Cannot connect to host 127.0.0.1:1"
+    state, trouble, is_speaking = "lost", "Cannot connect to host 127.0.0.1:1", True
     age_s = round_trip_s = None
 
     class counts:  # noqa: N801
@@ -306,13 +306,23 @@ def test_a_servers_face_is_told_what_is_done_to_the_controls() -> None:
     assert source.frame(0.0)[5] == 5
     for event in (
         Said("Guten Tag"), Moved("joy", 0.5), Moved("pitch", 0.0), Moved("articulation", 1.5), Pressed(BLINK),
-        Pressed(PAUSE), Pressed(PAUSE), Pressed(PAUSE), Pressed(STOP),
+        Pressed(PAUSE), Pressed(PAUSE), Pressed(PAUSE), Pressed(STOP), Pressed(PAUSE), Said("Ja"),
     ):  # fmt: skip
         source.handle(event)
     assert [kind for kind, _ in link.sent] == [
-        "say", "express", "look", "manner", "blink", "pause", "resume", "pause", "cancel",
+        "say", "express", "look", "manner", "blink", "pause", "resume", "pause", "cancel", "resume",
+        "pause", "resume", "say",
     ]  # fmt: skip
     assert not source.lit()
+    source.handle(Pressed(PAUSE))
+    source.frame(0.0)
+    assert source.lit() == {PAUSE}
+    link.is_speaking = False
+    source.frame(0.0)
+    assert not source.lit()  # it was over, or the server is another
+    source.handle(Pressed(PAUSE))
+    assert not source.lit()
+    assert [kind for kind, _ in link.sent[-2:]] == ["pause", "resume"]
     for kind, fields in link.sent:
         parse_request(text_of(kind, **fields))  # the server understands it
 

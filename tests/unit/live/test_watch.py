@@ -19,6 +19,7 @@ from aiohttp import web
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fapengine.cli._view_sources import PAUSE, STOP, ServerSource
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live import watch
 from fapengine.live.fap_osc import FapFrame, SessionFrames, encode_frame
@@ -28,6 +29,7 @@ from fapengine.live.watch_osc import OscFrames
 from fapengine.live.watch_sound import ServerSound
 from fapengine.live.web.wire import pack_frame, text_of
 from fapengine.mpeg4 import fap
+from fapengine.render.panel import Pressed, Said
 
 
 def until(done: Callable[[], bool], seconds: float = 40.0) -> bool:
@@ -122,10 +124,28 @@ def play_here(port: int) -> None:
         assert opened[0].is_over(1, time.monotonic())
         assert max(wide for _, wide in seen) > 80
         assert max(place for place, _ in seen) > 0.8
-        link.send("say", text="This one is stopped in its midst.", voice="en-us")
-        assert until(lambda: (sound.follow(time.monotonic()), sound.is_playing)[1])
-        link.send("cancel")
-        assert until(lambda: (sound.follow(time.monotonic()), not sound.is_playing)[1])
+        assert until(lambda: not link.is_speaking)
+        source = ServerSource(link, sound=sound)
+        source.handle(Pressed(PAUSE))  # nothing is said
+        source.handle(Said("This one is held, goes on, and is stopped in its midst."))
+
+        def shown(wide: bool) -> bool:
+            time.sleep(0.02)
+            return (opening(source.frame(0.0)) > 80) == wide
+
+        assert until(lambda: shown(wide=True))
+        source.handle(Pressed(PAUSE))
+        time.sleep(0.5)
+        assert all([shown(wide=False) for _ in range(20)])
+        assert source.lit()
+        assert sound.is_playing
+        place_s = opened[0].position_s(2, time.monotonic())
+        source.handle(Pressed(PAUSE))
+        assert until(lambda: shown(wide=True))
+        assert opened[0].position_s(2, time.monotonic()) > place_s
+        source.handle(Pressed(STOP))
+        assert not sound.is_playing
+        assert until(lambda: shown(wide=False) and not link.is_speaking)
         assert link.counts.refused == 0
     finally:
         sound.close()
@@ -251,8 +271,13 @@ class StubLink:
 
 def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     now = [5.0]
-    link = StubLink()
-    sound = ServerSound(link, opens=lambda rate_hz: SilentOutput(rate_hz, "", now=lambda: now[0]))
+    link, made = StubLink(), []
+
+    def opens(rate_hz: int) -> SilentOutput:
+        made.append(SilentOutput(rate_hz, "", now=lambda: now[0]))
+        return made[-1]
+
+    sound = ServerSound(link, opens=opens)
 
     def run(seconds: float) -> None:
         for _ in range(round(seconds * 100)):
@@ -265,8 +290,9 @@ def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     assert last["utterance"] == 7
     assert last["position_s"] == pytest.approx(last["at_s"] - 1005.0 + 0.02, abs=0.015)  # ahead by a frame's way
     sound.pause(True)
+    told = len(link.sent)
     run(0.3)
-    assert link.sent[-1]["rate"] == 0.0
+    assert [one["rate"] for one in link.sent[told:]] == [0.0]  # the face stands already
     told = len(link.sent)
     run(0.3)
     assert len(link.sent) == told
@@ -285,7 +311,10 @@ def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     assert sound.is_playing
     run(0.2)
     assert not sound.is_playing
-    link.queue.append(HeardSound(9, np.ones(8000, np.int16), 8000))
+    sound.pause(True)
+    link.queue.append(HeardSound(9, np.ones(4000, np.int16), 4000))
+    run(0.3)
+    assert made[-1].position_s(1, now[0]) == pytest.approx(0.01)  # of another rate: it stands still, too
     link.state = "lost"
     run(0.02)
     assert not sound.is_playing
