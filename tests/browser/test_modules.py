@@ -113,22 +113,29 @@ def test_a_high_picture_keeps_the_width_of_a_square_one(modules: Page) -> None:
     assert high[1] == pytest.approx(square[1] / 2)
 
 
+def pictured(page: Page, faps: np.ndarray, camera: str, size: int, edges: str) -> np.ndarray:
+    """(size, size, 4) int: what the page draws with nothing behind the face."""
+    code = """const { size } = given;
+        const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup.programs, null);
+        view.resize(size, size, given.edges === "fine");
+        view.draw(given.faps, page.setup.cameras[given.camera]);
+        const pixels = new Uint8Array(size * size * 4);
+        view.gl.readPixels(0, 0, size, size, view.gl.RGBA, view.gl.UNSIGNED_BYTE, pixels);
+        const error = view.gl.getError();
+        let text = "";
+        for (const value of pixels) text += String.fromCharCode(value);
+        return [error, btoa(text)];"""
+    given = {"faps": faps.tolist(), "camera": camera, "size": size, "edges": edges}
+    error, encoded = calculated(page, "face.js", code, **given)
+    assert error == 0
+    return np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(size, size, 4)[::-1].astype(int)
+
+
 @pytest.mark.parametrize("name", ["front", "three-quarter"])
 def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) -> None:
     faps = np.zeros(68)
     faps[[fap.column(number) for number in (3, 5, 10, 11, 19, 31, 49)]] = 400, -300, -250, -250, 300, 200, 10_000
-    code = """const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup.programs, null);
-        view.resize(256, 256);
-        view.draw(given.faps, page.setup.cameras[given.name]);
-        const pixels = new Uint8Array(256 * 256 * 4);
-        view.gl.readPixels(0, 0, 256, 256, view.gl.RGBA, view.gl.UNSIGNED_BYTE, pixels);
-        const lost = view.gl.getError();
-        let text = "";
-        for (const value of pixels) text += String.fromCharCode(value);
-        return [lost, btoa(text)];"""
-    error, encoded = calculated(modules, "face.js", code, faps=faps.tolist(), name=name)
-    assert error == 0
-    found = np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(256, 256, 4)[::-1].astype(int)
+    found = pictured(modules, faps, name, 256, "soft")
     view = {"camera": PRESETS[name], "transparent": True, "shading": "pixels"}  # as the page does
     with FaceRenderer(head, size=(256, 256), **view) as renderer:
         expected = renderer.draw(faps).astype(int)
@@ -138,6 +145,19 @@ def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) 
     assert (difference.max(axis=-1) > 24).mean() < 0.004  # of the outline alone
     flipped = np.abs(found[:, ::-1] - expected)
     assert flipped.mean() > 10 * difference.mean()  # the measure would see another picture
+
+
+def test_fine_edges_are_nearer_to_a_picture_of_more_pixels(modules: Page) -> None:
+    fine, soft = (pictured(modules, np.zeros(68), "front", 256, edges) for edges in ("fine", "soft"))
+    # Four samples a pixel: an outline has a quarter, a half, three quarters of the face's colour, and nothing else.
+    assert np.unique(fine[..., 3]).tolist() == pytest.approx([0, 64, 128, 191, 255], abs=1)
+    apart = np.abs(fine - soft)
+    assert apart.mean() < 4.0
+    assert 0.002 < (apart.max(axis=-1) > 24).mean() < 0.1  # on edges, and there alone
+    many = pictured(modules, np.zeros(68), "front", 1024, "fine").reshape(256, 4, 256, 4, 4).mean(axis=(1, 3))
+    edges = apart.max(axis=-1) > 8
+    off = {name: np.abs(found - many)[edges].mean() for name, found in (("fine", fine), ("soft", soft))}
+    assert off["fine"] < 0.6 * off["soft"]  # lashes and brows are thinner than a pixel
 
 
 def test_the_server_s_clock_is_the_fastest_ping_s(modules: Page) -> None:
@@ -254,6 +274,38 @@ def test_pixels_are_given_up_for_the_rate_and_come_back_slowly(modules: Page) ->
     assert slow == pytest.approx(0.64)
     assert slowest == pytest.approx(0.4)
     assert soon < later == 1
+
+
+EDGES_AND_SCALE = """const budget = new m.PixelBudget(true);
+    const seen = [];
+    // A screen shows a picture at its next turn, however soon it was drawn.
+    const pass = (count, cost) => {
+        for (let n = 0; n < count; ++n) {
+            const drawn = cost(budget.fine, budget.scale) / given.turn;
+            budget.add(Math.max(1, Math.ceil(drawn)) * given.turn);
+            const now = `${budget.fine ? "fine" : "soft"} ${budget.scale.toFixed(2)}`;
+            if (now !== seen.at(-1)) seen.push(now);
+        }
+    };
+"""
+
+
+def test_a_card_that_holds_soft_edges_but_not_fine_ones_keeps_to_soft_ones(modules: Page) -> None:
+    code = EDGES_AND_SCALE + "pass(30_000, (fine) => (fine ? 0.02 : 0.01)); return seen;"
+    assert calculated(modules, "time.js", code, turn=1 / 60) == ["fine 1.00", "soft 1.00"]
+
+
+def test_a_card_that_is_too_slow_gives_up_pixels_and_finds_its_rate(modules: Page) -> None:
+    code = EDGES_AND_SCALE + "pass(400, (fine, scale) => (fine ? 0.035 : 0.033 * scale ** 2)); return seen;"
+    assert calculated(modules, "time.js", code, turn=1 / 60) == ["fine 1.00", "soft 1.00", "soft 0.80", "soft 0.64"]
+    code = EDGES_AND_SCALE + "pass(400, (fine, scale) => 0.08 * scale ** 2); return seen;"
+    assert calculated(modules, "time.js", code, turn=1 / 60)[-1] == "soft 0.41"
+
+
+def test_on_a_slow_screen_nothing_is_given_up_for_nothing(modules: Page) -> None:
+    code = EDGES_AND_SCALE + "pass(5000, () => 0.002); return seen;"
+    seen = calculated(modules, "time.js", code, turn=1 / 30)
+    assert seen == ["fine 1.00", "soft 1.00", "soft 0.80", "soft 0.64", "fine 1.00"]
 
 
 def test_damaged_files_and_frames_are_told(modules: Page) -> None:

@@ -48,7 +48,7 @@ class Page {
     this.clock = new ServerClock();
     this.cushion = new FrameCushion(60);
     this.presence = new Presence();
-    this.budget = new PixelBudget();
+    this.budget = new PixelBudget(!this.view.frugal);
     this.ticker = new Ticker(byId("ticker"));
     this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
     this.sound = new Sound((where) => this.report(where));
@@ -111,7 +111,7 @@ class Page {
   // Where a graphics card draws and holds the rate; ?edges=fine or soft decides otherwise.
   get wantsFineEdges() {
     const wanted = query.get("edges");
-    return wanted ? wanted === "fine" : !this.view.frugal && this.budget.scale === 1;
+    return wanted ? wanted === "fine" : this.budget.fine;
   }
 
   // From the server's clock to the screen, s: the middle one of the last pictures, for single ones are held up.

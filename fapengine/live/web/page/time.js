@@ -80,32 +80,53 @@ export class FrameCushion {
   }
 }
 
-// Holds the frame rate of the screen by drawing fewer pixels; asks for more only after a long quiet time.
+// Holds the frame rate of the screen by drawing less. A graphics card gives up its fine edges first, for good; then both
+// it and a CPU give up pixels, and ask for them again after a long quiet time. A card that is no quicker for three falls
+// is not what takes the time: the screen is slow, or somebody else is busy. It then has everything back, for good.
 export class PixelBudget {
-  constructor() {
+  // fine: whether there are fine edges to give up, as where a card draws.
+  constructor(fine = false) {
+    this.fine = fine;
+    this.hasCard = fine;
     this.scale = 1;
     this.slow = 0;
     this.quick = 0;
     this.patience = 180;
+    this.falls = 0;
+    this.mean = 0;
   }
 
-  // How long the last picture took from the one before, s. Returns whether the scale has changed.
+  // How long the last picture took from the one before, s. Returns whether there is something else to draw.
   add(interval) {
-    if (interval > 0.25) return false; // the page was hidden
+    if (this.settled || interval > 0.25) return false; // the page was hidden
+    this.mean += (interval - this.mean) / 10;
     this.slow = interval > 1 / 45 ? this.slow + 1 : Math.max(0, this.slow - 1);
     this.quick = interval < 1 / 55 ? this.quick + 1 : 0;
-    if (this.slow >= 20 && this.scale > 0.4) {
-      this.scale = Math.max(0.4, this.scale * 0.8);
-      this.patience = Math.min(this.patience * 2, 3600);
-      this.slow = this.quick = 0;
+    if (this.slow >= 20) return this.fall();
+    return this.quick >= this.patience && this.rise();
+  }
+
+  fall() {
+    this.slow = this.quick = 0;
+    if (this.falls === 0) this.before = this.mean;
+    if (this.hasCard && this.falls === 3 && this.mean > 0.9 * this.before) {
+      this.fine = this.settled = true;
+      this.scale = 1;
       return true;
     }
-    if (this.quick >= this.patience && this.scale < 1) {
-      this.scale = Math.min(1, this.scale / 0.9);
-      this.slow = this.quick = 0;
-      return true;
-    }
-    return false;
+    if (this.scale <= 0.4) return false;
+    this.falls += 1;
+    this.patience = Math.min(this.patience * 2, 3600);
+    if (this.fine) this.fine = false;
+    else this.scale = Math.max(0.4, this.scale * 0.8);
+    return true;
+  }
+
+  rise() {
+    this.slow = this.quick = this.falls = 0;
+    if (this.scale === 1) return false;
+    this.scale = Math.min(1, this.scale / 0.9);
+    return true;
   }
 }
 
