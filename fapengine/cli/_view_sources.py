@@ -13,7 +13,7 @@ from fapengine.cli._live_face import LiveFace
 from fapengine.cli._phone_ticker import ticker
 from fapengine.errors import FapEngineError
 from fapengine.live.engine.commands import Blink, Express, Look, Manner, Pause, Resume
-from fapengine.live.sound import Output
+from fapengine.live.sound_output import Output
 from fapengine.live.watch import ServerLink
 from fapengine.live.watch_osc import OscFrames
 from fapengine.live.watch_sound import ServerSound

@@ -10,14 +10,15 @@ face goes on. A sound that is stopped ends its utterance, and an utterance that 
 face that is told to pause takes its sound along.
 """
 
-import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import inf
 
 from fapengine.live.engine.commands import Audio, Cancel, Command, Pause, Resume, Seek
 from fapengine.live.engine.session import Event
 from fapengine.live.server.hub import Hub, Spoken
-from fapengine.live.sound import Output, SilentOutput, open_output
+from fapengine.live.sound import open_output
+from fapengine.live.sound_output import Output
 
 TELL_EVERY_S = 0.02
 """Between two words on where a sound is."""
@@ -30,8 +31,28 @@ SETTLE_S = 1.2
 LEAP_S = 0.04
 """Face and sound that are farther apart are brought together at once; the engine slews what is less by 2 %."""
 
-log = logging.getLogger("fapengine.sound")
 OpenOutput = Callable[[int], Output]
+
+
+@dataclass(slots=True)
+class Progress:
+    """Stateful: where a sound is, and when to tell of it: every so often while it moves, once when it stands still."""
+
+    place_s: float | None = None
+    is_still: bool = False
+    _moved_s: float = 0.0
+    """When the place last changed."""
+    _told_s: float = -inf
+
+    def is_due(self, place_s: float, now_s: float) -> bool:
+        """Take the place; whether it is to be told now."""
+        if place_s != self.place_s:
+            self.place_s, self._moved_s = place_s, now_s
+        was_still, self.is_still = self.is_still, now_s - self._moved_s > STILL_S
+        if self.is_still == was_still and (self.is_still or now_s - self._told_s < TELL_EVERY_S):
+            return False
+        self._told_s = now_s
+        return True
 
 
 @dataclass(slots=True)
@@ -41,15 +62,9 @@ class _Playing:
     since_s: float
     sound: int | None = None
     """None: it waits for the device."""
-    skipped_s: float = 0.0
-    """Of its sound, played by a device that is gone."""
     zero_s: float | None = None
     """Engine time at which the sound was at its beginning."""
-    told_s: float = 0.0
-    place_s: float | None = None
-    moved_s: float = 0.0
-    """When the place last changed."""
-    is_still: bool = False
+    progress: Progress = field(default_factory=Progress)
 
 
 class Loudspeaker:
@@ -124,13 +139,9 @@ class Loudspeaker:
         self._off_s = None
         if self._is_held and (self.session not in self._hub.engine or self._hub.engine.state(self.session) != "paused"):
             self._hold(False)  # a face's pause ends with what it was saying
-        for rate_hz, output in tuple(self._outputs.items()):
-            if not output.is_alive(now_s):
-                self._replace(rate_hz, output, now_s)
         for one in tuple(self._playing):
             if one.sound is None and (one.output.is_settled(now_s) or now_s - one.since_s > SETTLE_S):
-                rest = one.spoken.speech.samples[round(one.skipped_s * one.spoken.speech.sample_rate_hz) :]
-                one.sound = one.output.play(rest)
+                one.sound = one.output.play(one.spoken.speech.samples)
             if self.session not in self._hub.engine:
                 self._drop(one)
             elif one.sound and one.output.is_over(one.sound, now_s):
@@ -138,7 +149,7 @@ class Loudspeaker:
             elif one.sound and not self._is_held:
                 place_s = one.output.position_s(one.sound, now_s)
                 if place_s is not None:
-                    self._follow(one, place_s + one.skipped_s, now_s)
+                    self._follow(one, place_s, now_s)
 
     def stop(self) -> None:
         """Fall silent at once, and end what was being said."""
@@ -182,29 +193,14 @@ class Loudspeaker:
         for output in self._outputs.values():
             output.pause(on)
 
-    def _replace(self, rate_hz: int, gone: Output, now_s: float) -> None:
-        """Go on in silence, from where each sound was."""
-        silence = SilentOutput(rate_hz, f"{gone.description}: is gone", now=self._hub.clock)
-        log.warning("no sound any more; the face keeps time by the clock: %s", silence.description)
-        self._outputs[rate_hz] = silence
-        for one in self._playing:
-            if one.output is gone:
-                place_s = gone.position_s(one.sound, now_s) if one.sound else None
-                one.output, one.sound = silence, None
-                one.skipped_s += max(place_s or 0.0, 0.0)
-        gone.close()
-
     def _follow(self, one: _Playing, place_s: float, now_s: float) -> None:
         hub, session, number = self._hub, self.session, one.spoken.utterance
-        if place_s != one.place_s:
-            one.place_s, one.moved_s = place_s, now_s
-        stands = now_s - one.moved_s > STILL_S
-        if one.zero_s is None or stands != one.is_still or (not stands and now_s - one.told_s >= TELL_EVERY_S):
-            apart_s = self._apart_s(number, place_s, now_s)
+        if one.progress.is_due(place_s, now_s):
+            stands, apart_s = one.progress.is_still, self._apart_s(number, place_s, now_s)
             if apart_s is not None and abs(apart_s) > LEAP_S and not stands:
                 hub.apply(session, Seek(number, place_s))
             hub.apply(session, Audio(number, now_s, place_s, 0.0 if stands else 1.0))
-            one.told_s, one.is_still, one.zero_s = now_s, stands, now_s - place_s
+            one.zero_s = now_s - place_s
         if place_s >= 0:
             self._off_s = self._apart_s(number, place_s, now_s)
 

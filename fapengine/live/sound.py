@@ -1,7 +1,7 @@
 """Edge: sound out through PortAudio, with the device's clock as the one that the face follows.
 
-:func:`open_output` gives a :class:`Player`, or where there is no device a :class:`SilentOutput` of the same face,
-which keeps time by the monotonic clock. Either plays sounds one behind the other and tells where each really is.
+:func:`open_output` gives a :class:`Player`, or where there is no device, or not any more, silence of the same length:
+:mod:`.sound_output`.
 """
 
 import time
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import gcd
 from threading import Lock
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import frozen
 from fapengine.errors import ResourceError, UsageError
 from fapengine.live.sound_clock import Fetch, PlaybackClock
+from fapengine.live.sound_output import LastingOutput, Output, SilentOutput
 from fapengine.live.sound_queue import SoundQueue
 
 LATENCY_S = 0.08
@@ -27,50 +28,6 @@ SETTLE_S = 0.2
 DEAD_S = 4.0
 """A device that has fetched nothing for so long is gone; a sink of PulseAudio may sleep for 2 s."""
 MEND_LIBRARY = "sudo apt-get install -y libportaudio2"
-
-
-class Output(Protocol):
-    """Something that plays sounds one behind the other. All times are of the monotonic clock."""
-
-    description: str
-    """Device, or why there is none."""
-    is_silent: bool
-
-    def is_settled(self, now_s: float) -> bool:
-        """Whether its clock is to be trusted: a device that was just opened starts when it likes."""
-        ...
-
-    def is_alive(self, now_s: float) -> bool:
-        """Whether it still fetches sound: devices are pulled out."""
-        ...
-
-    def play(self, samples: ArrayLike) -> int:
-        """Put a sound behind all others, (N,) int16 mono; return its number."""
-        ...
-
-    def position_s(self, sound: int, now_s: float) -> float | None:
-        """Where a sound is heard to be; negative just before it begins, None while it waits or was dropped."""
-        ...
-
-    def is_over(self, sound: int, now_s: float) -> bool:
-        """Whether it was heard to its end, or was dropped."""
-        ...
-
-    def pause(self, on: bool) -> None:
-        """Stand still, or go on."""
-        ...
-
-    def drop(self, sound: int) -> None:
-        """Let a sound fall silent within 10 ms of sound, or never begin."""
-        ...
-
-    def stop(self) -> None:
-        """Drop every sound; a pause ends."""
-        ...
-
-    def close(self) -> None:
-        """Give the device back."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +77,12 @@ def open_output(sample_rate_hz: int, *, device: str | None = None, silent: bool 
     if silent:
         return SilentOutput(sample_rate_hz, "no sound was wished for")
     try:
-        return Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
+        player = Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
     except ResourceError as error:
         if device is not None:
             raise
         return SilentOutput(sample_rate_hz, str(error).removeprefix("sound: "))
+    return LastingOutput(player, sample_rate_hz)
 
 
 class Player:
@@ -201,7 +159,7 @@ class Player:
             return self.clock.position_s(now_s) >= SETTLE_S
 
     def is_alive(self, now_s: float) -> bool:
-        """See :class:`Output`."""
+        """See :class:`DeviceOutput`."""
         with self._lock:
             told_s = self.clock.told_s or self._opened_s
         return bool(self._stream.active) and now_s - told_s < DEAD_S
@@ -241,71 +199,6 @@ class Player:
     def close(self) -> None:
         """See :class:`Output`."""
         self._stream.close()
-
-
-class SilentOutput:
-    """Stateful: plays nothing, and takes as long as it would; for machines without a sound card.
-
-    Parameters
-    ----------
-    sample_rate_hz : int
-    description : str
-        Why it is silent.
-    now : callable
-        The monotonic clock.
-    """
-
-    is_silent = True
-
-    def __init__(self, sample_rate_hz: int, description: str, *, now: Callable[[], float] = time.monotonic) -> None:
-        self.description = description
-        self._queue, self._rate_hz = SoundQueue(sample_rate_hz), sample_rate_hz
-        self._now, self._start_s = now, now()
-
-    def is_settled(self, now_s: float) -> bool:
-        """See :class:`Output`."""
-        return True
-
-    def is_alive(self, now_s: float) -> bool:
-        """See :class:`Output`."""
-        return True
-
-    def play(self, samples: ArrayLike) -> int:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        return self._queue.add(samples)
-
-    def position_s(self, sound: int, now_s: float) -> float | None:
-        """See :class:`Output`."""
-        return self._queue.position_s(sound, self._reach(now_s))
-
-    def is_over(self, sound: int, now_s: float) -> bool:
-        """See :class:`Output`."""
-        return self._queue.is_over(sound, self._reach(now_s))
-
-    def pause(self, on: bool) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.pause(on)
-
-    def drop(self, sound: int) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.drop(sound)
-
-    def stop(self) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.stop()
-
-    def close(self) -> None:
-        """See :class:`Output`."""
-
-    def _reach(self, now_s: float) -> float:
-        """Pass over all that would have been heard by now; where the stream is."""
-        stream_s = now_s - self._start_s
-        self._queue.skip(max(round(stream_s * self._rate_hz) + 1 - self._queue.taken, 0))
-        return stream_s
 
 
 def _portaudio() -> Any:

@@ -5,10 +5,11 @@ then fits what is heard.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from fapengine.live.loudspeaker import STILL_S, TELL_EVERY_S
-from fapengine.live.sound import Output, open_output
+from fapengine.live.loudspeaker import Progress
+from fapengine.live.sound import open_output
+from fapengine.live.sound_output import Output
 from fapengine.live.watch import ServerLink
 
 
@@ -17,10 +18,7 @@ class _Playing:
     utterance: int
     output: Output
     sound: int
-    told_s: float = 0.0
-    place_s: float | None = None
-    moved_s: float = 0.0
-    is_still: bool = False
+    progress: Progress = field(default_factory=Progress)
 
 
 class ServerSound:
@@ -60,7 +58,7 @@ class ServerSound:
                 self._outputs[heard.sample_rate_hz] = self._opens(heard.sample_rate_hz)
                 self._outputs[heard.sample_rate_hz].pause(self._is_paused)
             output = self._outputs[heard.sample_rate_hz]
-            self._playing.append(_Playing(heard.utterance, output, output.play(heard.samples), moved_s=now_s))
+            self._playing.append(_Playing(heard.utterance, output, output.play(heard.samples)))
         if self._link.state != "open":
             self.stop()
         for one in tuple(self._playing):
@@ -94,14 +92,11 @@ class ServerSound:
         place_s, server_s = one.output.position_s(one.sound, now_s), self._link.server_s(now_s)
         if place_s is None or server_s is None:
             return
-        if place_s != one.place_s:
-            one.place_s, one.moved_s = place_s, now_s
-        stands = now_s - one.moved_s > STILL_S
-        if stands == one.is_still and (stands or now_s - one.told_s < TELL_EVERY_S):
+        if not one.progress.is_due(place_s, now_s):
             return
+        stands = one.progress.is_still
         if self._is_paused and not stands:
             return
-        one.told_s, one.is_still = now_s, stands
         ahead_s = 0.0 if stands else max(self._link.age_s or 0.0, 0.0)
         self._link.send(
             "audio", utterance=one.utterance, at_s=server_s, position_s=place_s + ahead_s, rate=0.0 if stands else 1.0

@@ -11,7 +11,7 @@ from fapengine.cli._live_face import LiveFace, Ticks
 from fapengine.cli._phone_ticker import ticker
 from fapengine.cli._view_sources import BLINK, PAUSE, STOP, OscSource, ServerSource, SpeakingSource, TrackSource
 from fapengine.errors import UsageError
-from fapengine.live.sound import SilentOutput
+from fapengine.live.sound_output import LastingOutput, SilentOutput
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
@@ -131,6 +131,25 @@ def test_a_sound_that_is_late_holds_the_track() -> None:
     assert jaw(source.frame(0.0)) == pytest.approx(0, abs=1)
     clock.now_s += 0.4
     assert jaw(source.frame(0.0)) == pytest.approx(15, abs=1)
+
+
+def test_a_track_goes_on_when_its_device_is_pulled_out() -> None:
+    class Pulled(SilentOutput):
+        def is_alive(self, now_s: float) -> bool:
+            return now_s < 11.0
+
+        def _reach(self, now_s: float) -> float:
+            return super()._reach(min(now_s, 10.5))
+
+    clock = Clock()
+    output = LastingOutput(Pulled(8000, "a card", now=clock), 8000, now=clock)
+    source = TrackSource(ramp(), clock, samples=np.ones(16_000, np.int16), sample_rate_hz=8000, output=output)
+    shown = {}
+    for _ in range(75):
+        clock.now_s += 0.02
+        shown[round(clock.now_s, 2)] = jaw(source.frame(0.0))
+    assert [shown[at_s] for at_s in (10.6, 10.9, 11.0, 11.02)] == pytest.approx([25] * 4, abs=1)
+    assert shown[11.5] == pytest.approx(50, abs=2)
 
 
 # Our own face

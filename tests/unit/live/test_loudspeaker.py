@@ -15,6 +15,7 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
 from fapengine.live.loudspeaker import SETTLE_S, STILL_S, Loudspeaker
 from fapengine.live.server.hub import Hub
+from fapengine.live.sound_output import LastingOutput
 from fapengine.live.sound_queue import SoundQueue
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
@@ -126,7 +127,9 @@ def stage(**card: object) -> Stage:
     made = Card(clock, **card)
     hub = Hub(Engine(PROFILE, rng=np.random.default_rng(1), style=STYLE), rate_hz=60.0, clock=clock)
     hub.open("face")
-    return Stage(made, clock, hub, Loudspeaker(hub, "face", opens=lambda rate_hz: made))
+    return Stage(
+        made, clock, hub, Loudspeaker(hub, "face", opens=lambda rate_hz: LastingOutput(made, rate_hz, now=clock))
+    )
 
 
 def opening(faps: np.ndarray) -> np.ndarray:

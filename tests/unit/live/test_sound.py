@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.live import sound
-from fapengine.live.sound import DEAD_S, Player, SilentOutput, open_output
+from fapengine.live.sound import DEAD_S, Player, open_output
+from fapengine.live.sound_output import LastingOutput, SilentOutput
 from fapengine.live.sound_queue import FADE_S, KEPT, SoundQueue
 
 RATE_HZ = 8000
@@ -230,6 +231,69 @@ def test_a_silent_output_may_be_left_alone_for_years(end: Callable[[SilentOutput
     assert out.position_s(number, clock.now_s + 0.5) == pytest.approx(0.5, abs=0.01)
 
 
+class Pulled(SilentOutput):
+    """Plays to nobody, until it is pulled out: then it stands still, and a second later is known to be gone."""
+
+    is_silent, is_closed = False, False
+
+    def __init__(self, clock: Clock, pulled_s: float) -> None:
+        super().__init__(RATE_HZ, "a card", now=clock)
+        self.pulled_s = pulled_s
+
+    def is_alive(self, now_s: float) -> bool:
+        return now_s < self.pulled_s + 1.0
+
+    def close(self) -> None:
+        self.is_closed = True
+
+    def _reach(self, now_s: float) -> float:
+        return super()._reach(min(now_s, self.pulled_s))
+
+
+def test_silence_goes_on_where_a_device_that_is_pulled_out_was(caplog: pytest.LogCaptureFixture) -> None:
+    clock = Clock()
+    card = Pulled(clock, 103.0)
+    out = LastingOutput(card, RATE_HZ, now=clock)
+    over, dropped = out.play(tone(4000)), out.play(tone(4000))
+    clock.now_s = 100.6
+    assert out.is_over(over, 100.6)
+    out.drop(dropped)
+    first, second = out.play(tone(8000 * 4)), out.play(tone(8000))
+    clock.now_s = 103.5
+    before_s = out.position_s(first, 103.5)
+    assert before_s == pytest.approx(2.4, abs=0.02)
+    assert (out.description, out.is_silent) == ("a card", False)
+    clock.now_s = 104.0
+    assert out.position_s(first, 104.0) == pytest.approx(before_s, abs=0.002)
+    assert (out.description, out.is_silent, card.is_closed) == ("a card: is gone", True, True)
+    assert "the face keeps time by the clock: a card: is gone" in caplog.text
+    assert out.position_s(first, 104.5) == pytest.approx(before_s + 0.5, abs=0.002)
+    assert out.position_s(second, 104.5) is None
+    assert out.position_s(second, 106.0) == pytest.approx(0.4, abs=0.02)
+    assert out.is_over(first, 106.0)
+    assert all(out.is_over(number, 106.0) for number in (over, dropped))
+    clock.now_s = 106.0
+    out.stop()
+    assert out.is_over(second, 106.0)
+    assert out.position_s(out.play(tone(800)), 106.05) == pytest.approx(0.04, abs=0.02)
+    out.close()
+
+
+def test_silence_that_takes_the_place_of_a_paused_device_is_paused() -> None:
+    clock = Clock()
+    out = LastingOutput(Pulled(clock, 101.0), RATE_HZ, now=clock)
+    number = out.play(tone(8000 * 4))
+    clock.now_s = 100.5
+    out.pause(True)
+    clock.now_s = 102.0
+    assert out.position_s(number, 102.0) == pytest.approx(0.51, abs=0.02)
+    clock.now_s = 106.0
+    assert out.position_s(number, 106.0) == pytest.approx(0.52, abs=0.02)
+    assert out.is_silent
+    out.pause(False)
+    assert out.position_s(number, 106.5) == pytest.approx(1.02, abs=0.02)
+
+
 # On devices that are no devices
 
 
@@ -299,7 +363,11 @@ def test_refuses_and_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(one.name, one.is_default) for one in sound.devices()] == [("Card", True)]
     with pytest.raises(UsageError, match="sample_rate_hz: got 0"):
         Player(0)
-    assert not open_output(8000).is_silent
+    opened = open_output(8000)
+    assert not opened.is_silent
+    opened._output._stream.active = False
+    opened.play(tone(1))
+    assert opened.description == "Card, 8000 Hz: is gone"
 
     def refuse(device: object = None, kind: object = None) -> object:
         raise card.PortAudioError("Error querying device -1")

@@ -23,7 +23,7 @@ from fapengine.cli._view_sources import PAUSE, STOP, ServerSource
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live import watch
 from fapengine.live.fap_osc import FapFrame, SessionFrames, encode_frame
-from fapengine.live.sound import SilentOutput
+from fapengine.live.sound_output import SilentOutput
 from fapengine.live.watch import HeardSound, ServerLink, parse_wav, web_socket_of
 from fapengine.live.watch_osc import OscFrames
 from fapengine.live.watch_sound import ServerSound
@@ -136,7 +136,7 @@ def play_here(port: int) -> None:
         assert until(lambda: shown(wide=True))
         source.handle(Pressed(PAUSE))
         time.sleep(0.5)
-        assert all([shown(wide=False) for _ in range(20)])
+        assert all(shown(wide=False) for _ in range(20))
         assert source.lit()
         assert sound.is_playing
         place_s = opened[0].position_s(2, time.monotonic())
