@@ -39,7 +39,7 @@ def parse_npz(data: bytes) -> RawTrack:
             found = {name: arrays[name] for name in arrays.files}
     except DataError:
         raise
-    except DAMAGE as error:
+    except (*DAMAGE, MemoryError) as error:  # a header may claim any shape
         raise DataError(f"NPZ: is damaged, or holds Python objects: {error}") from error
     name = next((name for name in POSITION_NAMES if name in found), None)
     if name is None:

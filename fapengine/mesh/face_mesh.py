@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
@@ -92,6 +93,8 @@ class DeformationBasis:
             raise UsageError(f"offsets: expected 0 rising to {count}, the number of entries")
         if self.mix is not None:
             object.__setattr__(self, "mix", frozen(self.mix, "mix", ("W", len(self.channels)), np.float32))
+        if not all(fap.FAPS[0].number <= channel.fap <= fap.FAPS[-1].number for channel in self.channels):
+            raise UsageError(f"channels: expected FAPs {fap.FAPS[0].number}..{fap.FAPS[-1].number}")
         if count and not (self.entry_channels.min() >= 0 and self.entry_channels.max() < self.width):
             raise UsageError(f"entry_channels: expected 0..{self.width - 1}")
 
@@ -170,8 +173,14 @@ class FaceMesh:
             raise UsageError(f"feature_points: got unknown names {sorted(unknown)}")
         if len(self.basis.offsets) != count + 1:
             raise UsageError(f"basis.offsets: got {len(self.basis.offsets)} numbers, expected {count + 1}")
-        if len(self.triangles) and not (self.triangles.min() >= 0 and self.triangles.max() < count):
-            raise UsageError(f"triangles: expected vertex indices 0..{count - 1}")
+        for field, indices, most in (
+            ("triangles", self.triangles, count),
+            ("feature_points", np.array([*self.feature_points.values()], int), count),
+            ("material", self.material, len(Material)),
+            ("bone", self.bone, len(Bone)),
+        ):
+            if indices.size and not 0 <= indices.min() <= indices.max() < most:
+                raise UsageError(f"{field}: expected 0..{most - 1}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
         """(3,) float32, mm: where a feature point lies in the neutral face."""

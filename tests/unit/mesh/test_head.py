@@ -204,8 +204,14 @@ def test_refuses(head: FaceMesh) -> None:
     parts = {name: getattr(head, name) for name in FaceMesh.__slots__}
     with pytest.raises(UsageError, match="unknown names"):
         FaceMesh(**(parts | {"feature_points": {"1.1": 0}}))
-    with pytest.raises(UsageError, match="triangles: expected vertex indices"):
-        FaceMesh(**(parts | {"triangles": [[0, 1, 10**6]]}))
+    for field, value in (
+        ("triangles", [[0, 1, 10**6]]), ("feature_points", {"2.1": -1}), ("feature_points", {"2.1": 10**6}),
+        ("material", np.full_like(head.material, 11)), ("bone", np.full_like(head.bone, 4)),
+    ):  # fmt: skip
+        with pytest.raises(UsageError, match=rf"{field}: expected 0\.\."):
+            FaceMesh(**(parts | {field: value}))
+    with pytest.raises(UsageError, match=r"channels: expected FAPs 3\.\.68"):
+        DeformationBasis(channels=(Channel(2, 0, 1),), offsets=[0], entry_channels=[], entry_mm=np.zeros((0, 3)))  # type: ignore[arg-type]
     empty = DeformationBasis(channels=(), offsets=[0], entry_channels=np.zeros(0, int), entry_mm=np.zeros((0, 3)))  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"basis\.offsets"):
         FaceMesh(**(parts | {"basis": empty}))
