@@ -10,6 +10,9 @@ from fapengine.cli import options as shared
 if TYPE_CHECKING:
     from fapengine.cli._view_sources import Source
 
+CHECKED_HZ = 22_050
+"""A device that does not know this rate is opened with its own."""
+
 
 def view(
     source: Annotated[
@@ -49,6 +52,7 @@ def view(
     from fapengine.cli.talk import parse_size
     from fapengine.errors import UsageError
     from fapengine.files.heads import load_levels
+    from fapengine.live.sound import open_output
 
     if audio is not None and (source is None or "://" in source):
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
@@ -57,6 +61,8 @@ def view(
     wish = Wish(
         size=parse_size(size), camera=camera, rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
     )  # fmt: skip
+    if device is not None and not silent:
+        open_output(CHECKED_HZ, device=device).close()  # a wrong one is told of now, not at the first sentence
     levels = load_levels(head)
 
     def shown() -> "Source":

@@ -188,6 +188,13 @@ def test_refuses_what_is_no_source(tmp_path: Path) -> None:
         _file(tmp_path / "none.fap", None, None, True)
 
 
+@pytest.mark.parametrize("source", [(), ("http://127.0.0.1:9/",), ("a.fap", "--audio", "a.wav")])
+def test_a_wrong_device_is_told_of_before_a_window_opens(windows: list[FakeWindow], source: tuple[str, ...]) -> None:
+    with pytest.raises(ResourceError, match="sound: "):
+        call("view", *source, "--device", "no such card", "--for", "0.5")
+    assert not windows
+
+
 def test_a_stream_is_no_sink_of_a_single_face() -> None:
     with pytest.raises(UsageError, match=r"--sink: got 'fba\+tcp://127.0.0.1:1', expected one that sends datagrams"):
         call("say", "Hi.", "--live", "--no-window", "--silent", "--sink", "fba+tcp://127.0.0.1:1")
