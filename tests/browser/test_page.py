@@ -76,7 +76,7 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
     page.run(KEEP_FRAMES)
     before = [stage(page.picture(), page) for _ in range(2)]
     say(page, "Many people like to sing along with the radio.")
-    page.until("kept.texts.some((text) => text.kind === 'started')")
+    page.until(f"page.faps[{fap.column(3)}] > 50")
     speaking = [stage(page.picture(), page) for _ in range(5)]
     page.run("kept.words = [...document.querySelectorAll('.word')].map((one) => one.textContent)")
     page.until("kept.texts.some((text) => text.kind === 'finished')")
@@ -338,6 +338,16 @@ def test_sound_that_is_switched_off_in_mid_sentence_stays_off(page: Page) -> Non
     page.run("page.link.send('cancel'); page.link.send('say', { text: 'Nine.' })")
     page.until("[...page.sound.playing.values()].some(({ source }) => source)")
     page.run("page.setSound(false)")
+
+
+def test_a_server_that_fell_silent_takes_its_sound_along(page: Page) -> None:
+    with_sound(page, "iris")
+    page.run("page.link.send('say', { text: 'One, two, three, four, five, six, seven, eight.' })")
+    page.until("[...page.sound.playing.values()].some(({ source }) => source)")
+    page.run("page.link.heard = -10_000; page.link.ping()")
+    assert page.run("page.sound.playing.size") == 0
+    page.until("document.body.dataset.connection === 'connected'")
+    page.run("page.link.send('cancel'); page.setSound(false)")
 
 
 def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:

@@ -306,11 +306,12 @@ class Page {
   connection(name) {
     document.body.dataset.connection = name;
     this.write("connection", CONNECTIONS[name]);
-    if (name === "waiting") {
+    if (name === "connected") {
+      this.refused("");
+    } else {
       this.ticker.clear();
       this.sound.stop(null); // nobody moves the lips any more
     }
-    if (name === "connected") this.refused("");
   }
 
   refused(why) {
