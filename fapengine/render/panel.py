@@ -161,22 +161,27 @@ class Panel:
     def _top(self) -> int:
         return MARGIN + LINE * max(len(self.status), LINES) + 10
 
+    def _has_room(self, bottom: int) -> bool:
+        """Whether the line of text leaves it free; in a low window what would lie under it is left out."""
+        return not self.has_text or bottom <= self._text_box()[1]
+
     def _slider_boxes(self) -> list[tuple[Slider, Box]]:
         top = self._top()
         return [
             (slider, (MARGIN - 8, top + ROW * row, WIDTH - MARGIN + 8, top + ROW * (row + 1)))
             for row, slider in enumerate(self.sliders)
+            if self._has_room(top + ROW * (row + 1))
         ]
 
     def _button_boxes(self) -> list[tuple[str, Box]]:
-        boxes = self._slider_boxes()
-        top = (boxes[-1][1][3] if boxes else self._top() - 10) + 10
+        top = self._top() + ROW * len(self.sliders) + (10 if self.sliders else 0)
         wide = (WIDTH - 2 * MARGIN - 8 * (BUTTONS_A_ROW - 1)) // BUTTONS_A_ROW
         found = []
         for row, names in enumerate(_rows(self.buttons)):
             for column, name in enumerate(names):
                 left, upper = MARGIN + column * (wide + 8), top + row * (BUTTON + 8)
-                found.append((name, (left, upper, left + wide, upper + BUTTON)))
+                if self._has_room(upper + BUTTON):
+                    found.append((name, (left, upper, left + wide, upper + BUTTON)))
         return found
 
     def _text_box(self) -> Box:

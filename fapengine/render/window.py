@@ -64,7 +64,7 @@ class FaceWindow:
     panel : Panel, optional
         The controls; cameras are added to its buttons.
     keys : mapping of str to str, optional
-        A character to the button that it stands for.
+        A character, in lower case, to the button that it stands for.
     vsync : bool
         Wait for the display when a frame is shown.
     hold_hz : float, optional
@@ -303,17 +303,21 @@ class FaceWindow:
             else:
                 self._events.append(event)
 
-    def _on_character(self, _: Any, code: int) -> None:
-        character = chr(code)
+    def _on_character(self, window: Any, code: int) -> None:
+        """Take a letter, as the keyboard's layout has it: Q is elsewhere on a French one."""
         cameras = dict(zip("123456789", CAMERAS, strict=False))
         if self.panel.is_typing:
-            self.panel.type(character)
-        elif character in self._keys:
+            self.panel.type(chr(code))
+            return
+        character = chr(code).lower()
+        if character in self._keys:
             self._events.append(Pressed(self._keys[character]))
         elif character in cameras:
             self.look(cameras[character])
-        elif character in "rR":
+        elif character == "r":
             self.look(CAMERAS[0])
+        elif character == "q":
+            self._glfw.set_window_should_close(window, True)
 
     def _on_key(self, window: Any, key: int, _: int, action: int, __: int) -> None:
         glfw = self._glfw
@@ -326,12 +330,12 @@ class FaceWindow:
                 self.panel.erase()
             elif key == glfw.KEY_ESCAPE:
                 self.panel.is_typing = False
-        elif key in (glfw.KEY_ESCAPE, glfw.KEY_Q):
+        elif key == glfw.KEY_ESCAPE:
             glfw.set_window_should_close(window, True)
         elif key == glfw.KEY_TAB:
             self._shows_panel = not self._shows_panel
         elif key in (glfw.KEY_ENTER, glfw.KEY_KP_ENTER):
-            self.panel.is_typing = self.panel.has_text
+            self.panel.is_typing = self.panel.has_text and self._panel_width() > 0
         elif key in (glfw.KEY_LEFT, glfw.KEY_RIGHT, glfw.KEY_UP, glfw.KEY_DOWN):
             yaw = {glfw.KEY_LEFT: -1, glfw.KEY_RIGHT: 1}.get(key, 0)
             pitch = {glfw.KEY_UP: 1, glfw.KEY_DOWN: -1}.get(key, 0)

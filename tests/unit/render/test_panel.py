@@ -54,6 +54,23 @@ def test_buttons_lie_apart_and_are_pressed() -> None:
     assert one.press(WIDTH / 2, 5) == []
 
 
+@pytest.mark.parametrize("height", [160, 300, 440, 560, 620, 640])
+def test_nothing_lies_under_the_line_of_text(height: int) -> None:
+    """In a low window what has no room is left out, from below."""
+    sliders = [Slider(name, name) for name in "abcdefghi"]
+    one = Panel(sliders, ("1", "2", "3", "4", "Pause", "Stop", "Blink"), has_text=True, height=height)
+    text = one._text_box()
+    boxes = [*one._slider_boxes(), *one._button_boxes()]
+    assert all(box[3] <= text[1] for _, box in boxes)
+    assert [thing for thing, _ in boxes] == [*one.sliders, *one.buttons][: len(boxes)]
+    assert (len(boxes) == 16) == (height >= 640)
+    assert one.press(*centre(text)) == []
+    assert one.is_typing
+    assert one.picture()[0].shape == (height, WIDTH, 4)
+    one.has_text = False
+    assert len([*one._slider_boxes(), *one._button_boxes()]) == 16
+
+
 def test_text_is_typed_only_where_it_is_wanted() -> None:
     one = panel()
     one.type("x")

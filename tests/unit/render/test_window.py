@@ -122,10 +122,44 @@ def test_controls_come_out_as_events(window: FaceWindow) -> None:
     press(glfw.KEY_ESCAPE)  # leaves the line of text
     assert window.show(REST) == [Said("Hi")]
     assert window.is_open
-    window._on_key(window._window, glfw.KEY_Q, 0, glfw.RELEASE, 0)
+    window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.RELEASE, 0)
     assert window.is_open
-    press(glfw.KEY_Q)
+    press(glfw.KEY_ESCAPE)
     assert not window.is_open
+
+
+@pytest.mark.parametrize("letter", "qQ")
+def test_letters_are_those_of_the_layout_and_large_or_small(window: FaceWindow, letter: str) -> None:
+    """Where a Q is, a French keyboard has an A."""
+    import glfw
+
+    window._on_key(window._window, glfw.KEY_Q, 0, glfw.PRESS, 0)
+    window._on_character(window._window, ord("a"))
+    assert window.is_open
+    window._keys["b"] = "Blink"
+    for character in "bB":
+        window._on_character(window._window, ord(character))
+    assert window.show(REST) == [Pressed("Blink")] * 2
+    window._on_character(window._window, ord("2"))
+    window._on_character(window._window, ord("R"))
+    assert window.camera == PRESETS["front"]
+    window._on_character(window._window, ord(letter))
+    assert not window.is_open
+
+
+def test_nobody_types_where_nothing_is_to_be_seen_of_it(window: FaceWindow) -> None:
+    import glfw
+
+    window.hide_panel()
+    window._on_key(window._window, glfw.KEY_ENTER, 0, glfw.PRESS, 0)
+    window._on_character(window._window, ord(" "))
+    assert window.show(REST) == [Pressed("Pause")]
+    window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
+    glfw.set_window_size(window._window, WIDTH + 100, 320)
+    while window._points()[0] != WIDTH + 100:
+        window.show(REST)
+    window._on_key(window._window, glfw.KEY_ENTER, 0, glfw.PRESS, 0)
+    assert not window.panel.is_typing
 
 
 def test_the_window_listens(window: FaceWindow) -> None:
