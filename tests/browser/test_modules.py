@@ -302,6 +302,11 @@ def test_a_card_that_is_too_slow_gives_up_pixels_and_finds_its_rate(modules: Pag
     assert calculated(modules, "time.js", code, turn=1 / 60)[-1] == "soft 0.41"
 
 
+def test_pixels_that_help_a_little_from_the_first_picture_on_are_not_taken_back(modules: Page) -> None:
+    code = EDGES_AND_SCALE + "pass(400, (fine, scale) => 0.06 + 0.02 * scale ** 2); return seen;"
+    assert calculated(modules, "time.js", code, turn=1e-4)[-1] == "soft 0.40"
+
+
 def test_on_a_slow_screen_nothing_is_given_up_for_nothing(modules: Page) -> None:
     code = EDGES_AND_SCALE + "pass(5000, () => 0.002); return seen;"
     seen = calculated(modules, "time.js", code, turn=1 / 30)

@@ -99,7 +99,7 @@ export class PixelBudget {
   // How long the last picture took from the one before, s. Returns whether there is something else to draw.
   add(interval) {
     if (this.settled || interval > 0.25) return false; // the page was hidden
-    this.mean += (interval - this.mean) / 10;
+    this.mean += (interval - this.mean) / (this.mean ? 10 : 1);
     this.slow = interval > 1 / 45 ? this.slow + 1 : Math.max(0, this.slow - 1);
     this.quick = interval < 1 / 55 ? this.quick + 1 : 0;
     if (this.slow >= 20) return this.fall();
