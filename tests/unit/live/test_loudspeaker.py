@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
 from fapengine.live.loudspeaker import SETTLE_S, STILL_S, Loudspeaker
 from fapengine.live.server.hub import Hub
-from fapengine.live.sound_output import LastingOutput
+from fapengine.live.sound_output import LastingOutput, SilentOutput
 from fapengine.live.sound_queue import SoundQueue
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
@@ -331,6 +331,24 @@ def test_a_pause_lasts_whatever_waits_behind() -> None:
     assert made.hub.engine.state("face") == "speaking"
     assert made.hub.counts.unheard == 0
     assert abs(made.off_s[-1]) < 0.01
+
+
+def test_a_pause_holds_a_device_that_is_opened_meanwhile() -> None:
+    made, opened = stage(), []
+
+    def opens(rate_hz: int) -> SilentOutput:
+        opened.append(SilentOutput(rate_hz, "a test", now=made.clock))
+        return opened[-1]
+
+    made.speaker.close()
+    made.speaker = Loudspeaker(made.hub, "face", opens=opens)
+    made.hub.say("face", babble(1.5))
+    made.run(0.5)
+    made.hub.apply("face", Pause())
+    made.hub.say("face", replace(babble(1.5), sample_rate_hz=2 * RATE_HZ))
+    made.run(1.0)
+    assert opened[1].position_s(1, made.clock.now_s) == pytest.approx(0.01)
+    assert made.hub.engine.state("face") == "paused"
 
 
 def test_a_session_that_goes_is_let_go() -> None:
