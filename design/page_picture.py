@@ -22,6 +22,15 @@ SMILE = """(() => {
     one.value = 0.5;
     one.dispatchEvent(new Event("input"));
 })()"""
+HOLD = """(() => {
+    const faps = Float32Array.from(page.faps);
+    const shown = page.cushion.sample(performance.now() / 1000, new Float32Array(68));
+    page.cushion.sample = (now, into) => { into.set(faps); return { ...shown, faps: into }; };
+    page.presence.at = () => 1;
+    Object.defineProperty(page, "wantsFineEdges", { get: () => true });
+    page.resized = true;
+})()"""
+"""The face as it is now, with the edges that a graphics card draws."""
 
 
 async def show() -> tuple[Image.Image, Image.Image]:
@@ -37,6 +46,8 @@ async def show() -> tuple[Image.Image, Image.Image]:
             f"document.getElementById('text').value = {SENTENCE!r}; document.getElementById('say').click()"
         )
         await browser.until("document.getElementById('phone').textContent === 'aɪ'")
+        await browser.run(HOLD)
+        await asyncio.sleep(1.0)
         wide = await browser.picture()
         await browser.call(
             "Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1.5, mobile=True

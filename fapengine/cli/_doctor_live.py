@@ -1,7 +1,7 @@
 """What ``fapengine doctor`` looks at of the live part: window, sound, ports, extras."""
 
-SETTLE_S = 1.5
-"""So long a sound card may take to begin."""
+WATCH_S, SETTLE_S = 0.4, 1.5
+"""So long a sound card is watched at least, and so long it may take to begin."""
 SAMPLE_RATE_HZ = 22_050
 """Of the voice."""
 TOO_FAST = 4.0
@@ -39,9 +39,10 @@ def sound() -> str:
     try:
         with Player(SAMPLE_RATE_HZ) as player:
             begun_s = time.monotonic()
-            while not player.is_settled(time.monotonic()) and time.monotonic() < begun_s + SETTLE_S:
+            while (took_s := time.monotonic() - begun_s) < SETTLE_S:
+                if took_s > WATCH_S and player.is_settled(time.monotonic()):
+                    break
                 time.sleep(0.02)
-            took_s = time.monotonic() - begun_s
             settled, clock = player.is_settled(time.monotonic()), player.clock
             fetched_s = clock.fetched / clock.sample_rate_hz
             description = player.description

@@ -112,6 +112,8 @@ class ServerLink:
         self.state: LinkState = "connecting"
         self.trouble = ""
         """Why there is no connection."""
+        self._refusal = ""
+        """What the server said instead of hello."""
         self.hello: dict[str, Any] = {}
         """What the server said of itself."""
         self.counts = WatchCounts()
@@ -192,11 +194,13 @@ class ServerLink:
                     self._aiohttp.ClientSession() as client,
                     client.ws_connect(self._url, max_msg_size=1 << 24, heartbeat=5.0) as link,
                 ):
-                    pause_s, self.state = RETRY_S[0], "open"
+                    self._refusal = ""
                     await self._talk(client, link)
-                self.trouble = "the server went away"
+                self.trouble = self._refusal or "the server went away"
             except (self._aiohttp.ClientError, OSError, TimeoutError) as error:
                 self.trouble = str(error) or type(error).__name__
+            if self.state == "open":
+                pause_s = RETRY_S[0]
             self.state = "lost"
             self._frame, self._trips = None, []
             await asyncio.sleep(pause_s)
@@ -269,7 +273,9 @@ class ServerLink:
             message = json.loads(text)
             kind = message["type"]
             if kind == "hello":
-                self.hello = message
+                self.hello, self.state = message, "open"
+            elif kind == "error" and self.state != "open":
+                self._refusal = str(message["message"])
             elif kind == "pong":
                 self._take_pong(int(message["number"]), float(message["time_s"]))
             elif kind == "begin":

@@ -16,7 +16,7 @@ MOST_RUNS = 8
 """Of an utterance with gaps, a page that comes late is told so many stretches, the last ones."""
 POSITION_EVERY = 15
 """Frames between two messages about where an utterance is."""
-OVER = ("finished", "cancelled")
+OVER = ("finished", "cancelled", "error")
 
 
 class Member(Protocol):

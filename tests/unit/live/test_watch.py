@@ -47,9 +47,9 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def serve(port: int, head: Path) -> subprocess.Popen[bytes]:
+def serve(port: int, head: Path, *more: str) -> subprocess.Popen[bytes]:
     ports = ("--port", "0", "--web-port", str(port))
-    command = [sys.executable, "-m", "fapengine", "serve", *ports, "--without", "all", "--head", str(head)]
+    command = [sys.executable, "-m", "fapengine", "serve", *ports, "--without", "all", "--head", str(head), *more]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
@@ -205,6 +205,25 @@ class SoundServer:
 
 def sound_text(utterance: int) -> str:
     return text_of("sound", utterance=utterance, url=f"/sound.wav?utterance={utterance}", text="")
+
+
+def test_a_server_that_is_full_says_so(coarse_head: Path, tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text("[limits]\nsessions = 1\n")
+    port = free_port()
+    server = serve(port, coarse_head, "--config", str(tmp_path / "small.toml"))
+    first = ServerLink(f"http://127.0.0.1:{port}/", session="anna")
+    try:
+        assert until(lambda: first.state == "open")
+        second = ServerLink(f"http://127.0.0.1:{port}/", session="berta")
+        try:
+            assert until(lambda: "sessions" in second.trouble)
+            assert second.state == "lost"
+        finally:
+            second.close()
+    finally:
+        first.close()
+        server.kill()
+        server.wait()
 
 
 def test_a_long_sound_is_had_whole_and_one_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
