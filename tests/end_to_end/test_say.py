@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -183,12 +182,12 @@ def test_doctor_tells_what_works() -> None:
 
 
 def test_help_is_quick_and_teaches() -> None:
-    """Best of three: 0.4 s is the promise, the machine may be busy."""
-    seconds = []
-    for _ in range(3):
-        started = time.perf_counter()
-        text = run("--help").stdout
-        seconds.append(time.perf_counter() - started)
-    assert min(seconds) < 0.8  # twice the promise: the figure itself is in bench/
+    """How quick, bench/say.py tells; here: nothing is loaded that takes long."""
+    text = run("--help").stdout
+    code = (
+        "import sys; from fapengine.cli import main; print(*{'numpy', 'scipy', 'PIL', 'moderngl'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "\n"
     assert all(verb in text for verb in ("say", "animate", "doctor"))
     assert "Example" in run("say", "--help").stdout

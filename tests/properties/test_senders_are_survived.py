@@ -180,6 +180,7 @@ def test_the_largest_packets_hold_a_bounded_number_of_messages():
     element = b"\0\0\0\4/\0\0\0"
     packet = b"#bundle\0" + bytes(7) + b"\1" + element * ((WireLimits().packet - 16) // len(element))
     receiver.receive(packet, "a", 1.0, 1.79e9)
-    assert receiver.counts.unknown == receiver.counts.messages == 2046
+    assert receiver.counts.unknown == receiver.counts.messages == WireLimits().messages
+    assert receiver.counts.refused == 2046 - WireLimits().messages
     receiver.receive(packet + element, "a", 1.0, 1.79e9)
     assert receiver.counts.malformed == 1
