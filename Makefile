@@ -25,7 +25,7 @@ demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 
 test: check detector
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q --at-least $(TESTS_AT_LEAST)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
 	@$(MAKE) --no-print-directory fuzz SECONDS=15
 
 check: $(VENV)/.ready-dev
