@@ -133,21 +133,27 @@ def probe(server: tuple[str, int], ear: socket.socket, seconds: float, seed: int
     side, stop_s = 1.0, time.monotonic() + seconds
     time.sleep(1.0)
     while time.monotonic() < stop_s:
-        still = _until_still(ear, float(rng.uniform(*WAIT_S)))
         side = -side
-        time.sleep(rng.uniform(0.0, 1 / 60))  # at any moment between two frames
-        sent_ns = time.time_ns()
-        out.send(osc.message("/fap/1/gaze", "sffi", PROBE, 5.0 * side, 0.0, 10_000))
-        while True:
-            eyes, arrived_ns = _frame(ear)
-            if arrived_ns > sent_ns and eyes != still:
-                found.append((arrived_ns - sent_ns) * 1e-9)
-                break
-            if time.time_ns() - sent_ns > 1_000_000_000:
-                found.append(float("inf"))  # lost
-                break
+        gaze = osc.message("/fap/1/gaze", "sffi", PROBE, 5.0 * side, 0.0, 10_000)
+        try:
+            found.append(_turn(ear, out, gaze, float(rng.uniform(*WAIT_S)), float(rng.uniform(0.0, 1 / 60))))
+        except TimeoutError:  # no frame for a second
+            found.append(float("inf"))
     out.close()
     return found
+
+
+def _turn(ear: socket.socket, out: socket.socket, gaze: bytes, wait_s: float, phase_s: float) -> float:
+    """Turn the eyes once, at any moment between two frames; seconds to the frame that shows it, inf: lost."""
+    still = _until_still(ear, wait_s)
+    time.sleep(phase_s)
+    sent_ns = time.time_ns()
+    out.send(gaze)
+    while time.time_ns() - sent_ns < 1_000_000_000:
+        eyes, arrived_ns = _frame(ear)
+        if arrived_ns > sent_ns and eyes != still:
+            return (arrived_ns - sent_ns) * 1e-9
+    return float("inf")
 
 
 def _until_still(ear: socket.socket, wait_s: float) -> int:

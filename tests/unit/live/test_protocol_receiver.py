@@ -296,7 +296,7 @@ def test_an_end_may_come_without_a_duration_or_be_shorter_than_its_phones():
     assert len(one.faces.commands(Append)) == 2
 
 
-def test_a_far_end_costs_no_more_than_a_near_one():
+def test_what_is_missing_before_a_far_end_is_asked_for_in_one_piece():
     one = Wire()
     one.send(HELLO, BeginUtterance("anna", 1), four(), EndUtterance("anna", 1, 20_000))
     (_, asked) = one.tick(50.5)
