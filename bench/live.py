@@ -205,7 +205,8 @@ def measure(sessions: int, seconds: float, *, chunked: bool) -> dict[str, Any]:
     late = np.array(late_s) * 1e3
     return heard | {
         "sessions": sessions, "probes": len(late), "late_ms": np.round(late, 3).tolist(),
-        "p50_ms": float(np.median(late)), "p99_ms": float(np.quantile(late, 0.99, method="higher")), "max_ms": float(late.max()),
+        "p50_ms": float(np.median(late)), "p99_ms": float(np.quantile(late, 0.99, method="higher")),
+        "max_ms": float(late.max()),
         "core": used, "frames": ticks, "skipped": gained("fapengine_skipped_total"),
         "tick_ms": 1e3 * (after["fapengine_tick_seconds_sum"] - before["fapengine_tick_seconds_sum"]) / max(ticks, 1),
         "datagrams_in": gained('fapengine_intake_total{kind="datagrams"}'), "load": os.getloadavg()[0],
