@@ -44,23 +44,23 @@ def frozen(
     False
     """
     try:
-        given = np.asarray(array)
-        numeric = given.dtype.kind in "biuf"
+        values = np.asarray(array)
+        numeric = values.dtype.kind in "biuf"
     except ValueError as error:  # ragged nested lists
         raise UsageError(f"{name}: got a ragged sequence, expected shape {_spell(shape)}") from error
     wanted = np.dtype(dtype)
     if not numeric:
-        raise UsageError(f"{name}: got dtype {given.dtype}, expected {wanted}")
-    if not _fits(given.shape, shape):
-        raise UsageError(f"{name}: got shape {given.shape}, expected {_spell(shape)}")
-    if given.dtype.kind == "f" and finite and not np.isfinite(given).all():
-        bad = np.argwhere(~np.isfinite(given))[0]
-        raise UsageError(f"{name}: got {given[tuple(bad)]} at index {tuple(bad.tolist())}, expected finite numbers")
+        raise UsageError(f"{name}: got dtype {values.dtype}, expected {wanted}")
+    if not _fits(values.shape, shape):
+        raise UsageError(f"{name}: got shape {values.shape}, expected {_spell(shape)}")
+    if values.dtype.kind == "f" and finite and not np.isfinite(values).all():
+        bad = np.argwhere(~np.isfinite(values))[0]
+        raise UsageError(f"{name}: got {values[tuple(bad)]} at index {tuple(bad.tolist())}, expected finite numbers")
     with np.errstate(invalid="ignore", over="ignore"):
-        copy = np.array(given, dtype=wanted, order="C", copy=True)
-    if wanted.kind in "iub" and given.size and not np.array_equal(copy, given):
-        bad = np.argwhere(copy != given)[0]
-        raise UsageError(f"{name}: got {given[tuple(bad)]} at index {tuple(bad.tolist())}, which {wanted} cannot hold")
+        copy = np.array(values, dtype=wanted, order="C", copy=True)
+    if wanted.kind in "iub" and values.size and not np.array_equal(copy, values):
+        bad = np.argwhere(copy != values)[0]
+        raise UsageError(f"{name}: got {values[tuple(bad)]} at index {tuple(bad.tolist())}, which {wanted} cannot hold")
     copy.flags.writeable = False
     return copy
 

@@ -1,4 +1,4 @@
-"""Find the shipped shaders and profiles, in a checkout and in an installed wheel."""
+"""Find the shipped shaders, profiles and the page, in a checkout and in an installed wheel."""
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -24,6 +24,11 @@ def shader_source(name: str) -> str:
         known = sorted(p.name for p in _data_folder("shaders").iterdir())
         raise UsageError(f"shader: got {name!r}, expected one of {known}")
     return path.read_text(encoding="utf-8")
+
+
+def page_files() -> dict[str, bytes]:
+    """Return every file of the page in a browser as ``{name: bytes}``."""
+    return {p.name: p.read_bytes() for p in _data_folder("web-page").iterdir() if p.is_file()}
 
 
 def profile_ids() -> list[str]:

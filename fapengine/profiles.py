@@ -9,14 +9,16 @@ import io
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import pairwise
 from types import MappingProxyType
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
-from fapengine._toml import TomlTable, parse_toml, quoted
+from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
@@ -29,8 +31,9 @@ SCHEMA = 1
 TOML_NAME, ARRAYS_NAME, CONTEXT_NAME = "profile.toml", "modes.npz", "context.npz"
 ORIGIN_NEEDED = ("source", "command")
 FAPU_NAMES = ("irisd0", "es0", "ens0", "mns0", "mw0")
-CONTACTS = ("none", "lips", "teeth")
-"""What a phone must touch: nothing, lip on lip (p b m), lower lip on upper teeth (f v)."""
+Contact = Literal["none", "lips", "teeth"]
+"""Contact that a phone makes: none, lip on lip (p b m), lower lip on upper teeth (f v)."""
+CONTACTS: tuple[Contact, ...] = get_args(Contact)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -40,13 +43,13 @@ class PhoneTarget:
     ipa: str
     """One IPA letter, or several for a diphthong or an affricate."""
     fractions: tuple[float, ...]
-    """Where in the phone its keyframes stand, 0..1, rising."""
+    """Times of the keyframes as fractions of the phone, 0..1, rising."""
     targets: NDArray[np.float64]
     """(keyframes, K) mode weights."""
     contact: str
     """One of :data:`CONTACTS`."""
     origin: str
-    """How it was found."""
+    """Origin of the target."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -64,7 +67,7 @@ class ContextModel:
     """Targets that depend on a phone's neighbours; :mod:`fapengine.trajectory.context` computes and learns them."""
 
     fractions: tuple[float, ...]
-    """Where in a phone its keyframes stand, 0..1, rising."""
+    """Times of the keyframes as fractions of a phone, 0..1, rising."""
     features: tuple[str, ...]
     """(F,) names."""
     coefficients: NDArray[np.float64]
@@ -89,10 +92,10 @@ class Profile:
     fapu: Fapu
     space: VisemeSpace
     phones: Mapping[str, PhoneTarget]
-    """By IPA."""
+    """Targets by IPA."""
     expressions: Mapping[Expression, ExpressionTarget]
     context: ContextModel | None = None
-    """Without one every phone has one look, :attr:`phones`."""
+    """Targets by neighbours; without them every phone has one look, :attr:`phones`."""
 
 
 def format_profile(profile: Profile) -> dict[str, bytes]:
@@ -185,129 +188,175 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
     """
     if TOML_NAME not in files:
         raise ProfileError(f"got files {sorted(files)}, expected {TOML_NAME} among them", where=TOML_NAME)
-    table = parse_toml(files[TOML_NAME], TOML_NAME, ProfileError)
-    if (schema := table.take("schema", int)) != SCHEMA:
-        raise ProfileError(f"schema: got {schema}, expected {SCHEMA}", where=table.where("schema"))
-    origin = _origin(table.table("origin"))
-    space = _space(table.table("modes"), files)
-    profile = Profile(
-        id=table.take("id", str),
-        language=table.take("language", str),
-        licence=table.take("licence", str),
-        origin=MappingProxyType(origin),
-        fapu=_fapu(table.table("fapu_mm")),
-        space=space,
-        phones=MappingProxyType(_phones(table.tables("phone"), table.where("phone"), space.mode_count)),
-        expressions=MappingProxyType(_expressions(table.tables("expression"), space.mode_count)),
-    )
-    context = _context(table.table("context"), files, space.mode_count) if table.has("context") else None
-    table.finish()
-    return replace(profile, context=context)
-
-
-def _origin(table: TomlTable) -> dict[str, str]:
-    origin = {key: table.take(key, str) for key in table}
+    document = parse_toml(files[TOML_NAME], _Document, TOML_NAME, ProfileError, schema=SCHEMA)
     for key in ORIGIN_NEEDED:
-        if key not in origin:
-            raise ProfileError(f"key {key!r} is missing: no numbers without a birthplace", where=table.where(key))
-    return origin
+        if key not in document.origin:
+            raise _wrong(f"key {key!r} is missing: no numbers without a birthplace", "origin", key)
+    space = _space(document.modes, files)
+    return Profile(
+        id=document.id,
+        language=document.language,
+        licence=document.licence,
+        origin=MappingProxyType(document.origin),
+        fapu=_fapu(document.fapu_mm),
+        space=space,
+        phones=MappingProxyType(_phones(document.phone, space.mode_count)),
+        expressions=MappingProxyType(_expressions(document.expression, space.mode_count)),
+        context=None if document.context is None else _context(document.context, files, space.mode_count),
+    )
 
 
-def _fapu(table: TomlTable) -> Fapu:
-    lengths = {f"{name}_mm": table.take(name, float) for name in FAPU_NAMES}
-    table.finish()
+@dataclass(frozen=True, slots=True)
+class _Lengths:
+    irisd0: float
+    es0: float
+    ens0: float
+    mns0: float
+    mw0: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Modes:
+    file: str
+    sha256: str
+    count: int
+    markers: int
+    points: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Phone:
+    ipa: str
+    fractions: tuple[float, ...]
+    targets: tuple[tuple[float, ...], ...]
+    contact: Contact
+    origin: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Expression:
+    name: str
+    target: tuple[float, ...]
+    fap: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Context:
+    file: str
+    sha256: str
+    fractions: tuple[float, ...]
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """``profile.toml``, key by key."""
+
+    schema: int
+    id: str
+    language: str
+    licence: str
+    origin: dict[str, str]
+    fapu_mm: _Lengths
+    modes: _Modes
+    phone: tuple[_Phone, ...]
+    expression: tuple[_Expression, ...]
+    context: _Context | None = None
+
+
+def _wrong(message: object, *path: str | int) -> ProfileError:
+    return ProfileError(str(message), where=spell_path(TOML_NAME, *path))
+
+
+def _fapu(lengths: _Lengths) -> Fapu:
     try:
-        return Fapu(**lengths)
+        return Fapu(**{f"{name}_mm": getattr(lengths, name) for name in FAPU_NAMES})
     except UsageError as error:
-        raise ProfileError(str(error), where=table.where("")) from error
+        raise _wrong(error, "fapu_mm") from error
 
 
-def _space(table: TomlTable, files: Mapping[str, bytes]) -> VisemeSpace:
-    name, digest, count = table.take("file", str), table.take("sha256", str), table.take("count", int)
-    points = tuple(table.take("points", list))
-    marker_count = table.take("markers", int)
-    table.finish()
-    _check_file(table, files, name, digest)
-    unknown = [point for point in points if point not in FEATURE_POINT_NAMES]
+def _space(modes: _Modes, files: Mapping[str, bytes]) -> VisemeSpace:
+    data = _file(modes, files, "modes")
+    unknown = [point for point in modes.points if point not in FEATURE_POINT_NAMES]
     if unknown:
-        raise ProfileError(f"got {unknown}, expected feature points", where=table.where("points"))
+        raise _wrong(f"got {unknown}, expected feature points", "modes", "points")
     try:
-        with np.load(io.BytesIO(files[name]), allow_pickle=False) as arrays:
-            modes = frozen(arrays["modes_mm"], "modes_mm", (count, len(points), 3), np.float64)
-        return VisemeSpace(points=points, marker_count=marker_count, modes_mm=modes)
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            modes_mm = frozen(arrays["modes_mm"], "modes_mm", (modes.count, len(modes.points), 3), np.float64)
+        return VisemeSpace(points=modes.points, marker_count=modes.markers, modes_mm=modes_mm)
     except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
-        raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
+        raise _wrong(f"{modes.file}: {error}", "modes", "file") from error
 
 
-def _check_file(table: TomlTable, files: Mapping[str, bytes], name: str, digest: str) -> None:
-    if name not in files:
-        raise ProfileError(f"file {name!r} is missing; got {sorted(files)}", where=table.where("file"))
-    if (found := hashlib.sha256(files[name]).hexdigest()) != digest:
-        raise ProfileError(f"sha256 of {name}: got {found}, expected {digest}", where=table.where("sha256"))
-
-
-def _context(table: TomlTable, files: Mapping[str, bytes], modes: int) -> ContextModel:
-    name, count = table.take("file", str), table.take("count", int)
-    _check_file(table, files, name, table.take("sha256", str))
-    fractions = _fractions(table)
-    table.finish()
+def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> ContextModel:
+    data = _file(context, files, "context")
+    fractions = _fractions(context.fractions, "context", "fractions")
     try:
-        with np.load(io.BytesIO(files[name]), allow_pickle=False) as arrays:
-            features = tuple(str(one) for one in arrays["features"])
-            shape = (count, len(fractions), modes)
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            features = tuple(str(feature) for feature in arrays["features"])
+            shape = (context.count, len(fractions), modes)
             coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
         return ContextModel(fractions=fractions, features=features, coefficients=coefficients)
     except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
-        raise ProfileError(f"{name}: {error}", where=table.where("file")) from error
+        raise _wrong(f"{context.file}: {error}", "context", "file") from error
 
 
-def _fractions(table: TomlTable) -> tuple[float, ...]:
-    fractions = table.numbers("fractions", ("keyframes",))
-    if not len(fractions) or (np.diff(fractions) <= 0).any() or fractions.min() < 0 or fractions.max() > 1:
-        raise ProfileError(f"got {fractions.tolist()}, expected rising 0..1", where=table.where("fractions"))
-    return tuple(fractions.tolist())
+def _file(table: _Modes | _Context, files: Mapping[str, bytes], key: str) -> bytes:
+    """Return the content of the file that a table names."""
+    if table.file not in files:
+        raise _wrong(f"file {table.file!r} is missing; got {sorted(files)}", key, "file")
+    data = files[table.file]
+    if (digest := hashlib.sha256(data).hexdigest()) != table.sha256:
+        raise _wrong(f"sha256 of {table.file}: got {digest}, expected {table.sha256}", key, "sha256")
+    return data
 
 
-def _phones(rows: list[TomlTable], where: str, count: int) -> dict[str, PhoneTarget]:
+def _fractions(fractions: tuple[float, ...], *path: str | int) -> tuple[float, ...]:
+    is_rising = all(before < after for before, after in pairwise(fractions))
+    if not fractions or not is_rising or not all(0 <= fraction <= 1 for fraction in fractions):
+        raise _wrong(f"got {list(fractions)}, expected rising 0..1", *path)
+    return fractions
+
+
+def _numbers(values: ArrayLike, shape: tuple[int, ...], *path: str | int) -> NDArray[np.float64]:
+    try:
+        return frozen(values, str(path[-1]), shape, np.float64)
+    except UsageError as error:
+        raise _wrong(error, *path) from error
+
+
+def _phones(rows: tuple[_Phone, ...], count: int) -> dict[str, PhoneTarget]:
     phones: dict[str, PhoneTarget] = {}
-    for table in rows:
-        name = table.take("ipa", str)
-        letters = ipa.letters(name)
-        if "".join(letters) != name or not letters or name in phones:
-            raise ProfileError(f"got {name!r}, expected bare IPA, once", where=table.where("ipa"))
-        fractions = _fractions(table)
-        contact = table.take("contact", str)
-        if contact not in CONTACTS:
-            raise ProfileError(f"got {contact!r}, expected one of {CONTACTS}", where=table.where("contact"))
-        phones[name] = PhoneTarget(
-            ipa=name,
+    for index, row in enumerate(rows):
+        letters = ipa.letters(row.ipa)
+        if "".join(letters) != row.ipa or not letters or row.ipa in phones:
+            raise _wrong(f"got {row.ipa!r}, expected bare IPA, once", "phone", index, "ipa")
+        fractions = _fractions(row.fractions, "phone", index, "fractions")
+        phones[row.ipa] = PhoneTarget(
+            ipa=row.ipa,
             fractions=fractions,
-            targets=table.numbers("targets", (len(fractions), count)),
-            contact=contact,
-            origin=table.take("origin", str),
+            targets=_numbers(row.targets, (len(fractions), count), "phone", index, "targets"),
+            contact=row.contact,
+            origin=row.origin,
         )
-        table.finish()
     if not phones:
-        raise ProfileError("got no phone, expected some", where=where)
+        raise _wrong("got no phone, expected some", "phone")
     return phones
 
 
-def _expressions(rows: list[TomlTable], count: int) -> dict[Expression, ExpressionTarget]:
+def _expressions(rows: tuple[_Expression, ...], count: int) -> dict[Expression, ExpressionTarget]:
     expressions: dict[Expression, ExpressionTarget] = {}
-    for table in rows:
-        name = table.take("name", str)
-        if name.upper() not in Expression.__members__ or name == "neutral":
-            raise ProfileError(f"got {name!r}, expected one of the six expressions", where=table.where("name"))
-        target = table.numbers("target", (count,))
+    for index, row in enumerate(rows):
+        if row.name.upper() not in Expression.__members__ or row.name == "neutral":
+            raise _wrong(f"got {row.name!r}, expected one of the six expressions", "expression", index, "name")
         beyond = np.zeros(fap.FAP_COUNT)
-        faps = table.table("fap")
-        for fap_name in faps:
+        for name, value in row.fap.items():
             try:
-                beyond[fap.column(fap.by_name(fap_name).number)] = faps.take(fap_name, float)
+                beyond[fap.column(fap.by_name(name).number)] = value
             except UsageError as error:
-                raise ProfileError(str(error), where=faps.where(fap_name)) from error
-        expressions[Expression[name.upper()]] = ExpressionTarget(
-            target=target, fap=frozen(beyond, "fap", (fap.FAP_COUNT,), np.float64)
+                raise _wrong(error, "expression", index, "fap", name) from error
+        expressions[Expression[row.name.upper()]] = ExpressionTarget(
+            target=_numbers(row.target, (count,), "expression", index, "target"),
+            fap=_numbers(beyond, (fap.FAP_COUNT,), "expression", index, "fap"),
         )
-        table.finish()
     return expressions

@@ -32,7 +32,7 @@ void main() {
     vec3 albedo = mix(iris_colour(at, radius), white, smoothstep(u_iris.x - 0.012, u_iris.x + 0.022, radius));
     // The lids' shade lies over the ball.
     float occlusion = mix(1.0, 0.50, smoothstep(0.12, 0.46, at.y)) * mix(1.0, 0.8, smoothstep(-0.25, -0.45, at.y));
-    vec3 colour = albedo * lit(normal, v_surface.z, occlusion);
+    vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion);
     colour += v_surface.x * occlusion * highlight(normal, view, v_surface.y);
-    o_colour = developed(colour);
+    o_colour = tone_map(colour);
 }

@@ -1,9 +1,9 @@
-// Shades skin, lips, hair, teeth, cloth. In: world position (mm), normal, linear albedo; with LIT_AT_VERTICES light that
-// is ready but for the painting. PAINTED: a picture tints the surface; CUT_OUT: and has holes. Out: sRGB, alpha 1.
+// Shades skin, lips, hair, teeth, cloth. In: world position (mm), normal, linear albedo; with LIT_AT_VERTICES the light,
+// ready but for the painting. PAINTED: a picture tints the surface; CUT_OUT: and has holes. Out: sRGB, alpha 1.
 
 #ifdef LIT_AT_VERTICES
 in vec4 v_diffuse;
-in vec4 v_shine;
+in vec4 v_specular;
 #else
 in vec3 v_position;
 in vec3 v_normal;
@@ -18,7 +18,7 @@ uniform vec3 u_eye_position;  // camera in world space, mm
 #ifdef PAINTED
 uniform sampler2D u_skin;  // sRGB; alpha below one half is a hole
 
-// Linear RGB. A square stands in for the power of 2.2, as in developed().
+// Linear RGB. A square stands in for the power of 2.2, as in tone_map().
 vec3 painting(vec2 at) {
     vec4 paint = texture(u_skin, at);
 #ifdef CUT_OUT
@@ -35,9 +35,9 @@ out vec4 o_colour;
 
 void main() {
 #ifdef LIT_AT_VERTICES
-    o_colour = developed(painting(vec2(v_diffuse.a, v_shine.a)) * v_diffuse.rgb + v_shine.rgb);
+    o_colour = tone_map(painting(vec2(v_diffuse.a, v_specular.a)) * v_diffuse.rgb + v_specular.rgb);
 #else
-    Light light = seen(v_position, v_normal, u_eye_position, v_albedo, v_surface, v_occlusion);
-    o_colour = developed(painting(v_uv) * light.diffuse + light.shine);
+    Light light = shade(v_position, v_normal, u_eye_position, v_albedo, v_surface, v_occlusion);
+    o_colour = tone_map(painting(v_uv) * light.diffuse + light.specular);
 #endif
 }

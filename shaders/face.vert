@@ -11,8 +11,8 @@ in float a_occlusion;
 in vec3 a_bones;  // bone number, its weight, weight of the head
 in vec2 a_entries;  // first entry in the textures, how many
 
-uniform sampler2D u_moves;  // per entry: displacement in mm per FAPU, channel number
-uniform sampler2D u_turns;  // per entry: change of the normal per FAPU
+uniform sampler2D u_displacements;  // per entry: displacement in mm per FAPU, channel number
+uniform sampler2D u_normal_deltas;  // per entry: change of the normal per FAPU
 uniform vec4 u_channels[32];  // channel weights, FAPU, four to a vector
 uniform mat4 u_bones[5];  // moved_from_rest: none, jaw, left eye, right eye, head
 uniform mat4 u_clip_from_world;
@@ -20,7 +20,7 @@ uniform mat4 u_clip_from_world;
 #ifdef LIT_AT_VERTICES
 uniform vec3 u_eye_position;  // camera in world space, mm
 out vec4 v_diffuse;  // linear RGB for the painting to tint; u
-out vec4 v_shine;  // linear RGB on top of it; v
+out vec4 v_specular;  // linear RGB on top of it; v
 #else
 out vec3 v_position;
 out vec3 v_normal;
@@ -35,14 +35,14 @@ void main() {
     vec3 normal = a_normal;
     int first = int(a_entries.x);
     int end = first + int(a_entries.y);
-    int width = textureSize(u_moves, 0).x;
+    int width = textureSize(u_displacements, 0).x;
     for (int entry = first; entry < end; ++entry) {
         ivec2 at = ivec2(entry % width, entry / width);
-        vec4 move = texelFetch(u_moves, at, 0);
+        vec4 move = texelFetch(u_displacements, at, 0);
         int channel = int(move.w);
         float weight = u_channels[channel / 4][channel % 4];
         position += weight * move.xyz;
-        normal += weight * texelFetch(u_turns, at, 0).xyz;
+        normal += weight * texelFetch(u_normal_deltas, at, 0).xyz;
     }
     mat4 bone = u_bones[int(a_bones.x)];
     position += a_bones.y * ((bone * vec4(position, 1.0)).xyz - position);
@@ -51,9 +51,9 @@ void main() {
     normal += a_bones.z * (mat3(u_bones[4]) * normal - normal);
 
 #ifdef LIT_AT_VERTICES
-    Light light = seen(position, normal, u_eye_position, a_albedo, a_surface, a_occlusion);
+    Light light = shade(position, normal, u_eye_position, a_albedo, a_surface, a_occlusion);
     v_diffuse = vec4(light.diffuse, a_uv.x);
-    v_shine = vec4(light.shine, a_uv.y);
+    v_specular = vec4(light.specular, a_uv.y);
 #else
     v_position = position;
     v_normal = normal;

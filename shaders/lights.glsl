@@ -9,21 +9,23 @@ const vec3 RIM_COLOUR = vec3(0.85, 0.90, 1.0);
 const vec3 SKY = vec3(0.46, 0.49, 0.55);
 const vec3 GROUND = vec3(0.30, 0.25, 0.22);
 
-float wrapped(float cosine, float softness) {
+// Diffuse light that wraps round the surface: softness 0 is Lambert's.
+float wrapped_diffuse(float cosine, float softness) {
     float light = clamp((cosine + softness) / (1.0 + softness), 0.0, 1.0);
     return light * light * (1.0 + softness) * 0.5 + light * (1.0 - softness) * 0.5;
 }
 
-// Light on a surface, linear RGB: key with a terminator that reddens with softness, fill, sky and ground.
-vec3 lit(vec3 normal, float softness, float occlusion) {
+// Irradiance of a surface, linear RGB: key with a terminator that reddens with softness, fill, sky and ground.
+vec3 irradiance(vec3 normal, float softness, float occlusion) {
     float key = dot(normal, KEY_FROM);
     vec3 terminator = mix(vec3(1.0), vec3(1.25, 0.72, 0.60), softness * smoothstep(0.45, -0.1, key));
-    vec3 light = KEY_COLOUR * wrapped(key, softness) * terminator * mix(0.35, 1.0, smoothstep(0.05, 0.6, occlusion));
-    light += FILL_COLOUR * wrapped(dot(normal, FILL_FROM), softness) * mix(0.5, 1.0, occlusion);
+    vec3 light = KEY_COLOUR * wrapped_diffuse(key, softness) * terminator;
+    light *= mix(0.35, 1.0, smoothstep(0.05, 0.6, occlusion));
+    light += FILL_COLOUR * wrapped_diffuse(dot(normal, FILL_FROM), softness) * mix(0.5, 1.0, occlusion);
     return light + mix(GROUND, SKY, 0.5 + 0.5 * normal.y) * occlusion;
 }
 
-// Cosine between a normal and the middle of light and view, from the cosines of the normal with each.
+// Cosine between a normal and the half vector of light and view, from the cosines of the normal with each.
 float half_way(vec3 light, vec3 view, float cosines) {
     return clamp(cosines * inversesqrt(dot(light, light) + 1.0 + 2.0 * dot(light, view)), 0.0, 1.0);
 }
@@ -41,24 +43,24 @@ vec3 highlight(vec3 normal, vec3 view, float gloss) {
 
 struct Light {
     vec3 diffuse;  // linear RGB that the surface's painting tints
-    vec3 shine;  // linear RGB on top
+    vec3 specular;  // linear RGB on top
 };
 
-// What is seen of a point of the face. Position and eye in mm; the normal need not be of unit length; surface is specular
-// strength, gloss, softness of the terminator.
-Light seen(vec3 position, vec3 normal, vec3 eye, vec3 albedo, vec3 surface, float occlusion) {
+// Light that a point of the face sends to the eye. Position and eye in mm; the normal need not be of unit length;
+// surface is specular strength, gloss, softness of the terminator.
+Light shade(vec3 position, vec3 normal, vec3 eye, vec3 albedo, vec3 surface, float occlusion) {
     normal = normalize(normal);
     vec3 view = normalize(eye - position);
     float away = 1.0 - clamp(dot(normal, view), 0.0, 1.0);
     float rim = away * away * away * clamp(dot(normal, RIM_FROM) + 0.3, 0.0, 1.0);
     vec3 rim_light = RIM_COLOUR * rim * (0.10 + 0.5 * surface.x) * occlusion;
     return Light(
-        albedo * (lit(normal, surface.z, occlusion) + rim_light),
+        albedo * (irradiance(normal, surface.z, occlusion) + rim_light),
         surface.x * occlusion * highlight(normal, view, surface.y) + 0.15 * rim_light);
 }
 
 // Linear RGB to sRGB, with a shoulder that keeps highlights. 2.0 stands in for 2.2: a root costs a tenth of a power.
-vec4 developed(vec3 colour) {
+vec4 tone_map(vec3 colour) {
     colour = colour * (1.0 + colour * 0.12) / (1.0 + colour * 0.42);
     vec3 root = sqrt(max(colour, 0.0));
     return vec4(mix(root, sqrt(root), 0.07), 1.0);

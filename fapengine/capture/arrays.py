@@ -17,9 +17,9 @@ POSITION_NAMES = ("positions", "positions_mm", "markers", "points")
 DAMAGE = (
     ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
 )  # fmt: skip
-"""What zipfile and NumPy raise on archives that are cut or spoiled."""
-LARGEST_BYTES = 1 << 32
-"""Of an array, unpacked; a small archive cannot ask for more."""
+"""Exceptions that zipfile and NumPy raise on archives that are cut or spoiled."""
+MAX_BYTES = 1 << 32
+"""Size of an array, unpacked, bytes; a small archive cannot ask for more."""
 
 
 def parse_npz(data: bytes) -> RawTrack:
@@ -33,47 +33,47 @@ def parse_npz(data: bytes) -> RawTrack:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST_BYTES:
-            raise DataError(f"NPZ: got {size} bytes unpacked, expected at most {LARGEST_BYTES}")
+        if size > MAX_BYTES:
+            raise DataError(f"NPZ: got {size} bytes unpacked, expected at most {MAX_BYTES}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
+            arrays_by_name = {name: arrays[name] for name in arrays.files}
     except DataError:
         raise
     except (*DAMAGE, MemoryError) as error:  # a header may claim any shape
         raise DataError(f"NPZ: is damaged, or holds Python objects: {error}") from error
-    name = next((name for name in POSITION_NAMES if name in found), None)
+    name = next((name for name in POSITION_NAMES if name in arrays_by_name), None)
     if name is None:
-        raise DataError(f"NPZ: got arrays {sorted(found)}, expected one of {', '.join(POSITION_NAMES)}")
-    positions = found[name]
+        raise DataError(f"NPZ: got arrays {sorted(arrays_by_name)}, expected one of {', '.join(POSITION_NAMES)}")
+    positions = arrays_by_name[name]
     if positions.ndim != 3 or positions.shape[2] != 3 or not positions.size or positions.dtype.kind not in "fiu":
         raise DataError(
             f"NPZ: got {positions.dtype} of shape {positions.shape}, expected numbers (T, M, 3)", where=name
         )
     positions = positions.astype(np.float64)
-    labels = found.get("labels", np.zeros(0, "U1"))
+    labels = arrays_by_name.get("labels", np.zeros(0, "U1"))
     if labels.dtype.kind not in "US" or labels.shape != positions.shape[1:2]:
         raise DataError(
             f"NPZ: got {labels.dtype} of shape {labels.shape}, expected {positions.shape[1]} strings", where="labels"
         )
-    valid = found.get("valid")
+    valid = arrays_by_name.get("valid")
     if valid is not None:
         if valid.shape != positions.shape[:2]:
             raise DataError(f"NPZ: got shape {valid.shape}, expected {positions.shape[:2]}", where="valid")
         positions[~valid.astype(bool)] = np.nan
     positions[~np.isfinite(positions).all(axis=-1)] = np.nan
-    units = found.get("units")
+    units = arrays_by_name.get("units")
     return RawTrack(
         positions=positions,
         labels=tuple(str(label) for label in labels.astype(str)),
-        rate_hz=_rate(found),
+        rate_hz=_rate(arrays_by_name),
         units="mm"
         if name.endswith("_mm")
         else (str(units) if units is not None and units.dtype.kind in "US" else None),
     )
 
 
-def _rate(found: dict[str, NDArray[Any]]) -> float | None:
-    rate = found.get("rate_hz", found.get("fps"))
+def _rate(arrays_by_name: dict[str, NDArray[Any]]) -> float | None:
+    rate = arrays_by_name.get("rate_hz", arrays_by_name.get("fps"))
     if rate is None:
         return None
     if rate.size != 1 or rate.dtype.kind not in "fiu" or not (np.isfinite(rate).all() and float(rate.ravel()[0]) > 0):

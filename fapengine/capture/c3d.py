@@ -114,7 +114,7 @@ def parse_c3d(data: Buffer) -> RawTrack:
 def _parameters(data: Buffer, start: int, processor: _Processor) -> Parameters:
     """Walk the chain of groups and parameters; each record says where the next one begins."""
     groups: dict[int, str] = {}
-    found: dict[int, dict[str, NDArray[np.float64] | list[str]]] = {}
+    by_group: dict[int, dict[str, NDArray[np.float64] | list[str]]] = {}
     at = start + 4
     try:
         while True:
@@ -123,19 +123,19 @@ def _parameters(data: Buffer, start: int, processor: _Processor) -> Parameters:
             if not letters or not group:
                 break
             name = bytes(data[at + 2 : at + 2 + letters]).decode("latin-1").strip().upper()
-            place = at + 2 + letters
-            (step,) = struct.unpack_from(f"{processor.order}h", data, place)
+            value_at = at + 2 + letters
+            (step,) = struct.unpack_from(f"{processor.order}h", data, value_at)
             if group < 0:
                 groups[-group] = name
             else:
-                found.setdefault(group, {})[name] = _value(data, place + 2, processor)
+                by_group.setdefault(group, {})[name] = _value(data, value_at + 2, processor)
             if step <= 0:
                 break
-            at = place + step
+            at = value_at + step
     except (struct.error, IndexError, ValueError) as error:
         raise TruncatedError("C3D: a parameter runs past the end", where=f"byte {at}") from error
     parameters: Parameters = {}
-    for number, values in found.items():
+    for number, values in by_group.items():
         parameters.setdefault(groups.get(number, str(number)), {}).update(values)
     return parameters
 
@@ -143,19 +143,19 @@ def _parameters(data: Buffer, start: int, processor: _Processor) -> Parameters:
 def _value(data: Buffer, at: int, processor: _Processor) -> NDArray[np.float64] | list[str]:
     kind, dimensions = struct.unpack_from("bB", data, at)
     shape = [data[at + 2 + index] for index in range(dimensions)]
-    place, count = at + 2 + dimensions, int(np.prod(shape)) if shape else 1
-    if place + count * abs(kind) > len(data):
+    value_at, count = at + 2 + dimensions, int(np.prod(shape)) if shape else 1
+    if value_at + count * abs(kind) > len(data):
         raise IndexError
     if kind == -1:
         width = shape[0] if shape else 1
-        text = bytes(data[place : place + count]).decode("latin-1")
+        text = bytes(data[value_at : value_at + count]).decode("latin-1")
         return [text[n : n + width].strip("\0 ") for n in range(0, count, width)] if width else []
     if kind == 1:
-        return np.frombuffer(data, np.uint8, count, place).astype(np.float64)
+        return np.frombuffer(data, np.uint8, count, value_at).astype(np.float64)
     if kind == 2:
-        return processor.integers(data, count, place).astype(np.float64)
+        return processor.integers(data, count, value_at).astype(np.float64)
     if kind == 4:
-        return processor.floats(data, count, place).astype(np.float64)
+        return processor.floats(data, count, value_at).astype(np.float64)
     return np.zeros(0)
 
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from fapengine.capture.marker_track import MarkerTrack
 
-FASTEST_MM_S = 1500.0
+MAX_SPEED_MM_S = 1500.0
 """Lips and jaw stay under a fifth of this in speech; a head turned fast comes near."""
 SHARE = 0.5
 """Markers have exchanged places where that leaves less than this share of their steps."""
@@ -26,32 +26,32 @@ def check_track(track: MarkerTrack) -> tuple[str, ...]:
 def _exchanges(track: MarkerTrack) -> list[str]:
     before, after = track.positions_mm[:-1], track.positions_mm[1:]
     step = np.nan_to_num(np.linalg.norm(after - before, axis=-1))
-    limit = max(FASTEST_MM_S / track.rate_hz, 3.0)
+    limit = max(MAX_SPEED_MM_S / track.rate_hz, 3.0)
     common = np.nanmedian(np.where(track.valid[1:] & track.valid[:-1], step, np.nan), axis=1, keepdims=True)
     jumps = step - np.nan_to_num(common) > limit  # against what the head as a whole does
-    found = []
+    remarks = []
     for frame in np.flatnonzero(jumps.any(axis=1)):
         movers = np.flatnonzero(jumps[frame])
         pairs = _pairs(before[frame, movers], after[frame, movers], step[frame, movers])
-        for one, other in pairs:
-            names = track.labels[movers[one]], track.labels[movers[other]]
-            found.append(f"markers {names[0]} and {names[1]} exchange places at frame {frame + 1}")
+        for first, other in pairs:
+            names = track.labels[movers[first]], track.labels[movers[other]]
+            remarks.append(f"markers {names[0]} and {names[1]} exchange places at frame {frame + 1}")
         paired = {index for pair in pairs for index in pair}
-        found += [
+        remarks += [
             f"marker {track.labels[movers[n]]} jumps by {step[frame, movers[n]]:.0f} mm at frame {frame + 1}"
             for n in range(len(movers))
             if n not in paired
         ]
-    if len(found) > SHOWN:
-        found = [*found[:SHOWN], f"and {len(found) - SHOWN} more jumps"]
-    return found
+    if len(remarks) > SHOWN:
+        remarks = [*remarks[:SHOWN], f"and {len(remarks) - SHOWN} more jumps"]
+    return remarks
 
 
 def _pairs(before: NDArray[np.float64], after: NDArray[np.float64], step: NDArray[np.float64]) -> list[tuple[int, int]]:
     across = np.linalg.norm(after[:, None] - before[None], axis=-1)
     total = across + across.T
     near = total < SHARE * (step[:, None] + step[None])
-    return [(int(one), int(other)) for one, other in np.argwhere(np.triu(near, 1))]
+    return [(int(first), int(other)) for first, other in np.argwhere(np.triu(near, 1))]
 
 
 def _constant(track: MarkerTrack) -> list[str]:

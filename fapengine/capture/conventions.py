@@ -21,15 +21,15 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "inch":
 SENTINELS = (-16512.0, 16512.0, 9999.0, -9999.0, 99999.0, -99999.0, 999999.0, -999999.0, 9999999.0, -9999999.0)
 """Numbers that stand for "not seen" in exports of several systems."""
 ABSURD = 1e6
-"""In mm, 1 km: no marker is there."""
+"""Distance in mm, 1 km, beyond which no marker lies."""
 FACE_MM = (40.0, 700.0)
 """Diagonal of the box around a face's markers, from lips alone to a whole head."""
 UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
 POINT_NAME = re.compile(r"^(?:fdp|fp|p)?[ _-]?(\d{1,2})[._-](\d{1,2})$", re.IGNORECASE)
 FRAMES_FOR_SIZE = 500
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
-LEAST_ZEROS = 3
-"""So many zeros in one marker are "not seen"; fewer may be its place."""
+MIN_ZEROS = 3
+"""Number of zeros in one marker from which on they mean "not seen"; fewer may be its position."""
 
 
 def understand(
@@ -79,9 +79,9 @@ def understand(
         raise DataError(str(error)) from error
 
 
-def _names(given: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], list[int]]:
+def _names(raw_names: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], list[int]]:
     """Bare labels, and the columns that have one."""
-    names = [name.strip() for name in given]
+    names = [name.strip() for name in raw_names]
     kept = [index for index, name in enumerate(names) if name and not UNLABELLED.match(name.split(":")[-1])]
     if len(kept) < len(names):
         notes.append(f"{len(names) - len(kept)} trajectories without a name are left out")
@@ -106,7 +106,7 @@ def _without_sentinels(positions: Array, labels: Sequence[str], notes: list[str]
             positions = np.where(hits[..., None], np.nan, positions)
     x, y, z = np.moveaxis(positions == 0.0, -1, 0)
     zeros = x & y & z
-    zeros = zeros & (zeros.sum(axis=0) >= min(LEAST_ZEROS, len(positions)))
+    zeros = zeros & (zeros.sum(axis=0) >= min(MIN_ZEROS, len(positions)))
     if zeros.any():
         notes.append(f"{zeros.sum()} places at the origin are taken as not seen ({_most(zeros, labels)})")
         positions = np.where(zeros[..., None], np.nan, positions)
@@ -132,12 +132,12 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
     """Factor to mm: as asked for, as the file says, else mm where that gives a face."""
     if units is not None and units.lower() not in UNITS_MM:
         raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
-    known = (units or stated or "").lower()
-    if known and known not in UNITS_MM:
-        notes.append(f"the file's unit {known!r} is unknown")
-        known = ""
+    unit = (units or stated or "").lower()
+    if unit and unit not in UNITS_MM:
+        notes.append(f"the file's unit {unit!r} is unknown")
+        unit = ""
     size = _diagonal(positions)
-    factor = UNITS_MM.get(known, 1.0)
+    factor = UNITS_MM.get(unit, 1.0)
     fits = size is None or FACE_MM[0] <= size * factor <= FACE_MM[1]
     others = [
         f"{name} would make it {size * length:.0f} mm"
@@ -145,11 +145,13 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
         if size is not None and FACE_MM[0] <= size * length <= FACE_MM[1] and name not in ("dm", "inch")
     ]
     hint = f" ({'; '.join(others)})" if others else ""
-    if known and not fits:
+    if unit and not fits:
         notes.append(f"the markers span {(size or 0) * factor:.4g} mm, which is no face: wrong units?{hint}")
-    elif not known and not fits:
-        raise DataError(f"units: not stated, and the markers span {size:.4g} of them, expected mm{hint}; say --units")
-    elif not known:
+    elif not unit and not fits:
+        raise DataError(
+            f"units: not stated, and the markers span {size:.4g} of them, expected mm{hint}; say units=UNIT"
+        )
+    elif not unit:
         notes.append(f"units are not stated: taken as mm{'' if size is None else f', the markers span {size:.0f}'}")
     return factor
 

@@ -162,13 +162,13 @@ def _from_json(text: str) -> NDArray[np.float64]:
         raise DataError("landmarks: is nested too deeply") from error
     if not isinstance(frames, list):
         raise DataError(f"landmarks: got {type(frames).__name__}, expected a list of frames")
-    found = [_points(frame, index) for index, frame in enumerate(frames)]
-    counts = {len(points) for points in found if points}
+    frames_points = [_points(frame, index) for index, frame in enumerate(frames)]
+    counts = {len(points) for points in frames_points if points}
     if len(counts) > 1 or not counts <= set(COUNTS):
         raise DataError(f"landmarks: got frames of {sorted(counts)} points, expected {COUNTS[0]} or {COUNTS[1]}")
     count = next(iter(counts), COUNTS[1])
-    table = np.full((len(found), count, 3), np.nan)
-    for index, points in enumerate(found):
+    table = np.full((len(frames_points), count, 3), np.nan)
+    for index, points in enumerate(frames_points):
         if points:
             table[index] = points
     table[~np.isfinite(table)] = np.nan

@@ -19,4 +19,4 @@ class RawTrack:
     up: str | None = None
     """Axis that points up, such as ``"+z"``, if the file says so."""
     notes: tuple[str, ...] = ()
-    """What the reader had to overlook."""
+    """Remarks on what the reader had to overlook."""

@@ -57,9 +57,9 @@ def parse_table(data: bytes) -> RawTrack:
             return _long(rows, line, words)
         if "sub frame" in words and words.count("x") >= 1:
             return _vicon(rows, line)
-        found = [AXIS.match(cell) for cell in row]
-        if sum(match is not None for match in found) >= 3 and words.count("x") == 0:
-            return _wide(rows, line, found, words)
+        axis_matches = [AXIS.match(cell) for cell in row]
+        if sum(match is not None for match in axis_matches) >= 3 and words.count("x") == 0:
+            return _wide(rows, line, axis_matches, words)
     raise DataError(
         "table: got no header that names markers, expected columns marker, x, y, z or NAME_x, NAME_y, NAME_z",
         where="line 1",
@@ -111,10 +111,10 @@ def _long(rows: Rows, line: int, words: list[str]) -> RawTrack:
     )
 
 
-def _wide(rows: Rows, line: int, found: list[re.Match[str] | None], words: list[str]) -> RawTrack:
+def _wide(rows: Rows, line: int, axis_matches: list[re.Match[str] | None], words: list[str]) -> RawTrack:
     columns: dict[str, dict[str, int]] = {}
     units = set()
-    for index, match in enumerate(found):
+    for index, match in enumerate(axis_matches):
         if match is not None and words[index] not in FRAME_WORDS | TIME_WORDS:
             columns.setdefault(match["name"].strip(), {})[match["axis"].lower()] = index
             units |= {match["unit"].lower()} if match["unit"] else set()

@@ -52,7 +52,7 @@ def split_rows(text: str) -> list[list[str]]:
 
 
 def numbers(rows: Sequence[Sequence[str]], width: int, first_line: int) -> NDArray[np.float64]:
-    """Cells as numbers: (rows, width); empty cells, missing ends of lines and NA are NaN, decimal commas points.
+    """Cells as numbers, (R, width) float64; empty cells, missing ends of lines and NA are NaN, decimal commas points.
 
     Raises
     ------
@@ -80,6 +80,6 @@ def whole(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rate_of(times_s: NDArray[np.float64]) -> float | None:
-    """Frames a second of rising times, to five digits; None where they are too few or do not rise."""
+    """Frames a second of rising times, (T,) s, to five digits; None where they are too few or do not rise."""
     steps = np.diff(times_s[~np.isnan(times_s)])
     return float(f"{1.0 / np.median(steps):.5g}") if len(steps) and np.median(steps) > 0 else None

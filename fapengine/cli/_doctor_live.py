@@ -1,11 +1,11 @@
 """What ``fapengine doctor`` looks at of the live part: window, sound, ports, extras."""
 
 WATCH_S, SETTLE_S = 0.4, 1.5
-"""So long a sound card is watched at least, and so long it may take to begin."""
+"""Least time for which a sound card is watched, and most that it may take to begin."""
 SAMPLE_RATE_HZ = 22_050
-"""Of the voice."""
-TOO_FAST = 4.0
-"""A device that fetches sound so many times faster than it is heard is no clock: ALSA's null device does."""
+"""Sample rate of the voice."""
+MAX_FETCH_RATIO = 4.0
+"""Ratio of sound fetched to sound heard, above which a device is no clock: ALSA's null device is beyond it."""
 
 
 class LackError(Exception):
@@ -14,7 +14,7 @@ class LackError(Exception):
 
 def window() -> str:
     """Open a hidden window."""
-    from fapengine.cli._live_face import has_display
+    from fapengine.app.face import has_display
     from fapengine.render.desktop import try_window
 
     if not has_display():
@@ -30,12 +30,13 @@ def sound() -> str:
     import time
 
     from fapengine.errors import ResourceError
-    from fapengine.live.sound import Player, devices
+    from fapengine.live.audio.device import Player, devices
 
-    found = devices()
-    if not found:
+    outputs = devices()
+    if not outputs:
         raise LackError("PortAudio works, but has no output device", "connect one; the face speaks silently without")
-    names = ", ".join(device.name for device in found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+    names = ", ".join(device.name for device in outputs[:3])
+    names += f" and {len(outputs) - 3} more" if len(outputs) > 3 else ""
     try:
         with Player(SAMPLE_RATE_HZ) as player:
             begun_s = time.monotonic()
@@ -48,7 +49,7 @@ def sound() -> str:
             description = player.description
     except ResourceError as error:
         raise LackError(f"{names}; {error}", "choose another: fapengine say TEXT --live --device NAME") from error
-    if fetched_s > TOO_FAST * (took_s + 0.2):
+    if fetched_s > MAX_FETCH_RATIO * (took_s + 0.2):
         raise LackError(
             f"{description}: plays faster than sound is heard, a null device", "choose another: --device NAME"
         )
@@ -90,11 +91,11 @@ def extra(*modules: str) -> str:
     from importlib import import_module
     from importlib.metadata import PackageNotFoundError, version
 
-    found = []
+    versions = []
     for name in modules:
         import_module(name)
         try:
-            found.append(f"{name} {version(name.replace('_', '-'))}")
+            versions.append(f"{name} {version(name.replace('_', '-'))}")
         except PackageNotFoundError:
-            found.append(name)
-    return ", ".join(found)
+            versions.append(name)
+    return ", ".join(versions)

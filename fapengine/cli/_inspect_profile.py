@@ -55,10 +55,10 @@ def describe(profile: Profile) -> dict[str, Any]:
         "points": list(space.points),
         "modes": [
             {
-                "number": index + 1, "moves": found.name, "likeness": round(found.likeness, 2),
-                "most": list(found.busiest), "phones_from": round(low, 1), "phones_to": round(high, 1),
+                "number": index + 1, "moves": mode.name, "likeness": round(mode.likeness, 2),
+                "most": list(mode.busiest), "phones_from": round(low, 1), "phones_to": round(high, 1),
             }
-            for index, (found, low, high) in enumerate(zip(names, *reach, strict=True))
+            for index, (mode, low, high) in enumerate(zip(names, *reach, strict=True))
         ],
         "phones": {
             name: {
@@ -112,8 +112,8 @@ def _print(report: dict[str, Any]) -> None:
 
 def _draw(profile: Profile, path: Path) -> None:
     """Draw a face for each phone and expression."""
-    from fapengine.mesh.head import build_head
-    from fapengine.render.camera import preset
+    from fapengine.mesh.default_head.head import build_head
+    from fapengine.render.drawing import Drawing
     from fapengine.render.renderer import FaceRenderer
 
     openings = {name: _size(profile, phone.targets[0], "2.2", "2.3", 1) for name, phone in profile.phones.items()}
@@ -126,7 +126,7 @@ def _draw(profile: Profile, path: Path) -> None:
         range(len(faps) - len(profile.expressions), len(faps)), profile.expressions.values(), strict=True
     ):
         faps[row] += face.fap
-    with FaceRenderer(build_head(), size=(PICTURE_PX, PICTURE_PX), camera=preset("front"), samples=4) as renderer:
+    with FaceRenderer(build_head(), Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
         pictures = list(renderer.frames(to_codable(faps)))
     save_png(
         path,

@@ -32,8 +32,8 @@ def inspect_timings(
     file_format: str | None = None,
 ) -> None:
     """Print the timeline that was read from a file of phone timings."""
-    found = FORMATS.get(file_format or "") or guess_format(read_bytes(path), ending=path.suffix)
-    report = describe(track, found.name if found else "", found.tool if found else "")
+    timing_format = FORMATS.get(file_format or "") or guess_format(read_bytes(path), ending=path.suffix)
+    report = describe(track, timing_format.name if timing_format else "", timing_format.tool if timing_format else "")
     if plot is not None:
         save_png(plot, draw_timeline(track, title=f"{path.name}: {report['phones']} {report['level']}s"))
     if as_json:

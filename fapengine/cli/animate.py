@@ -10,6 +10,8 @@ from fapengine.cli import options as shared
 
 def animate(
     timings: Annotated[Path, typer.Argument(help="Phone timings; their format is found from the content.")],
+    manner: shared.MannerOptions,
+    drawing: shared.DrawingOptions,
     audio: Annotated[
         Path | None, typer.Option("--audio", "-a", help="The sound: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
@@ -24,44 +26,29 @@ def animate(
     voice: Annotated[
         str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
     ] = "en-us",
-    strict: shared.Strict = False,
-    expression: shared.Expressions = [],  # noqa: B006  typer copies it
-    profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
-    camera: shared.CameraName = "front",
-    background: shared.BackgroundName = "studio",
-    edges: shared.Edges = "fine",
-    size: shared.Size = "512x512",
-    fps: shared.Fps = 30.0,
-    articulation: shared.Articulation = 1.0,
-    jaw: shared.Jaw = 1.0,
-    lips: shared.Lips = 1.0,
-    loudness: shared.Loudness = 0.0,
-    method: shared.Method = "context",
-    without: shared.Without = [],  # noqa: B006
-    seed: shared.Seed = 1,
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Animate phone timings that another tool made.
 
     Example: fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
     """
-    from fapengine.cli.talk import Options, Report, check, manner_of, print_report, refuse_unknown, talk
+    from fapengine.app.performance import perform, pronounced
+    from fapengine.app.report import Report
+    from fapengine.app.talk import check, refuse_unknown
+    from fapengine.cli._talking import write_and_print
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
-    manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background, edges)
-    check(options)
+    chosen, how = manner.value(), drawing.value()
+    check(output, chosen, how)
     report = Report()
     with report.stage("read"):
-        phones = load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet)
-        if phones.spelled:
-            from fapengine.voices.espeak import EspeakVoice
-            from fapengine.voices.pronounce import pronounce
-
-            phones = pronounce(phones, EspeakVoice(voice))
+        phones = pronounced(load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet), voice)
         sound = load_sound(audio) if audio else None
-    refuse_unknown(phones, str(timings), strict=strict)
-    talk(phones, sound, options, report, timings.name)
-    print_report(report, as_json=as_json)
+    if strict:
+        refuse_unknown(phones, str(timings))
+    with report.stage("plan"):
+        performance = perform(phones, sound, chosen, text=timings.name)
+    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json)

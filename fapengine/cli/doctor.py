@@ -9,7 +9,7 @@ from fapengine.cli._doctor_live import LackError
 from fapengine.errors import FapEngineError
 
 ESSENTIAL = ("OpenGL", "video")
-"""Without these no face is drawn; ``doctor`` then exits with 3."""
+"""Parts without which no face is drawn; ``doctor`` then exits with 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Finding:
     part: str
     works: bool
     found: str
-    """What was found, or why it does not work."""
+    """State of the part, or the reason why it does not work."""
     mend: str = ""
     """The command that mends it; empty where nothing is needed."""
 
@@ -30,8 +30,8 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
     Opens the sound card for a moment, silently. Exits with 3 where no face could be drawn.
     """
     from fapengine.cli import _doctor_live as live
-    from fapengine.live.config import OSC_PORT, WEB_PORT
-    from fapengine.live.vmc import MARIONETTE_PORT
+    from fapengine.live.server.config import OSC_PORT, WEB_PORT
+    from fapengine.live.wire.vmc import MARIONETTE_PORT
 
     findings = [
         _check("Python", "", _python),
@@ -76,7 +76,7 @@ def _python() -> str:
 
 
 def _profile() -> str:
-    from fapengine.cli.talk import DEFAULT_PROFILE
+    from fapengine.app.manner import DEFAULT_PROFILE
     from fapengine.files.profiles import load_profile
 
     profile = load_profile(DEFAULT_PROFILE)

@@ -36,7 +36,7 @@ def encode(
 
     faps = load_fap(track)
     if epf is not None:
-        if any(given is not None for given in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:
+        if any(choice is not None for choice in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:
             raise UsageError("--epf: got other choices beside it, expected it alone (or with --clamp, --start-codes)")
         data = encode_orders(load_epf(epf), faps, clamp=clamp, plane_start_codes=start_codes)
     else:

@@ -1,10 +1,15 @@
 """``fapengine fit``: a capture session to a face model, with a report."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from fapengine.cli.options import AsJson
+
+if TYPE_CHECKING:
+    from fapengine.app.fit import FitJob
+    from fapengine.laboratory.fit import Fitted
 
 
 def fit(
@@ -29,8 +34,50 @@ def fit(
 
     Example: fapengine fit recordings/S03 -o profiles/s03 && fapengine say "Hello." --profile profiles/s03 -o hello.mp4
     """
-    from fapengine.cli._fit import run_fit
+    from fapengine.app.fit import FitJob, describe
     from fapengine.laboratory.fit import FitOptions
 
     options = FitOptions(modes=modes, k=subset, tolerance_mm=tolerance, held_out=held_out)
-    run_fit(session, output, options, units=units, up=up, seed=seed, report=report, faps=faps, as_json=as_json)
+    job = FitJob(
+        session=session, output=output, options=options, units=units, up=up, seed=seed, report=report, faps=faps
+    )  # fmt: skip
+    fitted = _run(job)
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(describe(fitted) | {"output": str(output)}))
+    else:
+        _print(output, fitted, report=report)
+
+
+def _run(job: "FitJob") -> "Fitted":
+    """Run the job under a progress bar, on a terminal only."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from fapengine.app.fit import run_fit
+    from fapengine.laboratory.fit import STEPS
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:32.32}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        reading = progress.add_task("reading", total=None)
+        fitting = progress.add_task(STEPS[0], total=len(STEPS), visible=False)
+        return run_fit(
+            job,
+            on_take=lambda name, count: progress.update(reading, total=count, advance=1, description=f"reading {name}"),
+            on_step=lambda step: progress.update(fitting, advance=1, description=step, visible=True),
+        )
+
+
+def _print(output: Path, fitted: "Fitted", *, report: bool) -> None:
+    for text in fitted.warnings:
+        typer.echo(f"warning: {text}", err=True)
+    lines = [text for key, text in fitted.profile.origin.items() if key in ("takes", "variance", "held_out")]
+    if fitted.selection is not None:
+        markers = ", ".join(fitted.prepared.labels[index] for index in fitted.selection.swapped.primary)
+        lines.append(f"{fitted.selection.k} markers drive the others: {markers}")
+    typer.echo("\n".join(lines))
+    typer.echo(f"{output}: {len(fitted.profile.phones)} phones, {len(fitted.profile.expressions)} expressions")
+    if report:
+        typer.echo(f"look at {output / 'report.html'}")

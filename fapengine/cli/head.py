@@ -1,21 +1,21 @@
 """``fapengine head``: bring your own head, and look at what each FAP does to it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
+from fapengine.cli._verb import verb
+
 if TYPE_CHECKING:
-    from fapengine.mesh.face_mesh import FaceMesh
+    from fapengine.files.heads.folder import HeadInfo
+    from fapengine.mesh.rig.import_head import ImportedHead
 
 head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args_is_help=True)
 
-ASKED_FAPU, ASKED_AU = 350, 25_000
-"""How far `head check` moves each FAP."""
-SEEN_MM = 0.05
-
 
 @head.command("import")
+@verb
 def import_head(
     mesh: Path = typer.Argument(
         ...,
@@ -43,43 +43,44 @@ def import_head(
     import json
     from dataclasses import replace
 
-    from fapengine.files.heads import adopt_file, save_head
+    from fapengine.files.heads.folder import save_head
+    from fapengine.files.heads.import_file import import_head_file
 
-    adopted, info = adopt_file(mesh, points, mapping)
-    save_head(output, adopted.mesh, replace(info, licence=licence))
+    imported, info = import_head_file(mesh, points, mapping)
+    save_head(output, imported.mesh, replace(info, licence=licence))
     if as_json:
-        typer.echo(json.dumps(_found(adopted, info, output), indent=2))
+        typer.echo(json.dumps(_describe(imported, info, output), indent=2))
         return
-    for note in adopted.notes:
+    for note in imported.notes:
         typer.echo(f"note: {note}", err=True)
     shapes = f", {len(info.used)} shapes" if info.used else ""
     typer.echo(
-        f"{output}: {len(adopted.mesh.vertices_mm)} vertices, {len(adopted.mesh.feature_points)} feature points"
-        f"{shapes},"
-        f" {len(adopted.moved)} of 66 FAPs move it; one unit of the file is {adopted.scale:.4g} mm of the standard face"
+        f"{output}: {len(imported.mesh.vertices_mm)} vertices,"
+        f" {len(imported.mesh.feature_points)} feature points{shapes}, {len(imported.moved)} of 66 FAPs move it;"
+        f" one unit of the file is {imported.scale:.4g} mm of the standard face"
     )
     if info.lacking and info.used:
         typer.echo(f"shapes of ARKit that it lacks: {', '.join(info.lacking)}")
-    if adopted.unused:
-        typer.echo(f"shapes that nothing asks for: {', '.join(adopted.unused)}")
-    if adopted.missing:
-        typer.echo(f"FAPs without motion: {_spell(adopted.missing)}")
+    if imported.unused:
+        typer.echo(f"shapes that nothing asks for: {', '.join(imported.unused)}")
+    if imported.missing:
+        typer.echo(f"FAPs without motion: {_spell(imported.missing)}")
 
 
-def _found(adopted: Any, info: Any, output: Path) -> dict[str, object]:
+def _describe(imported: "ImportedHead", info: "HeadInfo", output: Path) -> dict[str, object]:
     from dataclasses import asdict
 
-    mesh = adopted.mesh
+    mesh = imported.mesh
     return {
         "head": str(output),
         "vertices": len(mesh.vertices_mm),
         "feature_points": dict(mesh.feature_points),
-        "mm_per_unit": adopted.scale,
+        "mm_per_unit": imported.scale,
         "fapu_mm": asdict(mesh.fapu),
         "texture": list(mesh.texture.shape[1::-1]) if mesh.texture is not None else None,
-        "shapes": {"used": list(info.used), "unused": list(adopted.unused), "lacking": list(info.lacking)},
-        "faps": {"moving": list(adopted.moved), "still": list(adopted.missing)},
-        "notes": list(adopted.notes),
+        "shapes": {"used": list(info.used), "unused": list(imported.unused), "lacking": list(info.lacking)},
+        "faps": {"moving": list(imported.moved), "still": list(imported.missing)},
+        "notes": list(imported.notes),
     }
 
 
@@ -90,6 +91,7 @@ def _spell(numbers: tuple[int, ...]) -> str:
 
 
 @head.command()
+@verb
 def check(
     name: str = typer.Argument("default", help="Folder of a head, or default."),
     output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Picture to write (.png)."),
@@ -101,86 +103,21 @@ def check(
     """
     import json
 
-    from fapengine.errors import UsageError
-    from fapengine.files.heads import load_head, load_head_info
-    from fapengine.files.pictures import contact_sheet, save_png
-    from fapengine.mpeg4.codable import to_codable
-    from fapengine.render.camera import preset
-    from fapengine.render.renderer import FaceRenderer
+    from fapengine.app.head_check import draw_check, still_faps
+    from fapengine.files.heads.folder import load_head, load_head_info
 
-    if output.suffix != ".png":
-        raise UsageError(f"--output: got {output}, expected a name that ends with .png")
     mesh, info = load_head(name), load_head_info(name)
-    rows, labels = _poses()
-    still = _still(mesh)
-    with FaceRenderer(mesh, size=(384, 384), camera=preset("front")) as renderer:
-        pictures = list(renderer.frames(to_codable(rows)))
-    title = f"{name}: FAPs at {ASKED_FAPU} FAPU (angles at {ASKED_AU / 1e5:g} rad), phones"
-    save_png(output, contact_sheet(pictures, labels, title=title))
+    count, still = draw_check(mesh, output, title=name), still_faps(mesh)
     if as_json:
-        found = {
+        report = {
             "head": name, "source": info.source, "licence": info.licence, "picture": str(output),
-            "pictures": len(pictures), "still_faps": list(still), "shapes": list(info.used),
+            "pictures": count, "still_faps": list(still), "shapes": list(info.used),
             "lacking_shapes": list(info.lacking),
         }  # fmt: skip
-        typer.echo(json.dumps(found, indent=2))
+        typer.echo(json.dumps(report, indent=2))
         return
-    typer.echo(f"{output}: {len(pictures)} pictures")
+    typer.echo(f"{output}: {count} pictures")
     if still:
         typer.echo(f"FAPs without motion: {_spell(still)}")
     if info.used and info.lacking:
         typer.echo(f"shapes of ARKit that its file lacks: {', '.join(info.lacking)}")
-
-
-def _still(mesh: "FaceMesh") -> tuple[int, ...]:
-    """FAPs that move no vertex."""
-    import numpy as np
-
-    from fapengine.mesh.deform import deform
-    from fapengine.mpeg4 import fap
-
-    return tuple(
-        number
-        for number in range(3, fap.FAP_COUNT + 1)
-        if np.abs(deform(mesh, _alone(number)) - mesh.vertices_mm).max() < SEEN_MM
-    )
-
-
-def _alone(number: int) -> Any:
-    """(68,): one FAP, as far as the sheet moves it."""
-    import numpy as np
-
-    from fapengine.mpeg4 import fap
-
-    frame = np.zeros(fap.FAP_COUNT)
-    frame[fap.column(number)] = ASKED_AU if fap.spec(number).unit is fap.FapUnit.AU else ASKED_FAPU
-    return frame
-
-
-def _poses() -> tuple[Any, list[tuple[str, str]]]:
-    """Rest, each FAP, each phone and each expression: frames (N, 68) and what stands below them."""
-    import numpy as np
-
-    from fapengine.files.profiles import load_profile
-    from fapengine.mpeg4 import fap
-    from fapengine.mpeg4.visemes import VISEMES
-    from fapengine.trajectory.faps import displacements_to_faps
-
-    rows, labels = [np.zeros(fap.FAP_COUNT)], [("rest", "")]
-    for number in range(3, fap.FAP_COUNT + 1):
-        rows.append(_alone(number))
-        labels.append((str(number), fap.spec(number).name))
-    profile = load_profile("grid_s1_en")
-    spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # as the profile spells the table's phonemes, or comes nearest
-    numbered = {
-        phoneme.rstrip("ː").translate(spelling): f"viseme {row.number}" for row in VISEMES for phoneme in row.phonemes
-    }
-    for spoken, phone in profile.phones.items():
-        moved = profile.space.to_points_mm(phone.targets[:1])
-        rows.append(displacements_to_faps(moved, profile.space.points, profile.fapu)[0])
-        labels.append((spoken, numbered.get(spoken, "phone")))
-    for expression, face in profile.expressions.items():
-        moved = profile.space.to_points_mm(face.target[None])
-        rows.append(displacements_to_faps(moved, profile.space.points, profile.fapu)[0] + face.fap)
-        labels.append((expression.name.lower(), "expression"))
-    return np.stack(rows), labels

@@ -8,8 +8,8 @@ import sys
 
 import typer
 
-from fapengine import __version__
 from fapengine.cli import animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve, view
+from fapengine.cli._verb import verb
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
 app = typer.Typer(
@@ -33,13 +33,15 @@ VERBS = (
     fit.fit,
     doctor.doctor,
 )
-"""In the order in which ``--help`` lists them. To add one: its own file, and its function here."""
+"""Verbs in the order in which ``--help`` lists them. To add one: its own file, and its function here."""
 
 EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (UsageError, 2), (ResourceError, 3))
 
 
 def _show_version(wanted: bool) -> None:
     if wanted:
+        from fapengine import __version__
+
         typer.echo(f"fapengine {__version__}")
         raise typer.Exit
 
@@ -52,7 +54,7 @@ def _options(
 
 
 for _verb in VERBS:
-    app.command()(_verb)
+    app.command()(verb(_verb))
 app.add_typer(head.head, name="head")
 
 

@@ -1,9 +1,20 @@
-"""Options that several verbs share, declared once."""
+"""Options that several verbs share, declared once: single ones as types, groups as dataclasses with their value."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from fapengine.app.manner import Manner
+    from fapengine.app.say_live import LiveOutput
+    from fapengine.render.drawing import Drawing
+    from fapengine.trajectory.style import Style
+    from fapengine.voices.choice import VoiceChoice
+
+MANNER, DRAWING, LIVE = "How it speaks", "How it is drawn", "Live"
+"""Titles of the groups in a verb's help."""
 
 Output = Annotated[
     Path,
@@ -14,20 +25,16 @@ Output = Annotated[
         " .fap for the FAPs alone.",
     ),
 ]
-Expressions = Annotated[
-    list[str],
-    typer.Option(
-        "--expression",
-        "-e",
-        help="joy, sadness, anger, fear, disgust or surprise, with a strength, and when: joy:0.4, joy:0.4@1.5-3 (s),"
-        " joy:0.4@word.",
-    ),
+ProfileName = Annotated[
+    str,
+    typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.", rich_help_panel=MANNER),
 ]
-ProfileName = Annotated[str, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")]
 HeadName = Annotated[
     str,
     typer.Option(
-        "--head", help="Whose face: default, default:hair_colour=red,age=0.8, or a folder of `fapengine head import`."
+        "--head",
+        help="Whose face: default, default:hair_colour=red,age=0.8, or a folder of `fapengine head import`.",
+        rich_help_panel=DRAWING,
     ),
 ]
 CameraName = Annotated[
@@ -36,43 +43,178 @@ CameraName = Annotated[
         "--camera",
         help="front, close, three-quarter, profile, mouth, eyes, low, high; three-quarter-right, profile-right; or"
         " YAW,PITCH in degrees.",
+        rich_help_panel=DRAWING,
     ),
 ]
-BackgroundName = Annotated[
-    str,
-    typer.Option(
-        "--background",
-        "-b",
-        help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .webp, .png).",
-    ),
-]
-Edges = Annotated[
-    str,
-    typer.Option("--edges", help="fine (several samples a pixel), or soft: in half the time, but hairs are dotted."),
-]
-Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.")]
-Fps = Annotated[float, typer.Option("--fps", help="Frames a second.")]
-Articulation = Annotated[float, typer.Option("--articulation", help="Size of mouth movements; 1 is natural.")]
-Jaw = Annotated[float, typer.Option("--jaw", help="Size of the jaw's part in them, 0 to 3.")]
-Lips = Annotated[
-    float, typer.Option("--lips", help="Size of the lips' part, 0 to 3: below 1 mumbles, above exaggerates.")
-]
-Loudness = Annotated[float, typer.Option("--loudness", help="dB against the recorded speaker; louder opens the jaw.")]
-Method = Annotated[str, typer.Option("--method", help="context, paper, minimum-jerk or dominance.")]
+Size = Annotated[str, typer.Option("--size", help="Width x height in pixels.", rich_help_panel=DRAWING)]
+Fps = Annotated[float, typer.Option("--fps", help="Frames a second.", rich_help_panel=MANNER)]
 Without = Annotated[
     list[str],
-    typer.Option("--without", help="What shall not move by itself: blinks, head-motion, gaze, idle, emphasis, or all."),
+    typer.Option(
+        "--without",
+        help="What shall not move by itself: blinks, head-motion, gaze, idle, emphasis, or all.",
+        rich_help_panel=MANNER,
+    ),
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", help="Chance of blinks, glances and head motion; the same seed, the same face.")
+    int,
+    typer.Option(
+        "--seed",
+        help="Chance of blinks, glances and head motion; the same seed, the same face.",
+        rich_help_panel=MANNER,
+    ),
 ]
 Strict = Annotated[bool, typer.Option("--strict", help="An unknown phone is an error, not a neutral vowel.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Device = Annotated[
-    str | None, typer.Option("--device", help="Where live sound goes out: a number, or a part of a device's name.")
+    str | None,
+    typer.Option(
+        "--device",
+        help="Where live sound goes out: a number, or a part of a device's name.",
+        rich_help_panel=LIVE,
+    ),
 ]
-Silent = Annotated[bool, typer.Option("--silent", help="Play no sound; the face keeps time by the clock.")]
-Sinks = Annotated[
-    list[str],
-    typer.Option("--sink", help="Where live frames go too, such as vmc://127.0.0.1, vrchat://HOST, osc://HOST:PORT."),
+VoiceName = Annotated[
+    str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.", rich_help_panel=MANNER)
 ]
+
+
+def _gain(flag: str, text: str) -> object:
+    return typer.Option(flag, help=text, rich_help_panel=MANNER)
+
+
+@dataclass(frozen=True, slots=True)
+class MannerOptions:
+    """Options that say how a face speaks."""
+
+    expression: Annotated[
+        list[str],
+        typer.Option(
+            "--expression",
+            "-e",
+            help="joy, sadness, anger, fear, disgust or surprise, with a strength, and when: joy:0.4, joy:0.4@1.5-3"
+            " (s), joy:0.4@word.",
+            rich_help_panel=MANNER,
+        ),
+    ] = field(default_factory=list)
+    profile: ProfileName = "grid_s1_en"
+    fps: Fps = 30.0
+    articulation: Annotated[float, _gain("--articulation", "Size of mouth movements; 1 is natural.")] = 1.0
+    jaw: Annotated[float, _gain("--jaw", "Size of the jaw's part in them, 0 to 3.")] = 1.0
+    lips: Annotated[float, _gain("--lips", "Size of the lips' part, 0 to 3: below 1 mumbles, above exaggerates.")] = 1.0
+    loudness: Annotated[float, _gain("--loudness", "dB against the recorded speaker; louder opens the jaw.")] = 0.0
+    method: Annotated[str, _gain("--method", "context, paper, minimum-jerk or dominance.")] = "context"
+    without: Without = field(default_factory=list)
+    seed: Seed = 1
+
+    def value(self) -> "Manner":
+        """Return them as a manner.
+
+        Raises
+        ------
+        UsageError
+            If one is out of range or unknown.
+        """
+        from fapengine.app.manner import Manner
+
+        return Manner(
+            profile=self.profile,
+            style=self._style(),
+            expressions=tuple(self.expression),
+            seed=self.seed,
+            rate_hz=self.fps,
+        )
+
+    def _style(self) -> "Style":
+        from fapengine.trajectory.style import Style, parse_method
+
+        return Style(
+            articulation=self.articulation,
+            jaw=self.jaw,
+            lips=self.lips,
+            loudness_db=self.loudness,
+            method=parse_method(self.method),
+        ).without(self.without)
+
+
+@dataclass(frozen=True, slots=True)
+class DrawingOptions:
+    """Options that say how a face is drawn."""
+
+    camera: CameraName = "front"
+    background: Annotated[
+        str,
+        typer.Option(
+            "--background",
+            "-b",
+            help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .webp, .png).",
+            rich_help_panel=DRAWING,
+        ),
+    ] = "studio"
+    edges: Annotated[
+        str,
+        typer.Option(
+            "--edges",
+            help="fine (several samples a pixel); soft: in half the time, but hairs are dotted; none: stairs.",
+            rich_help_panel=DRAWING,
+        ),
+    ] = "fine"
+    size: Size = "512x512"
+
+    def value(self, *, wire: bool = False) -> "Drawing":
+        """Return them as a drawing.
+
+        Raises
+        ------
+        UsageError
+            If one is out of range or unknown.
+        DataError
+            If the background's file is no picture.
+        """
+        from fapengine.files.pictures import load_picture
+        from fapengine.render.drawing import Drawing
+
+        is_file = not self.background.startswith("#") and Path(self.background).is_file()
+        background = load_picture(Path(self.background)) if is_file else self.background
+        return Drawing.parse(
+            size=self.size, camera=self.camera, background=background, edges=self.edges, wire=wire
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceOptions:
+    """Options that choose a voice."""
+
+    voice: VoiceName = "en-us"
+    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.", rich_help_panel=MANNER)] = 160
+
+    def value(self) -> "VoiceChoice":
+        """Return them as a voice that is not loaded yet."""
+        from fapengine.voices.choice import VoiceChoice
+
+        return VoiceChoice(self.voice, self.rate)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """Options that say where live sound and frames go."""
+
+    device: Device = None
+    silent: Annotated[
+        bool,
+        typer.Option("--silent", help="Play no sound; the face keeps time by the clock.", rich_help_panel=LIVE),
+    ] = False
+    sink: Annotated[
+        list[str],
+        typer.Option(
+            "--sink",
+            help="Where live frames go too, such as vmc://127.0.0.1, vrchat://HOST, osc://HOST:PORT.",
+            rich_help_panel=LIVE,
+        ),
+    ] = field(default_factory=list)
+
+    def value(self) -> "LiveOutput":
+        """Return them as one value."""
+        from fapengine.app.say_live import LiveOutput
+
+        return LiveOutput(device=self.device, silent=self.silent, sinks=tuple(self.sink))

@@ -9,6 +9,7 @@ from fapengine.cli import options as shared
 
 
 def render(
+    drawing: shared.DrawingOptions,
     track: Annotated[
         list[Path],
         typer.Argument(help="FAPs (.fap, .fba), or blend shapes (.csv, Azure's .json); several stand side by side."),
@@ -29,14 +30,10 @@ def render(
         list[str],
         typer.Option("--head", help="Whose face, once or once a face: default, or an imported head's folder."),
     ] = ["default"],  # noqa: B006  typer copies it
-    camera: shared.CameraName = "front",
-    background: shared.BackgroundName = "studio",
-    edges: shared.Edges = "fine",
     turntable: Annotated[
         float, typer.Option("--turntable", help="The camera goes once round the head in so many seconds.")
     ] = 0.0,
     wire: Annotated[bool, typer.Option("--wire", help="Draw the mesh's edges over the face.")] = False,
-    size: Annotated[str, typer.Option("--size", help="Width x height of one face in pixels.")] = "512x512",
 ) -> None:
     """Draw FAPs that are there already.
 
@@ -46,11 +43,11 @@ def render(
     """
     import numpy as np
 
-    from fapengine.cli._drawing import Drawing, parse_background, parse_edges, side_by_side
-    from fapengine.cli.talk import parse_size, progress
+    from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, side_by_side
+    from fapengine.cli._talking import progress
     from fapengine.errors import UsageError
     from fapengine.files.animation import is_sequence
-    from fapengine.files.heads import load_head
+    from fapengine.files.heads.folder import load_head
     from fapengine.files.motion import load_motion
     from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
     from fapengine.files.pictures import contact_sheet, save_png
@@ -65,30 +62,22 @@ def render(
     if turntable < 0 or sheet < 0 or (sheet and not is_one):
         raise UsageError(f"--turntable, --sheet: got {turntable:g}, {sheet}, expected 0 or more, --sheet with .png")
     faces = max(len(track), len(head))
-    for what, given in (("track", track), ("--head", head)):
-        if len(given) not in (1, faces):
-            raise UsageError(f"{what}: got {len(given)}, expected one, or one for each of {faces} faces")
+    for name, count in (("track", len(track)), ("--head", len(head))):
+        if count not in (1, faces):
+            raise UsageError(f"{name}: got {count}, expected one, or one for each of {faces} faces")
     rate_hz, rows = side_by_side([load_motion(path) for path in track])
     rows = np.broadcast_to(rows, (len(rows), faces, rows.shape[2]))
-    drawing = Drawing(
-        size=parse_size(size),
-        camera=camera,
-        background=parse_background(background),
-        samples=parse_edges(edges),
-        wire=wire,
-        turn_s=turntable,
-    )
+    how = drawing.value(wire=wire)
     if not is_one:
-        alpha, whole = drawing.background is None, drawing.picture_size(faces)
-        check_moving(output, rate_hz=rate_hz, size=whole, alpha=alpha)
+        check_moving(output, rate_hz=rate_hz, size=crowd_size(how, faces), alpha=how.components == 4)
     sound = load_sound(audio) if audio else None
     loaded = {name: load_head(name) for name in dict.fromkeys(head)}
     meshes = [loaded[name] for name in head] * (faces if len(head) == 1 else 1)
     last_s = (len(rows) - 1) / rate_hz
-    with drawing.open(meshes) as crowd:
+    with open_crowd(meshes, how) as crowd:
         if is_one and sheet:
             moments = np.unique(np.linspace(0, len(rows) - 1, sheet).round().astype(int))
-            pictures = list(drawing.frames(crowd, rows[moments], rate_hz * len(moments) / len(rows)))
+            pictures = list(draw_crowd(crowd, rows[moments], rate_hz * len(moments) / len(rows)))
             labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
             save_png(output, contact_sheet(pictures, labels, title=track[0].name))
             typer.echo(f"{output}: {len(pictures)} moments")
@@ -96,10 +85,10 @@ def render(
             if not 0 <= at <= last_s:
                 raise UsageError(f"--at: got {at} s, the track lasts {last_s:.2f} s")
             moment = int(np.ceil(round(at * rate_hz, 6)))
-            save_png(output, next(drawing.frames(crowd, rows[moment : moment + 1], rate_hz)))
+            save_png(output, next(draw_crowd(crowd, rows[moment : moment + 1], rate_hz)))
             typer.echo(f"{output}: one frame")
         else:
             with progress("drawing", len(rows)) as advance:
-                frames = drawing.frames(crowd, rows, rate_hz)
+                frames = draw_crowd(crowd, rows, rate_hz, turn_s=turntable)
                 count = write_moving(output, frames, rate_hz=rate_hz, sound=sound, on_frame=advance)
             typer.echo(f"{output}: {count} frames at {rate_hz:g} Hz")

@@ -10,35 +10,30 @@ from fapengine.cli import options as shared
 
 def say(
     text: Annotated[str, typer.Argument(help="What to say; - reads it from standard input.")],
+    voice: shared.VoiceOptions,
+    manner: shared.MannerOptions,
+    drawing: shared.DrawingOptions,
+    live_output: shared.LiveOptions,
     output: shared.Output = Path("out/talk.mp4"),
-    expression: shared.Expressions = [],  # noqa: B006  typer copies it
-    voice: Annotated[str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.")] = "en-us",
-    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.")] = 160,
-    profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
-    camera: shared.CameraName = "front",
-    background: shared.BackgroundName = "studio",
-    edges: shared.Edges = "fine",
-    size: shared.Size = "512x512",
-    fps: shared.Fps = 30.0,
-    articulation: shared.Articulation = 1.0,
-    jaw: shared.Jaw = 1.0,
-    lips: shared.Lips = 1.0,
-    loudness: shared.Loudness = 0.0,
-    method: shared.Method = "context",
-    without: shared.Without = [],  # noqa: B006
-    seed: shared.Seed = 1,
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     live: Annotated[
-        bool, typer.Option("--live", help="Speak and move now, in a window or on the terminal; writes no file.")
+        bool,
+        typer.Option(
+            "--live",
+            help="Speak and move now, in a window or on the terminal; writes no file.",
+            rich_help_panel=shared.LIVE,
+        ),
     ] = False,
-    device: shared.Device = None,
-    silent: shared.Silent = False,
     window: Annotated[
-        bool | None, typer.Option("--window/--no-window", help="Of --live; by default where there is a display.")
+        bool | None,
+        typer.Option(
+            "--window/--no-window",
+            help="Of --live; by default where there is a display.",
+            rich_help_panel=shared.LIVE,
+        ),
     ] = None,
-    sink: shared.Sinks = [],  # noqa: B006
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
 
@@ -50,22 +45,27 @@ def say(
     """
     import sys
 
-    from fapengine.cli.talk import Options, Report, check, manner_of, print_report, refuse_unknown, talk
-    from fapengine.voices.espeak import EspeakVoice
+    from fapengine.app.performance import LEAD_S, TAIL_S, perform
+    from fapengine.app.report import Report
+    from fapengine.app.talk import check, refuse_unknown
+    from fapengine.cli._talking import write_and_print
 
-    manner = manner_of(articulation, jaw, lips, loudness, method, without)
-    options = Options(output, tuple(expression), profile, head, camera, size, fps, manner, seed, background, edges)
-    check(options)
+    chosen, how = manner.value(), drawing.value()
+    check(output, chosen, how)
     report = Report()
-    spoken = sys.stdin.read() if text == "-" else text
+    words = sys.stdin.read() if text == "-" else text
     with report.stage("voice"):
-        speech = EspeakVoice(voice, rate).speak(spoken).padded(lead_s=0.3, tail_s=0.5)
-    refuse_unknown(speech.phones, f"voice {voice}", strict=strict)
+        speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    if strict:
+        refuse_unknown(speech.phones, f"voice {voice.voice}")
     if live:
-        from fapengine.cli._say_live import LiveOptions, print_live, say_live
+        from fapengine.cli._say_live import print_live, say_now
 
-        done = say_live(speech, spoken.strip(), options, LiveOptions(device, silent, window, tuple(sink)))
+        done = say_now(
+            speech, words.strip(), chosen, live_output.value(), head=head, drawing=how, window=window,
+        )  # fmt: skip
         print_live(done, as_json=as_json)
         return
-    talk(speech.phones, (speech.samples, speech.sample_rate_hz), options, report, spoken.strip())
-    print_report(report, as_json=as_json)
+    with report.stage("plan"):
+        performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=words.strip())
+    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json)

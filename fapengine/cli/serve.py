@@ -8,17 +8,18 @@ import typer
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
-    from fapengine.live.config import ServeConfig
-    from fapengine.live.server.guard import Guard
+    from fapengine.live.server.config import ServeConfig
     from fapengine.live.server.server import Server
+    from fapengine.live.server.watchdog import Watchdog
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
 
 COLLECT_SHARE = 1e-4
-"""Of its time the server looks for cycles of dead objects; there are few, each closed connection leaves one. Python by
-itself looks every few seconds; with 500 sessions that takes 30 ms, in which nothing is shown."""
+"""Share of its time that the server spends on the search for cycles of dead objects; there are few, each closed
+connection leaves one. Python by itself looks every few seconds; with 500 sessions that takes 30 ms, in which nothing
+is shown."""
 COLLECT_S = (30.0, 600.0)
-"""Least and most from one look to the next."""
+"""Least and most time from one look to the next."""
 
 
 def serve(
@@ -80,35 +81,55 @@ def serve(
 
     /phoneme s "m" · /phoneme s "a" f 0.2 · /viseme s "O" · /tts/text s "Hello there." · /tts/stop
 
-    The robust way, with repeats, acknowledgements and clocks, is fapengine.live.client; docs/osc.md tells of both.
+    The robust way, with repeats, acknowledgements and clocks: fapengine.live.clients.sender; docs/osc.md tells of both.
     A face goes on to other programs through sinks:
 
     fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
 
     Ctrl-C or SIGTERM: the faces come to rest, then the server ends.
     """
+    from dataclasses import replace
+
+    from fapengine.errors import UsageError
+    from fapengine.live.server.config import ServeConfig, load_config, overridden
+    from fapengine.live.server.sinks import parse_sink
+
+    for url in sink:
+        parse_sink(url)
+    own = load_config(config) if config else ServeConfig()
+    listen = overridden(own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token)
+    speaker = overridden(own.sound, session=sound, device=device)
+    if speaker.device and not speaker.session:
+        raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
+    chosen = ServeConfig(
+        listen=replace(listen, web_port=None) if no_page else listen,
+        face=overridden(own.face, profile=profile, head=head, rate_hz=fps, seed=seed),
+        style=own.style.without(without),
+        voice=own.voice,
+        sound=speaker,
+        limits=own.limits,
+        log=overridden(own.log, format=log, level="debug" if verbose else None),
+        sinks=(*own.sinks, *sink),
+    )
+    _start(chosen)
+
+
+def _start(config: "ServeConfig") -> None:
     import asyncio
 
-    from fapengine.cli._serve_config import configured
-    from fapengine.files.heads import load_head
+    from fapengine.files.heads.folder import load_head
     from fapengine.files.profiles import load_profile
-    from fapengine.live.server.guard import begin_guard
     from fapengine.live.server.logs import begin_log
+    from fapengine.live.server.watchdog import start_watchdog
 
-    given = {
-        "host": host, "port": port, "web_port": web_port, "no_page": no_page, "sink": sink, "token": token,
-        "metrics": metrics, "log": log, "verbose": verbose, "profile": profile, "head": head, "fps": fps,
-        "seed": seed, "without": without, "sound": sound, "device": device,
-    }  # fmt: skip
-    wanted = configured(config, given)
-    begin_log(wanted.log.level, wanted.log.format)
-    face = load_head(wanted.face.head) if wanted.listen.web_port is not None else None
-    own_profile = load_profile(wanted.face.profile)
-    with begin_guard(wanted.sinks, wanted.face.rate_hz) as guard:
-        asyncio.run(_run(wanted, own_profile, face, guard))
+    begin_log(config.log.level, config.log.format)
+    face = load_head(config.face.head) if config.listen.web_port is not None else None
+    profile = load_profile(config.face.profile)
+    with start_watchdog(config.sinks, config.face.rate_hz) as watchdog:
+        asyncio.run(_run(config, profile, face, watchdog))
 
 
-async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Guard") -> None:
+async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
     import asyncio
     import gc
     import signal

@@ -1,5 +1,6 @@
 """``fapengine view``: a window with a live face and its controls."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,13 +9,15 @@ import typer
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
-    from fapengine.cli._view_sources import Source
+    from fapengine.app.view_sources import Source
 
 CHECKED_HZ = 22_050
-"""A device that does not know this rate is opened with its own."""
+"""Sample rate at which a named device is tried; one that does not know it is opened with its own."""
 
 
 def view(
+    live_output: shared.LiveOptions,
+    voice: shared.VoiceOptions,
     source: Annotated[
         str | None,
         typer.Argument(
@@ -25,8 +28,6 @@ def view(
     audio: Annotated[Path | None, typer.Option("--audio", help="Sound of the file; the face follows it.")] = None,
     session: Annotated[str | None, typer.Option("--session", help="Whose face, of a server or a port.")] = None,
     say: Annotated[list[str], typer.Option("--say", help="Say this first. May be given again.")] = [],  # noqa: B006
-    voice: Annotated[str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.")] = "en-us",
-    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.")] = 160,
     profile: shared.ProfileName = "grid_s1_en",
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
@@ -34,9 +35,6 @@ def view(
     fps: shared.Fps = 60.0,
     without: shared.Without = [],  # noqa: B006
     seed: shared.Seed = 1,
-    device: shared.Device = None,
-    silent: shared.Silent = False,
-    sink: shared.Sinks = [],  # noqa: B006
     seconds: Annotated[float | None, typer.Option("--for", help="Close after so many seconds.")] = None,
     shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG when it closes.")] = None,
     as_json: shared.AsJson = False,
@@ -48,89 +46,42 @@ def view(
 
     Example: fapengine view; fapengine view out/demo.fap --audio out/demo.wav; fapengine view http://127.0.0.1:8110/
     """
-    from fapengine.cli._view_window import Wish, run_window
-    from fapengine.cli.talk import parse_size
+    from fapengine.app.manner import Manner
+    from fapengine.app.view import ViewOptions, run_window
     from fapengine.errors import UsageError
-    from fapengine.files.heads import load_levels
-    from fapengine.live.sound import open_output
+    from fapengine.files.heads.folder import load_levels
+    from fapengine.live.audio.device import open_output
+    from fapengine.render.drawing import Drawing
+    from fapengine.trajectory.style import Style
 
     if audio is not None and (source is None or "://" in source):
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
     if seconds is not None and not seconds > 0:
         raise UsageError(f"--for: got {seconds} s, expected a positive time")
-    wish = Wish(
-        size=parse_size(size), camera=camera, rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
+    options = ViewOptions(
+        drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
     )  # fmt: skip
+    manner = Manner(profile=profile, style=Style().without(without), seed=seed, rate_hz=fps)
+    device, silent = live_output.device, live_output.silent
     if device is not None and not silent:
-        open_output(CHECKED_HZ, device=device).close()  # a wrong one is told of now, not at the first sentence
+        open_output(CHECKED_HZ, device=device).close()  # a wrong one is an error now, not at the first sentence
     levels = load_levels(head)
 
-    def shown() -> "Source":
+    def open_source() -> "Source":
+        from fapengine.app import view_sources
+        from fapengine.app.say_live import open_face
+
         if source is None:
-            return _speaking(profile, without, seed, fps, device, silent, sink, voice, rate)
+            face = open_face(manner, live_output.value())
+            return view_sources.SpeakingSource(face, lambda text: voice.value().load().speak(text))
         if "://" in source:
-            return _elsewhere(source, session, voice, device, silent)
-        return _file(Path(source), audio, device, silent)
+            return view_sources.open_url(source, session=session, voice=voice.voice, device=device, silent=silent)
+        return view_sources.open_file(Path(source), audio, device=device, silent=silent)
 
-    run_window(levels, shown, wish, as_json=as_json)
+    report = run_window(levels, open_source, options)
+    if as_json:
+        import json
 
-
-def _speaking(
-    profile: str, without: list[str], seed: int, fps: float, device: str | None, silent: bool, sink: list[str],
-    voice: str, rate: int,
-) -> "Source":  # fmt: skip
-    from fapengine.cli._live_face import LiveFace
-    from fapengine.cli._view_sources import SpeakingSource
-    from fapengine.cli.talk import manner_of
-    from fapengine.voices.espeak import EspeakVoice
-
-    style = manner_of(1.0, 1.0, 1.0, 0.0, "context", without)
-    face = LiveFace(profile, style=style, seed=seed, rate_hz=fps, device=device, silent=silent, sinks=sink)
-    return SpeakingSource(face, lambda text: EspeakVoice(voice, rate).speak(text))
-
-
-def _elsewhere(source: str, session: str | None, voice: str, device: str | None, silent: bool) -> "Source":
-    from functools import partial
-    from urllib.parse import urlsplit
-
-    from fapengine.cli._view_sources import OscSource, ServerSource
-    from fapengine.errors import UsageError
-    from fapengine.live.sound import open_output
-    from fapengine.live.watch import ServerLink
-    from fapengine.live.watch_osc import OscFrames
-    from fapengine.live.watch_sound import ServerSound
-
-    if not source.startswith("osc://"):
-        link = ServerLink(source, session=session, plays=not silent)
-        opens = partial(open_output, device=device)
-        return ServerSource(link, voice=voice, sound=None if silent else ServerSound(link, opens=opens))
-    try:
-        parts = urlsplit(source)
-        host, port = parts.hostname, parts.port
-    except ValueError as error:
-        raise UsageError(f"source: got {source!r}, expected osc://HOST:PORT ({error})") from error
-    if not host or port is None:
-        raise UsageError(f"source: got {source!r}, expected osc://HOST:PORT")
-    return OscSource(OscFrames(host, port, session=session))
-
-
-def _file(path: Path, audio: Path | None, device: str | None, silent: bool) -> "Source":
-    import time
-
-    from fapengine.cli._view_sources import TrackSource
-    from fapengine.errors import DataError
-    from fapengine.files.motion import load_motion
-    from fapengine.files.sound import load_sound
-    from fapengine.live.sound import open_output
-
-    track = load_motion(path)
-    if not len(track):
-        raise DataError("got no frame, expected some", where=str(path))
-    title = f"fapengine, {path.name}"
-    if audio is None:
-        return TrackSource(track, time.monotonic, title=title)
-    samples, sample_rate_hz = load_sound(audio)
-    output = open_output(sample_rate_hz, device=device, silent=silent)
-    return TrackSource(
-        track, time.monotonic, title=title, samples=samples, sample_rate_hz=sample_rate_hz, output=output
-    )  # fmt: skip
+        typer.echo(json.dumps(asdict(report), indent=2))
+    else:
+        typer.echo(f"{report.frames} frames in {report.seconds:.1f} s, {report.frame_ms:.1f} ms each to draw")

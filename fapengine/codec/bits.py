@@ -25,7 +25,9 @@ def place(bit: int) -> str:
 
 
 class BitReader:
-    """Stateful: a position in an array of bits.
+    """A position in an array of bits.
+
+    Stateful.
 
     Parameters
     ----------
@@ -78,7 +80,10 @@ class BitReader:
 
 
 class BitWriter:
-    """Stateful: collects bits."""
+    """Collects bits.
+
+    Stateful.
+    """
 
     def __init__(self) -> None:
         self.bits: list[int] = []

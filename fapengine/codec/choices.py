@@ -12,7 +12,7 @@ from fapengine.mpeg4.fapu import Fapu
 EYE_LEVER_MM = 12.0
 """Radius of an eyeball: how far a gaze error carries the pupil."""
 HEAD_LEVER_MM = 120.0
-"""From the centre of head rotation to the farthest feature point of an adult head."""
+"""Distance from the centre of head rotation to the farthest feature point of an adult head."""
 TONGUE_LEVER = 0.25
 """Half the tongue's width as a part of the mouth width: the lever of tongue_roll."""
 EYE_ROTATIONS, HEAD_ROTATIONS, TONGUE_ROLL = range(23, 27), range(48, 51), 47

@@ -33,11 +33,11 @@ Errors = Literal["strict", "resync"]
 HELD = 4
 """Frames held back while resynchronising is on: a wrong plane passes for a right one that often with chance 8**-4."""
 DEFAULT_RATE = FrameRate(30)
-"""Before any rate was sent (FBA section 10)."""
+"""Frame rate before any was sent (FBA section 10)."""
 AT_ONCE = 256
 CODE_BITS = 32
 SEARCHED_BITS = 1 << 20
-"""So much of a live stream is searched for an I plane at most, again with every piece that is fed."""
+"""Bits of a live stream that are searched for an I plane at most, again with every piece that is fed."""
 CLAUSES = {
     k.BAD_MASK: "FBA section 2", k.NOT_FACE: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
     k.BAD_VALUE: "FBA section 9", k.BAD_SKIP: "FBA section 10",
@@ -45,7 +45,9 @@ CLAUSES = {
 
 
 class Decoder:
-    """Stateful: bytes in, frames out.
+    """Bytes in, frames out.
+
+    Stateful.
 
     Parameters
     ----------
@@ -348,14 +350,14 @@ class Decoder:
     def _search(self, *, final: bool) -> bool:
         start = self._searching_from
         assert start is not None
-        found = find_intact_intra(self._bits, start, self._state, self._header, final=final)
-        if found is None:
+        intact = find_intact_intra(self._bits, start, self._state, self._header, final=final)
+        if intact is None:
             if final:
                 self.losses[-1].end_bit = self._origin + len(self._bits)
                 self.ended = True
             return False
-        self.losses[-1].end_bit = self._origin + found
-        self._searching_from, self._at = None, found
+        self.losses[-1].end_bit = self._origin + intact
+        self._searching_from, self._at = None, intact
         self._begun = True
         self._header = None
         self._fresh = True
@@ -385,7 +387,7 @@ class Decoded:
     """A whole stream."""
 
     track: FapTrack
-    """As sent: what no mask selects is 0, blends are not clamped."""
+    """Track as sent: what no mask selects is 0, blends are not clamped."""
     planes: tuple[Planes, ...]
     losses: tuple[Loss, ...] = ()
     costs: np.ndarray[tuple[int], np.dtype[np.float64]] = field(default_factory=lambda: np.zeros(0))

@@ -34,17 +34,17 @@ BLENDS = (2, 4, 6)
 SECONDS_A_GROUP = 10.0
 """I plane period for rate control where none is given: short enough to react, long enough for the models to learn."""
 SOONEST_S, PATIENCE_S = 1.0, 3.0
-"""A live group may end early after so long, if it has spent the bits of so many seconds more than it had."""
+"""Shortest live group, s, and the seconds' worth of bits by which it must have overspent to end early."""
 WINDOW_S = 20.0
-"""Live ranges hold what these last seconds would have needed,"""
+"""Seconds of the past whose values live ranges hold, times :data:`MARGIN`."""
 MARGIN = 1.5
+"""Factor by which live ranges are wider than the values of the last :data:`WINDOW_S` needed."""
 FIRST_QUANT = 12
 """Quantiser of the first live group under rate control, before anything is known."""
 FLOOR = 3
 """Live ranges of P planes are at least the table's by this: nothing lags more than a few frames."""
 FAR = 10_000
-"""Beyond every symbol."""
-"""times this."""
+"""Symbol beyond every real one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ class EncoderOptions:
     plane_start_codes: Literal["none", "intra", "all"] = "none"
     """``all`` costs 40 bits a plane, but then each live frame is complete in its own bytes."""
     unsent: Literal["keep", "interpolate"] = "keep"
-    """What decoders do with FAPs that are not sent: mask types 0 and 1, or 2."""
+    """Behaviour of decoders for FAPs that are not sent: mask types 0 and 1, or 2."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.quant <= MAX_QUANT:
@@ -137,7 +137,10 @@ def _groups(mask: Bools, every: int) -> list[tuple[int, int]]:
 
 
 class _Budget:
-    """Stateful: bits that may be spent. What a group leaves over, the next one may use."""
+    """Bits that may be spent. What a group leaves over, the next one may use.
+
+    Stateful.
+    """
 
     def __init__(self, options: EncoderOptions, rate_hz: float) -> None:
         self._bits_a_frame = None if options.kbit_s is None else 1000 * options.kbit_s / rate_hz
@@ -189,15 +192,15 @@ class _Group:
         """Try the ways to give ranges; those in which a value had to be clamped come last."""
         types = mask_types_of(mask, 2 if self._options.unsent == "interpolate" else 1)
         header = IntraHeader(quant, mask, types, rate=rate, skip=int(self._skips[0]))
-        known = state.ranges is None or (state.quant == quant and not _was_fitted(state))
-        choices = [SentRanges()] if known else [SentRanges(), table_as_sent()]
+        unchanged = state.ranges is None or (state.quant == quant and not _was_fitted(state))
+        choices = [SentRanges()] if unchanged else [SentRanges(), table_as_sent()]
         if self._options.ranges == "fitted":
             levels, _ = quantise(self._values[:, LOW_LEVEL_FIELDS], quant)
             choices += [fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
         if len(choices) == 1 and not count:
             return header, 0
         tried = []
-        for place, ranges in enumerate(choices):
+        for index, ranges in enumerate(choices):
             candidate = replace(header, ranges=ranges)
             for clamp in (False, True):
                 trial = StreamWriter(clamp=clamp)
@@ -206,7 +209,7 @@ class _Group:
                     self._write(trial, candidate)
                 except UsageError:
                     continue
-                tried.append((clamp, trial.bits, place, candidate))
+                tried.append((clamp, trial.bits, index, candidate))
                 break
         _, bits, _, chosen = min(tried, key=lambda entry: entry[:3])
         return chosen, bits
@@ -237,7 +240,9 @@ def _no_narrower(fitted: SentRanges, table: SentRanges) -> SentRanges:
 
 
 class Encoder:
-    """Stateful: live frames in, bytes out.
+    """Live frames in, bytes out.
+
+    Stateful.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
 RANGE_TAGS = ("FIX", "FIN", "FPX", "FPN")
-"""In the order of :data:`fapengine.codec.ranges.LISTS`."""
+"""Tags in the order of :data:`fapengine.codec.ranges.LISTS`."""
 BODY_TAGS = frozenset({"BFR", "BRR", "BTC", "BSK", "BMT", "BQU", "BIX", "BIN", "BPX", "BPN"})
 COUNTS = {"FBM": 1, "FFR": 1, "ISI": 1, "FRR": 3, "TC": 4, "SKN": 1, "FQU": 1, "GDR": 1, "CDM": 1}
 LIMITS = {"ISI": 1, "FQU": 31, "GDR": 1, "CDM": 1, "FBM": 3}
@@ -37,7 +37,10 @@ class PlaneOrder:
 
 @dataclass(slots=True)
 class _Held:
-    """Stateful: tags that outlive their frame, and those of this one."""
+    """Tags that outlive their frame, and those of this one.
+
+    Stateful.
+    """
 
     intra: bool = True
     quant: int = 1
@@ -73,7 +76,10 @@ class _Held:
 
 
 class _Words:
-    """Stateful: words with their lines."""
+    """Words with their lines.
+
+    Stateful.
+    """
 
     def __init__(self, data: bytes) -> None:
         try:
@@ -101,11 +107,11 @@ class _Words:
         return word
 
     def numbers(self, count: int, what: str, low: int = -(2**31), high: int = 2**31) -> list[int]:
-        found = self._words[self._at : self._at + count]
-        if len(found) < count:
-            raise TruncatedError(f"{what}: got {len(found)} numbers, expected {count}", where=f"line {self.line}")
+        taken_words = self._words[self._at : self._at + count]
+        if len(taken_words) < count:
+            raise TruncatedError(f"{what}: got {len(taken_words)} numbers, expected {count}", where=f"line {self.line}")
         numbers = []
-        for word, line in found:
+        for word, line in taken_words:
             if not word.lstrip("+-").isascii() or not word.lstrip("+-").isdigit() or len(word) > 11:
                 raise DataError(f"{what}: got {word[:20]!r}, expected a whole number", where=f"line {line}")
             number = int(word) if word[1:].isdigit() or word.isdigit() else high + 1

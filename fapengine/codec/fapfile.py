@@ -55,7 +55,10 @@ class _Token:
 
 
 class _Tokens:
-    """Stateful: the numbers behind the header, with their lines; comments left out."""
+    """The numbers behind the header, with their lines; comments left out.
+
+    Stateful.
+    """
 
     def __init__(self, lines: list[tuple[int, str]]) -> None:
         self._tokens = [_Token(text, number) for number, line in lines for text in line.split()]
@@ -69,13 +72,13 @@ class _Tokens:
         return self._tokens[min(self._at, len(self._tokens) - 1)].line if self._tokens else 1
 
     def take(self, count: int, what: str) -> list[_Token]:
-        taken = self._tokens[self._at : self._at + count]
-        if len(taken) < count:
+        row = self._tokens[self._at : self._at + count]
+        if len(row) < count:
             raise TruncatedError(
-                f"{what}: got {len(taken)} numbers, expected {count}", where=f"line {self.peek_line()}, the end"
+                f"{what}: got {len(row)} numbers, expected {count}", where=f"line {self.peek_line()}, the end"
             )
         self._at += count
-        return taken
+        return row
 
 
 def parse_fap(data: bytes) -> FapTrack:

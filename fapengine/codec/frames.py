@@ -16,12 +16,12 @@ class Frame:
     """One decoded plane."""
 
     number: int
-    """From 0; grows by 1 and by the frames skipped."""
+    """Frame number from 0; grows by 1 and by the frames skipped."""
     time_s: float
-    """By the frame rates and time codes sent; from 0 where there is no time code."""
+    """Time by the frame rates and time codes sent; from 0 where there is no time code."""
     intra: bool
     header: IntraHeader
-    """Of the I plane in force: masks, quantiser."""
+    """Header of the I plane in force: masks, quantiser."""
     row: Ints
     """(73,) int64, values in the order of :mod:`fapengine.codec.fields`, FAPU; 0 where never sent."""
     flags: Ints
@@ -92,7 +92,10 @@ class Planes:
 
 @dataclass(slots=True)
 class Loss:
-    """Stateful: a stretch of the stream that could not be decoded; its end is filled in when it is found."""
+    """A stretch of the stream that could not be decoded; its end is filled in when it is found.
+
+    Stateful.
+    """
 
     start_bit: int
     end_bit: int | None

@@ -156,7 +156,7 @@ def write_skip(skip: int, out: BitWriter) -> None:
 
 def _list_places() -> list[tuple[int, bool]]:
     """Index 0..65 of each FAP, and whether a marker bit comes before it."""
-    return [(number - 3, place % LIST_MARKER_EVERY == 0) for group in GROUPS[1:] for place, number in enumerate(group)]
+    return [(number - 3, nth % LIST_MARKER_EVERY == 0) for group in GROUPS[1:] for nth, number in enumerate(group)]
 
 
 def read_skip(reader: BitReader) -> int:
@@ -183,11 +183,13 @@ def read_object_mask(reader: BitReader) -> None:
         For an empty object.
     """
     where = reader.where()
-    found = reader.read(2, "fba_object_mask")
-    if found in (BODY, FACE_AND_BODY):
-        raise UnsupportedError(f"fba_object_mask: got {found}, body parameters", where=where, clause="FBA section 2")
-    if found != FACE:
-        raise ConformanceError(f"fba_object_mask: got {found}, expected 1", where=where, clause="FBA section 2")
+    mask_bits = reader.read(2, "fba_object_mask")
+    if mask_bits in (BODY, FACE_AND_BODY):
+        raise UnsupportedError(
+            f"fba_object_mask: got {mask_bits}, body parameters", where=where, clause="FBA section 2"
+        )
+    if mask_bits != FACE:
+        raise ConformanceError(f"fba_object_mask: got {mask_bits}, expected 1", where=where, clause="FBA section 2")
 
 
 def read_intra_header(reader: BitReader) -> IntraHeader:

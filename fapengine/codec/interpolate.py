@@ -32,7 +32,10 @@ _GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if number in grou
 
 
 class Filler:
-    """Stateful: keeps the last shown value of every low-level FAP; neutral at first."""
+    """Keeps the last shown value of every low-level FAP; neutral at first.
+
+    Stateful.
+    """
 
     def __init__(self) -> None:
         self._shown: Ints = np.zeros(LOW_LEVEL_COUNT, np.int64)
@@ -54,15 +57,15 @@ class Filler:
         (66,) int64, FAPU
         """
         shown = np.where(mask, values, self._shown)
-        known = mask.copy()
+        sent = mask.copy()
         wanted = ~mask & (np.array(mask_types)[_GROUP_OF] == INTERPOLATED)
         for partners in (
             *_PARTNERS,
             _PARTNERS[0],
         ):  # lips, sides, and lips once more: 7 may come from 6, then 54 from 7
-            take = wanted & ~known & (partners >= 0) & known[partners]
+            take = wanted & ~sent & (partners >= 0) & sent[partners]
             shown[take] = shown[partners[take]]
-            known |= take
+            sent |= take
         self._shown = shown
         return shown
 

@@ -11,7 +11,7 @@ Invariants: ``low <= V <= high``; every model's tree holds the prefix sums of it
 whole plane has been decoded, so a plane that turns out to be incomplete can be decoded again.
 
 With Numba installed (``fapengine[fast]``) these functions are compiled and kept on disk; without it they run as they
-stand. :func:`warm_up` loads or compiles all of them, so that no live stream waits.
+stand. :func:`~fapengine.codec.warmup.warm_up` loads or compiles all of them, so that no live stream waits.
 """
 
 from collections.abc import Callable
@@ -43,11 +43,11 @@ HALF, QUARTER, THREE_QUARTERS, TOP = 32768, 16384, 49152, 65535
 LIMIT = 16383
 """Largest total of a model's counts (FBA section 7)."""
 ZERO_RUN = 22
-"""So many zeros of the coder in a row are followed by a stuffed one (FBA section 7)."""
+"""Number of zeros of the coder in a row that are followed by a stuffed one (FBA section 7)."""
 SKIP_LIMIT = 100_000
 """Deviation: more skipped frames than this in one plane (over an hour at 25 Hz) count as damage; it bounds the time
 that a decoder fed byte by byte can be made to spend."""
-SHORTEST_PLANE = 5
+MIN_PLANE_BITS = 5
 """Bits of a P plane: three fixed, one of the frames skipped, and the least that one coded bit takes."""
 LOOK_AHEAD = 14
 """Data bits that the decoder is ahead at the end of a segment."""
@@ -55,7 +55,7 @@ LOOK_AHEAD = 14
 GROUP_SIZES = tuple(len(group) for group in GROUPS)
 A_END, B_END = VISEME_FIELDS.stop, EXPRESSION_FIELDS.stop
 
-ON, STEP, I_MIN, I_COUNT, P_MIN, P_COUNT, LOWEST, HIGHEST = range(8)
+ON, STEP, I_MIN, I_COUNT, P_MIN, P_COUNT, MIN_VALUE, MAX_VALUE = range(8)
 """Columns of the (73, 8) table of fields: coded or not, quantiser step, first symbol and alphabet of I and P planes,
 and what the reconstruction must lie between."""
 
@@ -64,7 +64,7 @@ LOW, HIGH, PENDING, ZEROS, VALUE, READ, TAKEN, BAD = range(8)
 
 DONE, NEED_MORE, AT_CODE, INTRA_NEXT, FULL = 0, 1, 2, 3, 4
 BAD_MASK, BAD_STUFFING, BAD_VALUE, NOT_FACE, BAD_SKIP = 5, 6, 7, 8, 9
-"""Why a decoding loop stopped."""
+"""Reasons for which a decoding loop stopped."""
 
 
 @_compiled
@@ -310,7 +310,7 @@ def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, 
 
 @_compiled
 def decode_plane(
-    intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
+    intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any,
     costs: Any,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Decode the arithmetic data of one plane; nothing but ``found``, ``flags`` and the registers is changed.
@@ -374,23 +374,23 @@ def decode_plane(
         value = (size - 1 - rank + first) * fields[field, STEP]
         if not intra:
             value += previous[field]
-        if value < fields[field, LOWEST] or value > fields[field, HIGHEST]:
+        if value < fields[field, MIN_VALUE] or value > fields[field, MAX_VALUE]:
             return BAD_VALUE, field, max(furthest, coder[READ])
-        found[0, field] = value
-        found[1, field] = rank
+        symbols[0, field] = value
+        symbols[1, field] = rank
         if costs.shape[0]:
             costs[field] += np.log2(total / (over - under))
     return DONE, at, max(furthest, at)
 
 
 @_compiled
-def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any) -> None:
+def keep_plane(intra: bool, symbols: Any, fields: Any, previous: Any, models: Any) -> None:
     """Take a decoded plane for good: it predicts the next one, and its symbols are counted."""
     for field in range(FIELD_COUNT):
         if fields[field, ON]:
-            previous[field] = found[0, field]
+            previous[field] = symbols[0, field]
             if not intra:
-                _count(field, found[1, field], fields, models[0], models[1], models[2], models[3])
+                _count(field, symbols[1, field], fields, models[0], models[1], models[2], models[3])
 
 
 @_compiled
@@ -415,7 +415,7 @@ def code_behind(bits: Any, at: int) -> int:
             return -1
     if start + 32 > n:
         return -2
-    if start - at >= SHORTEST_PLANE and not bits[at] and not bits[at + 1] and bits[at + 2]:
+    if start - at >= MIN_PLANE_BITS and not bits[at] and not bits[at + 1] and bits[at + 2]:
         return -1
     code = 0
     for k in range(24, 32):
@@ -425,7 +425,7 @@ def code_behind(bits: Any, at: int) -> int:
 
 @_compiled
 def decode_settled(
-    intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any, costs: Any
+    intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any, costs: Any
 ) -> tuple[int, int]:  # fmt: skip
     """Decode a plane if the bits at hand settle it: whatever follows them, the outcome is the same.
 
@@ -437,23 +437,23 @@ def decode_settled(
         ``NEED_MORE`` where the plane is not settled.
     """
     n = bits.shape[0]
-    status, end, read = decode_plane(intra, bits, at, 0, fields, previous, models, found, flags, costs)
+    status, end, read = decode_plane(intra, bits, at, 0, fields, previous, models, symbols, flags, costs)
     if read <= n:
         return status, end
     if status != DONE or end > n:
         return NEED_MORE, end
-    status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, found[2:], flags, costs)
+    status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, symbols[2:], flags, costs)
     if status != DONE or other != end:
         return NEED_MORE, end
     for field in range(FIELD_COUNT):
-        if fields[field, ON] and found[0, field] != found[2, field]:
+        if fields[field, ON] and symbols[0, field] != symbols[2, field]:
             return NEED_MORE, end
     return DONE, end
 
 
 @_compiled
 def decode_predicted(
-    bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
+    bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any,
     costs: Any, values: Any, value_flags: Any, extents: Any,
 ) -> tuple[int, int, int, int]:  # fmt: skip
     """Decode P planes until something else comes or the room is full.
@@ -495,12 +495,12 @@ def decode_predicted(
             more = part == 15
             if skip > SKIP_LIMIT:
                 return count, at, BAD_SKIP, skip
-        status, end = decode_settled(False, bits, data, fields, previous, models, found, flags, costs)
+        status, end = decode_settled(False, bits, data, fields, previous, models, symbols, flags, costs)
         if status != DONE:
             return count, at, NEED_MORE if code == -2 else status, end
-        keep_plane(False, found, fields, previous, models)
+        keep_plane(False, symbols, fields, previous, models)
         for field in range(FIELD_COUNT):
-            values[count, field] = found[0, field]
+            values[count, field] = symbols[0, field]
         for k in range(3):
             value_flags[count, k] = flags[k]
         extents[count, 0], extents[count, 1], extents[count, 2] = at, end, skip

@@ -18,14 +18,17 @@ STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)
 
 
 class PlaneState:
-    """Stateful: what an I plane sets and P planes change."""
+    """What an I plane sets and P planes change.
+
+    Stateful.
+    """
 
     def __init__(self) -> None:
         self.fields: Ints = np.zeros((FIELD_COUNT, 8), np.int64)
-        self.fields[:, k.LOWEST], self.fields[:, k.HIGHEST] = -INT32_TOP, INT32_TOP
+        self.fields[:, k.MIN_VALUE], self.fields[:, k.MAX_VALUE] = -INT32_TOP, INT32_TOP
         for start, top in ((VISEME_FIELDS.start, VISEME_TOP), (EXPRESSION_FIELDS.start, EXPRESSION_TOP)):
             for select in self._selects(start):
-                self.fields[select, k.LOWEST], self.fields[select, k.HIGHEST] = 0, top
+                self.fields[select, k.MIN_VALUE], self.fields[select, k.MAX_VALUE] = 0, top
         self.previous: Ints = np.zeros(FIELD_COUNT, np.int64)
         self.mask: Bools = np.zeros(fap.FAP_COUNT, bool)
         self.quant = 1

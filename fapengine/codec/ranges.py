@@ -14,7 +14,7 @@ UNIT = 60
 """A sent bound is a number of 5 bits times 60 quantiser steps at q = 1."""
 MAX_SENT = 31
 LISTS = ("i_max", "i_min", "p_max", "p_min")
-"""In the order in which they are sent."""
+"""Lists of ranges in the order in which they are sent."""
 SIGNS = (1, -1, 1, -1)
 
 
@@ -30,7 +30,7 @@ class SentRanges:
 
     @property
     def lists(self) -> tuple[NDArray[np.int64] | None, ...]:
-        """The four lists in the order of the stream."""
+        """The four lists, each (66,) or None, in the order of the stream."""
         return self.i_max, self.i_min, self.p_max, self.p_min
 
     @classmethod

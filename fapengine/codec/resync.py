@@ -63,9 +63,9 @@ def _proves_itself(bits: Bits, at: int, state: PlaneState, last: IntraHeader | N
         return False
     trial = copy.deepcopy(state)
     trial.begin_intra(header)
-    found, flags, costs = np.zeros((4, FIELD_COUNT), np.int64), np.zeros(3, np.int64), np.zeros(0)
+    symbols, flags, costs = np.zeros((4, FIELD_COUNT), np.int64), np.zeros(3, np.int64), np.zeros(0)
     status, end = k.decode_settled(
-        True, bits, reader.position, trial.fields, trial.previous, trial.decoding_models, found, flags, costs
+        True, bits, reader.position, trial.fields, trial.previous, trial.decoding_models, symbols, flags, costs
     )
     if status == k.NEED_MORE and not final:
         return None
@@ -74,10 +74,10 @@ def _proves_itself(bits: Bits, at: int, state: PlaneState, last: IntraHeader | N
     announced = at % 8 == 0 and at >= 32 and np.array_equal(bits[at - 32 : at], PLANE_CODE_BITS)
     if announced or (last is not None and _same_shape(header, last)):
         return True
-    k.keep_plane(True, found, trial.fields, trial.previous, trial.decoding_models)
+    k.keep_plane(True, symbols, trial.fields, trial.previous, trial.decoding_models)
     values, plain, extents = (np.zeros((PROOF, n), np.int64) for n in (FIELD_COUNT, 3, 3))
     count, _, status, _ = k.decode_predicted(
-        bits, end, False, final, trial.fields, trial.previous, trial.decoding_models, found, flags, costs, values,
+        bits, end, False, final, trial.fields, trial.previous, trial.decoding_models, symbols, flags, costs, values,
         plain, extents,
     )  # fmt: skip
     if status == k.NEED_MORE and not final:

@@ -16,7 +16,9 @@ PLANES_AT_ONCE = 512
 
 
 class StreamWriter:
-    """Stateful: planes in, bytes out.
+    """Planes in, bytes out.
+
+    Stateful.
 
     Parameters
     ----------
@@ -82,9 +84,9 @@ class StreamWriter:
 
     def take(self) -> bytes:
         """Hand out the whole bytes written since the last call."""
-        taken = bytes(self._bytes)
+        written = bytes(self._bytes)
         self._bytes.clear()
-        return taken
+        return written
 
     def _append(self, room: np.ndarray[tuple[int], np.dtype[np.uint8]], end: int, targets: Ints) -> None:
         if end < 0:

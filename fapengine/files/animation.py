@@ -20,10 +20,10 @@ Picture = NDArray[np.uint8]
 
 ENCODERS = {".gif": "gif", ".webp": "libwebp_anim"}
 """FFmpeg's encoder by suffix."""
-GIF_HIGHEST_HZ = 50.0
+GIF_MAX_HZ = 50.0
 """GIF counts hundredths of a second, and viewers slow down what is shown for less than two of them."""
 PALETTE_FRAMES = 100
-"""A GIF's colours are chosen from its first frames: few enough to be kept, enough to have seen the mouth open."""
+"""Number of frames that a GIF's colours are chosen from: few enough to be kept, enough to have seen the mouth open."""
 WEBP_OPTIONS = {"quality": "80", "compression_level": "2"}
 NUMBER = re.compile(r"%(?:0[1-9])?d")
 
@@ -38,12 +38,8 @@ def write_animation(
     path : Path
         ``.gif`` (256 colours, one palette for all frames, so that nothing flickers) or ``.webp`` (all colours, and a
         quarter of the size).
-    frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size. ``.webp`` takes a fourth component, alpha, with colours not multiplied with it.
-    rate_hz : float
-        Frames a second; at most 50 for GIF.
-    on_frame : callable
-        Called after each frame, for progress.
+    frames, rate_hz, on_frame
+        As :func:`fapengine.files.video.write_video` takes them; at most 50 Hz for GIF, and alpha for ``.webp`` alone.
 
     Returns
     -------
@@ -59,8 +55,8 @@ def write_animation(
     """
     if path.suffix not in ENCODERS:
         raise UsageError(f"animation: got {path.name}, expected a name that ends with {' or '.join(ENCODERS)}")
-    if path.suffix == ".gif" and rate_hz > GIF_HIGHEST_HZ:
-        raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_HIGHEST_HZ:g}; .webp has no such limit")
+    if path.suffix == ".gif" and rate_hz > GIF_MAX_HZ:
+        raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_MAX_HZ:g}; .webp has no such limit")
     pictures = iter(frames)
     start = list(itertools.islice(pictures, PALETTE_FRAMES if path.suffix == ".gif" else 1))
     if start and start[0].shape[2] == 4 and path.suffix == ".gif":
@@ -99,10 +95,8 @@ def write_sequence(pattern: Path, frames: Iterable[Picture], *, on_frame: Callab
     ----------
     pattern : Path
         With one ``%d`` or ``%04d`` in its name, as FFmpeg and many others read it.
-    frames : iterable of (height, width, 3 or 4) uint8
-        sRGB; alpha is kept.
-    on_frame : callable
-        Called after each frame, for progress.
+    frames, on_frame
+        As :func:`fapengine.files.video.write_video` takes them; alpha is kept.
 
     Returns
     -------
@@ -185,5 +179,5 @@ def _pulled(sink: av.filter.context.FilterContext) -> Iterator[av.VideoFrame]:
         except (av.BlockingIOError, av.EOFError):
             return
         assert isinstance(frame, av.VideoFrame)
-        frame.pict_type = 0  # the encoder decides what a frame is told by
+        frame.pict_type = 0  # the encoder decides of which type a frame is
         yield frame

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.files.animation import ENCODERS, GIF_HIGHEST_HZ, is_sequence, write_animation, write_sequence
+from fapengine.files.animation import ENCODERS, GIF_MAX_HZ, is_sequence, write_animation, write_sequence
 from fapengine.files.video import ALPHA_KINDS, CODECS, write_video
 
 Picture = NDArray[np.uint8]
 
 FOLDER_PATTERN = "frame_%04d.png"
 KINDS = f"{', '.join((*CODECS, *ENCODERS))}, a pattern as frame_%04d.png, or a folder's"
-"""What a name may end with, in words."""
+"""Endings that a name may have, in words."""
 
 
 def is_folder(path: Path) -> bool:
@@ -36,13 +36,13 @@ def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bo
         For an unknown suffix, a rate that GIF cannot keep, odd sides of a video, or alpha where there is none.
     """
     if not is_moving(path):
-        raise UsageError(f"--output: got {path}, expected a name that ends with {KINDS}")
-    if path.suffix == ".gif" and rate_hz > GIF_HIGHEST_HZ:
-        raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_HIGHEST_HZ:g}; .webp has no such limit")
+        raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}")
+    if path.suffix == ".gif" and rate_hz > GIF_MAX_HZ:
+        raise UsageError(f"GIF: got {rate_hz:g} Hz, expected at most {GIF_MAX_HZ:g}; .webp has no such limit")
     if path.suffix in CODECS and any(side % 2 for side in size):
         raise UsageError(f"size: got {size[0]}x{size[1]}, expected even sides for video")
     if alpha and (path.suffix == ".gif" or (path.suffix in CODECS and path.suffix not in ALPHA_KINDS)):
-        raise UsageError(f"--background: got none, but {path.suffix} has no alpha; expected .webm, .webp or .png")
+        raise UsageError(f"background: got none, but {path.suffix} has no alpha; expected .webm, .webp or .png")
 
 
 def write_moving(
@@ -53,20 +53,14 @@ def write_moving(
     sound: tuple[NDArray[np.int16], int] | None = None,
     on_frame: Callable[[], None] = lambda: None,
 ) -> int:
-    """Write frames by the name's kind; see :func:`fapengine.files.video.write_video` and its neighbours.
+    """Write frames into what the name asks for: a video, an animation, or numbered files.
 
     Parameters
     ----------
     path : Path
         A folder gets ``frame_0000.png`` and on. Sound goes into videos alone.
-    frames : iterable of (height, width, 3 or 4) uint8
-        sRGB, colours not multiplied with alpha.
-    rate_hz : float
-        Frames a second.
-    sound : ((N,) int16, int), optional
-        Mono samples and their rate.
-    on_frame : callable
-        Called after each frame, for progress.
+    frames, rate_hz, sound, on_frame
+        Pictures (height, width, 3 or 4) uint8 and the rest as :func:`fapengine.files.video.write_video` takes them.
 
     Returns
     -------

@@ -158,7 +158,8 @@ def drawable(label: str) -> str:
 
     def instead(letter: str) -> str:
         heard = ipa.letters(letter)
-        likes = [one if known(one) else ipa.nearest(one, tuple(filter(known, ipa.SOUNDS))) for one in heard]
+        fallbacks = tuple(filter(known, ipa.SOUNDS))
+        likes = [sound if known(sound) else ipa.nearest(sound, fallbacks) for sound in heard]
         return "".join(likes) or "?"
 
     return "".join(letter if known(letter) else instead(letter) for letter in label)

@@ -34,10 +34,12 @@ be seen from the files stands in ``session.toml``, every key of which is optiona
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from fapengine._toml import TomlTable, parse_toml
+import numpy as np
+
+from fapengine._strict_toml import parse_toml, spell_path
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.session import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
@@ -88,13 +90,10 @@ def load_session(
     """
     if not folder.is_dir():
         raise UsageError(f"{folder}: got no folder, expected one with recordings ({', '.join(RECORDINGS)})")
-    document = folder / SETUP_NAME
-    table = parse_toml(read_bytes(document) if document.is_file() else b"", str(document))
-    stated_units, stated_up = table.take("units", str, None), table.take("up", str, None)
-    rate_hz = table.take("rate_hz", float, None)
-    picture = _picture(table.table("landmarks"), rate_hz) if table.has("landmarks") else None
-    subject = table.take("subject", str, folder.resolve().name)
-    setup = _setup(table, folder)
+    path = folder / SETUP_NAME
+    document = parse_toml(read_bytes(path) if path.is_file() else b"", _Document, str(path))
+    rate_hz, picture = document.rate_hz, _picture(document, str(path))
+    setup = _setup(document, folder)
     paths = _recordings(folder, {(folder / scan.name).parent for scan in setup.scans})
     if not paths:
         raise UsageError(f"{folder}: got no recording, expected some of {', '.join(RECORDINGS)}")
@@ -102,12 +101,12 @@ def load_session(
     for path in paths:
         on_take(path.stem, len(paths))
         recording = load_markers(
-            path, units=units or stated_units, up=up or stated_up, rate_hz=rate_hz, picture=picture
+            path, units=units or document.units, up=up or document.up, rate_hz=rate_hz, picture=picture
         )
         warnings += [f"take {path.stem}: {text}" for text in recording.warnings]
         takes.append(Take(path.stem, recording.markers, _phones(path, recording.markers.duration_s, warnings)))
     try:
-        return LoadedSession(Session(subject, tuple(takes)), setup, tuple(warnings))
+        return LoadedSession(Session(document.subject or folder.resolve().name, tuple(takes)), setup, tuple(warnings))
     except DataError as error:
         raise type(error)(error.message, where=f"{folder}, {error.where}") from error
 
@@ -119,15 +118,24 @@ def _recordings(folder: Path, scans: set[Path]) -> list[Path]:
     return sorted([*files, *folders])
 
 
-def _picture(table: TomlTable, rate_hz: float | None) -> Picture:
-    if rate_hz is None:
-        raise table.fail("", "got no rate_hz, expected the video's frames a second above [landmarks]")
-    sizes = {key: table.take(key, float) for key in ("width_px", "height_px", "eye_corners_mm")}
-    table.finish()
+def _picture(document: "_Document", name: str) -> Picture | None:
+    if document.landmarks is None:
+        return None
+    if document.rate_hz is None:
+        raise DataError(
+            "got no rate_hz, expected the video's frames a second above [landmarks]",
+            where=spell_path(name, "landmarks"),
+        )
+    landmarks = document.landmarks
     try:
-        return Picture(rate_hz=rate_hz, **sizes)
+        return Picture(
+            rate_hz=document.rate_hz,
+            width_px=landmarks.width_px,
+            height_px=landmarks.height_px,
+            eye_corners_mm=landmarks.eye_corners_mm,
+        )
     except UsageError as error:
-        raise table.fail("", str(error)) from error
+        raise DataError(str(error), where=spell_path(name, "landmarks")) from error
 
 
 def _is_timing(path: Path) -> bool:
@@ -153,48 +161,71 @@ def _phones(path: Path, duration_s: float, warnings: list[str]) -> tuple[Interva
     return tuple(Interval(p.label, p.start_s, p.end_s) for p in phones if p.end_s <= duration_s + 0.1)
 
 
-def _setup(table: TomlTable, folder: Path) -> Setup:
-    neutral = _moment(table.table("neutral")) if table.has("neutral") else None
-    lengths = table.table("fapu_mm", needed=False)
-    points = table.table("points", needed=False)
-    setup = Setup(
-        points={name: _point(points, name) for name in points},
-        head=table.strings("head"),
-        neutral=neutral,
-        fapu_mm={name: lengths.take(name, float) for name in lengths},
-        poses=tuple(_pose(row) for row in table.tables("pose", needed=False)),
-        scans=tuple(_scan(row, folder) for row in table.tables("scan", needed=False)),
-        language=table.take("language", str, "und"),
-        licence=table.take("licence", str, "not stated"),
-        attribution=table.take("attribution", str, ""),
+@dataclass(frozen=True, slots=True)
+class _Landmarks:
+    width_px: float
+    height_px: float
+    eye_corners_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pose:
+    expression: str
+    take: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Scan:
+    file: str
+    landmarks: dict[str, tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """``session.toml``, key by key."""
+
+    subject: str | None = None
+    language: str = "und"
+    licence: str = "not stated"
+    attribution: str = ""
+    units: str | None = None
+    up: str | None = None
+    rate_hz: float | None = None
+    head: tuple[str, ...] = ()
+    neutral: Moment | None = None
+    fapu_mm: dict[str, float] = field(default_factory=dict)
+    landmarks: _Landmarks | None = None
+    points: dict[str, str] = field(default_factory=dict)
+    pose: tuple[_Pose, ...] = ()
+    scan: tuple[_Scan, ...] = ()
+
+
+def _setup(document: _Document, folder: Path) -> Setup:
+    def wrong(message: str, *keys: str | int) -> DataError:
+        return DataError(message, where=spell_path(str(folder / SETUP_NAME), *keys))
+
+    for name, point in document.points.items():
+        if point not in FEATURE_POINT_NAMES:
+            raise wrong(f"got {point!r}, expected a feature point such as 8.2", "points", name)
+    poses = []
+    for index, pose in enumerate(document.pose):
+        if pose.expression.upper() not in Expression.__members__ or pose.expression == "neutral":
+            raise wrong(f"got {pose.expression!r}, expected one of the six expressions", "pose", index, "expression")
+        poses.append(Pose(Expression[pose.expression.upper()], Moment(pose.take, pose.start_s, pose.end_s)))
+    for index, scan in enumerate(document.scan):
+        for name, place_mm in scan.landmarks.items():
+            if not np.isfinite(place_mm).all():
+                raise wrong(f"got {place_mm}, expected finite numbers", "scan", index, "landmarks", name)
+    return Setup(
+        points=document.points,
+        head=document.head,
+        neutral=document.neutral,
+        fapu_mm=document.fapu_mm,
+        poses=tuple(poses),
+        scans=tuple(Scan(scan.file, load_surface(folder / scan.file), scan.landmarks) for scan in document.scan),
+        language=document.language,
+        licence=document.licence,
+        attribution=document.attribution,
     )
-    table.finish()
-    return setup
-
-
-def _point(points: TomlTable, name: str) -> str:
-    point: str = points.take(name, str)
-    if point not in FEATURE_POINT_NAMES:
-        raise points.fail(name, f"got {point!r}, expected a feature point such as 8.2")
-    return point
-
-
-def _moment(table: TomlTable) -> Moment:
-    moment = Moment(table.take("take", str), table.take("start_s", float), table.take("end_s", float))
-    table.finish()
-    return moment
-
-
-def _pose(table: TomlTable) -> Pose:
-    name: str = table.take("expression", str)
-    if name.upper() not in Expression.__members__ or name == "neutral":
-        raise table.fail("expression", f"got {name!r}, expected one of the six expressions")
-    return Pose(Expression[name.upper()], _moment(table))
-
-
-def _scan(table: TomlTable, folder: Path) -> Scan:
-    name: str = table.take("file", str)
-    marks = table.table("landmarks")
-    places = {mark: tuple(marks.numbers(mark, (3,)).tolist()) for mark in marks}
-    table.finish()
-    return Scan(name, load_surface(folder / name), places)

@@ -51,7 +51,7 @@ def load_sound(path: Path) -> tuple[NDArray[np.int16], int]:
 
 
 def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> None:
-    """Write mono 16-bit WAV.
+    """Write mono samples, (N,) int16, as a WAV file.
 
     Raises
     ------

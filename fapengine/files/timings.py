@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fapengine.errors import DataError
 from fapengine.files.paths import read_bytes
-from fapengine.speech.formats import FORMATS, Wishes, parse_timings
+from fapengine.speech.formats import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
 __all__ = ["FORMATS", "load_timings"]
@@ -36,7 +36,7 @@ def load_timings(
     data = read_bytes(path)
     try:
         return parse_timings(
-            data, file_format=file_format, ending=path.suffix, wishes=Wishes(tier=tier, alphabet=alphabet)
+            data, file_format=file_format, ending=path.suffix, wishes=ParseOptions(tier=tier, alphabet=alphabet)
         )
     except DataError as error:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

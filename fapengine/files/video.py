@@ -40,8 +40,8 @@ def write_video(
     path : Path
         ``.mp4``, ``.webm`` or ``.mkv``.
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size, with even sides. ``.webm`` takes a fourth component, alpha, with colours not multiplied
-        with it.
+        sRGB; all of one size, with even sides. A fourth component is alpha, for ``.webm`` alone; colours are not
+        multiplied with it.
     rate_hz : float
         Frames a second.
     sound : ((N,) int16, int), optional
@@ -119,7 +119,7 @@ class Video:
     """(T, height, width, 3) uint8, sRGB."""
     rate_hz: float
     duration_s: float
-    """Of the pictures."""
+    """Frames a second of the pictures."""
     sound_duration_s: float
     """0 without sound."""
 

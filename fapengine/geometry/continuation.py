@@ -19,23 +19,23 @@ def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np
     UsageError
         If nothing is known.
     """
-    given = frozen(values, "values", ("V", "C"), np.float64)
+    field = frozen(values, "values", ("V", "C"), np.float64)
     mask = np.asarray(known, dtype=bool)
     if not mask.any():
         raise UsageError("known: got no vertex, expected at least one")
     if mask.all():
-        return given.copy()
+        return field.copy()
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     both = np.concatenate([edges, edges[:, ::-1]])
-    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(given), len(given)))
+    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(field), len(field)))
     links.data[:] = 1.0
     degree: NDArray[np.float64] = np.asarray(links.sum(axis=1)).ravel()
     laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
     # A trace of pull to the mean keeps parts without a known vertex solvable.
-    mean = given[mask].mean(axis=0)
+    mean = field[mask].mean(axis=0)
     free = np.flatnonzero(~mask)
-    energy = (laplacian.T @ laplacian + 1e-9 * diags_array(np.ones(len(given)))).tocsr()
-    right = -(energy[free] @ np.where(mask[:, None], given - mean, 0.0))
-    result = given.copy()
+    energy = (laplacian.T @ laplacian + 1e-9 * diags_array(np.ones(len(field)))).tocsr()
+    right = -(energy[free] @ np.where(mask[:, None], field - mean, 0.0))
+    result = field.copy()
     result[free] = mean + splu(energy[free][:, free].tocsc()).solve(np.ascontiguousarray(right))
     return result

@@ -8,7 +8,9 @@ With both sets moved to their (weighted) centroids, translation is gone and only
   largest eigenvalue of Horn's symmetric 4 x 4 matrix. A unit quaternion cannot be a reflection, whatever the noise and
   however flat the body. All frames are solved in one batched call.
 * :func:`fit_rigid_linear` uses that ``R = (I + [g])^-1 (I - [g])`` of a Gibbs vector ``g`` turns the same equation into
-  ``target - point = g x (target + point)``, which is linear in ``g``. It is a rotation by construction too, and is XX
+  ``target - point = g x (target + point)``, which is linear in ``g``. It is a rotation by construction too. Near
+  a half turn ``g`` grows without bound; so the equation is also solved with the points turned by half a turn about
+  each axis, and the best of the four answers is kept.
 * A rotation and its quaternion are one to two; :func:`continuous` chooses the sign so that a track never jumps.
 
 Quaternions are ``(w, x, y, z)``. Batch axes lead everywhere.
@@ -23,9 +25,9 @@ from scipy.signal import butter, sosfiltfilt
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 
-LEAST_POINTS = 3
+MIN_POINTS = 3
 UNDETERMINED = 1e-9
-"""Relative gap of the two largest eigenvalues below which every turn about some axis fits equally well."""
+"""Gap of the two largest eigenvalues, relative to them, below which every turn about some axis fits equally well."""
 HALF_TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 
@@ -201,7 +203,7 @@ def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, step
     if not len(complete):
         raise UsageError(f"frames_mm: got {len(frames)} frames, none with all {frames.shape[1]} markers")
     first = template = frames[complete[0]]
-    usable = (weight > 0).sum(axis=1) >= LEAST_POINTS
+    usable = (weight > 0).sum(axis=1) >= MIN_POINTS
     frames, weight = np.where(weight[..., None] > 0, frames, 0.0)[usable], weight[usable]
     for _ in range(steps):
         moved = fit_rigid(frames, template, weight).apply(frames)
@@ -284,9 +286,9 @@ def _checked(
     if not (weight >= 0).all():
         raise UsageError("weights: got a negative or undefined number, expected 0 or more")
     weight = np.broadcast_to(weight, shape[:-1])
-    few = (weight > 0).sum(-1) < LEAST_POINTS
+    few = (weight > 0).sum(-1) < MIN_POINTS
     if few.any():
-        raise UsageError(f"points: got fewer than {LEAST_POINTS} with weight in {_first(few)}")
+        raise UsageError(f"points: got fewer than {MIN_POINTS} with weight in {_first(few)}")
     points = np.where(weight[..., None] > 0, points, 0.0)
     target = np.where(weight[..., None] > 0, target, 0.0)
     bad = ~(np.isfinite(points) & np.isfinite(target)).all((-1, -2))

@@ -73,9 +73,9 @@ class Surface:
 
     def carry(self, values: ArrayLike, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Values of the vertices, such as texture coordinates, at the places nearest to points: (V, C) -> (N, C)."""
-        given = frozen(values, "values", (len(self.vertices_mm), "C"), np.float64)
+        field = frozen(values, "values", (len(self.vertices_mm), "C"), np.float64)
         triangle, weight, _ = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
-        carried: NDArray[np.float64] = np.einsum("nc,ncd->nd", weight, given[triangle])
+        carried: NDArray[np.float64] = np.einsum("nc,ncd->nd", weight, field[triangle])
         return carried
 
     def meet(
@@ -104,9 +104,9 @@ class Surface:
         near = np.concatenate([self._candidates(guess), self._candidates(foot)], axis=1)
         distance = _line_distance(points[:, None], along[:, None], self._corners[near])
         best = np.abs(distance).argmin(axis=1)
-        found = distance[np.arange(len(points)), best]
-        met = np.abs(found) <= reach_mm
-        return points + np.where(met, found, 0.0)[:, None] * along, met
+        nearest = distance[np.arange(len(points)), best]
+        met = np.abs(nearest) <= reach_mm
+        return points + np.where(met, nearest, 0.0)[:, None] * along, met
 
     def _nearest(
         self, points: NDArray[np.float64]

@@ -16,11 +16,11 @@ from fapengine.models.scan_fit import ScanFit, fit_scan
 
 Array = NDArray[np.float64]
 
-LEAST_SCANS, LEAST_MARKERS, LEAST_LANDMARKS = 3, 12, 3
+MIN_SCANS, MIN_MARKERS, MIN_LANDMARKS = 3, 12, 3
 FRAMES = 4000
-"""Of the session, for the sparse model; more do not change eight modes."""
+"""Frames of the session for the sparse model; more do not change eight modes."""
 ESTIMATOR_NOISE_MM = 0.7
-"""Of a marker against its place on a scan: a video tracker's; markers proper are better, and lose little by it."""
+"""Error of a marker against its position on a scan, mm, for a video tracker; real markers are better, lose little."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -31,7 +31,7 @@ class DenseStudy:
     triangles: NDArray[np.int64]
     """(F, 3): of the reference scan."""
     sparse: GapModel
-    """Whose weights drive the modes."""
+    """Sparse model whose weights drive the modes."""
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Scan, how it was found, share of its vertices that met it."""
     estimator: LinearEstimator
@@ -48,28 +48,28 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         If scans, markers or landmarks are too few, or a scan does not show this face; ``where`` is the scan.
     """
     scans = setup.scans
-    if len(scans) < LEAST_SCANS:
-        raise DataError(f"scans: got {len(scans)}, expected at least {LEAST_SCANS} postures", where=prepared.subject)
-    if len(prepared.labels) < LEAST_MARKERS:
+    if len(scans) < MIN_SCANS:
+        raise DataError(f"scans: got {len(scans)}, expected at least {MIN_SCANS} postures", where=prepared.subject)
+    if len(prepared.labels) < MIN_MARKERS:
         raise DataError(
-            f"markers: got {len(prepared.labels)}, expected at least {LEAST_MARKERS} to lay a model onto scans",
+            f"markers: got {len(prepared.labels)}, expected at least {MIN_MARKERS} to lay a model onto scans",
             where=prepared.subject,
         )
     frames = prepared.neutral_mm + np.concatenate([take.moved_mm for take in prepared.takes])
     frames = frames[np.linspace(0, len(frames) - 1, min(len(frames), FRAMES)).astype(int)]
     sparse = fit_gaps(frames, np.ones(frames.shape[:2], bool), modes)
     fits = [_find(sparse, scan, prepared) for scan in scans]
-    laid = [
+    fitted = [
         Surface(fit.scan_from_model.inverse().apply(scan.surface.vertices_mm), scan.surface.triangles)
         for scan, fit in zip(scans, fits, strict=True)
     ]
     points = [sparse.rebuild(fit.scores) for fit in fits]
     facets = sparse_facets(np.concatenate([frames[:: max(1, len(frames) // 40)], np.stack(points)]))
-    binding = bind(laid[0].vertices_mm, points[0], facets)
-    faces, met = [laid[0].vertices_mm], [1.0]
-    for scan, surface, place in zip(scans[1:], laid[1:], points[1:], strict=True):
+    binding = bind(fitted[0].vertices_mm, points[0], facets)
+    faces, met = [fitted[0].vertices_mm], [1.0]
+    for scan, surface, position in zip(scans[1:], fitted[1:], points[1:], strict=True):
         try:
-            vertices, hit = remesh(binding, laid[0], surface, place, facets)
+            vertices, hit = remesh(binding, fitted[0], surface, position, facets)
         except DataError as error:
             raise type(error)(error.message, where=f"scan {scan.name}") from error
         faces.append(vertices)
@@ -77,7 +77,7 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
     scores, marks, dense = np.stack([fit.scores for fit in fits]), np.stack(points), np.stack(faces)
     return DenseStudy(
         modes=fit_dense_modes(dense, scores),
-        triangles=laid[0].triangles,
+        triangles=fitted[0].triangles,
         sparse=sparse,
         fits=tuple((scan.name, fit, share) for scan, fit, share in zip(scans, fits, met, strict=True)),
         estimator=fit_estimator(dense, marks, noise_mm=ESTIMATOR_NOISE_MM),
@@ -87,17 +87,17 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
 
 def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
     marks, places = [], []
-    for name, place in scan.landmarks.items():
+    for name, position in scan.landmarks.items():
         if name in prepared.labels:
             marks.append(prepared.labels.index(name))
         elif name in prepared.named:
             marks.append(prepared.column(name))
         else:
             raise DataError(f"landmark {name!r}: is no marker and no recorded feature point", where=f"scan {scan.name}")
-        places.append(place)
-    if len(set(marks)) < LEAST_LANDMARKS:
+        places.append(position)
+    if len(set(marks)) < MIN_LANDMARKS:
         raise DataError(
-            f"landmarks: got {len(set(marks))}, expected at least {LEAST_LANDMARKS}", where=f"scan {scan.name}"
+            f"landmarks: got {len(set(marks))}, expected at least {MIN_LANDMARKS}", where=f"scan {scan.name}"
         )
     try:
         return fit_scan(sparse, scan.surface, marks, places)
@@ -113,6 +113,6 @@ def _left_out(faces: Array, scores: Array, marks: Array) -> tuple[float, float]:
         others = np.arange(len(faces)) != index
         modes = fit_dense_modes(faces[others], scores[others])
         estimator = fit_estimator(faces[others], marks[others], noise_mm=ESTIMATOR_NOISE_MM)
-        for found, guess in ((dense, modes.faces_mm(scores[index])), (linear, estimator.faces_mm(marks[index]))):
-            found.append(float(np.linalg.norm(guess - faces[index], axis=-1).mean()))
+        for misses, guess in ((dense, modes.faces_mm(scores[index])), (linear, estimator.faces_mm(marks[index]))):
+            misses.append(float(np.linalg.norm(guess - faces[index], axis=-1).mean()))
     return float(np.mean(dense)), float(np.mean(linear))

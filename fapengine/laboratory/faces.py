@@ -46,20 +46,20 @@ def measure_fapu(prepared: Prepared, setup: Setup, standard: Fapu) -> tuple[Fapu
             measured["ens0_mm"] = float((at["3.5"][1] + at["3.6"][1]) / 2 - at["9.15"][1])
     if {"3.1", "3.2", "3.3", "3.4"} <= at.keys():
         measured["irisd0_mm"] = float(at["3.1"][1] - at["3.3"][1] + at["3.2"][1] - at["3.4"][1]) / 2
-    given = {f"{name}_mm": length for name, length in setup.fapu_mm.items()}
+    stated = {f"{name}_mm": length for name, length in setup.fapu_mm.items()}
     names = [field.name for field in fields(Fapu)]
-    unknown = [name for name in given if name not in names]
+    unknown = [name for name in stated if name not in names]
     if unknown:
         raise DataError(
             f"fapu_mm: got {unknown[0].removesuffix('_mm')!r}, expected {', '.join(n[:-3] for n in names)}",
             where="session.toml",
         )
-    whole = {name: getattr(standard, name) / prepared.scale for name in names} | measured | given
+    whole = {name: getattr(standard, name) / prepared.scale for name in names} | measured | stated
     try:
         fapu = Fapu(**whole)
     except UsageError as error:
         raise DataError(str(error), where=prepared.subject) from error
-    return fapu, tuple(name.removesuffix("_mm") for name in names if name not in measured and name not in given)
+    return fapu, tuple(name.removesuffix("_mm") for name in names if name not in measured and name not in stated)
 
 
 def find_expressions(
@@ -88,7 +88,7 @@ def find_expressions(
 
 
 def _frames(takes: tuple[Displacements, ...], moment: Moment, rate_hz: float) -> Array:
-    take = next(one for one in takes if one.name == moment.take)
+    take = next(candidate for candidate in takes if candidate.name == moment.take)
     first = round(moment.start_s * rate_hz)
     return take.moved_mm[first : max(round(moment.end_s * rate_hz), first + 1)]
 

@@ -16,12 +16,13 @@ from fapengine.laboratory.prepare import Displacements, Prepared, prepare
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
 from fapengine.laboratory.space import SpaceStudy, pick, study_space
+from fapengine.models.via_points import Reduction, low_pass, reduction_curve
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ContextModel, Profile
-from fapengine.trajectory.keyframes import place_keyframes, resolve
-from fapengine.trajectory.via_points import Reduction, low_pass, reduction_curve
+from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.targets import resolve
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ STEPS = (
     "scans",
     "profile",
 )
-"""Of :func:`fit_session`, in order."""
+"""Steps of :func:`fit_session`, in order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,37 +147,37 @@ def fit_session(
     """
     on_step(STEPS[0])
     prepared = prepare(session, setup, dict(face_mm), rng=rng)
-    told = [*warnings, *prepared.warnings]
-    training, held_out = _split(prepared, options, rng, told)
+    remarks = [*warnings, *prepared.warnings]
+    training, held_out = _split(prepared, options, rng, remarks)
     on_step(STEPS[1])
     selection = study_selection(prepared, training, held_out, k=options.k, tolerance_mm=options.tolerance_mm, rng=rng)
     if selection is None:
-        told.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
+        remarks.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
     on_step(STEPS[2])
     judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
     kept = judged.space.mode_count
     space = replace(study_space(prepared, prepared.takes, (), modes=kept, variance=1.0), error_mm=judged.error_mm)
-    told += [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
+    remarks += [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
     fapu, guessed = measure_fapu(prepared, setup, face_fapu)
     if guessed:
-        told.append(
+        remarks.append(
             f"FAPU {', '.join(guessed)}: not to be measured from these markers, a standard face's at this size"
             " ([fapu_mm] in session.toml gives them)"
         )
     on_step(STEPS[3])
     phones, strange = study_phones(prepared.takes, prepared, space.space)
     for label in strange:
-        told.append(f"phone {label!r} is no IPA: left out")
+        remarks.append(f"phone {label!r} is no IPA: left out")
     rare = [f"{name} (with {' '.join(study.like)})" for name, study in phones.items() if study.like]
     if rare:
-        told.append(f"phones {', '.join(rare)}: too rare alone")
+        remarks.append(f"phones {', '.join(rare)}: too rare alone")
     expressions, borrowed = find_expressions(prepared, setup, space.space, fapu, standard)
     if borrowed:
-        names = ", ".join(one.name.lower() for one in borrowed)
-        told.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
+        names = ", ".join(expression.name.lower() for expression in borrowed)
+        remarks.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
 
     def build(
-        shape: VisemeSpace, found: Mapping[str, PhoneStudy], birth: Mapping[str, str], context: ContextModel | None
+        shape: VisemeSpace, studies: Mapping[str, PhoneStudy], birth: Mapping[str, str], context: ContextModel | None
     ) -> Profile:
         return Profile(
             id=profile_id,
@@ -185,7 +186,7 @@ def fit_session(
             origin=MappingProxyType(dict(birth)),
             fapu=fapu,
             space=shape,
-            phones=MappingProxyType({name: study.target for name, study in found.items()}),
+            phones=MappingProxyType({name: study.target for name, study in studies.items()}),
             expressions=MappingProxyType(dict(expressions)),
             context=context,
         )
@@ -213,7 +214,7 @@ def fit_session(
         prepared=prepared, options=options, training=tuple(take.name for take in training),
         held_out=tuple(take.name for take in held_out), selection=selection, space=space, phones=phones,
         prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
-        profile=build(space.space, phones, birth, context), warnings=tuple(told),
+        profile=build(space.space, phones, birth, context), warnings=tuple(remarks),
     )  # fmt: skip
 
 
@@ -243,7 +244,7 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
         times = np.arange(len(take.moved_mm)) / prepared.rate_hz
         phones = spoken(take)
         resolved, _ = resolve(phones, profile)
-        keys = place_keyframes(phones, resolved, profile.space.mode_count, float(times[-1]))
+        keys = place_keyframes(phones, resolved, profile.space.mode_count)
         guesses.append(profile.space.to_points_mm(keys.sample(times))[:, columns])
         truths.append(pick((take,), prepared, lips))
     guess, truth = np.concatenate(guesses), np.concatenate(truths)
@@ -283,16 +284,16 @@ def _evidence(
 ) -> dict[str, str]:
     """Say what the profile tells of its birth."""
     frames = sum(len(take.moved_mm) for take in prepared.takes)
-    told = {
+    remarks = {
         "takes": f"{len(prepared.takes)} takes, {frames} frames at {prepared.rate_hz:g} Hz,"
         f" {len(prepared.labels)} markers; learned from {len(training)}, judged on {len(held_out)}",
         "variance": f"{space.space.mode_count} modes carry {100 * space.share[space.space.mode_count - 1]:.2f} % of the"
         f" variance of {space.space.marker_count} markers",
     }
     if prediction is not None:
-        told["held_out"] = (
+        remarks["held_out"] = (
             f"lips {prediction.lips_mm:.2f} mm (mean pose {prediction.mean_pose_mm:.2f}),"
             f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f};"
             f" {'targets depend on neighbours' if prediction.context else 'one look for each phone'}"
         )
-    return told
+    return remarks

@@ -18,10 +18,10 @@ from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
 Array = NDArray[np.float64]
 
 KEY, LATE = 0.3, 0.8
-"""Where a phone's keyframe stands (the paper), and the second one of a diphthong or affricate."""
+"""Fraction of a phone's duration at its keyframe (paper 001), and at the second one of a diphthong or affricate."""
 RARE = 8
 """Tokens; below it a median is luck, and the tokens of the most similar frequent phone are taken in."""
-LEAST_CONTEXT = 1000
+MIN_CONTEXT = 1000
 """Spoken tokens from which neighbours are learned; 1,000 are about 50 sentences."""
 CONTACTS = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
 MEDIAN_OF_MEAN = 1.2533 * 1.4826
@@ -34,7 +34,7 @@ class PhoneStudy:
 
     target: PhoneTarget
     tokens: int
-    """Of the phone itself."""
+    """Number of tokens of the phone itself."""
     like: tuple[str, ...]
     """Other phones whose tokens were taken in, because it is rare."""
     error: Array
@@ -60,17 +60,17 @@ def study_phones(
     tokens, strange = _tokens(takes, prepared, space)
     if not tokens:
         raise DataError("phones: got none in any take, expected timings beside the recordings", where=prepared.subject)
-    frequent = [name for name, found in tokens.items() if len(found) >= RARE]
+    frequent = [name for name, occurrences in tokens.items() if len(occurrences) >= RARE]
     studies = {}
     for name in sorted(tokens):
         used = [name]
         group = next((list(members) for members in CONTACTS.values() if name in members), [])
         used += [other for other in group if other != name and other in tokens]
         own = tuple(used)
-        if sum(len(tokens[one]) for one in used) < RARE:
+        if sum(len(tokens[ipa_label]) for ipa_label in used) < RARE:
             like = [other for other in frequent if other not in used and _comparable(name, other)]
             used += [min(like, key=lambda other: _difference(name, other))] if like else []
-        values = np.concatenate([tokens[one] for one in used])  # (N, 2, K)
+        values = np.concatenate([tokens[ipa_label] for ipa_label in used])  # (N, 2, K)
         values = values if len(ipa.letters(name)) > 1 else values[:, :1]
         target = np.median(values, axis=0)
         spread = np.median(np.abs(values - target), axis=0)
@@ -84,7 +84,7 @@ def study_phones(
                 origin=f"median of {len(values)} tokens of {' '.join(used)}",
             ),
             len(tokens[name]),
-            tuple(one for one in used if one not in own),
+            tuple(ipa_label for ipa_label in used if ipa_label not in own),
             MEDIAN_OF_MEAN * spread / np.sqrt(len(values)),
         )
     return studies, strange
@@ -106,7 +106,7 @@ def learn_context(
         sentences.append(tokens)
         weights.append(np.stack(at, axis=1))
     count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
-    return fit_context(sentences, weights) if count >= LEAST_CONTEXT else None
+    return fit_context(sentences, weights) if count >= MIN_CONTEXT else None
 
 
 def spoken(take: Displacements) -> PhoneTrack:
@@ -123,21 +123,21 @@ def spoken(take: Displacements) -> PhoneTrack:
         raise DataError(str(error), where=f"take {take.name}") from error
 
 
-def _comparable(one: str, other: str) -> bool:
+def _comparable(ipa_label: str, other: str) -> bool:
     """Of as many letters, vowels where the other has vowels."""
-    a, b = ([ipa.SOUNDS[letter].vowel for letter in ipa.letters(name)] for name in (one, other))
+    a, b = ([ipa.SOUNDS[letter].vowel for letter in ipa.letters(name)] for name in (ipa_label, other))
     return a == b
 
 
-def _difference(one: str, other: str) -> float:
-    return sum(ipa.distance(a, b) for a, b in zip(ipa.letters(one), ipa.letters(other), strict=True))
+def _difference(ipa_label: str, other: str) -> float:
+    return sum(ipa.distance(a, b) for a, b in zip(ipa.letters(ipa_label), ipa.letters(other), strict=True))
 
 
 def _tokens(
     takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Weights of each phone's tokens at both fractions: (N, 2, K)."""
-    found: dict[str, list[Array]] = {}
+    occurrences: dict[str, list[Array]] = {}
     strange: dict[str, None] = {}
     markers = space.points[: space.marker_count]
     for take in takes:
@@ -150,7 +150,7 @@ def _tokens(
         for phone, values in zip(spoken, both, strict=True):
             letters = ipa.letters(phone.label)
             if letters:
-                found.setdefault("".join(letters), []).append(values)
+                occurrences.setdefault("".join(letters), []).append(values)
             else:
                 strange[phone.label] = None
-    return {name: np.stack(values) for name, values in found.items()}, tuple(strange)
+    return {name: np.stack(values) for name, values in occurrences.items()}, tuple(strange)

@@ -30,9 +30,9 @@ from fapengine.speech.phone_track import SILENCE
 
 Array = NDArray[np.float64]
 
-LEAST_FRAMES = 50
-LEAST_SKULL = 3
-LEAST_NAMED = 4
+MIN_FRAMES = 50
+MIN_SKULL = 3
+MIN_NAMED = 4
 """Feature points that head axes need."""
 MIRROR_RATIO = 0.6
 """A mirrored fit with less than this share of the residual means exchanged sides."""
@@ -117,9 +117,9 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
     """
     warnings: list[str] = []
     frames = sum(take.markers.frame_count for take in session.takes)
-    if frames < LEAST_FRAMES:
+    if frames < MIN_FRAMES:
         raise DataError(
-            f"recordings: got {frames} frames in all, expected at least {LEAST_FRAMES}", where=session.subject
+            f"recordings: got {frames} frames in all, expected at least {MIN_FRAMES}", where=session.subject
         )
     _check_names(session, setup)
     session = _without_unseen(session, setup, warnings)
@@ -138,8 +138,8 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
         _warn_of_shared_turns(moved, neutral, session, warnings)
     filled, gaps = _fill(moved, rng, warnings)
     takes = tuple(
-        Displacements(take.name, one, take.phones, _in_axes(head, axes))
-        for take, one, head in zip(session.takes, filled, heads, strict=True)
+        Displacements(take.name, positions, take.phones, _in_axes(head, axes))
+        for take, positions, head in zip(session.takes, filled, heads, strict=True)
     )
     return Prepared(
         subject=session.subject, rate_hz=session.rate_hz, labels=face, points=points, neutral_mm=neutral, scale=scale,
@@ -188,8 +188,8 @@ def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> list["
     if not setup.head:
         counts = [take.markers.frame_count for take in session.takes]
         return [_Skull(_standing(count), np.ones(count, bool)) for count in counts]
-    if len(setup.head) < LEAST_SKULL:
-        raise DataError(f"head: got {len(setup.head)} markers, expected at least {LEAST_SKULL}", where="session.toml")
+    if len(setup.head) < MIN_SKULL:
+        raise DataError(f"head: got {len(setup.head)} markers, expected at least {MIN_SKULL}", where="session.toml")
     tracks = [take.markers.select(setup.head) for take in session.takes]
     frames = np.concatenate([track.positions_mm for track in tracks])
     complete = np.flatnonzero(~np.isnan(frames[..., 0]).any(axis=1))
@@ -207,32 +207,34 @@ def _standing(count: int) -> RigidMotion:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Skull:
     template_from_room: RigidMotion
-    known: NDArray[np.bool_]
+    tracked: NDArray[np.bool_]
 
     def hold(self, track: MarkerTrack) -> MarkerTrack:
         """Show the face as if the head stood still; unseen where the head is unknown."""
         still = self.template_from_room.apply(track.positions_mm)
-        still[~self.known] = np.nan
+        still[~self.tracked] = np.nan
         return replace(track, positions_mm=still)
 
 
 def _follow(track: MarkerTrack, template: Array, name: str, warnings: list[str]) -> _Skull:
-    known = track.valid.sum(axis=1) >= LEAST_SKULL
-    if not known.any():
-        raise DataError(f"head: got no frame with {LEAST_SKULL} of its markers", where=f"take {name}")
-    if not known.all():
-        warnings.append(f"take {name}: head unknown in {np.sum(~known)} of {len(known)} frames, which count as unseen")
-    frames = np.where(track.valid[..., None], track.positions_mm, 0.0)[known]
-    weight = track.valid[known].astype(np.float64)
-    if len(template) == LEAST_SKULL:
+    tracked = track.valid.sum(axis=1) >= MIN_SKULL
+    if not tracked.any():
+        raise DataError(f"head: got no frame with {MIN_SKULL} of its markers", where=f"take {name}")
+    if not tracked.all():
+        warnings.append(
+            f"take {name}: head unknown in {np.sum(~tracked)} of {len(tracked)} frames, which count as unseen"
+        )
+    frames = np.where(track.valid[..., None], track.positions_mm, 0.0)[tracked]
+    weight = track.valid[tracked].astype(np.float64)
+    if len(template) == MIN_SKULL:
         motion = fit_rigid(frames, template, weight)
     else:
         motion, trust = fit_rigid_robust(frames, template, weight)
         for label, worth in zip(track.labels, np.median(trust, axis=0), strict=True):
             if worth < DISTRUSTED:
                 warnings.append(f"take {name}: head marker {label} does not keep its place, and is distrusted")
-    held = np.clip(np.searchsorted(np.flatnonzero(known), np.arange(len(known))), 0, known.sum() - 1)
-    return _Skull(RigidMotion(motion.rotation[held], motion.translation_mm[held]), known)
+    held = np.clip(np.searchsorted(np.flatnonzero(tracked), np.arange(len(tracked))), 0, tracked.sum() - 1)
+    return _Skull(RigidMotion(motion.rotation[held], motion.translation_mm[held]), tracked)
 
 
 def _neutral(session: Session, setup: Setup, still: list[MarkerTrack]) -> Array:
@@ -263,19 +265,19 @@ def _head_axes(
 ) -> tuple[RigidMotion, float]:
     """Motion that turns the neutral pose into head axes, about its centre; and the standard face's size over it."""
     named = [index for index, point in enumerate(points) if point in face]
-    if len(named) < LEAST_NAMED:
+    if len(named) < MIN_NAMED:
         raise DataError(
             f"feature points: got {len(named)} among the markers ({', '.join(points[i] for i in named)}), expected at"
-            f" least {LEAST_NAMED}: name markers 8.1, 8.2 ... or list them under [points] in session.toml",
+            f" least {MIN_NAMED}: name markers 8.1, 8.2 ... or list them under [points] in session.toml",
             where=where,
         )
     ours, theirs = neutral[named], np.stack([face[points[index]] for index in named])
     ours, theirs = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
     scale = float(np.sqrt((theirs**2).sum() / (ours**2).sum()))
 
-    def fit(one: Array) -> tuple[RigidMotion, float]:
-        motion = fit_rigid(scale * one, theirs)
-        return motion, float(np.linalg.norm(motion.apply(scale * one) - theirs))
+    def fit(positions: Array) -> tuple[RigidMotion, float]:
+        motion = fit_rigid(scale * positions, theirs)
+        return motion, float(np.linalg.norm(motion.apply(scale * positions) - theirs))
 
     turn, off = fit(ours)
     if fit(ours * [-1.0, 1.0, 1.0])[1] < MIRROR_RATIO * off:
@@ -303,8 +305,8 @@ def _warn_of_shared_turns(moved: list[Array], neutral: Array, session: Session, 
     """Without skull markers, say so where the face as a whole turns."""
     for take, displacement in zip(session.takes, moved, strict=True):
         seen = ~np.isnan(displacement[..., 0])
-        usable = seen.sum(axis=1) >= max(LEAST_SKULL, len(neutral) // 2)
-        if not usable.any() or len(neutral) < LEAST_SKULL:
+        usable = seen.sum(axis=1) >= max(MIN_SKULL, len(neutral) // 2)
+        if not usable.any() or len(neutral) < MIN_SKULL:
             continue
         frames = np.where(seen[..., None], displacement, 0.0)[usable] + neutral
         turn, _ = fit_rigid_robust(frames, neutral, seen[usable].astype(np.float64))
@@ -328,4 +330,4 @@ def _fill(moved: list[Array], rng: np.random.Generator, warnings: list[str]) -> 
     nothing = int((~seen.any(axis=1)).sum())
     if nothing:
         warnings.append(f"{nothing} frames show no marker at all: the mean pose stands in")
-    return np.split(filled, np.cumsum([len(one) for one in moved])[:-1]), Gaps(seen.mean(axis=0), rank, ranks, error)
+    return np.split(filled, np.cumsum([len(take) for take in moved])[:-1]), Gaps(seen.mean(axis=0), rank, ranks, error)

@@ -21,15 +21,15 @@ from fapengine.models.subset_study import (
 
 Array = NDArray[np.float64]
 
-LEAST_MARKERS = 5
-LARGEST_K = 15
+MIN_MARKERS = 5
+MAX_K = 15
 TRIALS, TRAINING_SHARE, LISTED = 10, 0.75, 12
-"""Of table 1: ten trials with 30 of 40 sentences, twelve markers listed."""
+"""Table 1 of paper 000: ten trials with 30 of 40 sentences, twelve markers listed."""
 RANDOM_SUBSETS = 20
 GRID = (96, 112)
 PIECES = 12
 """A recording of fewer takes is cut into so many sentences."""
-SHORTEST_PIECE = 12
+MIN_PIECE_FRAMES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -40,11 +40,11 @@ class Selection:
     curve: ErrorCurve
     k: int
     reason: str
-    """How k was chosen."""
+    """Reason for the choice of k."""
     plain: MarkerSubset
     """The first k pivots."""
     swapped: MarkerSubset
-    """After exchanging single markers."""
+    """Subset after exchanges of single markers."""
     trials: NDArray[np.intp]
     """(trials, listed) markers of random splits, as table 1."""
     stability: float
@@ -81,7 +81,7 @@ def study_selection(
         If k is not below the number of markers.
     """
     count = len(prepared.labels)
-    if count < LEAST_MARKERS:
+    if count < MIN_MARKERS:
         return None
     if k is not None and not 1 <= k < count:
         raise UsageError(f"k: got {k}, expected 1..{count - 1}, fewer than the markers")
@@ -90,12 +90,12 @@ def study_selection(
     grams = sentence_grams(sentences)
     whole = grams.sum(axis=0)
     factor = factorise_gram(whole)
-    largest = min(LARGEST_K, count - 1, factor.rank())
+    largest = min(MAX_K, count - 1, factor.rank())
     curve = error_curve(sentences, range(1, largest + 1), folds=min(10, len(sentences)), rng=rng)
     chosen, reason = _choose(curve, k, tolerance_mm)
     plain = select(factor, chosen)
     swapped = search_swaps(whole, plain)
-    full = fit_full_map(np.sum([coordinate_gram(one) for one in sentences], axis=0), swapped.primary)
+    full = fit_full_map(np.sum([coordinate_gram(sentence) for sentence in sentences], axis=0), swapped.primary)
     rest = np.setdiff1d(np.arange(count), full.primary)
     off = full.synthesise(judged[:, full.primary])[:, rest] - judged[:, rest]
     luck = [
@@ -148,7 +148,7 @@ def _sentences(takes: tuple[Displacements, ...]) -> list[Array]:
     pieces = [
         piece
         for take in takes
-        for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // SHORTEST_PIECE)))
+        for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // MIN_PIECE_FRAMES)))
     ]
     return pieces if len(pieces) >= 2 else [half for piece in pieces for half in np.array_split(piece, 2)]
 

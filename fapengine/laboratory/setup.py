@@ -31,7 +31,7 @@ class Scan:
     name: str
     surface: Surface
     landmarks: Mapping[str, tuple[float, float, float]]
-    """Where markers (by label or feature point) were found on it, mm, in the scan's own space."""
+    """Positions of markers (by label or feature point) on it, mm, in the scan's own space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class Setup:
     head: tuple[str, ...] = ()
     """Markers that only follow the skull (head band, forehead, nose bridge); none: head motion is already removed."""
     neutral: Moment | None = None
-    """Where the face is at rest; none: the median of all silences."""
+    """Moment at which the face is at rest; none: the median of all silences."""
     fapu_mm: Mapping[str, float] = field(default_factory=dict)
     """Distances of the neutral face that the markers do not show: ``es0``, ``ens0`` ..."""
     poses: tuple[Pose, ...] = ()

@@ -22,10 +22,10 @@ STAND_INS = {
     "8.5": ("2.6", "8.1"), "8.6": ("2.7", "8.1"), "8.7": ("2.8", "8.2"), "8.8": ("2.9", "8.2"), "2.1": ("2.10",),
     "2.10": ("2.1",), "5.1": ("5.3",), "5.2": ("5.4",), "5.3": ("5.1",), "5.4": ("5.2",),
 }  # fmt: skip
-"""Whose motion a point borrows that was not recorded: its other lip contour, or its nearest neighbour."""
+"""Points whose motion one borrows that was not recorded: its other lip contour, or its nearest neighbour."""
 STILL = ("5.1", "5.2", "5.3", "5.4")
 """Cheeks may stand still; lips and chin may not."""
-LEAST_MARKERS = 4
+MIN_MARKERS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,10 +68,10 @@ def study_space(
         If too few of the paper's points were recorded, or lips or chin cannot be told from any.
     """
     markers = tuple(point for point in MARKERS if point in prepared.named)
-    if len(markers) < LEAST_MARKERS:
+    if len(markers) < MIN_MARKERS:
         raise DataError(
             f"feature points: got {', '.join(markers) or 'none'} of lips, chin and cheeks, expected at least"
-            f" {LEAST_MARKERS} of {', '.join(MARKERS)}",
+            f" {MIN_MARKERS} of {', '.join(MARKERS)}",
             where=prepared.subject,
         )
     followers = tuple(point for point in prepared.named if point not in markers)
@@ -120,7 +120,7 @@ def _complete(space: VisemeSpace, where: str) -> tuple[VisemeSpace, dict[str, st
     for point in POINTS:
         if point in modes:
             continue
-        source = next((one for one in STAND_INS[point] if one in modes), None)
+        source = next((stand_in for stand_in in STAND_INS[point] if stand_in in modes), None)
         if source is None and point not in STILL:
             raise DataError(
                 f"feature point {point}: was not recorded, nor was {' or '.join(STAND_INS[point])} in its stead",

@@ -1,11 +1,9 @@
-"""Colours of the default head, linear RGB; painted per vertex."""
+"""Colours of skin, lips, hair and what is inside of a head, linear RGB; painted per vertex."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from fapengine.mesh.style import HAIR_COLOURS, HeadStyle
 
 Array = NDArray[np.float64]
 
@@ -20,7 +18,16 @@ LIPS = np.array(
     [[0.60, 0.25, 0.22], [0.52, 0.218, 0.182], [0.38, 0.135, 0.110], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
 )
 
-SKIN = TONES[1]
+HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
+    "black": (0.022, 0.019, 0.018),
+    "brown": (0.080, 0.040, 0.021),
+    "chestnut": (0.130, 0.055, 0.026),
+    "blond": (0.420, 0.270, 0.120),
+    "red": (0.260, 0.075, 0.024),
+    "grey": (0.300, 0.290, 0.280),
+}
+"""Hair colours by name, linear RGB."""
+
 LIP = LIPS[1]
 MOUTH = np.array([0.10, 0.018, 0.016])
 GUM = np.array([0.50, 0.16, 0.15])
@@ -31,7 +38,7 @@ LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])
 
 BLOOD = np.array([0.35, 1.0, 0.9])
-"""How much more a spot with more blood in it takes from green and blue than from red."""
+"""Shares of red, green and blue that more blood in the skin takes away."""
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
@@ -48,7 +55,7 @@ def _of_tone(table: Array, tone: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Palette:
-    """Colours of one style."""
+    """Colours of one face, linear RGB."""
 
     base: Array
     blush: Array
@@ -56,10 +63,10 @@ class Palette:
     hair: Array
 
     @classmethod
-    def of(cls, style: HeadStyle) -> "Palette":
-        """Colours that go with a style."""
-        base, blush, lips = (_of_tone(table, style.skin_tone) for table in (TONES, BLUSHES, LIPS))
-        return cls(base, blush, lips, np.array(HAIR_COLOURS[style.hair_colour]))
+    def of(cls, skin_tone: float = 0.2, hair_colour: str = "brown") -> "Palette":
+        """Colours of a skin tone, 0 very light to 1 very dark, and a name of :data:`HAIR_COLOURS`."""
+        base, blush, lips = (_of_tone(table, skin_tone) for table in (TONES, BLUSHES, LIPS))
+        return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]))
 
     def skin(self, points: Array) -> Array:
         """(..., 3) skin: redder cheeks, nose, ears and chin, darker round the eyes, lighter bridge and forehead."""
@@ -77,8 +84,3 @@ class Palette:
         """(..., 3) lip colour, darker at the mouth line and at the corners."""
         shade = (0.66 + 0.34 * min(level / 0.3, 1.0)) * (1 - 0.25 * np.abs(t) ** 4)
         return self.lips * np.broadcast_to(shade[..., None], points.shape)
-
-
-def skin(points: Array) -> Array:
-    """(..., 3): :meth:`Palette.skin` of the default style."""
-    return Palette.of(HeadStyle()).skin(points)

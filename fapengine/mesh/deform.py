@@ -18,7 +18,7 @@ HEAD = 4
 
 
 def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
-    """(..., W): how far each channel has gone, mixed if the basis says so, from FAPs (..., 68) in FAPU."""
+    """(..., W): weight of each channel, mixed if the basis says so, from FAPs (..., 68) in FAPU."""
     values = np.asarray(faps, dtype=np.float64)
     columns = [fap.column(channel.fap) for channel in basis.channels]
     start = np.array([channel.start for channel in basis.channels])
@@ -26,8 +26,8 @@ def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
     two_sided = np.isneginf(start)
     sign = np.sign(np.where(two_sided, 1.0, stop - np.where(two_sided, 0.0, start)))
     length = np.abs(stop - np.where(two_sided, 0.0, start))
-    gone = (values[..., columns] - np.where(two_sided, 0.0, start)) * sign
-    weights: Array = np.where(two_sided, gone, np.clip(gone, 0.0, length))
+    distance = (values[..., columns] - np.where(two_sided, 0.0, start)) * sign
+    weights: Array = np.where(two_sided, distance, np.clip(distance, 0.0, length))
     return weights if basis.mix is None else np.asarray(weights @ basis.mix.T)
 
 
@@ -96,7 +96,7 @@ def _rotation_z(angle: Array) -> Array:
 
 
 def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
-    """(..., V, 3) mm: where every vertex goes, from FAPs (..., 68) in FAPU."""
+    """(..., V, 3) mm: position of every vertex, from FAPs (..., 68) in FAPU."""
     basis = mesh.basis
     weights = channel_weights(basis, faps)
     transforms = bone_transforms(mesh, faps)
@@ -112,6 +112,6 @@ def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
 
 
 def _follow(points: Array, transforms: Array, weight: NDArray[np.float32]) -> Array:
-    there = np.einsum("...ij,...j->...i", transforms[..., :3, :3], points) + transforms[..., :3, 3]
-    moved: Array = points + weight[:, None] * (there - points)
+    transformed = np.einsum("...ij,...j->...i", transforms[..., :3, :3], points) + transforms[..., :3, 3]
+    moved: Array = points + weight[:, None] * (transformed - points)
     return moved

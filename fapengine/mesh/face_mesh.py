@@ -100,7 +100,7 @@ class DeformationBasis:
 
     @property
     def width(self) -> int:
-        """How many weights a frame has."""
+        """Number of weights of a frame."""
         return len(self.channels) if self.mix is None else len(self.mix)
 
 
@@ -173,17 +173,23 @@ class FaceMesh:
             raise UsageError(f"feature_points: got unknown names {sorted(unknown)}")
         if len(self.basis.offsets) != count + 1:
             raise UsageError(f"basis.offsets: got {len(self.basis.offsets)} numbers, expected {count + 1}")
-        for field, indices, most in (
+        for field, indices, limit in (
             ("triangles", self.triangles, count),
             ("feature_points", np.array([*self.feature_points.values()], int), count),
             ("material", self.material, len(Material)),
             ("bone", self.bone, len(Bone)),
         ):
-            if indices.size and not 0 <= indices.min() <= indices.max() < most:
-                raise UsageError(f"{field}: expected 0..{most - 1}")
+            if indices.size and not 0 <= indices.min() <= indices.max() < limit:
+                raise UsageError(f"{field}: expected 0..{limit - 1}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
-        """(3,) float32, mm: where a feature point lies in the neutral face."""
+        """(3,) float32, mm: position of a feature point in the neutral face.
+
+        Raises
+        ------
+        UsageError
+            If the mesh does not have it.
+        """
         if name not in self.feature_points:
             raise UsageError(f"feature point: got {name!r}, this mesh has {sorted(self.feature_points)}")
         point: NDArray[np.float32] = self.vertices_mm[self.feature_points[name]]

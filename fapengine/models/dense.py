@@ -27,7 +27,7 @@ from fapengine.geometry.surface import Surface, vertex_normals
 
 NEAR_FACETS = 12
 OUTSIDE = 0.5
-"""How far outside of its facet, in barycentric units, a vertex may lie and still be bound to it."""
+"""Distance outside of its facet, in barycentric units, at which a vertex is still bound to it."""
 RIDGES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 THINNEST = 0.02
 """Height of a facet over its longest edge, as a share of it; thinner ones lie on the outline and have no direction."""
@@ -73,7 +73,7 @@ class DenseModes:
     modes_mm: NDArray[np.float64]
     """(K, V, 3), mm per standard deviation of the sparse weight."""
     ridge: float
-    """That was chosen, in squared weights."""
+    """Ridge that was chosen, in squared weights."""
     left_out_mm: float
     """Mean square root of the squared distance of a vertex, each posture predicted from the others."""
 
@@ -221,7 +221,9 @@ def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | No
     off = flat - centre
     design = np.concatenate([z, np.ones((len(z), 1))], axis=1)
     products = off @ off.T
-    tried = [(_left_out(design, products, one), one) for one in (RIDGES if ridge is None else (ridge,))]
+    tried = [
+        (_left_out(design, products, candidate), candidate) for candidate in (RIDGES if ridge is None else (ridge,))
+    ]
     error, chosen = min(tried)
     solved = _solver(design, chosen) @ off
     modes = solved[:-1].reshape(z.shape[1], -1, 3)

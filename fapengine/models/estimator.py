@@ -55,8 +55,8 @@ class LinearEstimator:
         """Equation 11: (..., M, 3) mm -> (..., K) mm."""
         markers = frozen(markers_mm, "markers_mm", ("...", len(self.mean_markers_mm), 3), np.float64)
         off = (markers - self.mean_markers_mm).reshape(*markers.shape[:-2], -1)
-        found: NDArray[np.float64] = off @ self.matrix.T
-        return found
+        displacement: NDArray[np.float64] = off @ self.matrix.T
+        return displacement
 
     def faces_mm(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
         """Equation 15: (..., M, 3) mm -> (..., V, 3) mm."""
@@ -135,24 +135,24 @@ def fit_estimator_to_motion(
     DataError, UsageError
         As :func:`fit_estimator`.
     """
-    given = frozen(weights, "weights", ("T", "B"), np.float64)
-    fields = frozen(fields_mm, "fields_mm", (given.shape[1], "V", 3), np.float64)
-    markers = frozen(markers_mm, "markers_mm", (len(given), "M", 3), np.float64)
+    values = frozen(weights, "weights", ("T", "B"), np.float64)
+    fields = frozen(fields_mm, "fields_mm", (values.shape[1], "V", 3), np.float64)
+    markers = frozen(markers_mm, "markers_mm", (len(values), "M", 3), np.float64)
     rest = frozen(rest_mm, "rest_mm", (fields.shape[1], 3), np.float64)
-    if len(given) < 2:
-        raise UsageError(f"weights: got {len(given)} frame, expected at least 2")
+    if len(values) < 2:
+        raise UsageError(f"weights: got {len(values)} frame, expected at least 2")
     q, r = np.linalg.qr(fields.reshape(len(fields), -1).T)
-    mean_weights, mean_markers = given.mean(axis=0), markers.mean(axis=0)
-    inner = (given - mean_weights) @ r.T
+    mean_weights, mean_markers = values.mean(axis=0), markers.mean(axis=0)
+    inner = (values - mean_weights) @ r.T
     left, lengths, rows = np.linalg.svd(inner, full_matrices=False)
     count = _spanned(lengths, mode_count)
-    matrix = _solve((markers - mean_markers).reshape(len(given), -1), (left * lengths)[:, :count], noise_mm)
+    matrix = _solve((markers - mean_markers).reshape(len(values), -1), (left * lengths)[:, :count], noise_mm)
     modes, signs = _signed(rows[:count] @ q.T)
     return LinearEstimator(
         mean_markers_mm=mean_markers,
         mean_face_mm=rest + np.tensordot(mean_weights, fields, axes=1),
         modes=modes.reshape(count, -1, 3),
-        variances=lengths[:count] ** 2 / len(given),
+        variances=lengths[:count] ** 2 / len(values),
         matrix=signs[:, None] * matrix,
     )
 

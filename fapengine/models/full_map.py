@@ -13,7 +13,7 @@ from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 
 RIDGE = 1e-6
-"""Relative to the mean variance of the primary coordinates; only tames dependent ones."""
+"""Ridge relative to the mean variance of the primary coordinates; only tames dependent ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ from fapengine.errors import UsageError
 from fapengine.geometry.surface import Surface
 
 SAMPLES = 24
-"""Of a contour, where they serve as anchors."""
+"""Samples of a contour that serve as anchors."""
 SAME_MM = 0.01
 """Anchors nearer to each other are one: contours share their ends."""
 

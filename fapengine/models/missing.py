@@ -32,8 +32,8 @@ FEW_ALWAYS_SEEN = 0.4
 """Share of always-seen markers below which their PCA is no good start."""
 CHUNK = 4096
 """Frames solved in one call; bounds the memory."""
-SMALLEST_NOISE = 1e-10
-"""Of the noise variance, relative to the data's: keeps exact low-rank data solvable."""
+MIN_NOISE = 1e-10
+"""Noise variance relative to the data's, at least: keeps exact low-rank data solvable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +161,7 @@ def choose_rank(
 
     Parameters
     ----------
-    frames_mm, seen
+    frames_mm, seen : (T, M, 3) float64, mm, and (T, M) bool
         As :func:`fit_gaps`.
     ranks : sequence of int
         Ranks to try, rising.
@@ -299,7 +299,7 @@ def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Exp
     normal[:, np.arange(normal.shape[1]), np.arange(normal.shape[1])] += small
     solved = np.linalg.solve(normal, right)
     power = float(np.vdot(data, data))
-    noise = max((power - float(np.vdot(solved, right))) / (3 * mask.sum()), SMALLEST_NOISE * power / (3 * mask.sum()))
+    noise = max((power - float(np.vdot(solved, right))) / (3 * mask.sum()), MIN_NOISE * power / (3 * mask.sum()))
     modes, mean = np.moveaxis(solved[:, :-1], 1, 0), solved[:, -1]
     centre = expected.z.mean(axis=0)
     off = expected.z - centre
@@ -331,9 +331,7 @@ def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int) -> _St
     pairs = np.maximum(np.repeat(np.repeat(together, 3, axis=0), 3, axis=1), 1.0)
     covariance = flat.T @ flat / pairs
     values, vectors = _largest(covariance, rank)
-    noise = max(
-        float(np.trace(covariance) - values.sum()) / len(covariance), SMALLEST_NOISE * float(np.trace(covariance))
-    )
+    noise = max(float(np.trace(covariance) - values.sum()) / len(covariance), MIN_NOISE * float(np.trace(covariance)))
     modes = (vectors * np.sqrt(np.maximum(values, 0.0))).T.reshape(rank, -1, 3)
     return _State(np.zeros(data.shape[1:]), modes, noise)
 
@@ -361,11 +359,11 @@ def _canonical(state: _State, centre: NDArray[np.float64], steps: int) -> GapMod
 
 def _checked(frames_mm: ArrayLike, seen: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Copy of the frames with zeros in their gaps, and the mask."""
-    given = np.asarray(frames_mm, dtype=np.float64)
+    frames = np.asarray(frames_mm, dtype=np.float64)
     mask = np.asarray(seen, dtype=bool)
-    if given.ndim != 3 or given.shape[2] != 3 or mask.shape != given.shape[:2]:
-        raise UsageError(f"frames_mm: got shapes {given.shape} and {mask.shape}, expected (T, M, 3) and (T, M)")
-    data = given.copy()
+    if frames.ndim != 3 or frames.shape[2] != 3 or mask.shape != frames.shape[:2]:
+        raise UsageError(f"frames_mm: got shapes {frames.shape} and {mask.shape}, expected (T, M, 3) and (T, M)")
+    data = frames.copy()
     data[~mask] = 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         total = data.sum()  # quicker than asking each number

@@ -26,8 +26,8 @@ from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.models.missing import GapModel
 
-LEAST_LANDMARKS = 3
-"""To start from; six or more hold the fit (see the theory of operation)."""
+MIN_LANDMARKS = 3
+"""Landmarks to start from; six or more hold the fit (see the theory of operation)."""
 TUKEY = 4.685
 SETTLED_MM = 1e-4
 
@@ -44,9 +44,9 @@ class ScanFit:
     trust: NDArray[np.float64]
     """(M,): final weight of each pairing, 0..1."""
     surface_rms_mm: float
-    """Of the trusted points' distances along the normal. Says nothing about sliding."""
+    """Root mean square of the trusted points' distances along the normal. Says nothing about sliding."""
     landmark_rms_mm: float
-    """Of the distances to the landmarks: the one to look at."""
+    """Root mean square of the distances to the landmarks: the one to look at."""
     steps: int
     settled: bool
     """The last step moved no point by more than 0.1 um; false: the limit of steps came first."""
@@ -90,21 +90,21 @@ def fit_scan(
         If fewer points than unknowns find a trusted place: the scan does not show this face.
     """
     marks = np.asarray(landmarks, dtype=np.intp)
-    found = frozen(landmarks_mm, "landmarks_mm", (len(marks), 3), np.float64)
+    mark_points = frozen(landmarks_mm, "landmarks_mm", (len(marks), 3), np.float64)
     count = len(model.mean_mm)
-    if len(marks) < LEAST_LANDMARKS or len(set(marks.tolist())) < len(marks) or marks.min() < 0 or marks.max() >= count:
+    if len(marks) < MIN_LANDMARKS or len(set(marks.tolist())) < len(marks) or marks.min() < 0 or marks.max() >= count:
         raise UsageError(
-            f"landmarks: got {marks.tolist()}, expected at least {LEAST_LANDMARKS} different points 0..{count - 1}"
+            f"landmarks: got {marks.tolist()}, expected at least {MIN_LANDMARKS} different points 0..{count - 1}"
         )
     if not (noise_mm > 0 and landmark_noise_mm > 0):
         raise UsageError(f"noise_mm, landmark_noise_mm: got {noise_mm}, {landmark_noise_mm}, expected positive lengths")
     noise = np.hypot(noise_mm, model.noise_mm)
-    motion = fit_rigid(model.mean_mm[marks], found)
+    motion = fit_rigid(model.mean_mm[marks], mark_points)
     scores = np.zeros(len(model.modes_mm))
     points, steps, settled = motion.apply(model.mean_mm), 0, False
     while steps < max_steps and not settled:
         pairs = _pair(points, scan, noise)
-        motion, scores = _step(model, motion, scores, pairs, marks, found, noise, landmark_noise_mm)
+        motion, scores = _step(model, motion, scores, pairs, marks, mark_points, noise, landmark_noise_mm)
         before, points = points, motion.apply(model.rebuild(scores))
         steps, settled = steps + 1, bool(np.abs(points - before).max() < SETTLED_MM)
     pairs = _pair(points, scan, noise)
@@ -115,7 +115,7 @@ def fit_scan(
         points_mm=points,
         trust=pairs.trust,
         surface_rms_mm=float(np.sqrt((pairs.trust * off**2).sum() / pairs.trust.sum())),
-        landmark_rms_mm=float(np.sqrt(((points[marks] - found) ** 2).sum(-1).mean())),
+        landmark_rms_mm=float(np.sqrt(((points[marks] - mark_points) ** 2).sum(-1).mean())),
         steps=steps,
         settled=settled,
     )
@@ -142,7 +142,7 @@ def _step(
     scores: NDArray[np.float64],
     pairs: _Pairs,
     marks: NDArray[np.intp],
-    found: NDArray[np.float64],
+    mark_points: NDArray[np.float64],
     noise: float,
     landmark_noise: float,
 ) -> tuple[RigidMotion, NDArray[np.float64]]:
@@ -164,7 +164,7 @@ def _step(
     rows = weight[:, None] * np.einsum("ma,mau->mu", pairs.normals, jacobian)
     left = weight * ((points - pairs.places) * pairs.normals).sum(-1)
     mark_rows = jacobian[marks].reshape(-1, unknowns) / landmark_noise
-    mark_left = (points[marks] - found).ravel() / landmark_noise
+    mark_left = (points[marks] - mark_points).ravel() / landmark_noise
     normal = rows.T @ rows + mark_rows.T @ mark_rows
     right = rows.T @ left + mark_rows.T @ mark_left
     normal[range(6, unknowns), range(6, unknowns)] += 1.0

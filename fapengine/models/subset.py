@@ -137,7 +137,7 @@ def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
 
 
 def factorise_gram(gram_mm2: ArrayLike) -> PivotedFactor:
-    """``R`` and the pivots from ``A^T A`` alone, by pivoted Cholesky (LAPACK dpstrf).
+    """``R`` and the pivots from ``A^T A``, (M, M) mm2, alone, by pivoted Cholesky (LAPACK dpstrf).
 
     ``R_kk`` below about 1e-8 of ``R_11`` drown in rounding; behind the numerical rank ``R`` is zero.
 
@@ -174,7 +174,7 @@ def select(factor: PivotedFactor, k: int) -> MarkerSubset:
 
 
 def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> MarkerSubset:
-    """Least-squares weights of any given basis, from the Gram matrix.
+    """Least-squares weights of a chosen basis, (k,) columns, from the Gram matrix, (M, M) mm2.
 
     Raises
     ------
@@ -201,6 +201,7 @@ def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100
 
     Each round takes one basis marker out (k ways); the gain of each possible successor ``j`` is then
     ``||S_j||^2 / S_jj`` of the remaining Schur complement ``S``, so no exchange is tried by solving.
+    The Gram matrix is (M, M) mm2.
     """
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
     chosen = subset.primary.copy()

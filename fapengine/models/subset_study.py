@@ -145,7 +145,7 @@ def stability(pivots: ArrayLike, k: int) -> float:
 def diagonals_by_amount(grams: ArrayLike, count: int = 10) -> NDArray[np.float64]:
     """Repeat figure 3: (S, count) ``R_kk / ||R||_F`` of the first 1, 2, ... S sentences."""
     sums = np.cumsum(frozen(grams, "grams", ("S", "M", "M"), np.float64), axis=0)
-    return np.stack([factorise_gram(one).diagonal[:count] / np.sqrt(np.trace(one)) for one in sums])
+    return np.stack([factorise_gram(matrix).diagonal[:count] / np.sqrt(np.trace(matrix)) for matrix in sums])
 
 
 def sentence_grams(sentences: Sentences) -> NDArray[np.float64]:

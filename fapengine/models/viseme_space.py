@@ -31,7 +31,7 @@ class VisemeSpace:
     points: tuple[str, ...]
     """Names of the P feature points: the markers first, then those that follow them."""
     marker_count: int
-    """How many of ``points`` are markers."""
+    """Number of ``points`` that are markers."""
     modes_mm: NDArray[np.float64]
     """(K, P, 3), mm per unit weight. Over the markers the rows are orthonormal."""
 

@@ -1,1 +1,1 @@
-"""The standard as data: FAPs, FAPU, feature points, visemes, expressions, and :class:`FapTrack`."""
+"""The standard as data: FAPs, FAPU, feature points, visemes, expressions, and ``FapTrack``."""

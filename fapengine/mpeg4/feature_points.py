@@ -19,7 +19,7 @@ class FeaturePoint:
     name: str
     """``"group.index"`` as the standard numbers it."""
     place: str
-    """Where it lies; left and right are the subject's."""
+    """Place on the face; left and right are the subject's."""
     side: Side
 
 

@@ -77,6 +77,32 @@ class FapTrack:
             name=name,
         )
 
+    @classmethod
+    def pose(cls, *, rate_hz: float = 25.0, **faps: int) -> "FapTrack":
+        """Make a track of one frame from FAPs by their names; all others are 0.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Frames a second.
+        **faps : int, FAPU (AU for angles)
+            As Table C.1 names them: ``open_jaw=300``.
+
+        Raises
+        ------
+        UsageError
+            If there is no FAP of that name.
+
+        Examples
+        --------
+        >>> int(FapTrack.pose(open_jaw=300).values[0, fap.column(3)])
+        300
+        """
+        values = np.zeros((1, fap.FAP_COUNT), np.int32)
+        for name, value in faps.items():
+            values[0, fap.column(fap.by_name(name).number)] = value
+        return cls.of(values, rate_hz=rate_hz)
+
     def __len__(self) -> int:
         return len(self.values)
 

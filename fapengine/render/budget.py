@@ -1,4 +1,4 @@
-"""How good a live face may be drawn, so that frames keep coming at the rate asked for.
+"""Quality of a live face, so that frames keep coming at the rate asked for.
 
 Theory of operation
 -------------------
@@ -17,47 +17,47 @@ from dataclasses import dataclass
 from math import isnan
 
 from fapengine.errors import UsageError
-from fapengine.render.model import Shading
+from fapengine.render.drawing import Shading
 
 RATES_HZ = (0.1, 1000.0)
-SHARE = 0.85
-"""Of a frame's time that drawing may take; the rest is for what else a frame needs."""
-ROOM = 0.85
-"""Of the budget that a better rung may be estimated to take."""
-PATIENCE_S, AT_LEAST = 0.5, 3
-"""Over what time, and how many frames, costs are looked at before the rung falls."""
-SETTLE_S, LONGEST_WAIT_S, PEACE_S = 2.0, 64.0, 300.0
-"""How long the rung stays before it climbs, at first and at most; and how long without a fall forgives."""
+DRAWING_SHARE = 0.85
+"""Share of a frame's time that drawing may take; the rest is for what else a frame needs."""
+MAX_CLIMB_SHARE = 0.85
+"""Share of the budget that a better rung may be estimated to take; above it, the rung does not climb."""
+WINDOW_S, MIN_FRAMES = 0.5, 3
+"""Time and number of frames whose median decides whether the rung falls."""
+MIN_WAIT_S, MAX_WAIT_S, FORGIVEN_S = 2.0, 64.0, 300.0
+"""Time on a rung before it climbs, at first and at most; and time without a fall that brings back the first."""
 TAKEN_BACK_S = 15.0
-"""A fall so soon after a climb takes it back."""
+"""Time after a climb in which a fall takes it back."""
 VERTEX_SHARE, LIGHT_SHARE, SOFTENING_SHARE, MULTISAMPLING = 0.35, 0.28, 0.18, 1.3
-"""On llvmpipe, 512 x 512: of a frame with softened edges, work on vertices; of the rest, light at pixels and softening;
-and what multisampling adds, as a multiple of that rest."""
-EDGES = {0: "softened edges", 1: "edges as they are"}
+"""Costs on llvmpipe at 512 x 512: the vertices' share of a frame with softened edges; of the rest, the shares of light
+at pixels and of softening; and what multisampling adds, as a multiple of that rest."""
+EDGE_WORDS = {0: "softened edges", 1: "edges as they are"}
 SCALES = (1.0, 0.85, 0.7, 0.5, 0.35)
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """One rung."""
+    """One rung of the ladder."""
 
     level: int = 0
-    """Which head, 0 the finest."""
+    """Level of detail of the head, 0 the finest."""
     scale: float = 1.0
-    """Drawn sides to shown sides."""
+    """Ratio of drawn sides to shown sides."""
     shading: Shading = "auto"
     samples: int = 4
-    """How edges are smoothed: 4 multisampled, 0 softened after drawing, 1 not at all."""
+    """Smoothing of edges: 4 multisampled, 0 softened after drawing, 1 not at all."""
     relative_cost: float = 1.0
-    """Estimate: to that of the best."""
+    """Estimate of a frame's cost, in frames of the best quality."""
 
     def __str__(self) -> str:
-        """Say what is given up."""
+        """Say what is drawn, as ``"70 % of the resolution, the finest head"``."""
         parts = [
             "every pixel" if self.scale == 1 else f"{100 * self.scale:.0f} % of the resolution",
             "the finest head" if self.level == 0 else f"head {self.level + 1}",
             *(["light at vertices"] if self.shading == "vertices" else []),
-            *([] if self.samples > 1 else [EDGES[self.samples]]),
+            *([] if self.samples > 1 else [EDGE_WORDS[self.samples]]),
         ]
         return ", ".join(parts)
 
@@ -68,7 +68,7 @@ def ladder(vertices: Sequence[int], *, lit_at_pixels: bool) -> tuple[Quality, ..
     Parameters
     ----------
     vertices : sequence of int
-        Of each level of detail, the finest first.
+        Number of vertices of each level of detail, the finest first.
     lit_at_pixels : bool
         Whether the finest is lit at pixels by its own choice; if so, light at vertices is given up first.
 
@@ -79,24 +79,24 @@ def ladder(vertices: Sequence[int], *, lit_at_pixels: bool) -> tuple[Quality, ..
     """
     if not vertices:
         raise UsageError("ladder: got no level of detail, expected one or more")
-    wishes: list[tuple[int, float, Shading, int]] = [(0, 1.0, "auto", 4), (0, 1.0, "auto", 0)]
+    choices: list[tuple[int, float, Shading, int]] = [(0, 1.0, "auto", 4), (0, 1.0, "auto", 0)]
     if lit_at_pixels:
-        wishes.append((0, 1.0, "vertices", 0))
-    shading = wishes[-1][2]
+        choices.append((0, 1.0, "vertices", 0))
+    shading = choices[-1][2]
     coarsest = len(vertices) - 1
     for step, scale in enumerate(SCALES[1:], start=1):
-        wishes.append((min(step - 1, coarsest), scale, shading, 0))
+        choices.append((min(step - 1, coarsest), scale, shading, 0))
         if min(step, coarsest) != min(step - 1, coarsest):
-            wishes.append((min(step, coarsest), scale, shading, 0))
-    wishes.append((coarsest, SCALES[-1], shading, 1))
-    costs = [_cost(*wish, vertices, lit_at_pixels=lit_at_pixels) for wish in wishes]
-    return tuple(Quality(*wish, relative_cost=cost / costs[0]) for wish, cost in zip(wishes, costs, strict=True))
+            choices.append((min(step, coarsest), scale, shading, 0))
+    choices.append((coarsest, SCALES[-1], shading, 1))
+    costs = [_cost(*choice, vertices, lit_at_pixels=lit_at_pixels) for choice in choices]
+    return tuple(Quality(*choice, relative_cost=cost / costs[0]) for choice, cost in zip(choices, costs, strict=True))
 
 
 def _cost(
     level: int, scale: float, shading: Shading, samples: int, vertices: Sequence[int], *, lit_at_pixels: bool
 ) -> float:
-    """In frames of the finest head with softened edges."""
+    """Estimate a frame, in frames of the finest head with softened edges."""
     saved = LIGHT_SHARE * (shading == "vertices" and lit_at_pixels) + SOFTENING_SHARE * (samples == 1)
     pixels = scale**2 * (1 - saved + MULTISAMPLING * (samples > 1))
     return VERTEX_SHARE * vertices[level] / vertices[0] + (1 - VERTEX_SHARE) * pixels
@@ -104,23 +104,20 @@ def _cost(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """The rung moved."""
+    """A move from one rung to another."""
 
     time_s: float
     before: int
     after: int
     cost_s: float
-    """Median of a frame before."""
+    """Median cost of the last frames before the move."""
     budget_s: float
-
-    @property
-    def is_worse(self) -> bool:
-        """Whether quality was given up."""
-        return self.after > self.before
 
 
 class FrameBudget:
-    """Stateful: holds a rate by choosing a rung.
+    """Choice of a rung that holds a rate.
+
+    Stateful.
 
     Parameters
     ----------
@@ -142,18 +139,18 @@ class FrameBudget:
             raise UsageError(f"budget: got {rate_hz:g} Hz, expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
         self.qualities, self.rate_hz, self.rung = tuple(qualities), rate_hz, 0
         self.late = 0
-        """Frames that took longer than a frame's time."""
+        """Number of frames that took longer than a frame's time."""
         self._relative = [quality.relative_cost for quality in qualities]
         self._costs: deque[tuple[float, float]] = deque()
         self._since_s = float("nan")
         self._fell_s = float("-inf")
-        self._wait_s, self._climbed = SETTLE_S, False
+        self._wait_s, self._climbed = MIN_WAIT_S, False
         self._before: tuple[int, float] | None = None
 
     @property
     def budget_s(self) -> float:
-        """What drawing a frame may cost."""
-        return SHARE / self.rate_hz
+        """Time that drawing a frame may take."""
+        return DRAWING_SHARE / self.rate_hz
 
     @property
     def quality(self) -> Quality:
@@ -166,19 +163,19 @@ class FrameBudget:
         if isnan(self._since_s):
             self._since_s = now_s
         self._costs.append((now_s, cost_s))
-        while now_s - self._costs[0][0] > SETTLE_S and len(self._costs) > AT_LEAST:
+        while now_s - self._costs[0][0] > MIN_WAIT_S and len(self._costs) > MIN_FRAMES:
             self._costs.popleft()
-        recent = [cost for time_s, cost in self._costs if now_s - time_s <= PATIENCE_S]
-        if len(recent) < AT_LEAST:
-            recent = [cost for _, cost in self._costs][-AT_LEAST:]
+        recent = [cost for time_s, cost in self._costs if now_s - time_s <= WINDOW_S]
+        if len(recent) < MIN_FRAMES:
+            recent = [cost for _, cost in self._costs][-MIN_FRAMES:]
         stays_s = now_s - self._since_s
-        if len(recent) >= AT_LEAST and (stays_s >= PATIENCE_S or sum(recent) >= PATIENCE_S):
+        if len(recent) >= MIN_FRAMES and (stays_s >= WINDOW_S or sum(recent) >= WINDOW_S):
             median = _median(recent)
             self._learn(median)
             if median > self.budget_s and self.rung + 1 < len(self.qualities):
                 return self._fall(median, now_s)
-        if now_s - self._fell_s > PEACE_S:
-            self._wait_s = SETTLE_S
+        if now_s - self._fell_s > FORGIVEN_S:
+            self._wait_s = MIN_WAIT_S
         if self.rung and stays_s >= self._wait_s:
             return self._climb(_median([cost for _, cost in self._costs]), now_s)
         return None
@@ -187,17 +184,17 @@ class FrameBudget:
         return median * self._relative[rung] / self._relative[self.rung]
 
     def _fall(self, median: float, now_s: float) -> Change:
-        """To the first rung that is estimated to fit, or the last."""
+        """Go to the first rung that is estimated to fit, or the last."""
         below = range(self.rung + 1, len(self.qualities))
         chosen = next((rung for rung in below if self._estimate(rung, median) <= self.budget_s), below[-1])
         if self._climbed and now_s - self._since_s <= TAKEN_BACK_S:
-            self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)
+            self._wait_s = min(2 * self._wait_s, MAX_WAIT_S)
         self._fell_s = now_s
         return self._move(chosen, median, now_s)
 
     def _climb(self, median: float, now_s: float) -> Change | None:
-        """By one rung, if it is estimated to fit with room."""
-        if self._estimate(self.rung - 1, median) > ROOM * self.budget_s:
+        """Go up by one rung, if it is estimated to fit with room to spare."""
+        if self._estimate(self.rung - 1, median) > MAX_CLIMB_SHARE * self.budget_s:
             return None
         return self._move(self.rung - 1, median, now_s)
 
@@ -214,9 +211,9 @@ class FrameBudget:
             return
         rung, cost = self._before
         self._before = None
-        seen = self._relative[rung] * median / max(cost, 1e-9)
+        measured = self._relative[rung] * median / max(cost, 1e-9)
         nominal = self.qualities[self.rung].relative_cost
-        self._relative[self.rung] = min(max((self._relative[self.rung] + seen) / 2, nominal / 2), nominal * 2)
+        self._relative[self.rung] = min(max((self._relative[self.rung] + measured) / 2, nominal / 2), nominal * 2)
 
 
 def _median(values: Sequence[float]) -> float:

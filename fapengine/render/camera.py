@@ -1,4 +1,4 @@
-"""Where the camera stands: presets, and the matrix that they make."""
+"""The camera: its presets, and the matrix that it makes."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,9 @@ class Camera:
     """A camera on a circle round a point of the head."""
 
     yaw_deg: float = 0.0
-    """From the front towards the subject's left."""
+    """Turn from the front towards the subject's left."""
     pitch_deg: float = 0.0
-    """Upwards."""
+    """Turn upwards."""
     target_mm: tuple[float, float, float] = (0.0, 10.0, 30.0)
     distance_mm: float = 900.0
     field_deg: float = 18.5

@@ -1,4 +1,4 @@
-"""What is drawn into: targets, what stands behind, softened edges, and reading back.
+"""Targets to draw into, the background, softened edges, and reading back.
 
 Theory of operation
 -------------------
@@ -9,60 +9,48 @@ other. A picture may be drawn smaller than it is handed over; a last pass enlarg
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Literal
+from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
-from fapengine.errors import UsageError
+from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
 
-Picture = NDArray[np.uint8]
-Background = Literal["studio"] | tuple[int, int, int] | Picture | None
-"""A lit wall; one colour, sRGB 0..255; a (H, W, 3) uint8 picture, cut to the shape needed; or nothing, for alpha."""
-
-SIZES = (16, 4096)
-SAMPLES = (0, 1, 2, 4, 8)
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: which depths that are there already let a new pixel pass."""
 WALL = (0.30, 0.36, 0.42)
 """Linear RGB of the studio's wall."""
 
 
-def check_size(size: tuple[int, int]) -> None:
-    """Refuse a size that is out of range.
-
-    Raises
-    ------
-    UsageError
-        If a side is not in 16..4096 pixels.
-    """
-    if not all(SIZES[0] <= side <= SIZES[1] for side in size):
-        raise UsageError(f"size: got {size[0]}x{size[1]}, expected sides of {SIZES[0]}..{SIZES[1]} pixels")
-
-
 class Backdrop:
-    """Stateful: what stands behind the head."""
+    """The background behind the head.
 
-    def __init__(self, programs: Programs, background: Background, aspect: float) -> None:
+    Stateful.
+    """
+
+    def __init__(self, programs: Programs, drawing: Drawing) -> None:
+        background = drawing.background
         self._texture: moderngl.Texture | None = None
-        self.is_there = background is not None
-        if background is None:
+        self.is_there = drawing.components == 3
+        if not self.is_there:
             return
         if isinstance(background, np.ndarray):
-            shown = cut_to_aspect(checked_picture(background), aspect)
+            shown = cut_to_aspect(background, drawing.aspect)
             self._program = programs.get("backdrop", (PICTURE,))
             self._texture = programs.context.texture(shown.shape[1::-1], 3, np.ascontiguousarray(shown), alignment=1)
             self._texture.repeat_x = self._texture.repeat_y = False
         else:
             self._program = programs.get("backdrop")
-            self._wall, self._falloff = (WALL, 1.0) if background == "studio" else (flat_wall(background), 0.0)
+            self._wall: tuple[float, ...] = WALL
+            self._falloff = 1.0
+            if isinstance(background, tuple):
+                self._wall, self._falloff = tuple((part / 255) ** 2 for part in background), 0.0
         self._array = programs.context.vertex_array(self._program, [])
 
     def draw(self) -> None:
-        """Fill what nothing has been drawn on, by depth."""
+        """Fill every pixel that nothing has been drawn on, by depth."""
         if not self.is_there:
             return
         if self._texture is not None:
@@ -80,32 +68,6 @@ class Backdrop:
             self._texture.release()
 
 
-def flat_wall(colour: Any) -> tuple[float, ...]:
-    """Linear RGB of three sRGB numbers, 0..255.
-
-    Raises
-    ------
-    UsageError
-        If it is not three such numbers.
-    """
-    if isinstance(colour, str) or len(colour) != 3 or not all(0 <= part <= 255 for part in colour):
-        raise UsageError(f"background: got {colour!r}, expected 'studio' or three numbers of 0..255")
-    return tuple((float(part) / 255) ** 2 for part in colour)
-
-
-def checked_picture(picture: NDArray[Any]) -> Picture:
-    """Return a background picture as (H, W, 3) uint8.
-
-    Raises
-    ------
-    UsageError
-        If it is none.
-    """
-    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8 or not picture.size:
-        raise UsageError(f"background: got {picture.dtype} of shape {picture.shape}, expected (H, W, 3) uint8")
-    return picture
-
-
 def cut_to_aspect(picture: Picture, aspect: float) -> Picture:
     """Cut the middle of a picture out, so that width to height is ``aspect``."""
     height, width = picture.shape[:2]
@@ -115,47 +77,32 @@ def cut_to_aspect(picture: Picture, aspect: float) -> Picture:
 
 
 class Canvas:
-    """Stateful: the targets of one picture size.
+    """Targets of one picture size.
+
+    Stateful.
 
     Parameters
     ----------
     programs : Programs
-    size : (int, int)
-        Width and height that are handed over, in pixels, 16..4096.
-    components : int
-        3, or 4 with alpha.
-    samples : int
-        0 softens edges after drawing, 1 leaves them, 2, 4 or 8 multisamples.
-    drawn : (int, int), optional
-        Width and height that are drawn; by default ``size``.
-
-    Raises
-    ------
-    UsageError
-        If a size or ``samples`` is out of range.
+    drawing : Drawing
+        Its sizes, edges and whether there is alpha.
     """
 
-    def __init__(
-        self,
-        programs: Programs,
-        size: tuple[int, int],
-        *,
-        components: int = 3,
-        samples: int = 0,
-        drawn: tuple[int, int] | None = None,
-    ) -> None:
-        check_size(size)
-        if samples not in SAMPLES:
-            raise UsageError(f"samples: got {samples}, expected one of {', '.join(map(str, SAMPLES))}")
-        self.size, self.drawn, self._components = size, drawn or size, components
-        self._context, self._softens = programs.context, samples == 0
+    def __init__(self, programs: Programs, drawing: Drawing) -> None:
+        self.size, self.drawn, self._components = drawing.size, drawing.drawn_size, drawing.components
+        self._context, self._samples = programs.context, drawing.samples
         self._resources: list[Any] = []
-        self._canvas = self._framebuffer(self.drawn, samples if samples > 1 else 0)
+        self._canvas = self._framebuffer(self.drawn, self._samples if self._samples > 1 else 0)
         self._small = self._framebuffer(self.drawn, 0)
-        self._output = self._small if self.drawn == size else self._framebuffer(size, 0)
+        self._output = self._small if self.drawn == self.size else self._framebuffer(self.size, 0)
         self._passes = [self._pass(programs.get(name)) for name in ("edges", "smooth", "enlarge")]
-        self._buffers = [self._context.buffer(reserve=size[0] * size[1] * components) for _ in range(2)]
+        self._buffers = [self._context.buffer(reserve=self.size[0] * self.size[1] * self._components) for _ in range(2)]
         self._resources += self._buffers
+
+    def suits(self, drawing: Drawing) -> bool:
+        """Tell whether pictures of a drawing can be made on this canvas."""
+        mine = self.size, self.drawn, self._samples, self._components
+        return mine == (drawing.size, drawing.drawn_size, drawing.samples, drawing.components)
 
     def _framebuffer(self, size: tuple[int, int], samples: int) -> moderngl.Framebuffer:
         context = self._context
@@ -219,7 +166,7 @@ class Canvas:
         context = self._context
         picture = self._canvas.color_attachments[0]
         context.enable_only(moderngl.DEPTH_TEST)
-        if self._softens:
+        if self._samples == 0:
             self._small.use()
             for (program, array), passes in zip(self._passes, (ALWAYS, IN_FRONT_OF), strict=False):
                 context.depth_func = passes

@@ -1,8 +1,8 @@
 """Several faces in one picture: one context, one target, one reading back."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from types import TracebackType
 
 import moderngl
 import numpy as np
@@ -10,30 +10,31 @@ from numpy.typing import ArrayLike
 
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.camera import PRESETS, Camera
-from fapengine.render.canvas import Backdrop, Background, Canvas, Picture, check_size
-from fapengine.render.context import create_context
-from fapengine.render.model import Model, Programs, Shading
+from fapengine.render.camera import Camera
+from fapengine.render.canvas import Backdrop, Canvas
+from fapengine.render.context import Renderer, Resource
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
 
 
-class CrowdRenderer:
-    """Stateful: faces side by side in tiles, row by row. Use it as a context manager; it holds GPU memory.
+class CrowdRenderer(Renderer):
+    """Faces side by side in tiles, row by row. Use it as a context manager; it holds GPU memory.
 
-    ``cameras``, ``shading`` and ``wire`` may be set between frames.
+    Stateful: ``cameras`` may be set between frames.
 
     Parameters
     ----------
     meshes : sequence of FaceMesh
-        One a tile; a mesh that comes again is uploaded once.
-    tile : (int, int)
-        Width and height of a tile in pixels.
+        Head of each tile; a mesh that comes again is uploaded once.
+    drawing : Drawing
+        Way in which each tile is drawn; its size is that of a tile, and it is drawn at scale 1.
     columns : int, optional
         By default as many as make the picture about as wide as high.
-    cameras : Camera or sequence of Camera, optional
-        One for all, or one a tile; by default from the front.
-    background, samples, shading, wire, context
-        As of :class:`fapengine.render.renderer.FaceRenderer`; each tile has the background to itself.
+    cameras : sequence of Camera, optional
+        Camera of each tile; by default that of the drawing.
+    context : moderngl.Context, optional
+        By default a new one.
 
     Raises
     ------
@@ -46,60 +47,39 @@ class CrowdRenderer:
     def __init__(
         self,
         meshes: Sequence[FaceMesh],
+        drawing: Drawing = DEFAULT_DRAWING,
         *,
-        tile: tuple[int, int] = (256, 256),
         columns: int | None = None,
-        cameras: Camera | Sequence[Camera] | None = None,
-        background: Background = "studio",
-        samples: int = 0,
-        shading: Shading = "auto",
-        wire: bool = False,
+        cameras: Sequence[Camera] | None = None,
         context: moderngl.Context | None = None,
     ) -> None:
         if not meshes:
             raise UsageError("crowd: got no mesh, expected one or more")
-        given = cameras or PRESETS["front"]
-        self.cameras = [given] * len(meshes) if isinstance(given, Camera) else list(given)
+        self.cameras = [drawing.camera] * len(meshes) if cameras is None else list(cameras)
         if len(self.cameras) != len(meshes):
-            raise UsageError(f"crowd: got {len(self.cameras)} cameras, expected one or {len(meshes)}")
-        columns = columns or square_columns(len(meshes), tile)
+            raise UsageError(f"crowd: got {len(self.cameras)} cameras, expected {len(meshes)}")
+        columns = columns or square_columns(len(meshes), drawing.size)
         if not 1 <= columns <= len(meshes):
             raise UsageError(f"crowd: got {columns} columns, expected 1 to {len(meshes)}")
-        self.tile, self.columns = tile, columns
-        self.size = (columns * tile[0], -(-len(meshes) // columns) * tile[1])
-        check_size(self.size)
-        self.meshes, self.shading, self.wire = tuple(meshes), shading, wire
+        rows = -(-len(meshes) // columns)
+        self.drawing, self.columns, self.meshes = drawing, columns, tuple(meshes)
+        whole = replace(drawing, size=(columns * drawing.size[0], rows * drawing.size[1]), scale=1.0)
+        self.size = whole.size
         packed = {id(mesh): pack(mesh) for mesh in self.meshes}
-        self._owns_context = context is None
-        self._context = context or create_context()
+        super().__init__(context)
         with self._context:
             self._programs = Programs(self._context)
             self._models = {name: Model(self._programs, each) for name, each in packed.items()}
-            self._backdrop = Backdrop(self._programs, background, tile[0] / tile[1])
-            components = 4 if background is None else 3
-            self._canvas = Canvas(self._programs, self.size, components=components, samples=samples)
+            self._backdrop = Backdrop(self._programs, drawing)
+            self._canvas = Canvas(self._programs, whole)
 
-    def __enter__(self) -> "CrowdRenderer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
-
-    def release(self) -> None:
-        """Give all GPU memory back."""
-        with self._context:
-            for model in self._models.values():
-                model.release()
-            for resource in (self._canvas, self._backdrop, self._programs):
-                resource.release()
-        if self._owns_context:
-            self._context.release()
+    def _resources(self) -> Iterable[Resource]:
+        return *self._models.values(), self._canvas, self._backdrop, self._programs
 
     def corner(self, number: int) -> tuple[int, int]:
         """Column and row of pixels at the top left of a tile, counted from 0."""
-        return number % self.columns * self.tile[0], number // self.columns * self.tile[1]
+        width, height = self.drawing.size
+        return number % self.columns * width, number // self.columns * height
 
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame of every face.
@@ -128,24 +108,24 @@ class CrowdRenderer:
         values = np.asarray(faps, dtype=np.float64)
         if values.shape[:1] != (len(self.meshes),):
             raise UsageError(f"faps: got shape {values.shape}, expected ({len(self.meshes)}, 68)")
-        uniforms = self._uniforms(values)
+        uniforms, drawing = self._uniforms(values), self.drawing
         for number, mesh in enumerate(self.meshes):
-            self._context.viewport = (*self.corner(number), *self.tile)
-            model = self._models[id(mesh)]
-            model.draw(uniforms[number], self.cameras[number], self.tile, shading=self.shading, wire=self.wire)
+            self._context.viewport = (*self.corner(number), *drawing.size)
+            model, camera = self._models[id(mesh)], self.cameras[number]
+            model.draw(uniforms[number], camera, drawing.size, shading=drawing.shading, wire=drawing.wire)
             self._backdrop.draw()
 
     def _uniforms(self, values: np.ndarray) -> list[FrameUniforms]:
-        """Of every face; those of one mesh are worked out at once."""
-        found: dict[int, FrameUniforms] = {}
+        """Return what each face sets; the faces of one mesh are worked out at once."""
+        uniforms: dict[int, FrameUniforms] = {}
         for mesh in {id(mesh): mesh for mesh in self.meshes}.values():
-            mine = [number for number, other in enumerate(self.meshes) if other is mesh]
-            together = frame_uniforms(mesh, values[mine])
-            for row, number in enumerate(mine):
-                found[number] = FrameUniforms(
+            numbers = [number for number, other in enumerate(self.meshes) if other is mesh]
+            together = frame_uniforms(mesh, values[numbers])
+            for row, number in enumerate(numbers):
+                uniforms[number] = FrameUniforms(
                     channels=together.channels[row], bones=together.bones[row], iris=together.iris[row]
                 )
-        return [found[number] for number in range(len(self.meshes))]
+        return [uniforms[number] for number in range(len(self.meshes))]
 
 
 def square_columns(count: int, tile: tuple[int, int]) -> int:

@@ -18,7 +18,7 @@ import moderngl
 from fapengine.errors import ResourceError
 from fapengine.render.context import REQUIRED
 
-MEND = 'pip install "fapengine[window]"'
+HOW_TO_INSTALL = 'pip install "fapengine[window]"'
 
 
 def start_glfw() -> Any:
@@ -32,7 +32,7 @@ def start_glfw() -> Any:
     try:
         import glfw
     except ImportError as error:
-        raise ResourceError(f"window: {error}; mend it with: {MEND}") from error
+        raise ResourceError(f"window: {error}; mend it with: {HOW_TO_INSTALL}") from error
     glfw.ERROR_REPORTING = "exception"
     try:
         glfw.init()
@@ -89,10 +89,10 @@ def try_window() -> str:
     window = create_window("fapengine", (64, 64), visible=False)
     with current(window):
         context = moderngl.create_context(require=REQUIRED)
-        found = f"{context.info['GL_VERSION']} on {context.info['GL_RENDERER']}"
+        version = f"{context.info['GL_VERSION']} on {context.info['GL_RENDERER']}"
         context.release()
     start_glfw().destroy_window(window)
-    return found
+    return version
 
 
 def _leave_egl() -> None:

@@ -1,8 +1,8 @@
 """A face drawn at a rate that is held: :mod:`fapengine.render.budget` decides, this obeys and tells."""
 
 import time
-from collections.abc import Callable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import moderngl
 from numpy.typing import ArrayLike
@@ -10,25 +10,26 @@ from numpy.typing import ArrayLike
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import FrameBudget, Quality, ladder
-from fapengine.render.camera import PRESETS, Camera
-from fapengine.render.canvas import Background, Picture
-from fapengine.render.context import create_context
+from fapengine.render.context import Renderer, Resource
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
 
 
-class LiveRenderer:
-    """Stateful: draws a face as well as the rate allows. Use it as a context manager; it holds GPU memory.
+class LiveRenderer(Renderer):
+    """A face drawn as well as the rate allows. Use it as a context manager; it holds GPU memory.
 
-    ``camera`` may be set between frames.
+    Stateful: ``drawing`` may be set between frames.
 
     Parameters
     ----------
     meshes : sequence of FaceMesh
         The same head in levels of detail, the finest first; one is enough.
+    drawing : Drawing
+        Size, camera, background and wire; samples, shading and scale follow from the rate.
     rate_hz : float
         Frames a second to hold, 0.1..1000.
-    size, camera, background, context
-        As of :class:`fapengine.render.renderer.FaceRenderer`.
+    context : moderngl.Context, optional
+        By default a new one.
     on_change : callable
         Told in words what changed and why, as ``"70 % of the resolution, the finest head: a frame took 21.3 ms, 14.2 ms
         are there (60 Hz)"``.
@@ -38,7 +39,7 @@ class LiveRenderer:
     Raises
     ------
     UsageError
-        If there is no mesh or a value is out of range.
+        If there is no mesh or the rate is out of range.
     ResourceError
         If there is no OpenGL.
     """
@@ -46,43 +47,32 @@ class LiveRenderer:
     def __init__(
         self,
         meshes: Sequence[FaceMesh],
+        drawing: Drawing = DEFAULT_DRAWING,
         *,
         rate_hz: float,
-        size: tuple[int, int] = (512, 512),
-        camera: Camera | None = None,
-        background: Background = "studio",
         context: moderngl.Context | None = None,
         on_change: Callable[[str], None] = lambda text: None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         if not meshes:
             raise UsageError("live renderer: got no mesh, expected one or more")
-        self.camera, self.size = camera or PRESETS["front"], size
-        self._meshes, self._background = tuple(meshes), background
+        super().__init__(context)
+        self.drawing, self._meshes = drawing, tuple(meshes)
         self._on_change, self._clock = on_change, clock
-        self._owns_context = context is None
-        self._context = context or create_context()
         self._renderers: dict[int, FaceRenderer] = {}
-        finest = self._renderer(0)
-        qualities = ladder(
-            [len(mesh.vertices_mm) for mesh in meshes], lit_at_pixels=not finest.is_lit_at_vertices(self.camera)
+        lit_at_pixels = not self._renderer(0, self._drawing_at(Quality())).is_lit_at_vertices
+        self.budget = FrameBudget(
+            ladder([len(mesh.vertices_mm) for mesh in meshes], lit_at_pixels=lit_at_pixels), rate_hz
         )
-        self.budget = FrameBudget(qualities, rate_hz)
-
-    def __enter__(self) -> "LiveRenderer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
 
     def release(self) -> None:
         """Give all GPU memory back."""
         while self._renderers:
             self._renderers.popitem()[1].release()
-        if self._owns_context:
-            self._context.release()
+        super().release()
+
+    def _resources(self) -> Iterable[Resource]:
+        return ()  # the renderers have released theirs: a context must not be entered twice
 
     @property
     def quality(self) -> Quality:
@@ -97,7 +87,7 @@ class LiveRenderer:
         return picture
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
-        """Draw one frame and leave it on the GPU: the texture, top row first, is good until the next frame."""
+        """Draw FAPs, (68,) FAPU, and leave the picture on the GPU: a texture, top row first, until the next frame."""
         started = self._clock()
         texture = self._ready().paint(faps)
         with self._context:
@@ -106,17 +96,15 @@ class LiveRenderer:
         return texture
 
     def _ready(self) -> FaceRenderer:
-        quality = self.quality
-        renderer = self._renderer(quality.level)
-        renderer.camera, renderer.scale = self.camera, quality.scale
-        renderer.shading, renderer.samples = quality.shading, quality.samples
-        return renderer
+        return self._renderer(self.quality.level, self._drawing_at(self.quality))
 
-    def _renderer(self, level: int) -> FaceRenderer:
+    def _drawing_at(self, quality: Quality) -> Drawing:
+        return replace(self.drawing, scale=quality.scale, shading=quality.shading, samples=quality.samples)
+
+    def _renderer(self, level: int, drawing: Drawing) -> FaceRenderer:
         if level not in self._renderers:
-            self._renderers[level] = FaceRenderer(
-                self._meshes[level], size=self.size, background=self._background, context=self._context
-            )
+            self._renderers[level] = FaceRenderer(self._meshes[level], drawing, context=self._context)
+        self._renderers[level].drawing = drawing
         return self._renderers[level]
 
     def _account(self, started_s: float) -> None:

@@ -1,59 +1,58 @@
 """One head on the GPU: its buffers, and how a frame of it is drawn into whatever is being drawn into."""
 
-from typing import Any, Literal
+from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.render.camera import Camera
+from fapengine.render.drawing import Shading
 from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
 from fapengine.render.programs import (
-    CUT_OUT,
     FACE_ATTRIBUTES,
     LIT_AT_VERTICES,
+    MAX_FINE_EDGE_PX,
     PAINTED,
+    PARTS,
+    SKIN_LEVEL_BIAS,
+    Part,
     build_program,
 )
 
-Shading = Literal["auto", "pixels", "vertices"]
-"""Where light is worked out. ``auto``: at vertices while they stand closer than :data:`FINE_PX` in the picture."""
-SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
-FINE_PX = 12.0
-"""Median edge in pixels up to which light is worked out at vertices: see docs/render.md for what that changes."""
-SHARPER = 0.3
-"""Level of the painting: log2 of texels a pixel, and this much finer, rounded down."""
-UNITS = {"u_moves": 0, "u_turns": 1, "u_skin": 2}
+UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
 WIRE_INK = (0.05, 0.08, 0.12, 0.55)
-PART_DEFINITIONS = {"face": ("face", ()), "card": ("face", (CUT_OUT,)), "ball": ("face", ()), "eye": ("eye", ())}
-"""Part of a packed mesh to its program and what that is compiled with besides."""
-LIGHT_FROM_VERTICES = ("face", "card")
-"""Parts whose light may be worked out at vertices."""
 
 
 class Programs:
-    """Stateful: a context's programs, each compiled when it is first wanted."""
+    """Programs of a context, each compiled when it is first used.
+
+    Stateful.
+    """
 
     def __init__(self, context: moderngl.Context) -> None:
         self.context = context
-        self._made: dict[tuple[str, tuple[str, ...]], moderngl.Program] = {}
+        self._compiled: dict[tuple[str, tuple[str, ...]], moderngl.Program] = {}
 
     def get(self, name: str, defined: tuple[str, ...] = ()) -> moderngl.Program:
         """Return a program of :data:`fapengine.render.programs.STAGES`."""
         key = name, defined
-        if key not in self._made:
-            self._made[key] = build_program(self.context, name, defined)
-        return self._made[key]
+        if key not in self._compiled:
+            self._compiled[key] = build_program(self.context, name, defined)
+        return self._compiled[key]
 
     def release(self) -> None:
         """Give them all back."""
-        while self._made:
-            self._made.popitem()[1].release()
+        while self._compiled:
+            self._compiled.popitem()[1].release()
 
 
 class Model:
-    """Stateful: a packed mesh on the GPU."""
+    """A packed mesh on the GPU.
+
+    Stateful.
+    """
 
     def __init__(self, programs: Programs, packed: PackedMesh) -> None:
         self.packed, self._programs, self._context = packed, programs, programs.context
@@ -61,7 +60,8 @@ class Model:
         self._indices: dict[str, moderngl.Buffer] = {
             name: self._context.buffer(triangles) for name, triangles in packed.parts.items()
         }
-        self._moves, self._turns = self._data_texture(packed.moves), self._data_texture(packed.turns)
+        self._displacements = self._data_texture(packed.displacements)
+        self._normal_deltas = self._data_texture(packed.normal_deltas)
         self._skins: dict[int, moderngl.Texture] = {}
         self._arrays: dict[tuple[str, bool], tuple[list[tuple[str, Any]], moderngl.VertexArray]] = {}
 
@@ -72,8 +72,8 @@ class Model:
         resources: list[Any] = [
             self._vertices,
             *self._indices.values(),
-            self._moves,
-            self._turns,
+            self._displacements,
+            self._normal_deltas,
             *self._skins.values(),
         ]
         for resource in resources:
@@ -97,8 +97,8 @@ class Model:
             "u_clip_from_world": np.ascontiguousarray(camera.clip_from_world(size[0] / size[1]).T, dtype="f4"),
             "u_eye_position": camera.position_mm.astype("f4"),
         }
-        self._moves.use(UNITS["u_moves"])
-        self._turns.use(UNITS["u_turns"])
+        self._displacements.use(UNITS["u_displacements"])
+        self._normal_deltas.use(UNITS["u_normal_deltas"])
         if self.packed.skin is not None:
             self._skin(camera.pixels_per_mm(size[1])).use(UNITS["u_skin"])
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -106,15 +106,15 @@ class Model:
         context.polygon_offset = (1.0, 1.0) if wire else (0.0, 0.0)
         at_vertices = self.is_lit_at_vertices(camera, size, shading)
         for part in self.packed.parts:
-            self._render(part, at_vertices and part in LIGHT_FROM_VERTICES, values)
+            self._render(part, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
         if wire:
             self._draw_wire(values)
         context.disable(moderngl.CULL_FACE)
 
     def is_lit_at_vertices(self, camera: Camera, size: tuple[int, int], shading: Shading) -> bool:
-        """Tell what ``shading`` comes to."""
+        """Tell whether ``shading`` comes to light at vertices."""
         if shading == "auto":
-            return self.packed.edge_mm * camera.pixels_per_mm(size[1]) <= FINE_PX
+            return self.packed.edge_mm * camera.pixels_per_mm(size[1]) <= MAX_FINE_EDGE_PX
         return shading == "vertices"
 
     def _draw_wire(self, values: dict[str, NDArray[Any]]) -> None:
@@ -141,7 +141,7 @@ class Model:
 
     def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
         """Join a part with the program that draws it; beside it those of its uniforms that change."""
-        name, defined = PART_DEFINITIONS.get(part, (part, ()))
+        name, defined, _ = PARTS.get(part, Part(part))
         if name == "face":
             defined = (*(PAINTED,) * (self.packed.skin is not None), *defined, *(LIT_AT_VERTICES,) * at_vertices)
         program = self._programs.get(name, defined)
@@ -170,7 +170,7 @@ class Model:
         """Choose the painting's level for the whole picture: to choose for every pixel costs llvmpipe a tenth of it."""
         assert self.packed.skin is not None
         finest = max(self.packed.skin.shape[:2]).bit_length() - 1
-        wanted = np.log2(max(self.packed.texels_per_mm, 1e-9) / pixels_per_mm) + SHARPER
+        wanted = np.log2(max(self.packed.texels_per_mm, 1e-9) / pixels_per_mm) + SKIN_LEVEL_BIAS
         level = int(np.clip(np.floor(wanted), 0, finest))
         if level not in self._skins:
             picture = self.packed.skin

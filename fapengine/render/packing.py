@@ -4,11 +4,12 @@ Theory of operation
 -------------------
 Nothing here knows a graphics library: a desktop context and a browser upload the same bytes. A mesh is packed once. The
 vertex buffer has one row of floats a vertex; :data:`fapengine.render.programs.FACE_ATTRIBUTES` says what they are, in
-that order and without gaps. Each vertex owns a run of entries in two textures of equal size, ``moves`` and ``turns``
-(an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it is. An entry moves
-the vertex and turns its normal by so much per FAPU of one channel, whose number is in ``moves``' fourth component.
-Triangles are sorted by how they are shaded: ``face``; ``eye``; ``ball``, eyeballs that are painted, whose highlight is
-too small to be worked out at vertices; and ``card``, whose painting has holes.
+that order and without gaps. Each vertex owns a run of entries in two textures of equal size, ``displacements`` and
+``normal_deltas`` (an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it
+is. An entry moves the vertex and changes its normal by so much per FAPU of one channel, whose number is the fourth
+component in ``displacements``. Triangles are sorted by how they are shaded: ``face``; ``eye``, eyes with iris and pupil
+drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too small to be worked out at vertices; and
+``cutout``, whose painting has holes.
 """
 
 from collections.abc import Mapping
@@ -46,8 +47,8 @@ PUPIL_SHARE = 0.42
 PUPIL_RANGE = (0.15, 0.85)
 TEXTURE_WIDTH = 1024
 PROBE_FAPU = 1.0
-"""How far a channel is moved to see how it turns normals: so little that turns add up as the moves do, which several
-channels that together carry a piece of skin along need. In speech normals are 0.7 degrees off; with 300 they are 2.8.
+"""Step of a channel, to measure how it changes normals. It is small, so that changes of several channels that move a
+piece of skin together add up as their displacements do: in speech normals are 0.7 degrees off; with 300 they are 2.8.
 """
 JAW_FAP = 3
 """Its bone turns normals; entries of a channel of this FAP take what the change of the bone's weight adds."""
@@ -62,17 +63,16 @@ class PackedMesh:
     vertices: NDArray[np.float32]
     """(V, 18) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
-    """``"face"``, ``"card"``, ``"ball"``, ``"eye"`` to (F, 3) uint32 triangles; none that has no triangle. ``eye`` of
-    ``STAGES`` draws the eye; ``face`` all others, with ``PAINTED`` if there is a skin, the card with ``CUT_OUT`` too.
-    """
-    moves: NDArray[np.float32]
+    """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``; none that has no triangle.
+    :data:`fapengine.render.programs.PARTS` says how each is drawn."""
+    displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
-    turns: NDArray[np.float32]
+    normal_deltas: NDArray[np.float32]
     """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and 0."""
     skin: NDArray[np.uint8] | None
     """(H, W, 4) uint8, sRGB and how much is there: ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
     texels_per_mm: float
-    """Of the skin, on the face; 0 without."""
+    """Resolution of the painting on the face; 0 without one."""
     edge_mm: float
     """Median length of the triangles' edges."""
     iris: float
@@ -81,7 +81,7 @@ class PackedMesh:
     def __post_init__(self) -> None:
         width = sum(ATTRIBUTE_SIZES.values())
         object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("V", width), np.float32))
-        for name in ("moves", "turns"):
+        for name in ("displacements", "normal_deltas"):
             object.__setattr__(self, name, frozen(getattr(self, name), name, ("R", TEXTURE_WIDTH, 4), np.float32))
         if self.skin is not None:
             object.__setattr__(self, "skin", frozen(self.skin, "skin", ("H", "W", 4), np.uint8))
@@ -91,7 +91,7 @@ class PackedMesh:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameUniforms:
-    """What one frame sets, or many frames along the leading axes ``...``."""
+    """Uniforms of one frame, or of many frames along the leading axes ``...``."""
 
     channels: NDArray[np.float32]
     """(..., 128) float32: ``u_channels``, FAPU."""
@@ -130,12 +130,12 @@ def pack(mesh: FaceMesh) -> PackedMesh:
     on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
     on_ball = mesh.material[mesh.triangles[:, 0]] == Material.BALL
     holed = ~on_eye & ~on_ball & _has_hole(mesh, skin)
-    sorts = {"face": ~(on_eye | on_ball | holed), "card": holed, "ball": on_ball, "eye": on_eye}
+    sorts = {"face": ~(on_eye | on_ball | holed), "cutout": holed, "eyeball": on_ball, "eye": on_eye}
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
         parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},
-        moves=_in_rows(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1)),
-        turns=_in_rows(normal_turns(mesh)),
+        displacements=_in_rows(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1)),
+        normal_deltas=_in_rows(normal_deltas(mesh)),
         skin=skin,
         texels_per_mm=_texels_per_mm(mesh, skin),
         edge_mm=_edge_mm(mesh),
@@ -231,11 +231,11 @@ def _in_rows(entries: NDArray[np.floating]) -> NDArray[np.float32]:
     return padded.reshape(rows, TEXTURE_WIDTH, 4)
 
 
-def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(N, 3) float32: how each entry of the basis turns its vertex's normal, per FAPU.
+def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
+    """(N, 3) float32: change of its vertex's normal that each entry of the basis brings, per FAPU.
 
-    Measured by moving one channel at a time by :data:`PROBE_FAPU`; the shader adds the turns up linearly. Vertices that
-    a seam of the texture splits turn as one.
+    Measured by moving one channel at a time by :data:`PROBE_FAPU`; the shader adds the changes up linearly. Vertices
+    that a seam of the texture splits change as one.
     """
     basis, points_of = mesh.basis, _surface_points(mesh)
     vertex = np.repeat(np.arange(len(points_of)), np.diff(basis.offsets))
@@ -245,7 +245,7 @@ def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:
     rest[points_of] = mesh.vertices_mm
     triangles = points_of[mesh.triangles]
     at_rest = _unit(_summed_normals(rest, triangles, count))
-    turns = np.zeros((len(point), 3), dtype=np.float32)
+    deltas = np.zeros((len(point), 3), dtype=np.float32)
     by_channel = np.argsort(basis.entry_channels, kind="stable")
     ends = np.searchsorted(basis.entry_channels[by_channel], np.arange(basis.width + 1))
     for number, (first, end) in enumerate(pairwise(ends)):
@@ -260,8 +260,8 @@ def normal_turns(mesh: FaceMesh) -> NDArray[np.float32]:
             points[points_of], with_bone = _with_jaw(mesh, at_rest[point[mine]], vertex[mine])
         # Every triangle at a moved point is in ``around``, so its normal is whole; the others' are not asked for.
         normals = _unit(_summed_normals(points, around, count)[point[mine]])
-        turns[mine] = (normals - at_rest[point[mine]] - with_bone) / PROBE_FAPU
-    return turns
+        deltas[mine] = (normals - at_rest[point[mine]] - with_bone) / PROBE_FAPU
+    return deltas
 
 
 def _with_jaw(

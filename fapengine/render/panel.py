@@ -15,14 +15,14 @@ from PIL import Image, ImageDraw, ImageFont
 from fapengine.errors import UsageError
 
 WIDTH = 260
-"""Of the panel in points; a point is a pixel, or more on a dense display."""
+"""Width of the panel in points; a point is a pixel, or more on a dense display."""
 MARGIN, ROW, BAR, BUTTON, TEXT = 16, 37, 4, 30, 34
 """Points: border, height of a slider, of its bar, of a button, and of the text line."""
 BUTTONS_A_ROW = 2
 LINE, LINES = 20, 3
 """Points of a line of status, and lines that have room; more push the controls down."""
 PAPER, INK, FAINT, GROUND, ACCENT = (30, 33, 38), (238, 238, 234), (150, 155, 164), (58, 63, 71), (255, 176, 92)
-MOST_TEXT = 500
+MAX_TEXT = 500
 """Characters of the text line."""
 
 
@@ -42,7 +42,7 @@ class Slider:
 
     @property
     def share(self) -> float:
-        """Where it stands, 0..1."""
+        """Value as a share of the range, 0..1."""
         return (self.value - self.low) / (self.high - self.low)
 
 
@@ -75,7 +75,9 @@ Box = tuple[int, int, int, int]
 
 @dataclass(slots=True)
 class Panel:
-    """Stateful: see the module.
+    """Controls and what is typed into them.
+
+    Stateful.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ class Panel:
     status: tuple[str, ...] = ()
     """Lines at the top."""
     height: int = 512
-    """Points."""
+    """Height in points."""
     _held: Slider | None = None
     _drawn: tuple[object, ...] = ()
     _picture: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 4), np.uint8))
@@ -130,7 +132,7 @@ class Panel:
     def type(self, character: str) -> None:
         """Add to the line of text."""
         if self.is_typing and character.isprintable():
-            self.text = (self.text + character)[:MOST_TEXT]
+            self.text = (self.text + character)[:MAX_TEXT]
 
     def erase(self) -> None:
         """Take the last character away."""
@@ -154,7 +156,7 @@ class Panel:
                 if slider is not self._held:
                     slider.value = min(max(value, slider.low), slider.high)
                 return
-        raise UsageError(f"slider: got {key!r}, expected one of {', '.join(one.key for one in self.sliders)}")
+        raise UsageError(f"slider: got {key!r}, expected one of {', '.join(slider.key for slider in self.sliders)}")
 
     # Where things are ----------------------------------------------------------------------------------------------
 
@@ -176,13 +178,13 @@ class Panel:
     def _button_boxes(self) -> list[tuple[str, Box]]:
         top = self._top() + ROW * len(self.sliders) + (10 if self.sliders else 0)
         wide = (WIDTH - 2 * MARGIN - 8 * (BUTTONS_A_ROW - 1)) // BUTTONS_A_ROW
-        found = []
+        boxes = []
         for row, names in enumerate(_rows(self.buttons)):
             for column, name in enumerate(names):
                 left, upper = MARGIN + column * (wide + 8), top + row * (BUTTON + 8)
                 if self._has_room(upper + BUTTON):
-                    found.append((name, (left, upper, left + wide, upper + BUTTON)))
-        return found
+                    boxes.append((name, (left, upper, left + wide, upper + BUTTON)))
+        return boxes
 
     def _text_box(self) -> Box:
         return (MARGIN, self.height - MARGIN - TEXT, WIDTH - MARGIN, self.height - MARGIN)
@@ -259,8 +261,8 @@ class _Pen:
     def text(
         self, at: tuple[float, float], text: str, size: int, colour: tuple[int, int, int], anchor: str = "la"
     ) -> None:
-        place = (at[0] * self.scale, at[1] * self.scale)
-        self.to.text(place, text, fill=colour, font=_font(round(size * self.scale)), anchor=anchor)
+        corner = (at[0] * self.scale, at[1] * self.scale)
+        self.to.text(corner, text, fill=colour, font=_font(round(size * self.scale)), anchor=anchor)
 
     def fitted(self, text: str, size: int, room: float) -> str:
         """As much of the beginning as there is room for."""

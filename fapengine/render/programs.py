@@ -1,7 +1,7 @@
 """Shader programs: their files, the header that suits the context, and the names that Python and GLSL share."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from fapengine._resources import shader_source
 
@@ -25,18 +25,24 @@ FACE_ATTRIBUTES = {
     "a_entries": "2f4",
 }
 """Per-vertex attributes of ``face.vert`` in buffer order, with moderngl's format."""
-MOTION_UNIFORMS = ("u_moves", "u_turns", "u_channels", "u_bones", "u_clip_from_world")
+MOTION_UNIFORMS = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world")
 """Uniforms of ``face.vert``."""
 FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
 EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris")
-WIRE_UNIFORMS = ("u_moves", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
+WIRE_UNIFORMS = ("u_displacements", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
 BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
 EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)
 
+MAX_FINE_EDGE_PX = 12.0
+"""Median edge of the triangles, in pixels, up to which light is worked out at vertices where that is cheaper;
+docs/render.md says what it changes."""
+SKIN_LEVEL_BIAS = 0.3
+"""Addend to log2 of texels a pixel, before it is rounded down to the painting's level: a little finer than that."""
+
 PAINTED, CUT_OUT, LIT_AT_VERTICES, PICTURE = "PAINTED", "CUT_OUT", "LIT_AT_VERTICES", "PICTURE"
-"""What a program may be compiled with. Of ``face``: a picture tints it (then ``u_skin`` is a uniform too), with holes
-where the picture's alpha is under one half, and light is worked out at vertices, not at pixels. Of ``backdrop``: a
-picture (``u_picture``) in place of a wall."""
+"""Definitions that a program may be compiled with. Of ``face``: a picture tints it (then ``u_skin`` is a uniform too),
+with holes where the picture's alpha is under one half, and light is worked out at vertices, not at pixels. Of
+``backdrop``: a picture (``u_picture``) in place of a wall."""
 
 STAGES = {
     "face": (("lights.glsl", "face.vert"), ("lights.glsl", "face.frag")),
@@ -60,6 +66,23 @@ VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
     "backdrop": ((), (PICTURE,)),
 }
 """All sets of definitions that a program is compiled with; of others only the empty one."""
+
+
+class Part(NamedTuple):
+    """One kind of a mesh's triangles, and how it is drawn."""
+
+    program: str
+    definitions: tuple[str, ...] = ()
+    may_be_lit_at_vertices: bool = False
+
+
+PARTS = {
+    "face": Part("face", (), True),
+    "cutout": Part("face", (CUT_OUT,), True),
+    "eyeball": Part("face"),
+    "eye": Part("eye"),
+}
+"""Parts of a packed mesh; with a painting, programs named ``face`` are compiled with ``PAINTED`` besides."""
 
 
 def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Sequence[str] = ()) -> str:

@@ -9,135 +9,76 @@ into, softens edges and reads pictures back.
 
 from collections.abc import Iterable, Iterator
 from functools import partial
-from types import TracebackType
 
 import moderngl
 from numpy.typing import ArrayLike
 
-from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.camera import PRESETS, Camera
-from fapengine.render.canvas import SIZES as SIZES
-from fapengine.render.canvas import Backdrop, Background, Canvas, Picture, check_size
-from fapengine.render.context import create_context
-from fapengine.render.model import SHADINGS, Model, Programs, Shading
+from fapengine.render.canvas import Backdrop, Canvas
+from fapengine.render.context import Renderer, Resource
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.model import Model, Programs
 from fapengine.render.packing import frame_uniforms, pack
 
-SCALES = (0.1, 1.0)
 
+class FaceRenderer(Renderer):
+    """One face in one picture. Use it as a context manager; it holds GPU memory.
 
-class FaceRenderer:
-    """Stateful: one mesh in one picture size. Use it as a context manager; it holds GPU memory.
-
-    ``camera``, ``shading``, ``wire``, ``scale`` and ``samples`` may be set between frames.
+    Stateful.
 
     Parameters
     ----------
     mesh : FaceMesh
-        Whose face.
-    size : (int, int)
-        Width and height in pixels, 16..4096.
-    camera : Camera, optional
-        By default from the front.
-    background : "studio", (int, int, int), (H, W, 3) uint8 or None
-        Behind the head: a lit wall, one colour (sRGB 0..255), a picture, or nothing; then pictures have an alpha
-        channel, premultiplied.
-    transparent : bool
-        Another way to say that there is no background.
-    samples : int
-        0 softens edges by a second pass; 2, 4 or 8 use multisampling instead (finer and slower); 1 leaves stairs.
-    shading : "auto", "pixels" or "vertices"
-        Where light is worked out; by itself it chooses vertices while they stand close together.
-    wire : bool
-        Draw the edges of the triangles over the face.
+        Head whose face it is.
+    drawing : Drawing
+        Size, camera, background, edges and light.
     context : moderngl.Context, optional
         By default a new one.
 
     Raises
     ------
     UsageError
-        If a value is out of range, or the mesh has too many channels.
+        If the mesh has too many channels.
     ResourceError
         If there is no OpenGL.
     """
 
     def __init__(
-        self,
-        mesh: FaceMesh,
-        *,
-        size: tuple[int, int] = (512, 512),
-        camera: Camera | None = None,
-        background: Background = "studio",
-        transparent: bool = False,
-        samples: int = 0,
-        shading: Shading = "auto",
-        wire: bool = False,
-        context: moderngl.Context | None = None,
+        self, mesh: FaceMesh, drawing: Drawing = DEFAULT_DRAWING, *, context: moderngl.Context | None = None
     ) -> None:
-        check_size(size)
-        if shading not in SHADINGS:
-            raise UsageError(f"shading: got {shading!r}, expected one of {', '.join(SHADINGS)}")
         packed = pack(mesh)
-        self.mesh, self.size, self.shading, self.wire = mesh, size, shading, wire
-        self.camera = camera or PRESETS["front"]
-        behind = None if transparent else background
-        self._samples, self._scale = samples, 1.0
-        self._components = 4 if behind is None else 3
-        self._owns_context = context is None
-        self._context = context or create_context()
+        super().__init__(context)
+        self.mesh, self._drawing = mesh, drawing
         with self._context:
             self._programs = Programs(self._context)
             self._model = Model(self._programs, packed)
-            self._backdrop = Backdrop(self._programs, behind, size[0] / size[1])
-            self._canvas = self._new_canvas()
+            self._backdrop = Backdrop(self._programs, drawing)
+            self._canvas = Canvas(self._programs, drawing)
 
-    def __enter__(self) -> "FaceRenderer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
-
-    def release(self) -> None:
-        """Give all GPU memory back."""
-        with self._context:
-            for resource in (self._canvas, self._backdrop, self._model, self._programs):
-                resource.release()
-        if self._owns_context:
-            self._context.release()
+    def _resources(self) -> Iterable[Resource]:
+        return self._canvas, self._backdrop, self._model, self._programs
 
     @property
-    def scale(self) -> float:
-        """What is drawn, as a share of each side of what is handed over; 1 draws every pixel."""
-        return self._scale
+    def drawing(self) -> Drawing:
+        """Way in which the next frame is drawn; it may be set between frames."""
+        return self._drawing
 
-    @scale.setter
-    def scale(self, share: float) -> None:
-        if not SCALES[0] <= share <= SCALES[1]:
-            raise UsageError(f"scale: got {share:g}, expected {SCALES[0]:g} to {SCALES[1]:g}")
-        if share != self._scale:
-            self._scale = share
+    @drawing.setter
+    def drawing(self, drawing: Drawing) -> None:
+        before, self._drawing = self._drawing, drawing
+        if drawing.background is not before.background or drawing.aspect != before.aspect:
+            with self._context:
+                self._backdrop.release()
+                self._backdrop = Backdrop(self._programs, drawing)
+        if not self._canvas.suits(drawing):
             with self._context:
                 self._canvas.release()
-                self._canvas = self._new_canvas()
+                self._canvas = Canvas(self._programs, drawing)
 
     @property
-    def samples(self) -> int:
-        """How edges are smoothed: see the constructor."""
-        return self._samples
-
-    @samples.setter
-    def samples(self, count: int) -> None:
-        if count != self._samples:
-            with self._context:
-                self._canvas.release()
-                self._samples = count
-                self._canvas = self._new_canvas()
-
-    def is_lit_at_vertices(self, camera: Camera) -> bool:
-        """Tell what ``shading`` comes to with a camera."""
-        return self._model.is_lit_at_vertices(camera, self._canvas.drawn, self.shading)
+    def is_lit_at_vertices(self) -> bool:
+        """Whether :attr:`Drawing.shading` comes to light at vertices."""
+        return self._model.is_lit_at_vertices(self._drawing.camera, self._drawing.drawn_size, self._drawing.shading)
 
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame.
@@ -149,7 +90,7 @@ class FaceRenderer:
         Returns
         -------
         (height, width, 3) uint8
-            sRGB, top row first; 4 components without a background.
+            sRGB, top row first; 4 components without a background, colours multiplied with alpha.
         """
         return next(self.frames([faps]))
 
@@ -158,14 +99,11 @@ class FaceRenderer:
         return self._canvas.frames(partial(self._draw, frame) for frame in faps)
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
-        """Draw one frame and leave it on the GPU: the texture, top row first, is good until the next frame."""
+        """Draw FAPs, (68,) FAPU, and leave the picture on the GPU: a texture, top row first, until the next frame."""
         return self._canvas.paint(partial(self._draw, faps))
 
     def _draw(self, faps: ArrayLike) -> None:
+        drawing = self._drawing
         uniforms = frame_uniforms(self.mesh, faps)
-        self._model.draw(uniforms, self.camera, self._canvas.drawn, shading=self.shading, wire=self.wire)
+        self._model.draw(uniforms, drawing.camera, drawing.drawn_size, shading=drawing.shading, wire=drawing.wire)
         self._backdrop.draw()
-
-    def _new_canvas(self) -> Canvas:
-        drawn = (max(1, round(self.size[0] * self._scale)), max(1, round(self.size[1] * self._scale)))
-        return Canvas(self._programs, self.size, components=self._components, samples=self._samples, drawn=drawn)

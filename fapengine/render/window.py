@@ -22,45 +22,47 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import Quality
-from fapengine.render.camera import Camera, preset
+from fapengine.render.camera import PRESETS, Camera, preset
 from fapengine.render.context import REQUIRED
 from fapengine.render.desktop import create_window, current, start_glfw
+from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, Drawing
 from fapengine.render.live import LiveRenderer
 from fapengine.render.panel import WIDTH, Event, Panel, Pressed
 from fapengine.render.programs import stage_source
-from fapengine.render.renderer import SIZES, FaceRenderer
+from fapengine.render.renderer import FaceRenderer
 
 CAMERAS = ("front", "three-quarter", "profile", "mouth")
-"""Those that have buttons and the keys 1 to 4."""
+"""Cameras that have buttons and the keys 1 to 4."""
 OVERLAY = (("backdrop.vert",), ("overlay.frag",))
 """Stages of the program that shows a texture."""
 OVERLAY_UNIFORMS = ("u_picture",)
 TURN_DEG = 0.4
-"""Of the camera, a point of the pointer's way."""
+"""Turn of the camera, degrees for each point that the pointer moves."""
 ZOOM = 1.1
-SMALLEST = (200, 160)
-"""Points."""
-PULLED_S = 0.15
-"""A window whose size has changed so lately is being pulled: the face is drawn as before, and shown in another size."""
+MIN_SIZE_PT = (200, 160)
+"""Width and height of the smallest window, in points."""
+RESIZING_S = 0.15
+"""Time after a change of the window's size in which it counts as being resized: the face is drawn in the old size."""
+WINDOW_DRAWING = Drawing(size=(820, 560))
 BORDER = (0.12, 0.13, 0.15)
-MEASURED = 90
-"""Frames over which the rate is told."""
+RATE_FRAMES = 90
+"""Number of frames over which the rate is measured."""
 
 
 class FaceWindow:
-    """Stateful: a window. Use it as a context manager, or close it.
+    """A window with a face. Use it as a context manager, or close it.
+
+    Stateful.
 
     Parameters
     ----------
     mesh : FaceMesh
-        Whose face.
+        Head whose face it is.
+    drawing : Drawing
+        Way in which the face is drawn; the size is the window's at first, in points, panel included.
     coarser : sequence of FaceMesh
         The same with fewer vertices, for a rate that could not be held otherwise.
     title : str
-    size : (int, int)
-        Points, panel included.
-    camera : str
-        As :func:`fapengine.render.camera.preset` takes it.
     panel : Panel, optional
         The controls; cameras are added to its buttons.
     keys : mapping of str to str, optional
@@ -75,33 +77,34 @@ class FaceWindow:
     ResourceError
         If there is no display, GLFW or OpenGL 3.3; the message says how to mend it.
     UsageError
-        If the size is too small or the camera unknown.
+        If the size is too small.
     """
 
     def __init__(
         self,
         mesh: FaceMesh,
+        drawing: Drawing = WINDOW_DRAWING,
         *,
         coarser: Sequence[FaceMesh] = (),
         title: str = "fapengine",
-        size: tuple[int, int] = (820, 560),
-        camera: str = "front",
         panel: Panel | None = None,
         keys: Mapping[str, str] | None = None,
         vsync: bool = True,
         hold_hz: float | None = None,
     ) -> None:
-        if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
-            raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {SMALLEST[0]}x{SMALLEST[1]}")
-        self._meshes, self.camera, self._keys = (mesh, *coarser), preset(camera), dict(keys or {})
+        size = drawing.size
+        if size[0] < MIN_SIZE_PT[0] or size[1] < MIN_SIZE_PT[1]:
+            raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {MIN_SIZE_PT[0]}x{MIN_SIZE_PT[1]}")
+        self._meshes, self._drawing, self._keys = (mesh, *coarser), drawing, dict(keys or {})
+        self.camera = drawing.camera
         self.panel = panel or Panel()
         self.panel.buttons = (*map(_label, CAMERAS), *self.panel.buttons)
-        self.panel.lit |= {_label(camera)}
+        self.panel.lit |= {_label(name) for name in CAMERAS if PRESETS[name] == drawing.camera}
         self._shows_panel = True
         self._events: list[Event] = []
-        self._pulled: tuple[float, float] | None = None
-        self._shown_at: deque[float] = deque(maxlen=MEASURED)
-        self._busy_s: deque[float] = deque(maxlen=MEASURED)
+        self._dragged_from: tuple[float, float] | None = None
+        self._shown_at: deque[float] = deque(maxlen=RATE_FRAMES)
+        self._busy_s: deque[float] = deque(maxlen=RATE_FRAMES)
         self._hold_hz = hold_hz
         self._renderer: FaceRenderer | LiveRenderer | None = None
         self._wanted = ((0, 0), 0.0)
@@ -219,7 +222,7 @@ class FaceWindow:
     def _open(self, title: str, size: tuple[int, int]) -> Any:
         glfw = self._glfw
         window = create_window(title, size)
-        glfw.set_window_size_limits(window, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
+        glfw.set_window_size_limits(window, *MIN_SIZE_PT, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(window, self._on_key)
         glfw.set_char_callback(window, self._on_character)
         glfw.set_mouse_button_callback(window, self._on_button)
@@ -239,19 +242,19 @@ class FaceWindow:
 
     def _panel_width(self) -> int:
         """Points; a narrow window has none."""
-        return WIDTH if self._shows_panel and self._points()[0] >= WIDTH + SMALLEST[1] else 0
+        return WIDTH if self._shows_panel and self._points()[0] >= WIDTH + MIN_SIZE_PT[1] else 0
 
     def _draw(self, faps: ArrayLike) -> None:
         width, height = self._pixels()
         scale = width / self._points()[0]
         panel = round(self._panel_width() * scale)
-        size = tuple(min(max(side, SIZES[0]), SIZES[1]) for side in (width - panel, height))
+        size = tuple(min(max(side, MIN_SIDE_PX), MAX_SIDE_PX) for side in (width - panel, height))
         renderer = self._renderer_of((size[0], size[1]))
-        renderer.camera = self.camera
+        renderer.drawing = replace(renderer.drawing, camera=self.camera)
         face = renderer.paint(faps)
         self._context.screen.use()
         self._context.disable(moderngl.DEPTH_TEST | moderngl.BLEND | moderngl.CULL_FACE)
-        room = _fitted(renderer.size, (width - panel, height))
+        room = _fitted(renderer.drawing.size, (width - panel, height))
         if room[2:] != (width - panel, height):
             self._context.clear(*BORDER)
         self._show(face, room)
@@ -261,14 +264,15 @@ class FaceWindow:
     def _renderer_of(self, size: tuple[int, int]) -> FaceRenderer | LiveRenderer:
         if size != self._wanted[0]:
             self._wanted = (size, time.perf_counter())
-        is_pulled = time.perf_counter() - self._wanted[1] < PULLED_S
-        if self._renderer is None or (self._renderer.size != size and not is_pulled):
+        is_resizing = time.perf_counter() - self._wanted[1] < RESIZING_S
+        if self._renderer is None or (self._renderer.drawing.size != size and not is_resizing):
             if self._renderer is not None:
                 self._renderer.release()
+            drawing, context = replace(self._drawing, size=size, camera=self.camera), self._context
             if self._hold_hz is None:
-                self._renderer = FaceRenderer(self._meshes[0], size=size, context=self._context)
+                self._renderer = FaceRenderer(self._meshes[0], drawing, context=context)
             else:
-                self._renderer = LiveRenderer(self._meshes, rate_hz=self._hold_hz, size=size, context=self._context)
+                self._renderer = LiveRenderer(self._meshes, drawing, rate_hz=self._hold_hz, context=context)
         return self._renderer
 
     def _panel_of(self, scale: float) -> moderngl.Texture:
@@ -345,20 +349,20 @@ class FaceWindow:
         if button != self._glfw.MOUSE_BUTTON_LEFT:
             return
         x, y = self._glfw.get_cursor_pos(window)
-        self._pulled = None
+        self._dragged_from = None
         if action == self._glfw.RELEASE:
             self.panel.release()
         elif x >= self._points()[0] - self._panel_width():
             self._do(self.panel.press(self._in_panel(x), y))
         else:
             self.panel.is_typing = False
-            self._pulled = (x, y)
+            self._dragged_from = (x, y)
 
     def _on_pointer(self, _: Any, x: float, y: float) -> None:
         self._do(self.panel.drag(self._in_panel(x)))
-        if self._pulled is not None:
-            across, down = x - self._pulled[0], y - self._pulled[1]
-            self._pulled = (x, y)
+        if self._dragged_from is not None:
+            across, down = x - self._dragged_from[0], y - self._dragged_from[1]
+            self._dragged_from = (x, y)
             self._turn(_turned(self.camera, -TURN_DEG * across, TURN_DEG * down))
 
     def _on_wheel(self, _: Any, __: float, down: float) -> None:
@@ -370,7 +374,7 @@ class FaceWindow:
 
 
 def _fitted(size: tuple[int, int], room: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Where a picture goes in its room, in the middle and in its own proportions: x, y, width, height."""
+    """Rectangle of a picture in its room, centred, with its proportions kept: x, y, width, height."""
     share = min(room[0] / size[0], room[1] / size[1])
     width, height = round(size[0] * share), round(size[1] * share)
     return (room[0] - width) // 2, (room[1] - height) // 2, width, height

@@ -1,9 +1,9 @@
-"""FAPs to the blend shapes of another rig, and back.
+"""FAPs to the blendshapes of another rig, and back.
 
 Theory of operation
 -------------------
-A rig's shapes each move feature points, which is to say FAPs: a matrix ``S`` (shapes x 68). Back is a product,
-``faps = weights @ S``. Forth is the box-constrained least squares problem
+A rig's blendshapes each move feature points, which is to say FAPs: a matrix ``S`` (blendshapes x 68). The way to FAPs
+is a product, ``faps = weights @ S``. The way to weights is the box-constrained least squares problem
 
     minimise  |(weights @ S - faps) * mm|^2 + ridge |weights|^2 + 2 reluctance |S| weights,   0 <= weights <= limit,
 
@@ -33,34 +33,34 @@ from fapengine.mpeg4.fapu import Fapu
 Array = NDArray[np.float64]
 
 ADULT = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
-"""What weighs the FAPs against each other; any face's proportions do."""
+"""Face whose millimetres weigh the FAPs against each other; any face's proportions do."""
 EYE_RADIUS_MM = 12.0
-"""Turns an eye's angle into millimetres."""
+"""Radius that turns an eye's angle into millimetres."""
 UNSHAPED = (1, 2, 48, 49, 50)
-"""Visemes, expressions and the head's turns are no shape's business."""
+"""FAPs that no blendshape shows: visemes, expressions and the head's turns."""
 STEPS = 200
 RIDGE = 1e-3
-"""Of the mean squared length of a shape; chooses the smaller weights where shapes are alike."""
+"""Share of the mean squared length of a blendshape; chooses the smaller weights where blendshapes are alike."""
 BELOW, FREE, ABOVE = -1, 0, 1
-"""Where a weight is: at 0, between, at the limit."""
-TOUCH = 1e-9
-"""So far outside counts as on a bound; weights are scaled to the order of millimetres."""
-PATIENCE = 3
+"""Sides of a weight: at 0, between, at the limit."""
+BOUND_TOLERANCE = 1e-9
+"""Distance outside of a bound that counts as on it; weights are scaled to the order of millimetres."""
+MAX_FAILED_PIVOTS = 3
 """Pivots in blocks that may fail to lessen what is wrong, before going one by one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendMap:
-    """The shapes of a rig, by what they do in FAPs. Arrays are read-only."""
+    """Blendshapes of a rig, by what they do in FAPs. Arrays are read-only."""
 
     names: tuple[str, ...]
-    """(B,)."""
+    """(B,) names of the blendshapes."""
     faps: Array
     """(B, 68) FAPU at full weight."""
     limit: float = 1.0
     """Largest weight."""
     reluctance_mm: Array | None = None
-    """(B,), optional: a shape is used only where it brings the face so much nearer to what is wanted."""
+    """(B,), optional: a blendshape is used only where it brings the face so much nearer to what is wanted."""
     _scaled: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
@@ -72,8 +72,8 @@ class BlendMap:
         object.__setattr__(self, "faps", shapes)
         if not self.limit > 0:
             raise UsageError(f"limit: got {self.limit}, expected a positive weight")
-        given = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
-        object.__setattr__(self, "_reluctance", frozen(given, "reluctance_mm", (len(shapes),), np.float64))
+        checked = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
+        object.__setattr__(self, "_reluctance", frozen(checked, "reluctance_mm", (len(shapes),), np.float64))
         scaled = shapes * weights_mm()
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
@@ -87,8 +87,8 @@ class BlendMap:
 
     def to_faps(self, weights: ArrayLike) -> Array:
         """(..., B) weights -> (..., 68) FAPU."""
-        given = frozen(weights, "weights", ("...", len(self.names)), np.float64)
-        faps: Array = given @ self.faps
+        checked = frozen(weights, "weights", ("...", len(self.names)), np.float64)
+        faps: Array = checked @ self.faps
         return faps
 
     def approximate_weights(self, faps: ArrayLike) -> Array:
@@ -96,14 +96,14 @@ class BlendMap:
         wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
         goal = (wanted * weights_mm()) @ self._scaled.T - self._reluctance
         most = self.limit * self._lengths
-        found = np.clip(goal * self._rate, 0.0, most)
-        ahead, momentum = found, 1.0
+        weights_now = np.clip(goal * self._rate, 0.0, most)
+        ahead, momentum = weights_now, 1.0
         for _ in range(STEPS):
             after = np.clip(ahead - self._rate * (ahead @ self._gram - goal), 0.0, most)
             faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-            ahead = after + (momentum - 1) / faster * (after - found)
-            found, momentum = after, faster
-        weights: Array = found / self._lengths
+            ahead = after + (momentum - 1) / faster * (after - weights_now)
+            weights_now, momentum = after, faster
+        weights: Array = weights_now / self._lengths
         return weights
 
     def solve_weights(self, faps: ArrayLike, near: ArrayLike | None = None) -> Array:
@@ -125,15 +125,15 @@ class BlendMap:
         most = self.limit * self._lengths
         side = np.zeros(len(goal), np.int8)
         if near is not None:
-            given = frozen(near, "near", (len(goal),), np.float64)
-            side = np.where(given <= 0, BELOW, np.where(given >= self.limit, ABOVE, FREE)).astype(np.int8)
+            checked = frozen(near, "near", (len(goal),), np.float64)
+            side = np.where(checked <= 0, BELOW, np.where(checked >= self.limit, ABOVE, FREE)).astype(np.int8)
         else:
             side = np.where(goal > 0, FREE, BELOW).astype(np.int8)
         weights: Array = _pivot(self._gram, goal, most, side) / self._lengths
         return weights
 
     def error_mm(self, faps: ArrayLike) -> float:
-        """Mean over frames of the distance, root of the sum over FAPs, between what is wanted and what comes back."""
+        """Mean over frames of the distance, mm, between FAPs, (T, 68) FAPU, and what comes back of them."""
         wanted = np.asarray(faps, dtype=np.float64)
         back = self.to_faps(self.approximate_weights(wanted))
         return float(np.sqrt((((back - wanted) * weights_mm()) ** 2).sum(axis=1)).mean())
@@ -155,21 +155,21 @@ class BlendMap:
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:
     """Minimise ``x gram x / 2 - goal x`` for 0 <= x <= most, from the sides given, which are changed in place."""
-    fewest, patience = len(goal) + 1, PATIENCE
+    fewest, failures_left = len(goal) + 1, MAX_FAILED_PIVOTS
     while True:
         free = side == FREE
-        found = np.where(side == ABOVE, most, 0.0)
-        found[free] = np.linalg.solve(gram[np.ix_(free, free)], goal[free] - gram[free] @ found)
-        slope = gram @ found - goal
-        low, high = free & (found < -TOUCH), free & (found > most + TOUCH)
-        loose = ((side == BELOW) & (slope < -TOUCH)) | ((side == ABOVE) & (slope > TOUCH))
+        weights_now = np.where(side == ABOVE, most, 0.0)
+        weights_now[free] = np.linalg.solve(gram[np.ix_(free, free)], goal[free] - gram[free] @ weights_now)
+        slope = gram @ weights_now - goal
+        low, high = free & (weights_now < -BOUND_TOLERANCE), free & (weights_now > most + BOUND_TOLERANCE)
+        loose = ((side == BELOW) & (slope < -BOUND_TOLERANCE)) | ((side == ABOVE) & (slope > BOUND_TOLERANCE))
         wrong = np.flatnonzero(low | high | loose)
         if not len(wrong):
-            return np.clip(found, 0.0, most)
+            return np.clip(weights_now, 0.0, most)
         if len(wrong) < fewest:
-            fewest, patience = len(wrong), PATIENCE
-        elif patience:
-            patience -= 1
+            fewest, failures_left = len(wrong), MAX_FAILED_PIVOTS
+        elif failures_left:
+            failures_left -= 1
         else:
             wrong = wrong[-1:]
         side[wrong] = np.where(low[wrong], BELOW, np.where(high[wrong], ABOVE, FREE))

@@ -26,12 +26,12 @@ from fapengine.retarget.shape_sets import SHAPE_SETS, ShapeSet, shape_set
 Array = NDArray[np.float64]
 
 RATE_HZ = 60.0
-"""Of Azure, and of Live Link Face unless its timecodes say otherwise."""
+"""Frames a second of Azure, and of Live Link Face unless its timecodes say otherwise."""
 AZURE_WIDTH = 55
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 """Columns in rad that Live Link adds, and the FAP that turns so."""
 MAX_FRAMES = 10_000_000
-LEAST_NAMES = 8
+MIN_NAMES = 8
 
 
 def parse_blend_track(data: bytes) -> FapTrack:
@@ -120,8 +120,8 @@ def _csv(text: str) -> Found:
     except csv.Error as error:
         raise DataError(f"blend shapes: is no table: {error}") from error
     header = [_bare(cell) for cell in rows[0]] if rows else []
-    shapes, place = _find_set(header)
-    wanted = {**place, **{name: header.index(name) for name in HEAD if name in header}}
+    shapes, columns = _find_set(header)
+    wanted = {**columns, **{name: header.index(name) for name in HEAD if name in header}}
     table = np.zeros((len(rows) - 1, len(wanted)))
     for line, row in enumerate(rows[1:]):
         for column, index in enumerate(wanted.values()):
@@ -136,26 +136,26 @@ def _csv(text: str) -> Found:
         line, column = np.argwhere(~np.isfinite(table))[0]
         raise DataError("got a number that is not finite", where=f"line {line + 2}, {list(wanted)[column]}")
     weights = np.zeros((len(table), len(shapes.names)))
-    weights[:, [shapes.names.index(name) for name in place]] = table[:, : len(place)]
-    turns = {HEAD[name]: table[:, len(place) + n] for n, name in enumerate(list(wanted)[len(place) :])}
+    weights[:, [shapes.names.index(name) for name in columns]] = table[:, : len(columns)]
+    turns = {HEAD[name]: table[:, len(columns) + n] for n, name in enumerate(list(wanted)[len(columns) :])}
     return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, _rate(header, rows)
 
 
 def _find_set(header: list[str]) -> tuple[ShapeSet, dict[str, int]]:
     """Find the set of which the header has most names, and the column of each."""
-    found: list[tuple[ShapeSet, dict[str, int]]] = []
+    candidates: list[tuple[ShapeSet, dict[str, int]]] = []
     for shapes in SHAPE_SETS.values():
         spelled = [(_bare(name), name) for name in shapes.names]
         spelled += [(_bare(alias), name) for alias, name in shapes.aliases]
-        found.append((shapes, {name: header.index(bare) for bare, name in spelled if bare in header}))
-    shapes, place = max(found, key=lambda one: len(one[1]))
-    if len(place) < LEAST_NAMES:
+        candidates.append((shapes, {name: header.index(bare) for bare, name in spelled if bare in header}))
+    shapes, columns = max(candidates, key=lambda candidate: len(candidate[1]))
+    if len(columns) < MIN_NAMES:
         raise DataError(
-            f"blend shapes: got {len(place)} names of {shapes.key} in the header, expected at least {LEAST_NAMES}"
+            f"blend shapes: got {len(columns)} names of {shapes.key} in the header, expected at least {MIN_NAMES}"
             f" of one of {', '.join(SHAPE_SETS)}",
             where="line 1",
         )
-    return shapes, place
+    return shapes, columns
 
 
 def _rate(header: list[str], rows: list[list[str]]) -> float:

@@ -36,8 +36,8 @@ def mood_map() -> BlendMap:
 
 def find_moods(faps: Array) -> tuple[Array, Array]:
     """Find moods (T, 4) and lids, left and right, (T, 2), each 0..1, of FAPs (T, 68)."""
-    found = mood_map().approximate_weights(faps)
-    return found[:, : len(MOODS)], found[:, len(MOODS) :]
+    weights = mood_map().approximate_weights(faps)
+    return weights[:, : len(MOODS)], weights[:, len(MOODS) :]
 
 
 def moods_to_faps(moods: Array) -> Array:
@@ -52,7 +52,7 @@ def _rows() -> Array:
 
 
 def rows_of(table: dict[str, dict[int, float]], names: tuple[str, ...]) -> Array:
-    """(len(names), 68) FAPU: rows of a table."""
+    """Rows of a table by name, (N, 68) FAPU."""
     rows = np.zeros((len(names), fap.FAP_COUNT))
     for row, name in enumerate(names):
         for number, value in table[name].items():

@@ -21,7 +21,7 @@ from fapengine.retarget.viseme_table import VISEME_FAPS
 Array = NDArray[np.float64]
 
 OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
-"""In the order of the API, 0..14."""
+"""Names in the order of the API, 0..14."""
 PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
 """Visemes that are known by their looks; the others are used where they bring more than :data:`RELUCTANCE_MM`."""
 RELUCTANCE_MM = 0.2
@@ -57,9 +57,9 @@ def approximate_visemes(faps: ArrayLike) -> Array:
     >>> OCULUS_NAMES[int(rest[0].argmax())], float(rest.sum())
     ('sil', 1.0)
     """
-    given = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    moods, _ = find_moods(given)
-    return shares(oculus_map().approximate_weights(given - moods_to_faps(moods)))
+    values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    moods, _ = find_moods(values)
+    return shares(oculus_map().approximate_weights(values - moods_to_faps(moods)))
 
 
 def shares(weights: Array) -> Array:
@@ -77,7 +77,7 @@ def visemes_to_faps(weights: ArrayLike) -> Array:
     UsageError
         If a weight is negative.
     """
-    given = frozen(weights, "weights", ("...", len(OCULUS_NAMES)), np.float64)
-    if (given < 0).any():
-        raise UsageError(f"weights: got {given.min():g}, expected none below 0")
-    return oculus_map().to_faps(given[..., 1:] / np.maximum(given.sum(axis=-1, keepdims=True), 1.0))
+    values = frozen(weights, "weights", ("...", len(OCULUS_NAMES)), np.float64)
+    if (values < 0).any():
+        raise UsageError(f"weights: got {values.min():g}, expected none below 0")
+    return oculus_map().to_faps(values[..., 1:] / np.maximum(values.sum(axis=-1, keepdims=True), 1.0))

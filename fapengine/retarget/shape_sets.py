@@ -38,8 +38,8 @@ def _arkit() -> BlendMap:
 
 _RPM_VOWELS = (("viseme_I", "ih"), ("viseme_O", "oh"), ("viseme_U", "ou"))
 SHAPE_SETS = {
-    one.key: one
-    for one in (
+    entry.key: entry
+    for entry in (
         ShapeSet(
             "arkit",
             tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES),
@@ -54,7 +54,7 @@ SHAPE_SETS = {
         ShapeSet("vrm1", VRM1_NAMES, approximate_presets, presets_to_faps),
     )
 }  # fmt: skip
-"""By key."""
+"""Sets by their keys."""
 
 
 def shape_set(key: str) -> ShapeSet:

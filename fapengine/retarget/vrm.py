@@ -32,12 +32,12 @@ VRM0_NAMES = (
     "Joy", "Angry", "Sorrow", "Fun", "Surprised", "A", "I", "U", "E", "O", "Blink", "Blink_L", "Blink_R",
     "LookUp", "LookDown", "LookLeft", "LookRight", "Neutral",
 )  # fmt: skip
-"""In the order of version 1. ``Surprised`` is no preset of version 0, but many of its models have it."""
+"""Names in the order of version 1. ``Surprised`` is no preset of version 0, but many of its models have it."""
 SHOWN = VRM1_NAMES.index("lookUp")
 """Presets in front of the looks, for receivers that turn the eyes themselves."""
 VOWELS = {"aa": "aa", "ih": "ih", "ou": "ou", "ee": "E", "oh": "oh"}
-LEAST_OPENING = 1.0
-"""MNS, 0.02 mm."""
+MIN_OPENING = 1.0
+"""Opening between the lips, MNS: 0.02 mm."""
 LOOK_RAD = np.deg2rad(30.0)
 
 
@@ -59,35 +59,35 @@ def approximate_presets(faps: ArrayLike) -> Array:
     (T, 18) float64
         0..1, in the order of :data:`VRM1_NAMES` and of :data:`VRM0_NAMES`.
     """
-    given = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    upper = mood_map().approximate_weights(given)
-    spoken = given - moods_to_faps(upper[:, : len(MOODS)])
-    return join_presets(given, upper, vowel_map().approximate_weights(spoken))
+    values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    upper = mood_map().approximate_weights(values)
+    spoken = values - moods_to_faps(upper[:, : len(MOODS)])
+    return join_presets(values, upper, vowel_map().approximate_weights(spoken))
 
 
 def join_presets(faps: Array, upper: Array, vowels: Array) -> Array:
     """Put presets together, (T, 18), from FAPs (T, 68), moods and lids (T, 6), and vowels (T, 5) fitted to the rest."""
     moods, lids = upper[:, : len(MOODS)], upper[:, len(MOODS) :]
     shown = no_wider(vowels, faps - moods_to_faps(moods))
-    found = np.zeros((len(faps), len(VRM1_NAMES)))
+    presets = np.zeros((len(faps), len(VRM1_NAMES)))
     for names, weights in ((tuple(MOODS), moods), (tuple(VOWELS), shown)):
         for name, weight in zip(names, weights.T, strict=True):
-            found[:, VRM1_NAMES.index(name)] = weight
+            presets[:, VRM1_NAMES.index(name)] = weight
     both = lids.min(axis=1)
-    found[:, VRM1_NAMES.index("blink")] = both
-    found[:, [VRM1_NAMES.index("blinkLeft"), VRM1_NAMES.index("blinkRight")]] = lids - both[:, None]
+    presets[:, VRM1_NAMES.index("blink")] = both
+    presets[:, [VRM1_NAMES.index("blinkLeft"), VRM1_NAMES.index("blinkRight")]] = lids - both[:, None]
     for name, angle in zip(("lookLeft", "lookDown"), _looks(faps), strict=True):
         opposite = {"lookLeft": "lookRight", "lookDown": "lookUp"}[name]
-        found[:, VRM1_NAMES.index(name)] = np.clip(angle, 0.0, 1.0)
-        found[:, VRM1_NAMES.index(opposite)] = np.clip(-angle, 0.0, 1.0)
-    return found
+        presets[:, VRM1_NAMES.index(name)] = np.clip(angle, 0.0, 1.0)
+        presets[:, VRM1_NAMES.index(opposite)] = np.clip(-angle, 0.0, 1.0)
+    return presets
 
 
 def no_wider(vowels: Array, spoken: Array) -> Array:
     """Make vowels, (T, 5), smaller where they would open lips wider than FAPs, (T, 68), do: shut stays shut."""
     shown, wanted = opening(vowel_map().to_faps(vowels)), opening(spoken)
-    share = np.clip(wanted / np.maximum(shown, LEAST_OPENING), 0.0, 1.0)
-    return np.where(shown > LEAST_OPENING, share, 1.0)[:, None] * vowels
+    share = np.clip(wanted / np.maximum(shown, MIN_OPENING), 0.0, 1.0)
+    return np.where(shown > MIN_OPENING, share, 1.0)[:, None] * vowels
 
 
 def opening(faps: Array) -> Array:
@@ -99,8 +99,8 @@ def opening(faps: Array) -> Array:
 
 def presets_to_faps(weights: ArrayLike) -> Array:
     """(..., 18) weights, in the order of :data:`VRM1_NAMES` -> (..., 68) FAPU; ``relaxed`` is a faint joy."""
-    given = frozen(weights, "weights", ("...", len(VRM1_NAMES)), np.float64)
-    faps: Array = given @ _rows()
+    values = frozen(weights, "weights", ("...", len(VRM1_NAMES)), np.float64)
+    faps: Array = values @ _rows()
     return faps
 
 

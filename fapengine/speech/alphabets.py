@@ -141,8 +141,8 @@ def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
     """
     if alphabet == "arpabet":
         stress = {"1": 1, "2": 2}.get(label[-1:], 0)
-        found = from_arpabet(label)
-        return (found, stress) if found else (label, 0)
+        as_ipa = from_arpabet(label)
+        return (as_ipa, stress) if as_ipa else (label, 0)
     if alphabet == "x-sampa":
         stress = 1 if label.startswith('"') else 2 if label.startswith("%") else 0
         return from_xsampa(label) or label, stress
@@ -152,5 +152,5 @@ def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
     if alphabet not in PHONE_SETS:
         raise UsageError(f"alphabet: got {alphabet!r}, expected one of {', '.join(ALPHABETS)}")
     stress = {"'": 1, ",": 2, "ˈ": 1, "ˌ": 2}.get(label[:1], 0) if alphabet in ("espeak", "misaki") else 0
-    known = from_set(label, PHONE_SETS[alphabet])
-    return (label, 0) if known is None else (known, stress)
+    letters_of = from_set(label, PHONE_SETS[alphabet])
+    return (label, 0) if letters_of is None else (letters_of, stress)

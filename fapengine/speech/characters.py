@@ -94,17 +94,17 @@ def parse_cartesia(data: bytes) -> PhoneTrack:
     DataError
         If keys lack, lists differ in length, or times are wrong.
     """
-    found: dict[str, list[Entry]] = {"phonemes": [], "words": []}
+    by_level: dict[str, list[Entry]] = {"phonemes": [], "words": []}
     for message in parse_document(data, "Cartesia").entries():
-        for key, inner in zip(TIMESTAMPS, found, strict=True):
+        for key, inner in zip(TIMESTAMPS, by_level, strict=True):
             if message.has(key):
                 stamps = message[key]
                 texts, starts_s = stamps[inner].texts(), stamps["start"].numbers()
                 ends_s = stamps["end"].numbers()
                 same_length(starts_s, ends_s, texts, where=stamps.where)
-                found[inner] += [Entry(*row, stamps.where) for row in zip(starts_s, ends_s, texts, strict=True)]
-    if found["phonemes"]:
-        return track_of(with_words(found["phonemes"], found["words"]), "Cartesia", alphabet="ipa")
-    if not found["words"]:
+                by_level[inner] += [Entry(*row, stamps.where) for row in zip(starts_s, ends_s, texts, strict=True)]
+    if by_level["phonemes"]:
+        return track_of(with_words(by_level["phonemes"], by_level["words"]), "Cartesia", alphabet="ipa")
+    if not by_level["words"]:
         raise DataError(f"Cartesia: got no message with {' or '.join(TIMESTAMPS)}")
-    return track_of(found["words"], "Cartesia", level="word", spelled=True)
+    return track_of(by_level["words"], "Cartesia", level="word", spelled=True)

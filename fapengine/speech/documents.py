@@ -51,11 +51,11 @@ class Node:
         """Return a finite number."""
         if isinstance(self.value, (int, float)) and not isinstance(self.value, bool):
             try:
-                found = float(self.value)
+                parsed = float(self.value)
             except OverflowError:
-                found = math.inf
-            if math.isfinite(found):
-                return found
+                parsed = math.inf
+            if math.isfinite(parsed):
+                return parsed
         raise DataError(f"got {self._shown()}, expected a number", where=self.where)
 
     def text(self) -> str:

@@ -8,12 +8,12 @@ from fapengine.errors import DataError
 from fapengine.speech import alphabets
 from fapengine.speech.phone_track import SILENCE, Level, Phone, PhoneTrack
 
-LONGEST_S = 86_400.0
+MAX_TIME_S = 86_400.0
 """A day: later times are a mistake of unit, not speech."""
 OVERLAP_S = 1e-3
 """Overlaps up to here are rounding."""
 LAST_S = 0.1
-"""How long the last phone lasts in a format that gives no end."""
+"""Duration of the last phone in a format that gives no end, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _check(entry: Entry, before_s: float) -> None:
     start_s, end_s = entry.start_s, entry.end_s
     if not (math.isfinite(start_s) and math.isfinite(end_s) and 0 <= start_s <= end_s):
         raise DataError(f"times: got {start_s:g} s .. {end_s:g} s, expected 0 <= start <= end", where=entry.where)
-    if end_s > LONGEST_S:
+    if end_s > MAX_TIME_S:
         raise DataError(f"times: got {end_s:g} s, expected at most a day; is the unit right?", where=entry.where)
     if start_s < before_s - OVERLAP_S:
         raise DataError(
@@ -97,10 +97,10 @@ def _phone(entry: Entry, alphabet: str | None, spelled: bool) -> Phone:
         return Phone(SILENCE, entry.start_s, entry.end_s)
     if spelled or alphabet is None:
         return Phone(label, entry.start_s, entry.end_s, 0, label)
-    found, stress = alphabets.to_ipa(label, alphabet)
-    if not found:
+    as_ipa, stress = alphabets.to_ipa(label, alphabet)
+    if not as_ipa:
         return Phone(SILENCE, entry.start_s, entry.end_s)
-    return Phone(found, entry.start_s, entry.end_s, stress, entry.word.strip())
+    return Phone(as_ipa, entry.start_s, entry.end_s, stress, entry.word.strip())
 
 
 def shared_out(start_s: float, end_s: float, labels: Sequence[str], where: str, word: str = "") -> list[Entry]:

@@ -47,11 +47,11 @@ def parse_espeak_events(data: bytes, *, alphabet: str | None = None) -> PhoneTra
                 words.append(word)
         elif kind == "END" and end_s is None:
             end_s = _time_s(event, rate_hz)
-    found = [
+    timed = [
         Entry(entry.start_s, entry.end_s, entry.label, entry.where, spoken)
         for entry, spoken in zip(until_next(onsets, end_s), words, strict=True)
     ]
-    return track_of(found, "espeak-ng events", alphabet=alphabet or _guess([label for _, label, _ in onsets]))
+    return track_of(timed, "espeak-ng events", alphabet=alphabet or _guess([label for _, label, _ in onsets]))
 
 
 def _kind(node: Node) -> str:

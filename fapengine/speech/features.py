@@ -67,7 +67,7 @@ def features(letter: str) -> tuple[int, ...]:
     return tuple(_VALUES[sign] for sign in ROWS[ALIKE.get(letter, letter)])
 
 
-def feature_distance(one: str, other: str) -> int:
+def feature_distance(first: str, second: str) -> int:
     """Sum of the differences of all features, 0 for the same; a feature turned over counts 2.
 
     Examples
@@ -75,4 +75,4 @@ def feature_distance(one: str, other: str) -> int:
     >>> feature_distance("p", "b"), feature_distance("p", "m") < feature_distance("p", "a")
     (2, True)
     """
-    return sum(abs(a - b) for a, b in zip(features(one), features(other), strict=True))
+    return sum(abs(a - b) for a, b in zip(features(first), features(second), strict=True))

@@ -20,7 +20,7 @@ from fapengine.speech.voicevox import parse_voicevox
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class ParseOptions:
     """What the caller may say about a file that does not say it itself."""
 
     tier: str | None = None
@@ -56,20 +56,20 @@ class Format:
     """One timing format."""
 
     name: str
-    """For ``--format``."""
+    """Name by which the format is chosen."""
     tool: str
-    """Who writes it."""
-    parse: Callable[[bytes, Wishes], PhoneTrack]
+    """Programs that write it."""
+    parse: Callable[[bytes, ParseOptions], PhoneTrack]
     fits: Callable[[Sample], bool]
     endings: tuple[str, ...] = ()
     """Endings of file names that decide where the content does not."""
     takes: tuple[str, ...] = ()
-    """Which of :class:`Wishes` mean something."""
+    """Names of the options in :class:`ParseOptions` that mean something for it."""
 
 
 _NUMBER = r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?"
-_GRID_LONGEST = 1_000_000
-"""In a file of three integer columns: below, 40 s of GRID's samples rather than 0.1 s of HTK's."""
+_MAX_GRID_SAMPLES = 1_000_000
+"""Largest number in three integer columns that means GRID's samples (40 s) rather than HTK's units (0.1 s)."""
 
 
 def _is_three_columns(sample: Sample) -> bool:
@@ -79,7 +79,7 @@ def _is_three_columns(sample: Sample) -> bool:
 def _is_grid(sample: Sample) -> bool:
     if not _is_three_columns(sample) or any("." in "".join(row.split()[:2]) for row in sample.rows):
         return False
-    return max(float(row.split()[1]) for row in sample.rows) < _GRID_LONGEST
+    return max(float(row.split()[1]) for row in sample.rows) < _MAX_GRID_SAMPLES
 
 
 def _has(*keys: str) -> Callable[[Sample], bool]:
@@ -203,7 +203,7 @@ def _sample(data: bytes) -> Sample:
 
 
 def parse_timings(
-    data: bytes, *, file_format: str | None = None, ending: str = "", wishes: Wishes | None = None
+    data: bytes, *, file_format: str | None = None, ending: str = "", wishes: ParseOptions | None = None
 ) -> PhoneTrack:
     """Read timed phones, visemes or words in any format of :data:`FORMATS`.
 
@@ -215,7 +215,7 @@ def parse_timings(
         Name of the format; by default found from the content, else from ``ending``.
     ending : str
         Ending of the file's name, such as ``".lab"``.
-    wishes : Wishes, optional
+    wishes : ParseOptions, optional
         Tier and alphabet.
 
     Raises
@@ -225,17 +225,16 @@ def parse_timings(
     DataError
         If the content is of no format, or damaged.
     """
-    wishes = wishes or Wishes()
+    wishes = wishes or ParseOptions()
     if file_format is not None and file_format not in FORMATS:
-        raise UsageError(f"--format: got {file_format!r}, expected one of {', '.join(FORMATS)}")
+        raise UsageError(f"file_format: got {file_format!r}, expected one of {', '.join(FORMATS)}")
     chosen = FORMATS[file_format] if file_format else guess_format(data, ending=ending)
     if chosen is None:
         raise DataError(
-            f"timings: got {data[:24]!r}.., which is no format that is known; --format names one: {', '.join(FORMATS)}"
+            f"timings: got {data[:24]!r}.., which is no format that is known; file_format=NAME says which:"
+            f" {', '.join(FORMATS)}"
         )
     for wish in ("tier", "alphabet"):
         if getattr(wishes, wish) is not None and wish not in chosen.takes:
-            raise UsageError(
-                f"--{wish}: got {getattr(wishes, wish)!r}, but the format {chosen.name} has no choice of it"
-            )
+            raise UsageError(f"{wish}: got {getattr(wishes, wish)!r}, but the format {chosen.name} has no choice of it")
     return chosen.parse(data, wishes)

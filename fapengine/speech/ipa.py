@@ -23,7 +23,6 @@ _REPLACED = {
     "ʨ": "tɕ",
     "ʥ": "dʑ",
     "ᵻ": "ɪ",
-    "ɚ": "ɚ",
     "ᵊ": "ə",
     "’": "",
 }
@@ -157,7 +156,7 @@ def letters(label: str) -> tuple[str, ...]:
     >>> letters("t͡ʃ"), letters("ɑː"), letters("spn"), letters("%")
     (('t', 'ʃ'), ('ɑ',), ('s', 'p', 'n'), ())
     """
-    found: list[str] = []
+    known_letters: list[str] = []
     for letter in unicodedata.normalize("NFD", label):
         category = unicodedata.category(letter)
         if letter in STRESS or letter in TIES or letter in LENGTH or category in ("Mn", "Lm", "Sk", "Cf"):
@@ -165,8 +164,8 @@ def letters(label: str) -> tuple[str, ...]:
         for known in _REPLACED.get(letter, letter):
             if known not in SOUNDS:
                 return ()
-            found.append(known)
-    return tuple(found)
+            known_letters.append(known)
+    return tuple(known_letters)
 
 
 def distance(one: str, other: str) -> float:

@@ -58,15 +58,15 @@ def _letters(counts: list[float], text: str) -> list[Entry]:
 
 def _split(phonemes: str) -> list[str]:
     """Split Misaki text into phones, marks with the letter they belong to."""
-    found: list[str] = []
+    ipa_labels: list[str] = []
     stress = ""
     for letter in phonemes:
         if letter in ipa.STRESS:
             stress = letter
         elif letter not in _MARKS and letter.isalpha():
-            found.append(stress + letter)
+            ipa_labels.append(stress + letter)
             stress = ""
-    return found
+    return ipa_labels
 
 
 def parse_headtts(data: bytes) -> PhoneTrack:

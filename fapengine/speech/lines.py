@@ -105,8 +105,8 @@ def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
         For a line that is none, or if there is no ``#``.
     """
     text = decode_text(data, ".lab")
-    header, found, _ = text.partition("#")
-    if not found:
+    header, pieces, _ = text.partition("#")
+    if not pieces:
         raise DataError("xlabel: got no line with # alone, expected one above the labels")
     blank = "\n" * header.count("\n") + "#" + text[len(header) + 1 :]
     entries: list[Entry] = []
@@ -174,7 +174,7 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
     texts = [(number, {name: row[name] or "" for name in wanted}) for number, row in enumerate(rows, start=2)]
     speakers = sorted({row["Speaker"] for _, row in texts})
     if len(speakers) > 1 and tier not in speakers:
-        raise DataError(f"MFA CSV: got the speakers {speakers}, expected one; name one with --tier")
+        raise DataError(f"MFA CSV: got the speakers {speakers}, expected one; name one with tier=NAME")
     spoken = [(n, row) for n, row in texts if len(speakers) == 1 or row["Speaker"] == tier]
     timed = {
         kind: [
@@ -189,15 +189,15 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
 
 def with_words(phones: list[Entry], words: list[Entry]) -> list[Entry]:
     """Give each phone the word in whose time its middle lies; both in the order of time."""
-    found: list[Entry] = []
+    pieces: list[Entry] = []
     index = 0
     for phone in phones:
         middle_s = (phone.start_s + phone.end_s) / 2
         while index < len(words) and words[index].end_s <= middle_s:
             index += 1
         inside = index < len(words) and words[index].start_s <= middle_s
-        found.append(Entry(phone.start_s, phone.end_s, phone.label, phone.where, words[index].label if inside else ""))
-    return found
+        pieces.append(Entry(phone.start_s, phone.end_s, phone.label, phone.where, words[index].label if inside else ""))
+    return pieces
 
 
 def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:

@@ -14,13 +14,13 @@ class PhoneSet:
 
     name: str
     source: str
-    """Who says so."""
+    """Source of the table."""
     version: str
     """Version or date of the source."""
     table: Mapping[str, str]
     """Label to IPA; silence is the empty string."""
     joins: bool = False
-    """Whether a label may be several spellings of the table in a row, the longest first."""
+    """True where a label may be several spellings of the table in a row, the longest first."""
     ignored: str = ""
     """Characters that change nothing that is seen: tones, diacritics."""
 

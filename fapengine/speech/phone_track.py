@@ -10,7 +10,7 @@ from fapengine.errors import UsageError
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
 Level = Literal["phone", "viseme", "word", "character"]
-"""What a tool gave times for."""
+"""Units that a tool gave times for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +52,9 @@ class PhoneTrack:
 
     phones: tuple[Phone, ...]
     level: Level = "phone"
-    """What the times were given for; of anything but phones, less precise animation comes."""
+    """Unit that the times were given for; of anything but phones, less precise animation comes."""
     spelled: bool = False
-    """Whether the labels are still spelled words, which must be pronounced before they can be shown."""
+    """True where the labels are still spelled words, which must be pronounced before they can be shown."""
 
     def __post_init__(self) -> None:
         for before, after in pairwise(self.phones):

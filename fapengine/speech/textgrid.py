@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech import alphabets
-from fapengine.speech.entries import LONGEST_S
+from fapengine.speech.entries import MAX_TIME_S
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
@@ -47,7 +47,10 @@ def decode_text(data: bytes, what: str) -> str:
 
 
 class _Tokens:
-    """Stateful: the numbers and texts of the file, in order, with their lines."""
+    """The numbers and texts of the file, in order, with their lines.
+
+    Stateful.
+    """
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -142,18 +145,18 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
         tokens.number(), tokens.number()
         if classes[-1] not in ("IntervalTier", "TextTier"):
             raise DataError(f"tier class: got {classes[-1]!r}, expected IntervalTier or TextTier", where=tokens.where())
-    found: list[list[tuple[float, float, str]]] = [[] for _ in classes]
+    rows_by_tier: list[list[tuple[float, float, str]]] = [[] for _ in classes]
     while not tokens.ended():
         tier = tokens.count("tier number")
         if not 1 <= tier <= len(classes):
             raise DataError(f"tier number: got {tier}, expected 1..{len(classes)}", where=tokens.where())
         if classes[tier - 1] == "IntervalTier":
-            found[tier - 1].append((tokens.number(), tokens.number(), tokens.text()))
+            rows_by_tier[tier - 1].append((tokens.number(), tokens.number(), tokens.text()))
         else:
             tokens.number(), tokens.text()
     return tuple(
         Tier(name, tuple(rows))
-        for name, kind, rows in zip(names, classes, found, strict=True)
+        for name, kind, rows in zip(names, classes, rows_by_tier, strict=True)
         if kind == "IntervalTier"
     )
 
@@ -174,7 +177,9 @@ def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, .
         fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
     if len(fitting) != 1:
         sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
-        raise DataError(f"TextGrid: {len(fitting)} tiers {sought}, expected one; it has {names}; name one with --tier")
+        raise DataError(
+            f"TextGrid: {len(fitting)} tiers {sought}, expected one; it has {names}; name one with tier=NAME"
+        )
     return fitting[0]
 
 
@@ -205,7 +210,7 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
     phones: list[Phone] = []
     for number, (start_s, end_s, spelling) in enumerate(chosen.intervals, start=1):
         where = f"tier {chosen.name!r}, interval {number}"
-        if not 0 <= start_s < end_s <= LONGEST_S or (phones and start_s < phones[-1].end_s - 1e-3):
+        if not 0 <= start_s < end_s <= MAX_TIME_S or (phones and start_s < phones[-1].end_s - 1e-3):
             raise DataError(f"interval: got {start_s} s .. {end_s} s, expected times that rise", where=where)
         if " " in spelling.strip():
             raise DataError(

@@ -16,7 +16,7 @@ class UnknownPhone:
     label: str
     count: int
     first_s: float
-    """When it comes first."""
+    """Start of its first occurrence."""
     stand_in: str = STAND_IN
 
     def __str__(self) -> str:
@@ -33,11 +33,11 @@ def find_unknown(track: PhoneTrack) -> tuple[UnknownPhone, ...]:
     >>> find_unknown(PhoneTrack((Phone("m", 0, 1), Phone("QQ", 1, 2), Phone("QQ", 2, 3))))[0].count
     2
     """
-    found: dict[str, UnknownPhone] = {}
+    unknown: dict[str, UnknownPhone] = {}
     for phone in track.phones:
         if phone.is_silence or ipa.letters(phone.label):
             continue
-        before = found.get(phone.label)
+        before = unknown.get(phone.label)
         first_s = before.first_s if before else phone.start_s
-        found[phone.label] = UnknownPhone(phone.label, before.count + 1 if before else 1, first_s)
-    return tuple(found.values())
+        unknown[phone.label] = UnknownPhone(phone.label, before.count + 1 if before else 1, first_s)
+    return tuple(unknown.values())

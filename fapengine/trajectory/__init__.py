@@ -1,1 +1,1 @@
-"""Speech to motion: keyframes, splines, expressions, blinks."""
+"""Speech to motion: keyframes, splines, expressions, gestures."""

@@ -1,4 +1,4 @@
-"""Contacts that are promised: lips that meet, lips on teeth, vowels that open. Settled in FAPs, after everything else.
+"""Closures: contacts that are promised, of lips, of lips and teeth, and vowels that open. Settled in FAPs, last.
 
 Theory of operation
 -------------------
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fapengine.geometry.smooth import bump, soft_positive
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.keyframes import Resolved
+from fapengine.trajectory.targets import Resolved
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,11 @@ LOWER_SHARE = 0.6
 HOLD = {"lips": (0.0, 0.5), "teeth": (0.4, 0.7), "open": (0.35, 0.65)}
 """Part of a phone in which its contact holds, as fractions of its duration. Of those tried these fit the captured lips
 best: closures are tightest 20 ms before 0.3 of p b m, the lower lip is highest at 0.67 of f and v (median)."""
-SHORTEST_HOLD_S = 0.04
-"""Of a touch; a phone that is shorter holds it from its beginning."""
+MIN_HOLD_S = 0.04
+"""Least duration of a touch; a phone that is shorter holds it from its beginning."""
 RAMP_S = 0.045
-"""Before and behind a hold. Shorter ones fit the captured lips a little better and move them faster than people do."""
+"""Duration of the ramps before and behind a hold. Shorter ones fit the captured lips a little better and move them
+faster than people do."""
 SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
 TEETH_FAPU = 0.0
@@ -55,12 +56,12 @@ OPEN_FAPU = 150.0
 promised is less, so that it shapes nothing that was not in the way. It is kept by vowels of 80 ms and more; between two
 closures shorter ones open by what the ramps leave (half of it at 60 ms)."""
 SIDE_OPENING = 0.6
-"""Of the middle's."""
+"""Opening at the sides, as a share of the middle's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """While a contact holds."""
+    """Time in which a contact holds."""
 
     start_s: float
     stop_s: float
@@ -72,9 +73,9 @@ def hold_of(phone: Phone, contact: str = "lips") -> Hold:
     """Time in which a phone keeps its contact."""
     begin, end = HOLD[contact]
     start_s, stop_s = phone.start_s + begin * phone.duration_s, phone.start_s + end * phone.duration_s
-    if contact != "open" and stop_s - start_s < SHORTEST_HOLD_S:
-        start_s = max(min(start_s, phone.end_s - SHORTEST_HOLD_S), phone.start_s)
-        stop_s = start_s + SHORTEST_HOLD_S
+    if contact != "open" and stop_s - start_s < MIN_HOLD_S:
+        start_s = max(min(start_s, phone.end_s - MIN_HOLD_S), phone.start_s)
+        stop_s = start_s + MIN_HOLD_S
     return Hold(start_s, stop_s, contact)
 
 
@@ -83,20 +84,21 @@ def hold_late(hold: Hold, edge_s: float) -> Hold | None:
     start_s = edge_s + RAMP_S
     if hold.contact == "open":
         return Hold(start_s, hold.stop_s, hold.contact) if start_s < hold.stop_s else None
-    return Hold(start_s, max(hold.stop_s, start_s + SHORTEST_HOLD_S), hold.contact)
+    return Hold(start_s, max(hold.stop_s, start_s + MIN_HOLD_S), hold.contact)
 
 
 def holds_of(resolved: Sequence[Resolved]) -> list[Hold]:
     """List the holds of all phones that touch or must open."""
-    return [hold_of(one.phone, one.contact) for one in resolved if one.contact != "none"]
+    return [hold_of(spoken.phone, spoken.contact) for spoken in resolved if spoken.contact != "none"]
 
 
 def held(times_s: Array, holds: Sequence[Hold], contact: str) -> Array:
-    """(T,): how far each moment is under a hold of this contact, 0..1."""
+    """(T,): how far each moment is under a hold of this contact, 0..1; times rise."""
     free = np.ones(len(times_s))
     for hold in holds:
         if hold.contact == contact:
-            free *= 1.0 - bump(times_s, hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
+            first, last = np.searchsorted(times_s, (hold.start_s - RAMP_S, hold.stop_s + RAMP_S)).tolist()
+            free[first:last] *= 1.0 - bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
     height: Array = 1.0 - free
     return height
 
@@ -124,9 +126,9 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array) -> Array:
     (..., 68) float64, FAPU
     """
     settled = faps.copy(order="K")
-    for place, numbers in enumerate(PAIRS):
+    for index, numbers in enumerate(PAIRS):
         upper, lower = (settled[..., fap.column(number)] for number in numbers[:2])
-        floor = OPEN_FAPU * (SIDE_OPENING if place else 1.0)
+        floor = OPEN_FAPU * (SIDE_OPENING if index else 1.0)
         parted = vowels * soft_positive(floor + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
         down, up = -(1 - LOWER_SHARE) * parted, -LOWER_SHARE * parted
         short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower - up, SOFTNESS_FAPU)

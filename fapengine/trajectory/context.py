@@ -1,4 +1,4 @@
-"""What a phone looks like between its neighbours: targets that depend on context, learned by least squares.
+"""Targets of a phone between its neighbours: they depend on context, learned by least squares.
 
 Theory of operation
 -------------------
@@ -28,14 +28,14 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 Array = NDArray[np.float64]
 
 FRACTIONS = (0.2, 0.7)
-"""Where the keyframes stand; splines through captured values there are within 0.35 mm of the captured lips (through
-those at 30 % alone, 0.79)."""
+"""Fractions of a phone's duration at which its keyframes stand; splines through captured values there are within 0.35
+mm of the captured lips (through those at 30 % alone, 0.79)."""
 REACH = 3
 """Neighbours to either side."""
-TYPICAL_S, SHORTEST_S = 0.1, 0.03
+TYPICAL_S, MIN_DURATION_S = 0.1, 0.03
 """Durations count as their logarithm against the first, cut at the second."""
 PAUSE_S = 0.3
-"""Length of every silence as a neighbour, so that when speech began does not matter to how it looks."""
+"""Length of every silence as a neighbour, so that when speech began does not matter to its targets."""
 PENALTIES = {"bias": 0.03, "phone": 1.0, "way": 3.0, "length": 3.0, "beside": 3.0, "pair": 6.0}
 """Ridge of each kind of feature, found by cross-validation within the training sentences; neighbours at distance 2 and
 3 are shrunk by 2 and 4."""
@@ -52,7 +52,7 @@ class Token(NamedTuple):
 
     phone: Phone
     name: str
-    """In the profile, or :data:`SILENCE`."""
+    """Name in the profile, or :data:`SILENCE`."""
     heard: tuple[str, ...]
     """IPA letters as they were spoken; the profile may know only their likes."""
     start_s: float
@@ -96,12 +96,12 @@ def _speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[Part, ...], 
 
     @lru_cache(maxsize=LABELS)
     def parts_of(label: str) -> tuple[tuple[Part, ...], bool]:
-        found = ipa.letters(label)
-        letters = found or ("ə",)
+        spelled = ipa.letters(label)
+        letters = spelled or ("ə",)
         whole = "".join(letters)
         if whole in known:
-            return ((whole, letters),), not found
-        return tuple((ipa.nearest(one, letters_known), (one,)) for one in letters), not found
+            return ((whole, letters),), not spelled
+        return tuple((ipa.nearest(letter, letters_known), (letter,)) for letter in letters), not spelled
 
     return parts_of
 
@@ -111,17 +111,17 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
     around = [_neighbour(tokens, index + step) for step in range(-REACH, REACH + 1)]
     name = tokens[index].name
     length = _length(tokens[index].end_s - tokens[index].start_s)
-    found = {"bias": 1.0, f"phone {name}": 1.0, "length 0": length, f"phone {name} length": length}
+    features = {"bias": 1.0, f"phone {name}": 1.0, "length 0": length, f"phone {name} length": length}
     for step, (other, heard, duration_s) in zip(range(-REACH, REACH + 1), around, strict=True):
         for way, value in _articulation(heard).items():
-            found[f"way {step} {way}"] = value
+            features[f"way {step} {way}"] = value
         if step:
-            found[f"beside {step} {other}"] = 1.0
+            features[f"beside {step} {other}"] = 1.0
             if abs(step) < REACH:
-                found[f"length {step}"] = _length(duration_s)
-    found[f"pair {around[REACH - 1][0]} {name}"] = 1.0
-    found[f"pair {name} {around[REACH + 1][0]} next"] = 1.0
-    return found
+                features[f"length {step}"] = _length(duration_s)
+    features[f"pair {around[REACH - 1][0]} {name}"] = 1.0
+    features[f"pair {name} {around[REACH + 1][0]} next"] = 1.0
+    return features
 
 
 def _neighbour(tokens: Sequence[Token], index: int) -> tuple[str, tuple[str, ...], float]:
@@ -131,7 +131,7 @@ def _neighbour(tokens: Sequence[Token], index: int) -> tuple[str, tuple[str, ...
 
 
 def _length(duration_s: float) -> float:
-    return float(np.log(max(duration_s, SHORTEST_S) / TYPICAL_S))
+    return float(np.log(max(duration_s, MIN_DURATION_S) / TYPICAL_S))
 
 
 def _articulation(heard: tuple[str, ...]) -> dict[str, float]:
@@ -152,22 +152,22 @@ def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     phone comes.
     """
     tables = _tables(model)
-    around = [tables.silence] * REACH + [tables.kind(one) for one in tokens] + [tables.silence] * REACH
-    durations = [PAUSE_S if one.name == SILENCE else one.end_s - one.start_s for one in tokens]
+    around = [tables.silence] * REACH + [tables.kind(token) for token in tokens] + [tables.silence] * REACH
+    durations = [PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens]
     lengths = np.full(len(around), PAUSE_S)
     lengths[REACH : len(around) - REACH] = durations
-    lengths = np.log(np.maximum(lengths, SHORTEST_S) / TYPICAL_S)
+    lengths = np.log(np.maximum(lengths, MIN_DURATION_S) / TYPICAL_S)
     kinds = np.array(around)
-    spoken = [index for index, one in enumerate(tokens) if one.name != SILENCE]
+    spoken = [index for index, token in enumerate(tokens) if token.name != SILENCE]
     own = np.array(spoken, dtype=np.intp) + REACH
     total = tables.pairs(around, [index + REACH for index in spoken])
     total += lengths[own, None] * tables.by_length[kinds[own]]
     total += lengths[own[:, None] + _BESIDE] @ tables.lengths_beside
     for step in range(-REACH, REACH + 1):
         total += tables.by_step[kinds[own + step], step + REACH]
-    found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
-    found[spoken] = total.reshape(len(spoken), *found.shape[1:])
-    return found
+    targets = np.zeros((len(tokens), *model.coefficients.shape[1:]))
+    targets[spoken] = total.reshape(len(spoken), *targets.shape[1:])
+    return targets
 
 
 _BESIDE = np.array([step for step in range(-REACH, REACH + 1) if step and abs(step) < REACH])
@@ -175,7 +175,10 @@ _BESIDE = np.array([step for step in range(-REACH, REACH + 1) if step and abs(st
 
 
 class _Tables:
-    """Stateful, it grows: what every kind of token that was met adds to its own targets and to its neighbours'."""
+    """Sums for every kind of token that was met: what it adds to its own targets and to its neighbours'.
+
+    Stateful: it grows.
+    """
 
     def __init__(self, model: ContextModel) -> None:
         flat = model.coefficients.reshape(len(model.features), -1)
@@ -223,9 +226,9 @@ class _Tables:
         return self._kinds[name, heard]
 
     def _sum(self, step: int, name: str, heard: tuple[str, ...]) -> Array:
-        found = {f"way {step} {way}": value for way, value in _articulation(heard).items()}
-        found |= {f"beside {step} {name}": 1.0} if step else {"bias": 1.0, f"phone {name}": 1.0}
-        total: Array = np.array(list(found.values())) @ self.coefficients[[self.row(one) for one in found]]
+        values = {f"way {step} {way}": value for way, value in _articulation(heard).items()}
+        values |= {f"beside {step} {name}": 1.0} if step else {"bias": 1.0, f"phone {name}": 1.0}
+        total: Array = np.array(list(values.values())) @ self.coefficients[[self.row(feature) for feature in values]]
         return total
 
 
@@ -260,16 +263,16 @@ def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) 
     if not described:
         raise UsageError("sentences: got no spoken phone, expected some")
     y = np.stack(goal).reshape(len(goal), -1)
-    names = sorted({name for one in described for name in one})
-    place = {name: index for index, name in enumerate(names)}
-    rows = np.repeat(np.arange(len(described)), [len(one) for one in described])
-    columns = np.array([place[name] for one in described for name in one])
-    values = np.array([value for one in described for value in one.values()])
+    names = sorted({name for token in described for name in token})
+    column_of = {name: index for index, name in enumerate(names)}
+    rows = np.repeat(np.arange(len(described)), [len(token) for token in described])
+    columns = np.array([column_of[name] for token in described for name in token])
+    values = np.array([value for token in described for value in token.values()])
     design = csr_array((values, (rows, columns)), shape=(len(described), len(names)))
     normal = (design.T @ design).toarray()
     normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
-    found = np.linalg.solve(normal, design.T @ y).reshape(len(names), *goal[0].shape)
-    return ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=found)
+    coefficients = np.linalg.solve(normal, design.T @ y).reshape(len(names), *goal[0].shape)
+    return ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=coefficients)
 
 
 def _penalty(name: str) -> float:

@@ -1,19 +1,23 @@
-"""Expressions over time: weighted addition in the viseme space (paper 001, section 5.2) with envelopes."""
+"""Expressions over time: each at a level that glides along ramps; they add up (paper 001, section 5.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.geometry.smooth import bump
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.ramps import Ramp
 
+EXPRESSIONS = tuple(expression for expression in Expression if expression)
+"""All but the neutral one; index is column and channel."""
 ATTACK_S = 0.35
 RELEASE_S = 0.5
 MAX_WEIGHT = 2.0
@@ -27,9 +31,9 @@ class Mood:
     strength: float = 1.0
     """0..2; 1 is the profile's full expression."""
     start_s: float = 0.0
-    """When it begins to come."""
+    """Time at which it begins to come."""
     stop_s: float = inf
-    """When it is gone, at the latest at the end of the speech."""
+    """Time at which it is gone, at the latest at the end of the speech."""
     attack_s: float = ATTACK_S
     release_s: float = RELEASE_S
 
@@ -42,12 +46,6 @@ class Mood:
         if not (0 < self.attack_s < inf and 0 < self.release_s < inf):
             times = f"attack {self.attack_s} s and release {self.release_s} s"
             raise UsageError(f"expression {name}: got {times}, expected positive times")
-
-    def envelope(self, times_s: NDArray[np.float64], end_s: float) -> NDArray[np.float64]:
-        """(T,) in 0..1, C2: up over the attack, down over the release; lower where there is no time for both."""
-        stop_s = min(self.stop_s, end_s)
-        up_s = self.start_s + self.attack_s
-        return bump(times_s, up_s, max(stop_s - self.release_s, up_s), self.attack_s, self.release_s)
 
 
 def during_word(
@@ -68,47 +66,67 @@ def during_word(
             spans.append((start_s, phone.end_s))
         last = phone.word
     if not spans:
-        known = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"
-        raise UsageError(f"expression {expression.name.lower()}: got word {word!r}, expected one of: {known}")
+        spoken = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"
+        raise UsageError(f"expression {expression.name.lower()}: got word {word!r}, expected one of: {spoken}")
     return [
         Mood(expression, strength, max(start_s - attack_s, 0.0), stop_s + RELEASE_S, attack_s)
         for start_s, stop_s in spans
     ]
 
 
-def blend(
-    moods: Sequence[Mood], profile: Profile, times_s: NDArray[np.float64], end_s: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weights in the space and FAPs beyond it; all moods add up.
+def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ramp]:
+    """Turn expressions with their times into ramps of their levels, in time order.
+
+    Each comes over its attack and goes over its release. Different expressions add up; where several moods of the same
+    one overlap, its level is the sum of their strengths, at most :data:`MAX_WEIGHT`.
 
     Parameters
     ----------
     moods : sequence of Mood
     profile : Profile
         Where the expressions lie.
-    times_s : (T,) float64, s
-        When to sample.
     end_s : float
         When the last release ends.
 
     Returns
     -------
-    weights : (T, K) float64
-    faps : (T, 68) float64, FAPU
+    list of Ramp
+        Channels are indices of :data:`EXPRESSIONS`, goals 0..:data:`MAX_WEIGHT`.
 
     Raises
     ------
     UsageError
         If the profile lacks an expression.
     """
-    weights = np.zeros((len(times_s), profile.space.mode_count))
-    faps = np.zeros((len(times_s), fap.FAP_COUNT))
+    ramps: list[Ramp] = []
+    by_expression: dict[Expression, list[tuple[float, float, Mood]]] = {}
     for mood in moods:
         if mood.expression not in profile.expressions:
             name = mood.expression.name.lower()
             raise UsageError(f"expression: got {name}, profile {profile.id!r} does not have it")
-        face = profile.expressions[mood.expression]
-        strength = mood.strength * mood.envelope(times_s, end_s)[:, None]
-        weights += strength * face.target
-        faps += strength * face.fap
-    return weights, faps
+        release_s = max(min(mood.stop_s, end_s) - mood.release_s, mood.start_s + mood.attack_s)
+        by_expression.setdefault(mood.expression, []).append((mood.start_s, release_s, mood))
+    for expression, spans in by_expression.items():
+        comes = [(start_s, mood.attack_s) for start_s, _, mood in spans]
+        goes = [(release_s, mood.release_s) for _, release_s, mood in spans]
+        for at_s, over_s in sorted(comes + goes):
+            level = sum(mood.strength for start_s, release_s, mood in spans if start_s <= at_s < release_s)
+            ramps.append(Ramp(at_s, EXPRESSIONS.index(expression), min(level, MAX_WEIGHT), over_s))
+    return sorted(ramps, key=lambda ramp: ramp.at_s)
+
+
+@lru_cache(maxsize=16)
+def expression_faps(profile: Profile) -> NDArray[np.float64]:
+    """(68, 6) FAPU: every one of :data:`EXPRESSIONS` at full level; what a profile lacks is 0. Read-only.
+
+    An expression is a pose in the viseme space (paper 001, section 5.2) and FAPs beyond it. FAPs are linear in the
+    space, so adding these is adding there.
+    """
+    faps = np.zeros((fap.FAP_COUNT, len(EXPRESSIONS)))
+    for column, expression in enumerate(EXPRESSIONS):
+        if expression in profile.expressions:
+            face = profile.expressions[expression]
+            moved_mm = profile.space.to_points_mm(face.target[None])
+            faps[:, column] = displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap
+    faps.setflags(write=False)
+    return faps

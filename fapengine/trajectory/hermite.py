@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
 Three = tuple[Number, Number, Number]
 
-FARTHEST = 1.0, 3.0
-"""Velocity times, and acceleration times the square of, the longer segment: at most so many ranges of the three keys.
+MAX_DERIVATIVES = 1.0, 3.0
+"""Largest velocity times the longer segment, and acceleration times its square, in ranges of the three keys.
 Even distances never reach it, nor do uneven ones up to 1.6 to 1."""
 OVERSHOOT = 0.25
-"""Of the range of four keys: how far the path may leave the range of the two keys that it runs between (worst case,
-found by search; without the limit there is none)."""
+"""Share of the range of four keys by which the path may leave the range of the two keys that it runs between (worst
+case, found by search; without the limit there is none)."""
 
 
 def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
@@ -40,7 +40,7 @@ def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
         longer = np.maximum(before, after)
         three = np.stack([values[:-2], values[1:-1], values[2:]])
         most = three.max(axis=0) - three.min(axis=0)
-        fastest, sharpest = FARTHEST[0] * most / longer, FARTHEST[1] * most / longer**2
+        fastest, sharpest = MAX_DERIVATIVES[0] * most / longer, MAX_DERIVATIVES[1] * most / longer**2
         velocity[1:-1] = np.clip((after * slope[:-1] + before * slope[1:]) / (before + after), -fastest, fastest)
         acceleration[1:-1] = np.clip(2 * (slope[1:] - slope[:-1]) / (before + after), -sharpest, sharpest)
     return velocity, acceleration
@@ -136,7 +136,7 @@ def jet_of(coefficients: Sequence[Number], s: Number, length_s: Number) -> Three
 
 
 def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
-    """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s`` after its start."""
+    """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s``, (T,) s, after its start."""
     return jet_of(quintic(length_s, first, last), since_s / length_s, length_s)
 
 
@@ -155,7 +155,7 @@ def moment(since_s: float, length_s: float) -> Array:
 
 
 def fading(s: Array) -> tuple[Array, Array, Array]:
-    """Share of a value, a velocity and an acceleration that is left at ``s`` of a fade, 0..1: nothing at 1.
+    """Share of a value, a velocity and an acceleration that is left at ``s``, (T,) 0..1, of a fade: nothing at 1.
 
     Velocity and acceleration count per fade and per fade squared.
     """
@@ -169,8 +169,8 @@ def fading(s: Array) -> tuple[Array, Array, Array]:
 def _units() -> Array:
     """Coefficients (6, 6) of the quintics whose jets at both ends, taken together, are unit vectors; length 1."""
     first, last = np.eye(6)[:3], np.eye(6)[3:]
-    one = np.ones(1)
-    return np.stack(quintic(one, (first[0], first[1], first[2]), (last[0], last[1], last[2])))
+    length = np.ones(1)
+    return np.stack(quintic(length, (first[0], first[1], first[2]), (last[0], last[1], last[2])))
 
 
 _UNITS = _units()

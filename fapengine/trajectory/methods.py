@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from fapengine.trajectory.dominance import dominance
-from fapengine.trajectory.keyframes import Keyframes, Resolved
+from fapengine.trajectory.keyframes import Keyframes
 from fapengine.trajectory.style import Method
+from fapengine.trajectory.targets import Resolved
 
 Array = NDArray[np.float64]
 PathOf = Callable[[Sequence[Resolved], Keyframes, Array], Array]
@@ -49,7 +50,7 @@ METHODS: Mapping[Method, PathOf] = MappingProxyType(
 def sample_path(method: Method, resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
     """(T, K) weights by one of :data:`METHODS`; no phones make no motion.
 
-    ``resolved`` and ``keys`` come from :func:`.keyframes.resolve`, with ``context`` true for the method of that name
+    ``resolved`` and ``keys`` come from :func:`.targets.resolve`, with ``context`` true for the method of that name
     only, and from :func:`.keyframes.place_keyframes`.
     """
     if not resolved:

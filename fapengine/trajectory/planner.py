@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 Phones become keyframes, keyframes a path in the viseme space, the path displacements, these FAPs; expressions are added
-on the way. Contacts are settled last (:mod:`.closures`), then what only livens the face is added (:mod:`.liveliness`).
+on the way. Closures are settled last (:mod:`.closures`), then gestures are added (:mod:`.gestures`).
 
 What is promised for phones of 50 ms and more at natural rate, spoken at 0.5 to 3 times that rate, and tested:
 
 - contacts are made, whatever the expression (:mod:`.closures`);
-- the opening of the lips moves at up to 2.5 :data:`FASTEST_MM_S`, and bends at up to :func:`sharpest_multiple` times
-  :data:`SHARPEST_MM_S2`; most comes of the closures, which people who hurry do not always make;
+- the speed of the lips' opening is at most 2.5 times, and its acceleration 11 times, what was captured (the latter
+  times the rate, if the speech is faster than natural; ``docs/trajectories.md``);
 - between two keyframes each weight stays in their range but for :data:`.hermite.OVERSHOOT`;
 - 0.12 s (:data:`.keyframes.REST_MARGIN_S`) behind the last phone speech has left no trace on the face.
 """
@@ -26,22 +26,16 @@ from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.closures import close_lips, holds_of
-from fapengine.trajectory.expression import Mood, blend
+from fapengine.trajectory.expression import EXPRESSIONS, Mood, expression_faps, mood_ramps
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import place_keyframes, resolve
-from fapengine.trajectory.liveliness import enliven
+from fapengine.trajectory.gestures import sample_gestures
+from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.ramps import sample_ramps
 from fapengine.trajectory.style import Style as Style
+from fapengine.trajectory.targets import resolve
 
 RATES_HZ = (1.0, 240.0)
-FASTEST_MM_S, SHARPEST_MM_S2 = 349.0, 9270.0
-"""Speed and acceleration of the opening between captured inner lips, 99.9th percentile of 520 sentences at 25 frames a
-second (``design/lip_speed.py``); frames so far apart hide the true peaks."""
-
-
-def sharpest_multiple(rate: float) -> float:
-    """How many :data:`SHARPEST_MM_S2` a plan stays below, for speech at ``rate`` times its natural rate."""
-    return 11.0 * max(1.0, rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +66,7 @@ def plan(
     profile : Profile
         Whose face.
     rng : numpy.random.Generator
-        Chance of what livens the face.
+        Chance of the gestures.
     rate_hz : float
         Frames a second, 1..240.
     expressions : mapping of Expression to float, or sequence of Mood
@@ -80,7 +74,8 @@ def plan(
     style : Style, optional
         How it speaks.
     duration_s : float, optional
-        Length of the track; by default that of the phones.
+        Length of the track, by default that of the phones; it is longer where the face takes longer to come to rest
+        (:data:`.keyframes.REST_MARGIN_S` behind the last phone).
 
     Raises
     ------
@@ -90,16 +85,24 @@ def plan(
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise UsageError(f"rate_hz: got {rate_hz}, expected {RATES_HZ[0]:g}..{RATES_HZ[1]:g}")
     style = style or Style()
-    end_s = phones.duration_s if duration_s is None else duration_s
+    end_s = rest_s(phones, duration_s)
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
+    moods = [Mood(*item) for item in expressions.items()] if isinstance(expressions, Mapping) else expressions
 
     resolved, unknown = resolve(phones, profile, context=style.context)
-    keyframes = place_keyframes(phones, resolved, profile.space.mode_count, end_s)
+    keyframes = place_keyframes(phones, resolved, profile.space.mode_count)
     path = sample_path(style.method, resolved, keyframes, times_s) @ style.gains(profile)
-    moods = [Mood(*wish) for wish in expressions.items()] if isinstance(expressions, Mapping) else expressions
-    mood, mood_faps = blend(moods, profile, times_s, end_s)
-    displacement_mm = profile.space.to_points_mm(path + mood)
-    faps = displacements_to_faps(displacement_mm, profile.space.points, profile.fapu) + mood_faps
+    faps = displacements_to_faps(profile.space.to_points_mm(path), profile.space.points, profile.fapu)
+    if moods:
+        levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s)
+        faps += (expression_faps(profile) @ levels).T
     faps = close_lips(faps, times_s, holds_of(resolved), openness=style.openness)
-    faps += enliven(times_s, end_s, phones, style, rng)
+    if style.has_gestures:
+        faps += sample_gestures(times_s, end_s, phones.phones, style, rng)
     return Plan(FapTrack.of(to_codable(faps), rate_hz=rate_hz), dict(unknown))
+
+
+def rest_s(phones: PhoneTrack, duration_s: float | None = None) -> float:
+    """Length of a track that lasts so long and, whatever that is, until the face has come to rest from speaking."""
+    last_s = next((phone.end_s + REST_MARGIN_S for phone in reversed(phones.phones) if not phone.is_silence), 0.0)
+    return max(phones.duration_s if duration_s is None else duration_s, last_s)

@@ -25,21 +25,22 @@ from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S, Hold, close_lips, hold_late, hold_of
+from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, close_lips, hold_late, hold_of
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import Resolved, place_keyframes, resolve
+from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.style import Style
+from fapengine.trajectory.targets import Resolved, resolve
 
 Array = NDArray[np.float64]
 
 FADE_S = 0.15
-"""Over which a change of plan is blended in."""
+"""Time over which a change of plan is blended in."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
 BEHIND_PHONES = AHEAD_PHONES + 3
-"""Of the past that a new plan looks back at; farther back nothing touches the path at the edge."""
+"""Number of past phones that a new plan looks back at; farther back nothing touches the path at the edge."""
 KEPT_S = 2.0
-"""Of the past; older phones and plans are forgotten."""
+"""Length of the past that is kept; older phones and plans are forgotten."""
 LATEST_CLOSURE_S = 0.15
 """A bilabial that ended longer ago is dropped with its closure."""
 SAME_S = 1e-3
@@ -48,7 +49,10 @@ SAME_S = 1e-3
 
 @dataclass(slots=True)
 class Counts:
-    """Stateful: what was not as it should be."""
+    """Counts of what was not as it should be.
+
+    Stateful.
+    """
 
     late: int = 0
     """Phones that came after their time had begun to be shown."""
@@ -87,22 +91,24 @@ class StreamPlan:
 
     def jet_at(self, time_s: float) -> Array:
         """(3, K): :meth:`jet` at one time."""
-        found = self.path.jet_at(time_s)
+        jet = self.path.jet_at(time_s)
         since_s = time_s - self.start_s
         if since_s < self.fade_s:
-            found += hermite.moment(since_s, self.fade_s)[:, :3] @ self.left_over
-        return found
+            jet += hermite.moment(since_s, self.fade_s)[:, :3] @ self.left_over
+        return jet
 
 
 @dataclass(slots=True)
 class StreamingPlanner:
-    """Stateful: phones in as they come, FAPs out as they are due. All times count from the stream's beginning.
+    """Phones in as they come, FAPs out as they are due. All times count from the stream's beginning.
+
+    Stateful.
 
     Parameters
     ----------
     profile : Profile
     style : Style
-        Articulation and context; blinks and head motion are for whoever shows the face.
+        Articulation and context; gestures are for whoever shows the face.
     horizon_s : float
         How far behind the last frame asked for the plan is settled. 0 reacts soonest, and costs nothing: what counts is
         how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.02 mm of lip error,
@@ -136,7 +142,7 @@ class StreamingPlanner:
 
     @property
     def edge_s(self) -> float:
-        """Up to here nothing changes any more."""
+        """Time up to which nothing changes any more."""
         return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
     def feed(self, phones: Sequence[Phone]) -> None:
@@ -162,8 +168,8 @@ class StreamingPlanner:
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
             self._phones.append(phone)
             return
-        first = bisect_right(self._phones, phone.start_s + SAME_S, key=lambda one: one.end_s)
-        behind = max(bisect_left(self._phones, phone.end_s - SAME_S, key=lambda one: one.start_s), first)
+        first = bisect_right(self._phones, phone.start_s + SAME_S, key=lambda placed: placed.end_s)
+        behind = max(bisect_left(self._phones, phone.end_s - SAME_S, key=lambda placed: placed.start_s), first)
         overlapped = self._phones[first:behind]
         self.counts.revised += sum(old != phone for old in overlapped)
         placed = [] if phone.is_silence else [phone]
@@ -175,8 +181,8 @@ class StreamingPlanner:
     def _close_late(self, phone: Phone, edge: float) -> None:
         """Close the lips for a bilabial whose time is over, if it is not long over."""
         resolved, _ = resolve(PhoneTrack.of([phone], tolerance_s=SAME_S), self.profile, context=False)
-        if any(one.contact == "lips" for one in resolved) and phone.end_s > edge - LATEST_CLOSURE_S:
-            self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + SHORTEST_HOLD_S))
+        if any(spoken.contact == "lips" for spoken in resolved) and phone.end_s > edge - LATEST_CLOSURE_S:
+            self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech: what comes at or behind ``at_s`` is not said, and the face is at rest ``fade_s`` later.
@@ -203,7 +209,7 @@ class StreamingPlanner:
         self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
         track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
         resolved, _ = resolve(track, self.profile, context=self.style.context)
-        keys = place_keyframes(track, resolved, modes, np.inf)
+        keys = place_keyframes(track, resolved, modes)
         path = hermite.Path.through(keys.times_s, keys.weights)
         self._renew_holds(resolved, edge)
         if not np.isfinite(edge):  # nothing shown yet: nothing to keep
@@ -219,18 +225,18 @@ class StreamingPlanner:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
         begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
         coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
-        known, self._holds = self._holds, {}
-        shut = {(phone.label, phone.start_s): hold for phone, hold in known.items() if hold.start_s - RAMP_S < edge}
-        for one in resolved:
-            if one.contact == "none":
+        before, self._holds = self._holds, {}
+        shut = {(phone.label, phone.start_s): hold for phone, hold in before.items() if hold.start_s - RAMP_S < edge}
+        for spoken in resolved:
+            if spoken.contact == "none":
                 continue
             # a phone of which only the end has changed is the same one: it is not shut once more
-            same = known.get(one.phone) or shut.get((one.phone.label, one.phone.start_s))
-            hold: Hold | None = same or hold_of(one.phone, one.contact)
+            same = before.get(spoken.phone) or shut.get((spoken.phone.label, spoken.phone.start_s))
+            hold: Hold | None = same or hold_of(spoken.phone, spoken.contact)
             if hold and not same and hold.start_s - RAMP_S < edge:
                 hold = hold_late(hold, edge)
             if hold:
-                self._holds[one.phone] = hold
+                self._holds[spoken.phone] = hold
         mine = set(self._holds.values())
         self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
 
@@ -241,7 +247,7 @@ class StreamingPlanner:
 
     @property
     def holds(self) -> list[Hold]:
-        """While the lips stay shut, as known so far, in any order."""
+        """Holds of contacts, as far as phones have come, in any order."""
         return [*self._holds.values(), *self._kept_holds]
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:

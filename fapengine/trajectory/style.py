@@ -1,4 +1,4 @@
-"""How a face speaks: size and manner of its movements, and which generators liven it.
+"""Style: how large a face's movements are in speaking, how they are planned, and which gestures it makes.
 
 Theory of operation
 -------------------
@@ -10,11 +10,12 @@ moment of the profile's phones, ``g = S c / (c S c)`` is the pose that a millime
 ``w`` is ``(c w) g``, the jaw's, plus the rest, the lips'. Both are scaled, so the gains are one matrix.
 
 How fast the speech is needs no setting: phones too short to be reached undershoot, by the durations that the context
-model knows (:mod:`.context`) and by the merging of keyframes that stand too near (:data:`.keyframes.APART_S`).
+model knows (:mod:`.context`) and by the merging of keyframes that stand too near (:data:`.targets.APART_S`).
 """
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from fapengine.profiles import Profile
 Method = Literal["context", "paper", "minimum-jerk", "dominance"]
 METHOD_NAMES: tuple[Method, ...] = get_args(Method)
 GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
-"""Fields of :class:`Style` that switch liveliness."""
+"""Fields of :class:`Style` that switch gestures (:mod:`.gestures`)."""
 GAIN_MAX = 3.0
 LOUDNESS_DB = (-20.0, 20.0)
 DB_PER_DOUBLE_DROP = 12.0
@@ -35,7 +36,7 @@ Schulman 1989, doi:10.1121/1.397737."""
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How the face speaks, and what else moves."""
+    """Size of speech's movements, way of planning them, and gestures that are made."""
 
     articulation: float = 1.0
     """Size of the mouth's movements, 0..3; 1 is the recorded speaker's average."""
@@ -46,7 +47,7 @@ class Style:
     loudness_db: float = 0.0
     """Against the recorded speaker, -20..20: louder speech opens the jaw farther."""
     method: Method = "context"
-    """How a path comes from phones: :data:`fapengine.trajectory.methods.METHODS`."""
+    """Way from phones to a path: :data:`fapengine.trajectory.methods.METHODS`."""
     blinks: bool = True
     head_motion: bool = True
     gaze: bool = True
@@ -64,17 +65,47 @@ class Style:
             raise UsageError(
                 f"loudness_db: got {self.loudness_db}, expected {LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
             )  # fmt: skip
-        if self.method not in METHOD_NAMES:
-            raise UsageError(f"method: got {self.method!r}, expected one of {', '.join(METHOD_NAMES)}")
+        parse_method(self.method)
 
     @classmethod
     def still(cls, *, articulation: float = 1.0, method: Method = "context") -> "Style":
-        """Speech alone: nothing livens the face."""
+        """Speech alone: no gestures."""
         return cls(articulation, method=method, blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+
+    def without(self, names: Iterable[str]) -> "Style":
+        """Switch generators off.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one.
+
+        Raises
+        ------
+        UsageError
+            If there is no such generator.
+
+        Examples
+        --------
+        >>> Style().without(["head-motion", "gaze"]) == Style(head_motion=False, gaze=False)
+        True
+        """
+        off = [name.replace("-", "_") for name in names]
+        for name in off:
+            if name not in (*GENERATORS, "all"):
+                expected = ", ".join((*GENERATORS, "all")).replace("_", "-")
+                raise UsageError(f"without: got {name!r}, expected one of {expected}")
+        switched: dict[str, Any] = dict.fromkeys(GENERATORS if "all" in off else off, False)
+        return replace(self, **switched)
+
+    @property
+    def has_gestures(self) -> bool:
+        """Whether anything moves beside speech."""
+        return any(getattr(self, name) for name in GENERATORS)
 
     @property
     def context(self) -> bool:
-        """Whether phones look as their neighbours make them."""
+        """Whether a phone's targets depend on its neighbours."""
         return self.method == "context"
 
     @property
@@ -92,6 +123,20 @@ class Style:
         jaws, lips = jaw_share(profile), self.articulation * self.lips
         gains: NDArray[np.float64] = lips * np.eye(len(jaws)) + (self.jaw_gain - lips) * jaws
         return gains
+
+
+def parse_method(name: str) -> Method:
+    """Find a method by its name.
+
+    Raises
+    ------
+    UsageError
+        If there is none of that name.
+    """
+    for method in METHOD_NAMES:
+        if method == name:
+            return method
+    raise UsageError(f"method: got {name!r}, expected one of {', '.join(METHOD_NAMES)}")
 
 
 def jaw_share(profile: Profile) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from fapengine.voices.protocol import Speech
 
 DEFAULT_VOICE = "en-us"
 RATES_WPM = (80, 450)
-"""What espeak-ng accepts as words a minute (espeakRATE)."""
+"""Rates that espeak-ng accepts, words a minute (espeakRATE)."""
 DEFAULT_RATE_WPM = 160
 
 # Numbers of speak_lib.h.
@@ -90,7 +90,7 @@ def _library() -> tuple[ctypes.CDLL, int]:
 
 
 def sample_rate_hz() -> int:
-    """Of every sound that it makes.
+    """Return the sample rate of every sound that it makes.
 
     Raises
     ------
@@ -107,15 +107,15 @@ def voices() -> dict[str, str]:
     with _lock:
         library, _ = _library()
         records = library.espeak_ListVoices(None)
-        found: dict[str, str] = {}
+        by_code: dict[str, str] = {}
         index = 0
         while records[index]:
             record = records[index].contents
             # A priority byte, then the language code; more pairs may follow, the first is the voice's own.
             code = ctypes.cast(ctypes.addressof(record.languages.contents) + 1, ctypes.c_char_p).value or b""
-            found.setdefault(code.decode(), record.name.decode())
+            by_code.setdefault(code.decode(), record.name.decode())
             index += 1
-    return dict(sorted(found.items()))
+    return dict(sorted(by_code.items()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,9 +163,9 @@ class EspeakVoice:
         def collect(wave, count, event) -> int:  # type: ignore[no-untyped-def]
             index = 0
             while event[index].type != _EVENT_LIST_END:
-                one = event[index]
-                name = bytes(one.name) if one.type == _EVENT_PHONEME else b""
-                events.append((one.sample, one.type, one.text_position, one.length, name))
+                entry = event[index]
+                name = bytes(entry.name) if entry.type == _EVENT_PHONEME else b""
+                events.append((entry.sample, entry.type, entry.text_position, entry.length, name))
                 index += 1
             if wave and count > 0:
                 pieces.append(ctypes.string_at(wave, 2 * count))

@@ -1,68 +1,113 @@
-"""What a session can be told. Times that say *engine time* are of the clock that the engine is driven by."""
+"""Commands to a live face: the one list of them (:mod:`.command_table` says how it is read).
 
-from dataclasses import dataclass
+Times that say *engine time* are of the clock that the engine is driven by. A field without a specification is not
+written outside Python, or is written by a message that belongs to one sender.
+"""
+
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
+from fapengine.live.engine.command_table import (
+    Angle,
+    Choice,
+    CommandSpec,
+    Duration,
+    EndlessDuration,
+    FieldSpec,
+    Time,
+)
+from fapengine.live.engine.command_table import Command as Command
 from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.expression import MAX_WEIGHT
 
 Anchor = Literal["now", "at", "audio"]
-MANNERS = ("articulation", "jaw", "lips", "loudness_db", "blinks", "head_motion", "gaze", "idle", "emphasis")
-"""Settings of :class:`Manner`: fields of :class:`fapengine.trajectory.style.Style`."""
+PARAMETERS = ("articulation", "jaw", "lips", "loudness_db", "blinks", "head_motion", "gaze", "idle", "emphasis")
+"""Parameters of :class:`SetParameter`: fields of :class:`fapengine.trajectory.style.Style`."""
+MAX_TURN_RAD = 1.5
+MIN_DURATION_S, MAX_DURATION_S = 0.01, 60.0
+"""Bounds of ramps and fades."""
+MIN_FADE_S, MAX_FADE_S = 0.01, 10.0
+EXPRESSIONS = {expression.name.lower(): expression for expression in Expression if expression}
+EXPRESSION_SYNONYMS = {
+    "happy": Expression.JOY, "happiness": Expression.JOY, "smile": Expression.JOY, "sad": Expression.SADNESS,
+    "angry": Expression.ANGER, "afraid": Expression.FEAR, "scared": Expression.FEAR, "fearful": Expression.FEAR,
+    "disgusted": Expression.DISGUST, "surprised": Expression.SURPRISE, "neutral": Expression.NEUTRAL,
+    "none": Expression.NEUTRAL,
+}  # fmt: skip
+"""Other names of expressions that senders use."""
+
+_TO_THE_LEFT = Angle(osc="yaw_deg", json="yaw", low=-MAX_TURN_RAD, high=MAX_TURN_RAD, doc="to the subject's left")
+_DOWN = Angle(osc="pitch_deg", json="pitch", low=-MAX_TURN_RAD, high=MAX_TURN_RAD, doc="down")
+_RIGHT_EAR_DOWN = Angle(osc="roll_deg", json="roll", low=-MAX_TURN_RAD, high=MAX_TURN_RAD, doc="right ear down")
+_EXPRESSION = Choice(
+    what="expression",
+    osc="name",
+    json="name",
+    values=EXPRESSIONS,
+    synonyms=EXPRESSION_SYNONYMS,
+    doc="joy, sadness, anger, fear, disgust, surprise or neutral",
+)
+_PARAMETER = Choice(what="parameter", osc="key", json="setting", values={name: name for name in PARAMETERS})
+_OVER = Duration(osc="over_us", json="over", low=MIN_DURATION_S, high=MAX_DURATION_S)
 
 
 @dataclass(frozen=True, slots=True)
-class Begin:
+class Begin(Command):
     """Open an utterance. Utterances are said in the order in which they begin; ``"at"`` and ``"audio"`` do not wait."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="open an utterance", osc="/fap/1/utt/begin")
     utterance: int
     anchor: Anchor = "now"
-    """When its time 0 is: as soon as the one before it is over, at a time, or when its sound is heard to play."""
+    """Start of its time: when the one before it is over, at ``at_s``, or when its sound is heard to play."""
     at_s: float = 0.0
     """Engine time, for ``"at"``."""
     revision: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Append:
+class Append(Command):
     """Phones of an utterance, by index: the same again changes nothing, so senders may repeat themselves."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="phones of an utterance", osc="/fap/1/phones")
     utterance: int
     first_index: int
     phones: tuple[Phone, ...]
-    """In the utterance's time. Silences count as phones."""
+    """Phones in the utterance's time. Silences count as phones."""
     revision: int = 0
-    """A higher one than before replaces all phones that are still to come; a lower one is ignored."""
+    """Number of this version: a higher one than before replaces all phones still to come, a lower one is ignored."""
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class End(Command):
     """Say that no phone with a higher index will come."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="no phone follows", osc="/fap/1/utt/end")
     utterance: int
     phone_count: int
     duration_s: float
-    """Of the utterance, its last silence included."""
+    """Length of the utterance, its last silence included."""
     revision: int = 0
 
 
 VOICE_UTTERANCES = 1 << 30
-"""What the server's own voice says is numbered from here, so that it never meets a sender's."""
+"""First number of what the server's own voice says, so that it never meets a sender's."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cancel:
+class Cancel(Command):
     """Stop speaking (barge-in). The same again changes nothing."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="stop speaking", osc="/fap/1/utt/cancel", json="cancel")
     utterance: int | None = None
-    """None: all there are, or see ``first``."""
+    """Number of the utterance; None: all there are, or see ``first``."""
     at_s: float | None = None
     """Engine time; None: at once."""
     fade_s: float = 0.2
-    """The face is at rest this much later."""
+    """Time from there until the face is at rest."""
     first: int = 0
-    """With None for the utterance: only those that are numbered so, or higher."""
+    """Lowest number that is cancelled, with None for the utterance."""
 
     def means(self, utterance: int) -> bool:
         """Whether an utterance is to stop."""
@@ -70,86 +115,133 @@ class Cancel:
 
 
 @dataclass(frozen=True, slots=True)
-class Pause:
+class Pause(Command):
     """Stop where it is and come to rest; the queue waits."""
 
-    fade_s: float = 0.2
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="stop where it is", osc="/fap/1/utt/pause", json="pause", is_direct=True
+    )
+    fade_s: Annotated[float, Duration(osc="fade_ms", per_s=1000, low=MIN_FADE_S, high=MAX_FADE_S)] = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Resume:
+class Resume(Command):
     """Go on from where it was paused."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="go on", osc="/fap/1/utt/resume", json="resume", is_direct=True)
+
 
 @dataclass(frozen=True, slots=True)
-class Seek:
-    """Go on from another place of the utterance that is being said."""
+class Seek(Command):
+    """Go on from another position of the utterance that is being said."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="go on from elsewhere", osc="/fap/1/utt/seek")
     utterance: int
     position_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class Audio:
-    """Where the sound of an utterance really is; the face follows it."""
+class Audio(Command):
+    """Report where the sound of an utterance really is; the face follows it."""
 
-    utterance: int
-    at_s: float
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="`position_s` of the sound is heard at engine time `at_s`", osc="/fap/1/audio", json="audio"
+    )
+    utterance: Annotated[int, FieldSpec(json="utterance", low=0, high=2**32 - 1, is_whole=True)]
+    at_s: Annotated[float, FieldSpec(json="at_s", low=-1e12, high=1e12)]
     """Engine time at which this was so."""
-    position_s: float
-    """In the utterance."""
-    rate: float = 1.0
-    """0: it stands still."""
+    position_s: Annotated[float, FieldSpec(json="position_s", low=-60.0, high=86_400.0)]
+    """Position in the utterance."""
+    rate: Annotated[float, FieldSpec(json="rate", low=0.0, high=4.0)] = 1.0
+    """Speed of the sound; 0: it stands still."""
 
 
 @dataclass(frozen=True, slots=True)
-class Express:
+class Express(Command):
     """Show an expression; a new one of the same name takes over from where the old one is."""
 
-    expression: Expression
-    level: float = 1.0
-    """0..2; 1 is the profile's full expression."""
-    at_s: float | None = None
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="show an expression", osc="/fap/1/expr", one_shot="/expr", json="express",
+        is_direct=True, is_repeatable=True, is_shown=True,
+    )  # fmt: skip
+    expression: Annotated[Expression, _EXPRESSION]
+    level: Annotated[float, FieldSpec(osc="level", json="level", low=0.0, high=MAX_WEIGHT)] = 1.0
+    """Share of the profile's full expression."""
+    at_s: Annotated[float | None, Time(osc="at_us", doc="from its arrival; -1: at once")] = None
     """Engine time; None: at once."""
-    attack_s: float = 0.35
-    hold_s: float = inf
-    release_s: float = 0.5
+    attack_s: Annotated[float, Duration(osc="attack_us", low=MIN_DURATION_S, high=MAX_DURATION_S)] = 0.35
+    hold_s: Annotated[float, EndlessDuration(osc="hold_us", low=0.0, doc="-1: until told otherwise")] = inf
+    release_s: Annotated[float, Duration(osc="release_us", low=MIN_DURATION_S, high=MAX_DURATION_S)] = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """Turn both eyes, against the head; as FAP 23 to 26 count: to the subject's left, and down."""
+class Look(Command):
+    """Turn both eyes, against the head; as FAP 23 to 26 count."""
 
-    yaw_rad: float
-    pitch_rad: float
-    over_s: float = 0.1
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="turn the eyes", osc="/fap/1/gaze", one_shot="/gaze", json="look", is_direct=True, is_repeatable=True
+    )
+    yaw_rad: Annotated[float, _TO_THE_LEFT]
+    pitch_rad: Annotated[float, _DOWN]
+    over_s: Annotated[float, _OVER] = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Blink:
+class Blink(Command):
     """Close both eyes once, now."""
 
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="close both eyes once", osc="/fap/1/blink", one_shot="/blink", json="blink", is_direct=True
+    )
 
-@dataclass(frozen=True, slots=True)
-class TurnHead:
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurnHead(Command):
     """Turn the head, as FAP 48 to 50 count; what it does of itself is added."""
 
-    pitch_rad: float
-    yaw_rad: float
-    roll_rad: float
-    over_s: float = 0.4
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="turn the head", osc="/fap/1/head", one_shot="/head", json="head",
+        is_direct=True, is_repeatable=True, is_shown=True,
+    )  # fmt: skip
+    roll_rad: Annotated[float, _RIGHT_EAR_DOWN]
+    pitch_rad: Annotated[float, _DOWN]
+    yaw_rad: Annotated[float, _TO_THE_LEFT]
+    over_s: Annotated[float, _OVER] = 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class SetParameter(Command):
     """Change how a session speaks or moves from now on."""
 
-    setting: str
-    """One of :data:`MANNERS`."""
-    value: float
-    """As in :class:`fapengine.trajectory.style.Style`; 0 and 1 switch generators."""
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="articulation, jaw, lips (0 to 3), loudness_db; blinks, head_motion, gaze, idle, emphasis (0 or 1)",
+        osc="/fap/1/param", one_shot="/param", json="manner", is_direct=True, is_repeatable=True,
+    )  # fmt: skip
+    parameter: Annotated[str, _PARAMETER]
+    value: Annotated[float, FieldSpec(osc="value", json="value", low=-20.0, high=20.0)]
+    """Value as in :class:`fapengine.trajectory.style.Style`; 0 and 1 switch generators."""
 
 
-Command = (
-    Begin | Append | End | Cancel | Pause | Resume | Seek | Audio | Express | Look | Blink | TurnHead | Manner
+COMMANDS: tuple[type[Command], ...] = (
+    Begin, Append, End, Cancel, Pause, Resume, Seek, Audio, Express, Look, Blink, TurnHead, SetParameter,
 )  # fmt: skip
+"""The list."""
+
+
+def without_neutral(command: Command) -> tuple[Command, ...]:
+    """Give the commands for the engine: "neutral" takes all expressions away."""
+    if not isinstance(command, Express) or command.expression != Expression.NEUTRAL:
+        return (command,)
+    return tuple(replace(command, expression=expression, level=0.0) for expression in EXPRESSIONS.values())
+
+
+def expression_named(name: str) -> Expression:
+    """Find an expression by one of its names.
+
+    Raises
+    ------
+    DataError
+        If there is no such expression.
+    """
+    expression: Expression = _EXPRESSION.named(name)
+    return expression

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nextafter
+from math import inf, nextafter
 from operator import itemgetter
 from typing import Any
 
@@ -10,37 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.live.engine.command_table import checked, python_name
 from fapengine.live.engine.commands import (
-    MANNERS,
     Append,
     Audio,
     Begin,
-    Blink,
     Cancel,
     Command,
     End,
-    Express,
-    Look,
-    Manner,
     Pause,
     Resume,
     Seek,
-    TurnHead,
+    SetParameter,
 )
-from fapengine.live.engine.life import Life
+from fapengine.live.engine.gestures import BatchGestures
 from fapengine.live.engine.session import Counters, Event, Limits, Session, State
 from fapengine.live.engine.utterance import StreamClock, Utterance
 from fapengine.profiles import Profile
-from fapengine.trajectory.bank import SessionBank
-from fapengine.trajectory.expression import MAX_WEIGHT
+from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.style import GENERATORS, Style
 
-SHORTEST_S, LONGEST_S = 0.01, 60.0
-"""Ramps and fades are held between these."""
-MAX_TURN_RAD = 1.5
 PLANS_A_FRAME, URGENT_PLANS = 6, 12
-"""Beyond the first, a frame plans only for sessions that cannot wait; beyond the second those wait too, and what comes
-for them meanwhile is planned with the rest. A frame of 500 sessions takes 6 ms, and each plan 0.5."""
+"""Plans that a frame makes for all sessions, and at most for those that cannot wait; beyond that these wait too, and
+what comes for them meanwhile is planned with the rest. A frame of 500 sessions takes 6 ms, and each plan 0.5."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +47,17 @@ class EngineFrame:
 
 
 class Engine:
-    """Stateful: faces that speak, look and feel as they are told.
+    """Faces that speak, look and show expressions as commands say.
+
+    Stateful.
 
     Parameters
     ----------
     profile : Profile
         Of all sessions.
     rng : numpy.random.Generator
-        Chance of what livens them; each session draws from a stream of its own.
+        Chance of the gestures; each session draws from streams of its own. The first session's are those of
+        :func:`fapengine.trajectory.planner.plan` with the same seed.
     limits : Limits
     style : Style
         Of every session until it is told otherwise.
@@ -88,8 +83,8 @@ class Engine:
         style: Style | None = None,
     ) -> None:
         self._rng, self._limits, self._style = rng, limits or Limits(), style or Style()
-        self._bank = SessionBank(profile, Style.still(method=self._style.method))
-        self._life = Life(profile, self._style)
+        self._batch = BatchPlanner(profile, Style.still(method=self._style.method))
+        self._gestures = BatchGestures(profile, self._style)
         self._by_name: dict[str, Session] = {}
         self._rows: list[Session] = []
         self._names: tuple[str, ...] = ()
@@ -123,16 +118,16 @@ class Engine:
             raise UsageError(f"session: got {session!r}, which is open already")
         if len(self._rows) >= self._limits.sessions:
             raise UsageError(f"sessions: got one more than the limit of {self._limits.sessions}")
-        number = self._bank.open(now_s)
-        (own,) = self._rng.spawn(1)
-        self._life.open(now_s, own)
+        number = self._batch.open(now_s)
+        self._gestures.open(now_s, self._rng)
+        clock = StreamClock(now_s)
         made = Session(
-            session, number, self._bank, self._life, self._limits, self._style, StreamClock(now_s), self._events.append
+            session, number, self._batch, self._gestures, self._limits, self._style, clock, self._events.append
         )
         self._by_name[session] = made
         self._rows.append(made)
         self._wake_s = np.append(self._wake_s, np.inf)
-        self._names = tuple(one.name for one in self._rows)
+        self._names = tuple(opened.name for opened in self._rows)
 
     def close(self, session: str, now_s: float) -> None:
         """End a session, and cancel what it was saying.
@@ -144,16 +139,26 @@ class Engine:
         """
         closed = self._session(session)
         closed.cancel(Cancel(), now_s)
-        row = self._bank.row(closed.number)
-        self._bank.close(closed.number)
-        self._life.close(row)
+        row = self._batch.row(closed.number)
+        self._batch.close(closed.number)
+        self._gestures.close(row)
         self._rows[row] = self._rows[-1]
         self._rows.pop()
         self._wake_s[row] = self._wake_s[-1]
         self._wake_s = self._wake_s[:-1]
-        self._names = tuple(one.name for one in self._rows)
+        self._names = tuple(opened.name for opened in self._rows)
         self._awake.discard(session)
         del self._by_name[session]
+
+    def rest(self, session: str, at_s: float, now_s: float) -> None:
+        """Let a session's gestures come to rest by a time, as those of a file do by its end; none follows.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        self._gestures.end(self._batch.row(self._session(session).number), at_s, max(now_s, self._shown_s))
 
     def apply(self, session: str, command: Command, now_s: float) -> None:
         """Tell a session something. What it cannot use is counted (:meth:`counters`), not raised.
@@ -163,8 +168,14 @@ class Engine:
         UsageError
             If the session is not open.
         """
-        _APPLY[type(command)](self, self._session(session), command, max(now_s, self._shown_s))
+        target = self._session(session)
         self._awake.add(session)
+        answer = _APPLY.get(type(command), Engine._gesture)
+        try:
+            usable = checked(command) if command.SPEC.is_direct else command
+            answer(self, target, usable, max(now_s, self._shown_s))
+        except UsageError:
+            target.counters.refused += 1
 
     def frame(self, now_s: float) -> EngineFrame:
         """One frame of every session.
@@ -182,30 +193,31 @@ class Engine:
         for row in np.flatnonzero(self._wake_s <= now_s):
             self._awake.add(self._rows[row].name)
         awake = [self._by_name[name] for name in sorted(self._awake)]
-        for one in awake:
-            one.advance(now_s)
-        self._plan([one for one in awake if one.fresh], now_s)
-        for one in awake:
-            self._wake_s[self._bank.row(one.number)] = one.wake_s
+        for session in awake:
+            session.advance(now_s)
+        self._plan([session for session in awake if session.fresh], now_s)
+        for session in awake:
+            self._wake_s[self._batch.row(session.number)] = session.wake_s
         elapsed_s = now_s - self._shown_s
         self._awake.clear()
         if np.isfinite(elapsed_s):
-            for one in self._rows:
-                if one.slew_left_s:
-                    one.slew(elapsed_s)
-        frames = self._bank.frames(now_s, self._life.shown(now_s))
+            for session in self._rows:
+                if session.slew_left_s:
+                    session.slew(elapsed_s)
+        frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
         self._shown_s = now_s
         return EngineFrame(self._names, frames.faps, now_s)
 
     def _plan(self, sessions: Sequence[Session], now_s: float) -> None:
         """Plan for sessions with fresh phones, the most urgent first; the others are woken again."""
         planned = 0
-        for (urgent_s, due_s), one in sorted(((one.plan_by_s(), one) for one in sessions), key=itemgetter(0)):
+        urgency = sorted(((session.plan_by_s(), session) for session in sessions), key=itemgetter(0))
+        for (urgent_s, due_s), session in urgency:
             if due_s <= now_s and planned < (URGENT_PLANS if urgent_s <= now_s else PLANS_A_FRAME):
-                one.flush(now_s)
+                session.flush(now_s)
                 planned += 1
             else:
-                one.wake_s = min(one.wake_s, max(due_s, nextafter(now_s, inf)))
+                session.wake_s = min(session.wake_s, max(due_s, nextafter(now_s, inf)))
 
     def events(self) -> list[Event]:
         """Tell what has happened since it was last asked."""
@@ -258,59 +270,26 @@ class Engine:
             raise UsageError(f"session: got {session!r}, which is not open")
         return self._by_name[session]
 
-    def _express(self, one: Session, wish: Express, now_s: float) -> None:
-        times_ok = all(isfinite(value) for value in (wish.level, wish.attack_s, wish.release_s, wish.at_s or 0.0))
-        if not times_ok or not 0 <= wish.level <= MAX_WEIGHT or not wish.hold_s >= 0:
-            one.counters.refused += 1
-            return
-        wish = replace(wish, attack_s=_held(wish.attack_s), release_s=_held(wish.release_s))
-        if not self._life.express(self._bank.row(one.number), wish, now_s):
-            one.counters.refused += 1
+    def _gesture(self, target: Session, command: Command, now_s: float) -> None:
+        """Have a command answered by the method of its name."""
+        answer = getattr(self._gestures, python_name(type(command)))
+        answer(self._batch.row(target.number), command, now_s)
 
-    def _look(self, one: Session, wish: Look, now_s: float) -> None:
-        if not all(abs(angle) <= MAX_TURN_RAD for angle in (wish.yaw_rad, wish.pitch_rad)):
-            one.counters.refused += 1
-            return
-        self._life.look(self._bank.row(one.number), replace(wish, over_s=_held(wish.over_s)), now_s)
-
-    def _turn(self, one: Session, wish: TurnHead, now_s: float) -> None:
-        if not all(abs(angle) <= MAX_TURN_RAD for angle in (wish.yaw_rad, wish.pitch_rad, wish.roll_rad)):
-            one.counters.refused += 1
-            return
-        self._life.turn(self._bank.row(one.number), replace(wish, over_s=_held(wish.over_s)), now_s)
-
-    def _blink(self, one: Session, _: Blink, now_s: float) -> None:
-        self._life.blink(self._bank.row(one.number), now_s)
-
-    def _behave(self, one: Session, wish: Manner, now_s: float) -> None:
-        try:
-            value = bool(wish.value) if wish.setting in GENERATORS else wish.value
-            if wish.setting not in MANNERS:
-                raise UsageError(f"setting: got {wish.setting!r}, expected one of {', '.join(MANNERS)}")
-            changes: dict[str, Any] = {wish.setting: value}
-            one.style = replace(one.style, **changes)
-        except UsageError:
-            one.counters.refused += 1
-            return
-        self._life.behave(self._bank.row(one.number), one.style, now_s)
-
-
-def _held(over_s: float) -> float:
-    return min(max(over_s, SHORTEST_S), LONGEST_S) if isfinite(over_s) else SHORTEST_S
+    def _set_parameter(self, target: Session, command: SetParameter, now_s: float) -> None:
+        value = bool(command.value) if command.parameter in GENERATORS else command.value
+        changes: dict[str, Any] = {command.parameter: value}
+        target.style = replace(target.style, **changes)
+        self._gestures.behave(self._batch.row(target.number), target.style, now_s)
 
 
 _APPLY: dict[type, Callable[[Engine, Session, Any, float], None]] = {
-    Begin: lambda engine, one, command, now_s: one.begin(command, now_s),
-    Append: lambda engine, one, command, now_s: one.append(command, now_s),
-    End: lambda engine, one, command, now_s: one.end(command, now_s),
-    Cancel: lambda engine, one, command, now_s: one.cancel(command, now_s),
-    Pause: lambda engine, one, command, now_s: one.pause(command, now_s),
-    Resume: lambda engine, one, command, now_s: one.resume(command, now_s),
-    Seek: lambda engine, one, command, now_s: one.seek(command, now_s),
-    Audio: lambda engine, one, command, now_s: one.audio(command, now_s),
-    Express: Engine._express,
-    Look: Engine._look,
-    TurnHead: Engine._turn,
-    Blink: Engine._blink,
-    Manner: Engine._behave,
+    Begin: lambda engine, session, command, now_s: session.begin(command, now_s),
+    Append: lambda engine, session, command, now_s: session.append(command, now_s),
+    End: lambda engine, session, command, now_s: session.end(command, now_s),
+    Cancel: lambda engine, session, command, now_s: session.cancel(command, now_s),
+    Pause: lambda engine, session, command, now_s: session.pause(command, now_s),
+    Resume: lambda engine, session, command, now_s: session.resume(command, now_s),
+    Seek: lambda engine, session, command, now_s: session.seek(command, now_s),
+    Audio: lambda engine, session, command, now_s: session.audio(command, now_s),
+    SetParameter: Engine._set_parameter,
 }

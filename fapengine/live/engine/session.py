@@ -16,10 +16,10 @@ from math import inf, nextafter
 from typing import Literal
 
 from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, End, Pause, Resume, Seek
-from fapengine.live.engine.life import Life
+from fapengine.live.engine.gestures import BatchGestures
 from fapengine.live.engine.utterance import StreamClock, Utterance
 from fapengine.speech.phone_track import SILENCE, Phone
-from fapengine.trajectory.bank import SessionBank
+from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.stream import AHEAD_PHONES, SAME_S
 from fapengine.trajectory.style import Style
 
@@ -32,26 +32,27 @@ JUMP_S = 0.08
 """Sound that is farther off than this is jumped to, not slewed to."""
 JUMP_FADE_S = 0.15
 PLAN_EARLY_S = 0.1
-"""So long before phones begin to matter to what is shown, they are planned."""
+"""Time before phones begin to matter to what is shown, at which they are planned."""
 GATHER_S, URGENT_S = 0.05, 0.3
-"""A clause comes in several datagrams: its first phones wait so long for the others, unless they are due so soon."""
+"""A clause comes in several datagrams: time that its first phones wait for the others, unless they are due within the
+second time."""
 CONCEAL_S = 0.06
-"""So long before a gap is reached, another phone stands in for the missing one."""
+"""Time before a gap at which another phone stands in for the missing one."""
 REMEMBERED = 64
-"""Utterances that are over and whose late repeats are known for what they are."""
+"""Number of utterances that are over and whose late repeats are still recognised."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one engine and one session may hold."""
+    """Bounds of what one engine and one session hold."""
 
     sessions: int = 1000
     utterances: int = 32
-    """Of a session, not over."""
+    """Utterances of a session that are not over."""
     phones: int = 20_000
-    """Of an utterance."""
+    """Phones of an utterance."""
     queued_s: float = 600.0
-    """Of an utterance, and how far ahead one may begin."""
+    """Length of an utterance, and how far ahead one may begin."""
     silence_s: float = 2.0
     """An utterance whose end was not told is over when nothing more comes for so long."""
     wait_s: float = 30.0
@@ -60,7 +61,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What happened to an utterance."""
+    """An event in the life of an utterance."""
 
     session: str
     utterance: int
@@ -70,12 +71,15 @@ class Event:
     count: int = 1
     """Phones, where phones are meant."""
     position_s: float = 0.0
-    """Where the utterance was, in its own time; 0 before it is settled."""
+    """Position in the utterance's own time; 0 before it is settled."""
 
 
 @dataclass(slots=True)
 class Counters:
-    """Stateful: what a session has met with."""
+    """Counts of what a session has met with.
+
+    Stateful.
+    """
 
     utterances: int = 0
     finished: int = 0
@@ -96,9 +100,9 @@ class Counters:
     unknown: int = 0
     """Phones whose label is no IPA."""
     underruns: int = 0
-    """How often speech stood still for want of phones."""
+    """Times that speech stood still for want of phones."""
     jumps: int = 0
-    """How often the face jumped to where the sound was."""
+    """Times that the face jumped to where the sound was."""
     ignored: int = 0
     """Commands that came to nothing: for utterances that are over, or of a lower revision."""
     refused: int = 0
@@ -107,13 +111,16 @@ class Counters:
 
 @dataclass(slots=True, eq=False)
 class Session:
-    """Stateful: see the theory of operation."""
+    """One session of an engine; see the theory of operation.
+
+    Stateful.
+    """
 
     name: str
     number: int
-    """In the bank."""
-    bank: SessionBank
-    life: Life
+    """Number in the batch."""
+    batch: BatchPlanner
+    gestures: BatchGestures
     limits: Limits
     style: Style
     clock: StreamClock
@@ -121,15 +128,15 @@ class Session:
     counters: Counters = field(default_factory=Counters)
     queue: list[Utterance] = field(default_factory=list)
     over: dict[int, int] = field(default_factory=dict)
-    """Utterance to revision."""
+    """Revision of each utterance that is over."""
     is_paused: bool = False
     wake_s: float = -inf
     """Engine time at which :meth:`advance` must be called."""
     slew_left_s: float = 0.0
-    """What the face still lags behind its sound."""
+    """Time by which the face still lags behind its sound."""
     cancels: list[tuple[float, Cancel]] = field(default_factory=list)
     fresh: list[Phone] = field(default_factory=list)
-    """For the planner, at the next frame."""
+    """Phones for the planner, at the next frame."""
     fresh_since_s: float = -inf
     """Engine time at which the first of them came."""
     fresh_for: int = -1
@@ -140,13 +147,13 @@ class Session:
         """What it is doing."""
         if self.is_paused:
             return "paused"
-        if any(one.has_started for one in self.queue):
+        if any(utterance.has_started for utterance in self.queue):
             return "speaking"
         return "waiting" if self.queue else "idle"
 
     def find(self, number: int) -> Utterance | None:
         """Find an utterance that is not over."""
-        return next((one for one in self.queue if one.number == number), None)
+        return next((utterance for utterance in self.queue if utterance.number == number), None)
 
     # Commands -------------------------------------------------------------------------------------------------------
 
@@ -155,14 +162,14 @@ class Session:
         if command.anchor == "at" and command.at_s > now_s + self.limits.queued_s:
             self.counters.refused += 1  # all that comes later would wait for it
             return
-        one = self._open(command.utterance, command.revision, now_s)
-        if one is None:
+        utterance = self._open(command.utterance, command.revision, now_s)
+        if utterance is None:
             return
-        if one.anchor is None:
-            one.anchor, one.at_s = command.anchor, self.clock.stream_s(command.at_s)
-            one.revision = max(one.revision, command.revision)
-        elif command.revision > one.revision:
-            self._revise(one, command.revision, now_s)
+        if utterance.anchor is None:
+            utterance.anchor, utterance.at_s = command.anchor, self.clock.stream_s(command.at_s)
+            utterance.revision = max(utterance.revision, command.revision)
+        elif command.revision > utterance.revision:
+            self._revise(utterance, command.revision, now_s)
         self._settle(now_s)
 
     def append(self, command: Append, now_s: float) -> None:
@@ -174,31 +181,31 @@ class Session:
         if max(phone.end_s for phone in command.phones) > self.limits.queued_s:
             self.counters.refused += 1
             return
-        one = self._open(command.utterance, command.revision, now_s)
-        if one is None:
+        utterance = self._open(command.utterance, command.revision, now_s)
+        if utterance is None:
             return
-        if command.revision < one.revision:
+        if command.revision < utterance.revision:
             self.counters.ignored += 1
             return
-        if command.revision > one.revision:
-            self._revise(one, command.revision, now_s)
-        one.latest_s = now_s
-        new = one.add(command)
+        if command.revision > utterance.revision:
+            self._revise(utterance, command.revision, now_s)
+        utterance.latest_s = now_s
+        new = utterance.add(command)
         if new:
-            one.is_dry = False
-        if one.anchored:
-            self._feed(one, new, now_s)
+            utterance.is_dry = False
+        if utterance.anchored:
+            self._feed(utterance, new, now_s)
 
     def end(self, command: End, now_s: float) -> None:
         """Learn that an utterance is whole."""
-        one = self._open(command.utterance, command.revision, now_s)
-        if one is None or command.revision != one.revision or one.phone_count is not None:
+        utterance = self._open(command.utterance, command.revision, now_s)
+        if utterance is None or command.revision != utterance.revision or utterance.phone_count is not None:
             return
         if command.phone_count > self.limits.phones or not 0 <= command.duration_s <= self.limits.queued_s:
             self.counters.refused += 1
             return
-        one.latest_s = now_s
-        one.limit(command)
+        utterance.latest_s = now_s
+        utterance.limit(command)
         self._settle(now_s)
 
     def cancel(self, command: Cancel, now_s: float) -> None:
@@ -209,73 +216,73 @@ class Session:
             elif (command.at_s, command) not in self.cancels:
                 self.cancels.append((command.at_s, command))
             return
-        stopped = [one for one in self.queue if command.means(one.number)]
-        if any(one.anchored for one in stopped):
+        stopped = [utterance for utterance in self.queue if command.means(utterance.number)]
+        if any(utterance.anchored for utterance in stopped):
             self._silence(now_s, command.fade_s)
-        for one in stopped:
+        for utterance in stopped:
             self.counters.cancelled += 1
-            self._close(one, "cancelled", now_s)
+            self._close(utterance, "cancelled", now_s)
         if not self.queue:
             self.is_paused = False
-        if any(one.anchored for one in stopped):
+        if any(utterance.anchored for utterance in stopped):
             self._replace_rest(now_s, self.clock.stream_s(now_s) + command.fade_s)
 
     def pause(self, command: Pause, now_s: float) -> None:
         """Stop where it is."""
         if self.is_paused or not self.queue:
             return
-        if any(one.anchored for one in self.queue):
+        if any(utterance.anchored for utterance in self.queue):
             self._silence(now_s, command.fade_s)
         self.is_paused = True
-        for one in self.queue:
-            if one.anchored:
-                one.resume_s = one.position_s(now_s)
-                one.zero_s = None
+        for utterance in self.queue:
+            if utterance.anchored:
+                utterance.resume_s = utterance.position_s(now_s)
+                utterance.zero_s = None
 
     def resume(self, _: Resume, now_s: float) -> None:
         """Go on."""
         if not self.is_paused:
             return
         self.is_paused = False
-        for one in self.queue:
-            one.latest_s = now_s
-            if one.resume_s is not None:
-                self._put(one, self.clock.stream_s(now_s) - one.resume_s, now_s)
+        for utterance in self.queue:
+            utterance.latest_s = now_s
+            if utterance.resume_s is not None:
+                self._put(utterance, self.clock.stream_s(now_s) - utterance.resume_s, now_s)
         self._settle(now_s)
 
     def seek(self, command: Seek, now_s: float) -> None:
         """Go on from elsewhere."""
-        one = self.find(command.utterance)
-        if one is None or (one.resume_s is None and not one.has_started):
+        utterance = self.find(command.utterance)
+        if utterance is None or (utterance.resume_s is None and not utterance.has_started):
             self.counters.ignored += 1
-        elif one.resume_s is not None:
-            one.resume_s = command.position_s
+        elif utterance.resume_s is not None:
+            utterance.resume_s = command.position_s
         else:
-            self._jump(one, command.position_s, now_s)
+            self._jump(utterance, command.position_s, now_s)
 
     def audio(self, command: Audio, now_s: float) -> None:
         """Follow the sound."""
-        one = self.find(command.utterance)
-        if one is None:
+        utterance = self.find(command.utterance)
+        if utterance is None:
             self.counters.ignored += 1
             return
-        one.latest_s = now_s
+        utterance.latest_s = now_s
         heard_s = command.position_s + command.rate * (now_s - command.at_s)
         if command.rate == 0:
-            if one.anchored:
+            if utterance.anchored:
                 self.pause(Pause(), now_s)
-                one.resume_s = heard_s
-        elif not one.anchored:
-            if one.resume_s is None:  # of another sound than the one that stood still: all go on
+                utterance.resume_s = heard_s
+        elif not utterance.anchored:
+            if utterance.resume_s is None:  # of another sound than the one that stood still: all go on
                 self.resume(Resume(), now_s)
             self.is_paused = False
-            self._put(one, self.clock.stream_s(now_s) - heard_s, now_s)
+            self._put(utterance, self.clock.stream_s(now_s) - heard_s, now_s)
             self._settle(now_s)
         else:
-            error_s = heard_s - one.position_s(now_s)
+            error_s = heard_s - utterance.position_s(now_s)
             if abs(error_s) > JUMP_S:
                 self.counters.jumps += 1
-                self._jump(one, heard_s, now_s)
+                self._jump(utterance, heard_s, now_s)
             else:
                 self.slew_left_s = error_s
 
@@ -286,17 +293,17 @@ class Session:
         for at_s, command in [due for due in self.cancels if due[0] <= now_s]:
             self.cancels.remove((at_s, command))
             self.cancel(command, now_s)
-        for place, one in enumerate(list(self.queue)):
-            if one.anchored:
-                self._advance(one, now_s)
+        for place, utterance in enumerate(list(self.queue)):
+            if utterance.anchored:
+                self._advance(utterance, now_s)
             elif place or self.is_paused:
-                one.latest_s = now_s  # it waits for others
-            elif now_s >= one.latest_s + self.limits.wait_s:
-                self._give_up(one, now_s)
+                utterance.latest_s = now_s  # it waits for others
+            elif now_s >= utterance.latest_s + self.limits.wait_s:
+                self._give_up(utterance, now_s)
         self._settle(now_s)
         self.wake_s = min((at_s for at_s, _ in self.cancels), default=inf)
-        for one in self.queue:
-            self.wake_s = min(self.wake_s, self._due_s(one, now_s))
+        for utterance in self.queue:
+            self.wake_s = min(self.wake_s, self._due_s(utterance, now_s))
 
     def slew(self, elapsed_s: float) -> None:
         """Bend time a little towards the sound."""
@@ -304,22 +311,22 @@ class Session:
         step_s = min(max(self.slew_left_s, -most_s), most_s)
         self.slew_left_s -= step_s
         self.clock.begins_s -= step_s
-        self.bank.retime(self.number, self.clock.begins_s)
+        self.batch.retime(self.number, self.clock.begins_s)
 
     def flush(self, now_s: float) -> None:
         """Give the planner what has come since it was last given something."""
-        counts = self.bank.counts(self.number)
+        counts = self.batch.counts(self.number)
         before = counts.late + counts.dropped
-        self.bank.feed(self.number, self.fresh)
+        self.batch.feed(self.number, self.fresh)
         late = counts.late + counts.dropped - before
-        one = self.find(self.fresh_for)
-        if late and one is not None:
-            self._tell(one, "late", now_s, late)
+        utterance = self.find(self.fresh_for)
+        if late and utterance is not None:
+            self._tell(utterance, "late", now_s, late)
         self.fresh = []
 
     def plan_by_s(self) -> tuple[float, float]:
         """Engine times by which fresh phones must be planned, and should be: what is not urgent waits for more."""
-        planned = self.bank.planned(self.number)
+        planned = self.batch.planned(self.number)
         first_s = min(phone.start_s for phone in self.fresh)
         if planned and first_s < planned[-1].end_s - SAME_S:
             return -inf, -inf
@@ -331,48 +338,48 @@ class Session:
 
     def report(self) -> Counters:
         """Count what the planner has met with too."""
-        counts = self.bank.counts(self.number)
+        counts = self.batch.counts(self.number)
         for name in ("late", "dropped", "revised", "unknown"):
             setattr(self.counters, name, getattr(counts, name))
         return self.counters
 
-    def _advance(self, one: Utterance, now_s: float) -> None:
-        at_s = one.position_s(now_s)
-        if at_s >= 0 and not one.has_started:
-            one.has_started = True
-            self._tell(one, "started", now_s)
-        gap = one.gap() if len(one.phones) != one.next_index else None
+    def _advance(self, utterance: Utterance, now_s: float) -> None:
+        at_s = utterance.position_s(now_s)
+        if at_s >= 0 and not utterance.has_started:
+            utterance.has_started = True
+            self._tell(utterance, "started", now_s)
+        gap = utterance.gap() if len(utterance.phones) != utterance.next_index else None
         if gap and gap[0].end_s <= at_s + CONCEAL_S:
-            self._conceal(one, gap[0], gap[1], gap[2], now_s)
-        if one.phone_count is not None:
-            if at_s >= one.end_s:
-                self._finish(one, now_s)
+            self._conceal(utterance, gap[0], gap[1], gap[2], now_s)
+        if utterance.phone_count is not None:
+            if at_s >= utterance.end_s:
+                self._finish(utterance, now_s)
             return
-        if at_s > one.last_s and one.phones and not one.is_dry:
-            one.is_dry = True
+        if at_s > utterance.last_s and utterance.phones and not utterance.is_dry:
+            utterance.is_dry = True
             self.counters.underruns += 1
-            self._tell(one, "underrun", now_s)
-        if at_s > one.last_s and now_s >= one.latest_s + self.limits.silence_s:
-            self._give_up(one, now_s)
+            self._tell(utterance, "underrun", now_s)
+        if at_s > utterance.last_s and now_s >= utterance.latest_s + self.limits.silence_s:
+            self._give_up(utterance, now_s)
 
-    def _due_s(self, one: Utterance, now_s: float) -> float:
+    def _due_s(self, utterance: Utterance, now_s: float) -> float:
         """Engine time at which an utterance must be looked at again."""
         if self.is_paused:
             return inf
-        if one.zero_s is None:
-            return one.latest_s + self.limits.wait_s
-        due_s = 0.0 if not one.has_started else inf
-        gap = one.gap() if len(one.phones) != one.next_index else None
+        if utterance.zero_s is None:
+            return utterance.latest_s + self.limits.wait_s
+        due_s = 0.0 if not utterance.has_started else inf
+        gap = utterance.gap() if len(utterance.phones) != utterance.next_index else None
         if gap:
             due_s = min(due_s, gap[0].end_s - CONCEAL_S)
-        if one.phone_count is not None:
-            due_s = min(due_s, one.end_s)
-        elif one.phones and not one.is_dry:
-            due_s = min(due_s, one.last_s + 1e-6)
-        due_s += one.zero_s + self.clock.begins_s
-        if one.phone_count is None:
-            silent_s = one.latest_s + self.limits.silence_s
-            due_s = min(due_s, max(silent_s, one.last_s + one.zero_s + self.clock.begins_s + 1e-6))
+        if utterance.phone_count is not None:
+            due_s = min(due_s, utterance.end_s)
+        elif utterance.phones and not utterance.is_dry:
+            due_s = min(due_s, utterance.last_s + 1e-6)
+        due_s += utterance.zero_s + self.clock.begins_s
+        if utterance.phone_count is None:
+            silent_s = utterance.latest_s + self.limits.silence_s
+            due_s = min(due_s, max(silent_s, utterance.last_s + utterance.zero_s + self.clock.begins_s + 1e-6))
         return max(due_s, nextafter(now_s, inf))
 
     def _settle(self, now_s: float) -> None:
@@ -380,111 +387,116 @@ class Session:
         if self.is_paused:
             return
         before: Utterance | None = None
-        for one in self.queue:
-            if not one.anchored:
-                if one.anchor == "at":
-                    self._put(one, one.at_s, now_s)
-                elif one.anchor == "now" and before is None:
-                    self._put(one, self.clock.stream_s(now_s), now_s)
-                elif one.anchor == "now" and before and before.zero_s is not None and before.phone_count is not None:
-                    self._put(one, max(before.zero_s + before.end_s, self.clock.stream_s(now_s)), now_s)
-            before = one
+        for utterance in self.queue:
+            if not utterance.anchored:
+                if utterance.anchor == "at":
+                    self._put(utterance, utterance.at_s, now_s)
+                elif utterance.anchor == "now" and before is None:
+                    self._put(utterance, self.clock.stream_s(now_s), now_s)
+                elif (
+                    utterance.anchor == "now"
+                    and before
+                    and before.zero_s is not None
+                    and before.phone_count is not None
+                ):
+                    self._put(utterance, max(before.zero_s + before.end_s, self.clock.stream_s(now_s)), now_s)
+            before = utterance
 
-    def _put(self, one: Utterance, zero_s: float, now_s: float) -> None:
-        one.zero_s, one.resume_s = zero_s, None
-        skips = one.has_started or one.anchor != "at"
-        self._feed(one, one.phones.values(), now_s, self.clock.stream_s(now_s) if skips else 0.0)
+    def _put(self, utterance: Utterance, zero_s: float, now_s: float) -> None:
+        utterance.zero_s, utterance.resume_s = zero_s, None
+        skips = utterance.has_started or utterance.anchor != "at"
+        self._feed(utterance, utterance.phones.values(), now_s, self.clock.stream_s(now_s) if skips else 0.0)
 
-    def _feed(self, one: Utterance, phones: Iterable[Phone], now_s: float, from_s: float = 0.0) -> None:
-        shifted = one.in_stream(phones, from_s)
+    def _feed(self, utterance: Utterance, phones: Iterable[Phone], now_s: float, from_s: float = 0.0) -> None:
+        shifted = utterance.in_stream(phones, from_s)
         if not self.fresh:
             self.fresh_since_s = now_s
         self.fresh += shifted
-        self.fresh_for = one.number
+        self.fresh_for = utterance.number
         begins_s = self.clock.begins_s
         stressed = [(phone.start_s + begins_s, phone) for phone in shifted if phone.stress]
         if stressed:
-            self.life.stress(self._row, [nod for nod in stressed if nod[0] > now_s])
+            self.gestures.stress(self._row, stressed, now_s)
 
     @property
     def _row(self) -> int:
-        return self.bank.row(self.number)
+        return self.batch.row(self.number)
 
     def _open(self, number: int, revision: int, now_s: float) -> Utterance | None:
         """Find an utterance, or make it known."""
-        one = self.find(number)
-        if one is not None:
-            return one
+        utterance = self.find(number)
+        if utterance is not None:
+            return utterance
         if revision <= self.over.get(number, -1):
             self.counters.ignored += 1
             return None
         if len(self.queue) == self.limits.utterances:
             self.counters.refused += 1
             return None
-        one = Utterance(number, self.clock, revision=revision, latest_s=now_s)
+        utterance = Utterance(number, self.clock, revision=revision, latest_s=now_s)
         self.counters.utterances += 1
-        self.queue.append(one)
-        return one
+        self.queue.append(utterance)
+        return utterance
 
-    def _revise(self, one: Utterance, revision: int, now_s: float) -> None:
-        last_s = one.last_s
-        one.revise(revision, max(one.position_s(now_s), 0.0))
-        if one.zero_s is not None and one.zero_s + last_s > self.clock.stream_s(now_s):
-            start_s = max(self.clock.stream_s(now_s), one.zero_s, 0.0)
-            self.fresh.append(Phone(SILENCE, start_s, one.zero_s + last_s))
-            self.life.hush(self._row, now_s)
+    def _revise(self, utterance: Utterance, revision: int, now_s: float) -> None:
+        last_s = utterance.last_s
+        utterance.revise(revision, max(utterance.position_s(now_s), 0.0))
+        if utterance.zero_s is not None and utterance.zero_s + last_s > self.clock.stream_s(now_s):
+            start_s = max(self.clock.stream_s(now_s), utterance.zero_s, 0.0)
+            self.fresh.append(Phone(SILENCE, start_s, utterance.zero_s + last_s))
+            self.gestures.hush(self._row, now_s)
 
-    def _conceal(self, one: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
-        one.concealed.update(between)
+    def _conceal(self, utterance: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
+        utterance.concealed.update(between)
         self.counters.concealed += len(between)
-        self._tell(one, "concealed", now_s, len(between))
+        self._tell(utterance, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
-            self._feed(one, [Phone(before.label, before.end_s, after.start_s)], now_s)
+            self._feed(utterance, [Phone(before.label, before.end_s, after.start_s)], now_s)
 
     def _silence(self, now_s: float, fade_s: float) -> None:
         """Take away all that was to be said, and come to rest."""
         self.fresh = []
-        self.bank.cancel(self.number, self.clock.stream_s(now_s), fade_s=fade_s)
-        self.life.hush(self._row, now_s)
+        self.batch.cancel(self.number, self.clock.stream_s(now_s), fade_s=fade_s)
+        self.gestures.hush(self._row, now_s)
 
-    def _jump(self, one: Utterance, position_s: float, now_s: float) -> None:
+    def _jump(self, utterance: Utterance, position_s: float, now_s: float) -> None:
         self._silence(now_s, JUMP_FADE_S)
         self.slew_left_s = 0.0
-        self._put(one, self.clock.stream_s(now_s) - position_s, now_s)
-        self._replace_rest(now_s, one.zero_s or 0.0, beside=one)
+        self._put(utterance, self.clock.stream_s(now_s) - position_s, now_s)
+        self._replace_rest(now_s, utterance.zero_s or 0.0, beside=utterance)
 
     def _replace_rest(self, now_s: float, from_s: float, beside: Utterance | None = None) -> None:
         """Say the others again, after all was taken away; those that wait for their turn find it anew."""
-        for one in self.queue:
-            if one is beside or one.zero_s is None:
+        for utterance in self.queue:
+            if utterance is beside or utterance.zero_s is None:
                 continue
-            if one.anchor == "now" and not one.has_started:
-                one.zero_s = None
+            if utterance.anchor == "now" and not utterance.has_started:
+                utterance.zero_s = None
             else:
-                self._feed(one, one.phones.values(), now_s, self.clock.stream_s(now_s))
-        first = next((one for one in self.queue if one.zero_s is None), None)
+                self._feed(utterance, utterance.phones.values(), now_s, self.clock.stream_s(now_s))
+        first = next((utterance for utterance in self.queue if utterance.zero_s is None), None)
         if first is not None and first is self.queue[0] and first.anchor == "now" and not self.is_paused:
             self._put(first, max(from_s, self.clock.stream_s(now_s)), now_s)
         self._settle(now_s)
 
-    def _finish(self, one: Utterance, now_s: float) -> None:
-        missing = {index for start, stop in one.missing() for index in range(start, stop)}
-        self.counters.lost += len(missing - one.concealed)
+    def _finish(self, utterance: Utterance, now_s: float) -> None:
+        missing = {index for start, stop in utterance.missing() for index in range(start, stop)}
+        self.counters.lost += len(missing - utterance.concealed)
         self.counters.finished += 1
-        self._close(one, "finished", now_s)
+        self._close(utterance, "finished", now_s)
 
-    def _give_up(self, one: Utterance, now_s: float) -> None:
+    def _give_up(self, utterance: Utterance, now_s: float) -> None:
         self.counters.unended += 1
-        self._close(one, "finished" if one.has_started else "error", now_s)
+        self._close(utterance, "finished" if utterance.has_started else "error", now_s)
 
-    def _close(self, one: Utterance, kind: EventKind, now_s: float) -> None:
-        one.is_over = True
-        self.queue.remove(one)
-        self.over[one.number] = one.revision
+    def _close(self, utterance: Utterance, kind: EventKind, now_s: float) -> None:
+        utterance.is_over = True
+        self.queue.remove(utterance)
+        self.over[utterance.number] = utterance.revision
         while len(self.over) > REMEMBERED:
             del self.over[next(iter(self.over))]
-        self._tell(one, kind, now_s)
+        self._tell(utterance, kind, now_s)
 
-    def _tell(self, one: Utterance, kind: EventKind, now_s: float, count: int = 1) -> None:
-        position_s = one.position_s(now_s) if one.anchored else 0.0
-        self.emit(Event(self.name, one.number, kind, now_s, count, position_s))
+    def _tell(self, utterance: Utterance, kind: EventKind, now_s: float, count: int = 1) -> None:
+        position_s = utterance.position_s(now_s) if utterance.anchored else 0.0
+        self.emit(Event(self.name, utterance.number, kind, now_s, count, position_s))

@@ -11,7 +11,10 @@ from fapengine.speech.phone_track import Phone
 
 @dataclass(slots=True)
 class StreamClock:
-    """Stateful: a session's time, which only its utterances' sound can bend."""
+    """A session's time, which only its utterances' sound can bend.
+
+    Stateful.
+    """
 
     begins_s: float
     """Engine time at which it is 0."""
@@ -23,31 +26,34 @@ class StreamClock:
 
 @dataclass(slots=True)
 class Utterance:
-    """Stateful: what is known of an utterance. Its time 0 is where its sound begins."""
+    """An utterance, as far as it has come. Its time 0 is where its sound begins.
+
+    Stateful.
+    """
 
     number: int
     clock: StreamClock
     anchor: Anchor | None = None
-    """None: its phones came before its beginning was told."""
+    """Way in which its beginning is set; None when its phones came before its ``Begin``."""
     at_s: float = 0.0
-    """For ``"at"``: the session's time."""
+    """Session's time of its beginning, for ``"at"``."""
     revision: int = 0
     phones: dict[int, Phone] = field(default_factory=dict)
     phone_count: int | None = None
-    """None until its end is known."""
+    """Number of its phones; None until its end is known."""
     duration_s: float | None = None
     zero_s: float | None = None
     """Session's time of its beginning, once it is settled."""
     next_index: int = 0
-    """All phones below it are there."""
+    """Index below which all phones are there."""
     latest_s: float = -inf
     """Engine time of its last news."""
     is_over: bool = False
     has_started: bool = False
     is_dry: bool = False
-    """Its time has passed the last phone known, and more should come."""
+    """True when its time has passed the last phone that has come, and more should come."""
     resume_s: float | None = None
-    """Its own time, while it is paused."""
+    """Position in its own time, while it is paused."""
     concealed: set[int] = field(default_factory=set)
     """Indices of phones for which another stood in."""
     last_s: float = 0.0

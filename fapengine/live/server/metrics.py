@@ -1,4 +1,4 @@
-"""What a running server tells Prometheus: text of its own registry, read on the loop's thread."""
+"""Metrics of a running server for Prometheus: the text of its own registry, read on the loop's thread."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -8,11 +8,12 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from fapengine.live.engine.session import Counters
-from fapengine.live.protocol.counts import PeerCounts
-from fapengine.live.server.hub import Hub, HubCounts
-from fapengine.live.server.intake import Intake
+from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.messages import HubCounts
+from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.sinks import Sink
 from fapengine.live.web.connection import WebCounts
+from fapengine.live.wire.speech_osc.counts import PeerCounts
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 BUCKETS_S = (0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.014, 0.016, 0.020, 0.030, 0.050, 0.100)
@@ -28,29 +29,34 @@ HUB = {
 
 @dataclass(slots=True)
 class TextCounts:
-    """Stateful: texts that senders wanted spoken."""
+    """Counts of texts that senders wanted spoken.
+
+    Stateful.
+    """
 
     spoken: int = 0
     refused: int = 0
-    """Too many at once, or not to be spoken by the voice that there is."""
+    """Texts that came too many at once, or that no installed voice can speak."""
 
 
 class ServerMetrics(Collector):
-    """Stateful: counts of a server, gathered when asked for.
+    """A collector of a server's counts, gathered when asked for.
+
+    Stateful.
 
     Parameters
     ----------
-    hub, intake : Hub, Intake
+    hub, ingress : Hub, Ingress
     peers : PeerCounts
         Of all senders together.
     texts : TextCounts
     sinks : iterable of Sink
     """
 
-    def __init__(self, hub: Hub, intake: Intake, peers: PeerCounts, texts: TextCounts, sinks: Iterable[Sink]) -> None:
-        self._hub, self._intake, self._peers, self._texts, self._sinks = hub, intake, peers, texts, sinks
+    def __init__(self, hub: Hub, ingress: Ingress, peers: PeerCounts, texts: TextCounts, sinks: Iterable[Sink]) -> None:
+        self._hub, self._ingress, self._peers, self._texts, self._sinks = hub, ingress, peers, texts, sinks
         self.page: WebCounts | None = None
-        """Of the page, where there is one."""
+        """Counts of the page, where there is one."""
         self._registry = CollectorRegistry()
         self._registry.register(self)
         self.tick_s = Histogram(
@@ -70,21 +76,21 @@ class ServerMetrics(Collector):
         """Gather; called by the registry."""
         yield from self._sessions()
         hub = self._hub.counts
-        for one in fields(HubCounts):
-            yield _counter(one.name, HUB[one.name], getattr(hub, one.name))
+        for counter in fields(HubCounts):
+            yield _counter(counter.name, HUB[counter.name], getattr(hub, counter.name))
         totals = asdict(self._hub.engine.totals())
         yield _labelled("speech", "What sessions have met with, by kind.", {n: totals[n] for n in _names(Counters)})
         wire = asdict(self._peers)
         yield _labelled("wire", "What senders sent, by kind.", {n: wire[n] for n in _names(PeerCounts)})
-        intake, queue = self._intake.counts, self._intake.queue
+        ingress, queue = self._ingress.counts, self._ingress.queue
         came = {
-            "datagrams": intake.datagrams, "stream_packets": intake.stream_packets, "replies": intake.replies,
-            "unsent": intake.unsent, "faults": intake.faults, "streams_refused": intake.streams_refused,
-            "streams_broken": intake.streams_broken, "flooded": queue.flooded, "crowded": queue.crowded,
+            "datagrams": ingress.datagrams, "stream_packets": ingress.stream_packets, "replies": ingress.replies,
+            "unsent": ingress.unsent, "faults": ingress.faults, "streams_refused": ingress.streams_refused,
+            "streams_broken": ingress.streams_broken, "flooded": queue.flooded, "crowded": queue.crowded,
         }  # fmt: skip
         yield _labelled("intake", "What came in and what was refused, by kind.", came)
         yield _labelled("texts", "Texts that senders wanted spoken, by what became of them.", asdict(self._texts))
-        yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=intake.streams)
+        yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=ingress.streams)
         yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
         if self.page is not None:
             page = asdict(self.page)
@@ -111,15 +117,15 @@ class ServerMetrics(Collector):
 
 
 def _names(counts: type[Counters] | type[PeerCounts]) -> list[str]:
-    return [one.name for one in fields(counts)]
+    return [counter.name for counter in fields(counts)]
 
 
-def _counter(name: str, what: str, value: float) -> Metric:
-    return CounterMetricFamily(f"fapengine_{name}", what, value=value)
+def _counter(name: str, help_text: str, value: float) -> Metric:
+    return CounterMetricFamily(f"fapengine_{name}", help_text, value=value)
 
 
-def _labelled(name: str, what: str, values: Mapping[str, float]) -> Metric:
-    family = CounterMetricFamily(f"fapengine_{name}", what, labels=["kind"])
+def _labelled(name: str, help_text: str, values: Mapping[str, float]) -> Metric:
+    family = CounterMetricFamily(f"fapengine_{name}", help_text, labels=["kind"])
     for kind, value in values.items():
         family.add_metric([kind], value)
     return family

@@ -1,8 +1,8 @@
-"""The whole server: engine, hub, receiver, doors, sinks, page and metrics, from start to drain.
+"""The whole server: engine, hub, receiver, listeners, sinks, page and metrics, from start to drain.
 
 Theory of operation
 -------------------
-One loop. Before each frame the doors are emptied and packets understood; the frame goes to sinks and pages; then the
+One loop. Before each frame the sockets are read and packets understood; the frame goes to sinks and pages; then the
 receiver answers. Told to stop, the server takes nothing more in, cancels what is being said, shows the faces coming to
 rest, closes the sessions (so that every sink's last frame is at rest), sends what it still owes, and ends.
 """
@@ -19,26 +19,28 @@ import numpy as np
 from aiohttp import web
 
 from fapengine.errors import FapEngineError, ResourceError, UsageError
-from fapengine.live.config import ServeConfig
+from fapengine.files.heads.folder import load_head
+from fapengine.files.profiles import load_profile
+from fapengine.live.audio.device import open_output
+from fapengine.live.audio.playback import Playback
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
-from fapengine.live.loudspeaker import Loudspeaker
-from fapengine.live.protocol.counts import TextRequest
-from fapengine.live.protocol.receiver import OscReceiver
-from fapengine.live.server.doors import DatagramDoor, StreamDoor
-from fapengine.live.server.fairness import FairQueue
-from fapengine.live.server.hub import Hub
-from fapengine.live.server.intake import Intake
+from fapengine.live.hub.hub import Hub
+from fapengine.live.server.config import ServeConfig
+from fapengine.live.server.fair_queue import FairQueue
+from fapengine.live.server.ingress import Ingress
+from fapengine.live.server.listeners import TcpListener, UdpListener
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
-from fapengine.live.sound import open_output
+from fapengine.live.wire.speech_osc.counts import TextRequest
+from fapengine.live.wire.speech_osc.receiver import OscReceiver
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
 from fapengine.voices.espeak import sample_rate_hz
 
 DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
-"""When it stops, faces come to rest over the first, and the server ends after the second."""
+"""Fade of the faces to rest when the server stops, and the time after which it ends."""
 TEXTS_AT_ONCE = 16
 """Texts that wait for the voice; more are refused."""
 
@@ -47,7 +49,10 @@ log = logging.getLogger("fapengine.server")
 
 @dataclass(slots=True)
 class _Site:
-    """Stateful: a web server that runs."""
+    """A running web server.
+
+    Stateful.
+    """
 
     runner: web.AppRunner
     address: tuple[str, int]
@@ -55,30 +60,44 @@ class _Site:
 
 @dataclass(slots=True, eq=False)
 class _Parts:
-    """Stateful: what is open."""
+    """The parts of a server that are open.
 
-    datagrams: DatagramDoor | None = None
-    streams: StreamDoor | None = None
+    Stateful.
+    """
+
+    datagrams: UdpListener | None = None
+    streams: TcpListener | None = None
     sinks: list[Sink] = field(default_factory=list)
     sites: list[_Site] = field(default_factory=list)
     texts: set[asyncio.Task[None]] = field(default_factory=set)
-    speaker: Loudspeaker | None = None
+    speaker: Playback | None = None
 
 
 class Server:
-    """Stateful: see the theory of operation. To be made, started and run on one event loop.
+    """A live server: made, started and run on one event loop; see the theory of operation.
+
+    Stateful.
 
     Parameters
     ----------
     config : ServeConfig
-    profile : Profile
-        Whose way of speaking; ``config.face.profile`` only names it.
+    profile : Profile, optional
+        Whose way of speaking; by default ``config.face.profile`` is loaded.
     head : FaceMesh, optional
-        Whose face the page shows; None: no page.
+        Whose face the page shows; by default ``config.face.head`` is loaded, if there is a page.
+
+    Raises
+    ------
+    UsageError
+        If there is no such profile or head.
     """
 
-    def __init__(self, config: ServeConfig, profile: Profile, head: FaceMesh | None = None) -> None:
+    def __init__(self, config: ServeConfig, profile: Profile | None = None, head: FaceMesh | None = None) -> None:
         self.config = config
+        if profile is None:
+            profile = load_profile(config.face.profile)
+        if head is None and config.listen.web_port is not None:
+            head = load_head(config.face.head)
         rng = np.random.default_rng(config.face.seed)
         engine = Engine(profile, rng=rng, limits=config.limits.engine, style=config.style)
         self.hub = Hub(engine, rate_hz=config.face.rate_hz, idle_close_s=config.limits.idle_close_s)
@@ -89,10 +108,10 @@ class Server:
             instance=int.from_bytes(os.urandom(4)) >> 1 or 1,
         )
         queue = FairQueue(packets_a_peer=config.limits.packets_a_peer)
-        self.intake = Intake(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
+        self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
         self._parts = _Parts()
-        self.metrics = ServerMetrics(self.hub, self.intake, self.receiver.counts, self.texts, self._parts.sinks)
+        self.metrics = ServerMetrics(self.hub, self.ingress, self.receiver.counts, self.texts, self._parts.sinks)
         self._head = head
         self._draining = False
         self._stop = asyncio.Event()
@@ -122,7 +141,7 @@ class Server:
         return self._parts.sinks
 
     @property
-    def speaker(self) -> Loudspeaker | None:
+    def speaker(self) -> Playback | None:
         """What plays a session's voice here, if that is wished for."""
         return self._parts.speaker
 
@@ -169,7 +188,7 @@ class Server:
         for url in self.config.sinks:
             parts.sinks.append(await open_sink(self.hub, parse_sink(url)))
         if sound.session is not None:
-            parts.speaker = Loudspeaker(
+            parts.speaker = Playback(
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
             )
             parts.speaker.open(sample_rate_hz())
@@ -186,13 +205,13 @@ class Server:
             app.router.add_get("/metrics", self._answer_metrics)
             parts.sites.append(await _serve(app, listen.host, listen.metrics_port))
 
-    async def _doors(self, host: str, port: int) -> tuple[DatagramDoor, StreamDoor]:
+    async def _doors(self, host: str, port: int) -> tuple[UdpListener, TcpListener]:
         """Open UDP and TCP at one port; a free one is tried again where only one of both is."""
-        most = self.config.limits.streams
+        max_streams = self.config.limits.streams
         for left in range(9, -1, -1):
-            streams = await StreamDoor.open(self.intake, host, port, most=most)
+            streams = await TcpListener.open(self.ingress, host, port, max_streams=max_streams)
             try:
-                return DatagramDoor(self.intake, host, streams.address[1]), streams
+                return UdpListener(self.ingress, host, streams.address[1]), streams
             except ResourceError:
                 await streams.close()
                 if port or not left:
@@ -200,7 +219,7 @@ class Server:
         raise AssertionError("the loop returns or raises")
 
     async def _tick_on(self) -> None:
-        before, after, observe = self.intake.before_frame, self._after, self.metrics.tick_s.observe
+        before, after, observe = self.ingress.before_frame, self._after, self.metrics.tick_s.observe
         clock, late = self.hub.clock, self.metrics.late_s.observe
         speaker, begun_s = self._parts.speaker, 0.0
 
@@ -219,7 +238,7 @@ class Server:
         await self.hub.run(begin, end)
 
     def _after(self, now_s: float) -> None:
-        self.intake.after_frame(now_s)
+        self.ingress.after_frame(now_s)
         for request in self.receiver.texts():
             if self._draining or len(self._parts.texts) >= TEXTS_AT_ONCE:
                 self.texts.refused += 1
@@ -243,7 +262,7 @@ class Server:
 
     async def _drain(self) -> None:
         self._draining = True
-        self.intake.close()
+        self.ingress.close()
         sessions = len(self.hub.engine.sessions)
         log.info("stopping; faces come to rest: %d", sessions, extra={"sessions": sessions})
         for session in self.hub.engine.sessions:
@@ -257,7 +276,7 @@ class Server:
         for session in self.hub.engine.sessions:
             self.hub.engine.close(session, now_s)
         self.hub.tick(now_s)
-        self.intake.after_frame(now_s)
+        self.ingress.after_frame(now_s)
 
     async def _close(self) -> None:
         parts = self._parts
@@ -286,8 +305,8 @@ class Server:
     def _log_event(self, event: Event) -> None:
         level = logging.WARNING if event.kind == "error" else logging.DEBUG
         if log.isEnabledFor(level):
-            told: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
-            log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=told)
+            details: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
+            log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=details)
 
 
 async def _serve(app: web.Application, host: str, port: int) -> _Site:
@@ -307,8 +326,8 @@ async def _serve(app: web.Application, host: str, port: int) -> _Site:
         raise ResourceError(
             f"TCP port {port} on {host}: {error.strerror or error}; choose another port, or see who has it: ss -lnp"
         ) from error
-    found = runner.addresses[0]
-    return _Site(runner, (found[0], found[1]))
+    address = runner.addresses[0]
+    return _Site(runner, (address[0], address[1]))
 
 
 async def serve(server: Server, ready: Callable[[], None] | None = None) -> None:

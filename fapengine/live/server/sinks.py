@@ -26,11 +26,12 @@ from urllib.parse import parse_qsl, urlsplit
 from uuid import NAMESPACE_DNS, uuid5
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.live import livelink, vmc, vrchat
-from fapengine.live.server import faces
-from fapengine.live.server.doors import bound
-from fapengine.live.server.faces import FrameEncoder, joined
-from fapengine.live.server.hub import Hub, HubFrames
+from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.messages import HubFrames
+from fapengine.live.server import frame_encoders
+from fapengine.live.server.frame_encoders import FrameEncoder, joined
+from fapengine.live.server.listeners import bound
+from fapengine.live.wire import livelink, vmc, vrchat
 
 PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
 OPTIONS = {
@@ -38,14 +39,14 @@ OPTIONS = {
     "fba": ("intra",), "fba+tcp": ("intra",),
 }  # fmt: skip
 UNREAD_BYTES = 64 << 10
-"""Of a face stream, some seconds; who leaves more unread begins again at a later I plane."""
+"""Bytes of a face stream that a receiver may leave unread, some seconds; beyond them it begins again at an I plane."""
 STREAMS = 256
 UDP_SEGMENT = 103
 """Socket option of Linux: linux/udp.h."""
 SEGMENTS, SEGMENTED_BYTES = 64, 60_000
-CUTS_NOT = (errno.EINVAL, errno.EIO, errno.EOPNOTSUPP, errno.EMSGSIZE, errno.ENOPROTOOPT)
-"""Where the system does not cut; any other error says that nothing can be sent now."""
-"""What the system takes in one piece at most."""
+"""Largest number of datagrams, and of their bytes, that the system takes in one call."""
+GSO_UNSUPPORTED_ERRNOS = (errno.EINVAL, errno.EIO, errno.EOPNOTSUPP, errno.EMSGSIZE, errno.ENOPROTOOPT)
+"""Errors by which a system says that it has no generic segmentation offload; any other: nothing can be sent now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +66,15 @@ class SinkAddress:
 
 @dataclass(slots=True)
 class SinkCounts:
-    """Stateful: what a sink did."""
+    """Counts of a sink.
+
+    Stateful.
+    """
 
     sent: int = 0
     """Datagrams, or planes times streams."""
     dropped: int = 0
-    """What the system, or a reader too slow, did not take."""
+    """Datagrams or planes that the system, or a slow reader, did not take."""
 
 
 class Sink(Protocol):
@@ -112,8 +116,8 @@ def parse_sink(url: str) -> SinkAddress:
     session = query.pop("session", None)
     unknown = [name for name in query if name not in OPTIONS[parts.scheme]]
     if unknown:
-        known = ", ".join(("session", *OPTIONS[parts.scheme]))
-        raise UsageError(f"sink {parts.scheme}: got {unknown[0]!r:.40}, expected one of {known}")
+        allowed = ", ".join(("session", *OPTIONS[parts.scheme]))
+        raise UsageError(f"sink {parts.scheme}: got {unknown[0]!r:.40}, expected one of {allowed}")
     return SinkAddress(parts.scheme, parts.hostname, port, session, query)
 
 
@@ -127,29 +131,29 @@ def encoder_of(address: SinkAddress, rate_hz: float) -> FrameEncoder:
     """
     session, options = address.session, address.options
     if address.kind == "osc":
-        return faces.OscFaces(session)
+        return frame_encoders.OscFrameEncoder(session)
     if address.kind == "named":
-        return faces.named_faps(session)
+        return frame_encoders.named_faps(session)
     if address.kind == "vmc":
         performer = address.port == vmc.PERFORMER_PORT
-        return faces.vmc_face(
+        return frame_encoders.vmc_face(
             session, spelling=options.get("names", "arkit"), performer=performer, rate_hz=rate_hz
         )  # fmt: skip
     if address.kind == "vrchat":
-        return faces.vrchat_face(session, prefix=options.get("prefix", ""), rate_hz=rate_hz)
+        return frame_encoders.vrchat_face(session, prefix=options.get("prefix", ""), rate_hz=rate_hz)
     if address.kind == "livelink":
         device = options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{socket.gethostname()}")).upper()
-        return faces.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
+        return frame_encoders.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
     return _fba(address, rate_hz)
 
 
-def _fba(address: SinkAddress, rate_hz: float) -> faces.FbaFace:
+def _fba(address: SinkAddress, rate_hz: float) -> frame_encoders.FbaFrameEncoder:
     spelled = address.options.get("intra", "1")
     try:
         intra_s = float(spelled)
     except ValueError as error:
         raise UsageError(f"sink {address.kind}: intra: got {spelled!r:.40}, expected seconds") from error
-    return faces.FbaFace(address.session, rate_hz=rate_hz, intra_s=intra_s)
+    return frame_encoders.FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=intra_s)
 
 
 async def open_sink(hub: Hub, address: SinkAddress) -> Sink:
@@ -168,10 +172,12 @@ async def open_sink(hub: Hub, address: SinkAddress) -> Sink:
 
 
 class Post:
-    """Stateful: sends many datagrams to one address, and never waits.
+    """A UDP socket that sends many datagrams to one address and never waits.
 
     Runs of datagrams of one length go to the system in one piece, which it cuts (UDP segmentation, Linux 4.18): a
     seventh of the time. Where it does not, or a network card will not, they go one by one.
+
+    Stateful.
 
     Raises
     ------
@@ -181,11 +187,11 @@ class Post:
 
     def __init__(self, host: str, port: int) -> None:
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         except OSError as error:
             raise ResourceError(f"UDP {host}:{port}: got {error}, expected a host that can be found") from error
-        self._socket = socket.socket(*found[0][:2])
-        self._target = found[0][4]
+        self._socket = socket.socket(*addresses[0][:2])
+        self._target = addresses[0][4]
         self._socket.setblocking(False)
         self._cuts = sys.platform == "linux"
 
@@ -197,7 +203,7 @@ class Post:
             try:
                 sent += self._send_run(datagrams[start : start + run]) if run > 1 else self._send_one(datagrams[start])
             except OSError as error:
-                if run > 1 and error.errno in CUTS_NOT:
+                if run > 1 and error.errno in GSO_UNSUPPORTED_ERRNOS:
                     self._cuts = False
                     continue  # the same again, one by one
             start += run
@@ -210,9 +216,9 @@ class Post:
     def _run(self, datagrams: Sequence[bytes], start: int) -> int:
         """Count the datagrams from here on that go in one piece."""
         size = len(datagrams[start])
-        most = min(SEGMENTS, SEGMENTED_BYTES // max(size, 1), len(datagrams) - start)
+        max_run = min(SEGMENTS, SEGMENTED_BYTES // max(size, 1), len(datagrams) - start)
         stop = start + 1
-        while stop < start + most and len(datagrams[stop]) == size:
+        while stop < start + max_run and len(datagrams[stop]) == size:
             stop += 1
         return stop - start
 
@@ -227,7 +233,10 @@ class Post:
 
 
 class DatagramSink:
-    """Stateful: sends every frame as datagrams, and never waits."""
+    """A sink that sends every frame as datagrams and never waits.
+
+    Stateful.
+    """
 
     def __init__(self, hub: Hub, address: SinkAddress) -> None:
         self.address, self.counts = address, SinkCounts()
@@ -248,9 +257,12 @@ class DatagramSink:
 
 
 class FaceStreams:
-    """Stateful: one face to everybody who connects; each begins, and begins again when too slow, at an I plane."""
+    """A sink that streams one face to every connection; each begins, and begins again when too slow, at an I plane.
 
-    def __init__(self, hub: Hub, address: SinkAddress, face: faces.FbaFace) -> None:
+    Stateful.
+    """
+
+    def __init__(self, hub: Hub, address: SinkAddress, face: frame_encoders.FbaFrameEncoder) -> None:
         self.address, self.counts = address, SinkCounts()
         self._face = face
         self._server: asyncio.Server | None = None
@@ -262,10 +274,10 @@ class FaceStreams:
         """Listen; see :func:`open_sink`."""
         face = _fba(address, hub.pacer.rate_hz)
         listening = bound(address.host, address.port, socket.SOCK_STREAM)
-        made = cls(hub, address, face)
+        sink = cls(hub, address, face)
         loop = asyncio.get_running_loop()
-        made._server = await loop.create_server(lambda: _FaceStream(made.listeners, face.request_intra), sock=listening)
-        return made
+        sink._server = await loop.create_server(lambda: _FaceStream(sink.listeners, face.request_intra), sock=listening)
+        return sink
 
     @property
     def port(self) -> int:
@@ -290,7 +302,10 @@ class FaceStreams:
 
 
 class _FaceStream(asyncio.Protocol):
-    """Stateful: one receiver of a face stream."""
+    """The connection of one receiver of a face stream.
+
+    Stateful.
+    """
 
     def __init__(self, listeners: "set[_FaceStream]", request_intra: Callable[[], None]) -> None:
         self._listeners, self._request_intra = listeners, request_intra

@@ -12,25 +12,25 @@ import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.resources import files
 from pathlib import PurePosixPath
 from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, web
 
+from fapengine import _resources
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.live.server.hub import Hub
+from fapengine.live.hub.hub import Hub
 from fapengine.live.web.connection import Connection, WebCounts
 from fapengine.live.web.head_binary import head_binary
-from fapengine.live.web.room import Room, open_room
-from fapengine.live.web.setup import setup
-from fapengine.live.web.sounds import SoundShelf
-from fapengine.live.web.wire import MAX_MESSAGE, PROTOCOL, session_name, text_of
+from fapengine.live.web.messages import MAX_MESSAGE, PROTOCOL, session_name, text_of
+from fapengine.live.web.page_config import setup
+from fapengine.live.web.session_view import SessionView, open_session_view
+from fapengine.live.web.sounds import SoundCache
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.voices import espeak
 
 DEFAULT_SESSION = "face"
-MOST_PAGES = 256
+MAX_PAGES = 256
 HEARTBEAT_S = 20.0
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 NOT_FOR_ALL = ("/head.bin", "/setup.json")
@@ -48,15 +48,18 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(slots=True, eq=False)
 class _Server:
-    """Stateful: everything that the handlers share."""
+    """The state that the handlers share.
+
+    Stateful.
+    """
 
     hub: Hub
     token: str | None
     hello: dict[str, object]
     heard_here: str | None
     counts: WebCounts = field(default_factory=WebCounts)
-    sounds: SoundShelf = field(default_factory=SoundShelf)
-    rooms: dict[str, Room] = field(default_factory=dict)
+    sounds: SoundCache = field(default_factory=SoundCache)
+    views: dict[str, SessionView] = field(default_factory=dict)
     connections: set[Connection] = field(default_factory=set)
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
@@ -64,8 +67,8 @@ class _Server:
         self.admit(request)
         try:
             session = session_name(request.query.get("session", DEFAULT_SESSION))
-            if self.counts.pages >= MOST_PAGES:
-                raise UsageError(f"pages: got one more than {MOST_PAGES}")
+            if self.counts.pages >= MAX_PAGES:
+                raise UsageError(f"pages: got one more than {MAX_PAGES}")
         except (DataError, UsageError) as error:
             self.counts.refused += 1
             raise web.HTTPBadRequest(text=str(error)) from error
@@ -73,22 +76,22 @@ class _Server:
         if not socket.can_prepare(request).ok:
             raise web.HTTPUpgradeRequired(text="This address speaks WebSocket.")  # the page asks so why it was refused
         await socket.prepare(request)
-        try:  # not before: whoever gets no further than here leaves no open room behind
-            room = open_room(self.hub, session, self.rooms, is_heard_here=session == self.heard_here)
+        try:  # not before: whoever gets no further than here leaves no open view behind
+            view = open_session_view(self.hub, session, self.views, server_plays_audio=session == self.heard_here)
         except UsageError as error:
             self.counts.refused += 1
             await socket.send_str(text_of("error", message=str(error)))
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
             return socket
-        connection = Connection(self.hub, room, socket, self.counts)
+        connection = Connection(self.hub, view, socket, self.counts)
         self.connections.add(connection)
         try:
-            told = {"sound": "server" if room.is_heard_here else "page", "paused": room.is_paused}
-            await connection.run(text_of("hello", session=session, **told, **self.hello))
+            greeting = {"sound": "server" if view.server_plays_audio else "page", "paused": view.is_paused}
+            await connection.run(text_of("hello", session=session, **greeting, **self.hello))
         finally:
             self.connections.discard(connection)
-            if not len(room) and self.rooms.get(session) is room:
-                del self.rooms[session]
+            if not len(view) and self.views.get(session) is view:
+                del self.views[session]
         return socket
 
     async def sound(self, request: web.Request) -> web.StreamResponse:
@@ -117,8 +120,8 @@ class _Server:
         origin, host = request.headers.get("Origin"), request.host
         trouble = ""
         if self.token is not None:
-            given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
-            if not hmac.compare_digest(given.encode("utf-8", "surrogateescape"), self.token.encode()):
+            token = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
+            if not hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self.token.encode()):
                 trouble = "The token is missing or wrong: open the address that the server printed."
         elif not _is_address(host):
             trouble = f"Asked for as {host!r}: use the address, or start the server with a token."
@@ -135,7 +138,7 @@ class _Server:
 
 
 COUNTS: web.AppKey[WebCounts] = web.AppKey("counts", WebCounts)
-"""Where the application keeps its counts, for the metrics."""
+"""Key under which the application keeps its counts, for the metrics."""
 SERVER: web.AppKey[_Server] = web.AppKey("server", _Server)
 
 
@@ -194,15 +197,15 @@ def make_app(
 
 def page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]]:
     """Path to kind and content of all that never changes."""
-    found = {
+    pages = {
         "/head.bin": ("application/octet-stream", head_binary(head)),
         "/setup.json": ("application/json", json.dumps(setup(voices=voices), ensure_ascii=False).encode()),
     }
-    for file in files("fapengine.live.web").joinpath("page").iterdir():
-        suffix = PurePosixPath(file.name).suffix
+    for name, content in _resources.page_files().items():
+        suffix = PurePosixPath(name).suffix
         if suffix in KINDS:
-            found["/" if file.name == "index.html" else f"/{file.name}"] = (KINDS[suffix], file.read_bytes())
-    return found
+            pages["/" if name == "index.html" else f"/{name}"] = (KINDS[suffix], content)
+    return pages
 
 
 def _charset(kind: str) -> str | None:

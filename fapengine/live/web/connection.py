@@ -1,4 +1,4 @@
-"""One page that is connected: reads what it asks for, writes what its room tells it."""
+"""One page that is connected: reads what it asks for, writes what its view tells it."""
 
 import asyncio
 import contextlib
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from fapengine.errors import DataError, FapEngineError, UsageError
-from fapengine.live.server.hub import Hub
-from fapengine.live.web.outbox import Allowance, Outbox
-from fapengine.live.web.room import Room
-from fapengine.live.web.wire import Pin, Ping, Plays, ReleaseAll, Request, Say, Tell, parse_request, text_of
+from fapengine.live.hub.hub import Hub
+from fapengine.live.web.messages import Pin, Ping, Plays, ReleaseAll, Request, Say, Tell, parse_request, text_of
+from fapengine.live.web.send_queue import SendQueue, TokenBucket
+from fapengine.live.web.session_view import SessionView
 
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
 """A slider that is dragged sends one a picture; nothing needs more."""
-MOST_REFUSED = 2000
+MAX_REFUSED = 2000
 """A page that sends so much nonsense, or so much too fast, is closed."""
-MOST_VOICES = 3
+MAX_VOICES = 3
 """Texts of one page that are turned into sound at the same time."""
 
 log = logging.getLogger("fapengine.web")
@@ -25,7 +25,10 @@ log = logging.getLogger("fapengine.web")
 
 @dataclass(slots=True)
 class WebCounts:
-    """Stateful: what happened since the start, on all pages together."""
+    """Counts of all pages together since the start.
+
+    Stateful.
+    """
 
     pages: int = 0
     """Connected now."""
@@ -44,13 +47,15 @@ class WebCounts:
 
 
 class Connection:
-    """Stateful: one WebSocket.
+    """One WebSocket.
+
+    Stateful.
 
     Parameters
     ----------
     hub : Hub
         The server.
-    room : Room
+    view : SessionView
         What the page watches.
     socket : WebSocketResponse
         Prepared.
@@ -58,16 +63,16 @@ class Connection:
         Shared by all.
     """
 
-    def __init__(self, hub: Hub, room: Room, socket: web.WebSocketResponse, counts: WebCounts) -> None:
-        self._hub, self._room, self._socket, self._counts = hub, room, socket, counts
-        self._outbox = Outbox()
+    def __init__(self, hub: Hub, view: SessionView, socket: web.WebSocketResponse, counts: WebCounts) -> None:
+        self._hub, self._view, self._socket, self._counts = hub, view, socket, counts
+        self._outbox = SendQueue()
         self._waiting = asyncio.Event()
-        self._allowance = Allowance(MESSAGES_HZ, MESSAGES_AT_ONCE)
+        self._allowance = TokenBucket(MESSAGES_HZ, MESSAGES_AT_ONCE)
         self._refused = 0
         self._voices: set[asyncio.Task[None]] = set()
 
     def put_text(self, text: str) -> None:
-        """Send a message; see :class:`fapengine.live.web.room.Member`."""
+        """Send a message; see :class:`fapengine.live.web.session_view.Member`."""
         self._outbox.put_text(text)
         self._waiting.set()
 
@@ -87,13 +92,13 @@ class Connection:
         self._counts.pages += 1
         self._counts.connected += 1
         self.put_text(hello)
-        self._room.enter(self)
+        self._view.enter(self)
         writer = asyncio.create_task(self._write())
         try:
             async for message in self._socket:
                 self._receive(message)
         finally:
-            self._room.leave(self)
+            self._view.leave(self)
             self._counts.pages -= 1
             self._counts.frames_dropped += self._outbox.dropped
             for task in (writer, *self._voices):
@@ -139,7 +144,7 @@ class Connection:
 
     def _refuse(self) -> None:
         self._refused += 1
-        if self._refused == MOST_REFUSED:
+        if self._refused == MAX_REFUSED:
             self._counts.lost += 1
             self._voices.add(asyncio.create_task(self._expel()))
 
@@ -149,16 +154,16 @@ class Connection:
     def _answer(self, request: Request) -> None:
         match request:
             case Tell(command):
-                self._room.tell(self, command)
+                self._view.tell(self, command)
             case Pin(values):
-                self._room.pin(values)
+                self._view.pin(values)
             case ReleaseAll():
-                self._room.release()
+                self._view.release()
             case Ping(number):
                 self.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
             case Plays(on):
-                self._room.plays(self, on=on)
-            case Say() if len(self._voices) < MOST_VOICES:
+                self._view.plays(self, on=on)
+            case Say() if len(self._voices) < MAX_VOICES:
                 task = asyncio.create_task(self._say(request))
                 self._voices.add(task)
                 task.add_done_callback(self._voices.discard)
@@ -167,6 +172,6 @@ class Connection:
 
     async def _say(self, request: Say) -> None:
         try:
-            await self._hub.speak(self._room.session, request.text, voice=request.voice, rate_wpm=request.rate_wpm)
+            await self._hub.speak(self._view.session, request.text, voice=request.voice, rate_wpm=request.rate_wpm)
         except FapEngineError as error:
             self.put_text(text_of("error", message=str(error)))

@@ -35,8 +35,8 @@ def head_binary(mesh: FaceMesh) -> bytes:
     arrays: dict[str, NDArray[Any]] = {
         "vertices": packed.vertices,
         **{f"part.{name}": triangles for name, triangles in packed.parts.items()},
-        "moves": packed.moves,
-        "turns": packed.turns,
+        "displacements": packed.displacements,
+        "normal_deltas": packed.normal_deltas,
         **({} if packed.skin is None else {"skin": packed.skin}),
         "channels": np.array(channels, dtype=np.float64).reshape(-1, 3),  # starts and stops may be infinite
         "mix": np.zeros((0, 0), np.float32) if mesh.basis.mix is None else mesh.basis.mix,

@@ -7,15 +7,18 @@ from dataclasses import dataclass, field
 
 from fapengine.voices.protocol import Speech
 
-MOST_BYTES = 64 << 20
-"""Of all sounds together, at two bytes a sample."""
+MAX_BYTES = 64 << 20
+"""Size of all sounds together, at two bytes a sample."""
 
 
 @dataclass(slots=True)
-class SoundShelf:
-    """Stateful: keeps what was spoken until newer sounds need the room."""
+class SoundCache:
+    """A cache of spoken sounds; the oldest give way to newer ones.
 
-    most_bytes: int = MOST_BYTES
+    Stateful.
+    """
+
+    most_bytes: int = MAX_BYTES
     _kept: "OrderedDict[tuple[str, int], Speech]" = field(default_factory=OrderedDict)
     _bytes: int = 0
 

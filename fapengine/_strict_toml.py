@@ -1,0 +1,164 @@
+"""Strict reading of TOML into frozen dataclasses, and values checked against their annotations.
+
+A key that a dataclass does not have, one that is missing, and a value of another type or out of range are errors that
+name file, key, what was there and what was expected.
+"""
+
+import dataclasses
+import json
+import tomllib
+from collections.abc import Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from fapengine.errors import DataError, UsageError
+
+T = TypeVar("T")
+
+WORDS: dict[object, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    dict: "a table",
+    tuple: "a list",
+}
+"""Type to what it is called in a TOML file."""
+
+
+class Checked:
+    """Base of dataclasses that refuse fields which their annotations do not allow.
+
+    Ranges are annotations too: ``Annotated[int, msgspec.Meta(ge=0, le=65535)]``.
+
+    Raises
+    ------
+    UsageError
+        At construction; it begins with the field's name.
+    """
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for name, kind in get_type_hints(type(self), include_extras=True).items():
+            try:
+                msgspec.convert(getattr(self, name), kind)
+            except msgspec.ValidationError as trouble:
+                raise UsageError(f"{name}: {_complaint(getattr(self, name), kind)}") from trouble
+
+
+def parse_toml(
+    data: bytes, kind: type[T], name: str, error: type[DataError] = DataError, *, schema: int | None = None
+) -> T:
+    """Read a whole document.
+
+    Parameters
+    ----------
+    data : bytes
+    kind : type
+        Dataclass with a field for each key: of plain types, tuples of them, mappings, or further dataclasses.
+    name : str
+        Of the file, for messages.
+    error : type
+        What to raise.
+    schema : int, optional
+        Number that the key ``schema`` must have; checked before all other keys, which another version may have.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML, or does not fit; ``where`` is file and key.
+
+    Examples
+    --------
+    >>> @dataclasses.dataclass(frozen=True)
+    ... class Page(Checked):
+    ...     port: Annotated[int, msgspec.Meta(ge=0, le=65535)] = 80
+    >>> parse_toml(b"port = 8080", Page, "page.toml")
+    Page(port=8080)
+    >>> parse_toml(b"port = 70000", Page, "page.toml")
+    Traceback (most recent call last):
+    fapengine.errors.DataError: got 70000, expected a whole number of 0..65535 (at page.toml, port)
+    """
+    try:
+        document = tomllib.loads(data.decode())
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
+        raise error(f"is not TOML: {trouble}", where=name) from trouble
+    if schema is not None and isinstance(stated := document.get("schema"), int) and stated != schema:
+        message = f"schema: got {stated}, expected {schema}; a file of another version must be made again"
+        raise error(message, where=spell_path(name, "schema"))
+    structured: T = _structured(document, kind, (name,), error)
+    return structured
+
+
+def quoted(text: str) -> str:
+    """Spell a TOML basic string; JSON's escapes are among TOML's, DEL alone must be added."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[DataError]) -> Any:
+    """Turn what tomllib has read into a type; ``path`` is the file and the keys down to the value."""
+    if type(None) in get_args(kind):
+        kind = get_args(kind)[0]
+    plain, parts = get_origin(kind) or kind, get_args(kind)
+    if isinstance(value, dict) and dataclasses.is_dataclass(plain):
+        return _dataclass(value, plain, path, error)
+    if isinstance(value, dict) and plain in (dict, Mapping):
+        return {key: _structured(item, parts[1], (*path, key), error) for key, item in value.items()}
+    if isinstance(value, list) and plain is tuple and parts[-1] is ...:
+        return tuple(_structured(item, parts[0], (*path, index), error) for index, item in enumerate(value))
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as trouble:
+        raise error(_complaint(value, kind), where=spell_path(*path)) from trouble
+
+
+def _dataclass(table: dict[str, Any], kind: Any, path: tuple[str | int, ...], error: type[DataError]) -> Any:
+    fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
+    for key, field in fields.items():
+        if key not in table and field.default is field.default_factory is dataclasses.MISSING:
+            raise error(f"key {key!r} is missing", where=spell_path(*path, key))
+    for key in table:
+        if key not in fields:
+            raise error(f"key {key!r} is unknown", where=spell_path(*path, key))
+    kinds = get_type_hints(kind, include_extras=True)
+    values = {key: _structured(value, kinds[key], (*path, key), error) for key, value in table.items()}
+    try:
+        return kind(**values)
+    except UsageError as trouble:  # it begins with a field's name
+        key, _, complaint = str(trouble).partition(": ")
+        named = (complaint, (*path, key)) if key in values else (str(trouble), path)
+        raise error(named[0], where=spell_path(*named[1])) from trouble
+
+
+def spell_path(name: str | int, *keys: str | int) -> str:
+    """Spell a file and the keys down to a value.
+
+    Examples
+    --------
+    >>> spell_path("a.toml", "sink", 0, "url")
+    'a.toml, sink[0].url'
+    """
+    spelled = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
+    return f"{name}, {spelled[1:]}" if keys else str(name)
+
+
+def _complaint(value: object, kind: Any) -> str:
+    return f"got {value!r:.60}, expected {_spell(kind)}"
+
+
+def _spell(kind: Any) -> str:
+    """Say which values a type has."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        meta = parts[1]
+        return f"{_spell(parts[0])} of {meta.ge:g}..{meta.le:g}"
+    if origin is Literal:
+        return f"one of {', '.join(map(str, parts))}"
+    if origin in (Union, UnionType):
+        return " or ".join(_spell(part) for part in parts if part is not type(None))
+    if origin is tuple and parts[-1] is not ...:
+        return f"a list of {len(parts)}"
+    return WORDS.get(origin or kind, "a table")

@@ -1,0 +1,1 @@
+"""What the verbs of the command line do, for Python too: no options, no printing; progress goes to a callback."""

@@ -1,0 +1,99 @@
+"""Faces side by side in one picture, and small changes of a drawing."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.files.pictures import straight
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.camera import turned
+from fapengine.render.crowd import CrowdRenderer
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+
+
+def resized(drawing: Drawing | None, size: tuple[int, int] | None) -> Drawing:
+    """Return a drawing, by default the plain one, with another picture size if one is stated."""
+    drawing = drawing or DEFAULT_DRAWING
+    return drawing if size is None else replace(drawing, size=size)
+
+
+def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
+    """Put tracks on one time axis: at the highest rate, each from its own start, until the longest ends.
+
+    Between its frames, where frames are skipped, and after its end a track stays as it was.
+
+    Parameters
+    ----------
+    tracks : sequence of FapTrack
+        At least one, each with at least one frame.
+
+    Returns
+    -------
+    rate_hz : float
+    rows : (T, tracks, 68) int32, FAPU
+    """
+    rate_hz = max(track.rate_hz for track in tracks)
+    lengths = [(track.frame_numbers[-1] - track.frame_numbers[0] + 1) / track.rate_hz for track in tracks]
+    times_s = np.arange(max(1, round(max(lengths) * rate_hz))) / rate_hz
+    rows = []
+    for track in tracks:
+        frame_numbers = np.floor(times_s * track.rate_hz + 1e-6) + track.frame_numbers[0]
+        rows.append(track.values[np.searchsorted(track.frame_numbers, frame_numbers, side="right") - 1])
+    return rate_hz, np.stack(rows, axis=1)
+
+
+def crowd_columns(faces: int) -> int:
+    """Return how many faces stand side by side: up to four in one row."""
+    return faces if faces <= 4 else -(-faces // round(faces**0.5))
+
+
+def crowd_size(drawing: Drawing, faces: int) -> tuple[int, int]:
+    """Return width and height, in pixels, of the picture of all faces."""
+    columns = crowd_columns(faces)
+    return columns * drawing.size[0], -(-faces // columns) * drawing.size[1]
+
+
+def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> CrowdRenderer:
+    """Make the renderer of faces side by side; the size of ``drawing`` is that of one face.
+
+    Raises
+    ------
+    UsageError
+        If the picture is too large.
+    ResourceError
+        If there is no OpenGL.
+    """
+    return CrowdRenderer(meshes, drawing, columns=crowd_columns(len(meshes)))
+
+
+def draw_crowd(
+    crowd: CrowdRenderer, rows: NDArray[np.int32], rate_hz: float, *, turn_s: float = 0.0
+) -> Iterator[Picture]:
+    """Draw frames in turn.
+
+    Parameters
+    ----------
+    crowd : CrowdRenderer
+    rows : (T, faces, 68) int32, FAPU
+    rate_hz : float
+        Frames a second.
+    turn_s : float
+        Time in which the camera goes once round the head; 0: it stands still.
+
+    Yields
+    ------
+    (height, width, 3 or 4) uint8
+        sRGB; colours are not multiplied with alpha.
+    """
+    cameras = crowd.cameras
+
+    def turning() -> Iterator[ArrayLike]:
+        for number, row in enumerate(rows):
+            if turn_s:
+                crowd.cameras = [turned(camera, number / rate_hz / turn_s) for camera in cameras]
+            yield row
+
+    return map(straight, crowd.frames(turning()))

@@ -1,0 +1,313 @@
+"""A face that speaks here and now: an engine, the sound card, and sinks."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.manner import DEFAULT_PROFILE, Expressions, moods_of
+from fapengine.app.performance import Performance, load_voice
+from fapengine.errors import UsageError
+from fapengine.files.profiles import load_profile
+from fapengine.live.audio.device import open_output
+from fapengine.live.audio.playback import Playback
+from fapengine.live.engine.commands import Cancel, Command, Express, Pause, Resume
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.gesture_methods import GestureMethods
+from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.pacer import FramePacer
+from fapengine.live.server.sinks import DatagramSink, SinkAddress, parse_sink
+from fapengine.profiles import Profile
+from fapengine.trajectory.expression import EXPRESSIONS, mood_ramps
+from fapengine.trajectory.planner import rest_s
+from fapengine.trajectory.ramps import Ramp
+from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.protocol import Speech, Voice
+
+SESSION = "face"
+REST_S = 0.4
+"""Time for which a face is still shown when its sound is over, so that it is seen coming to rest."""
+LEAD_S, TAIL_S = 0.15, 0.25
+"""Silence around a text that the face's own voice speaks."""
+SLEEP_MARGIN_S = 0.001
+"""Time by which a sleep may end too late."""
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """Expressions of an utterance whose sound has not begun."""
+
+    utterance: int
+    ramps: Sequence[Ramp]
+    rest_s: float | None
+    """Time in the utterance by which gestures come to rest, if it is the last."""
+
+
+@dataclass(slots=True)
+class SoundErrors:
+    """Distances of the face from its sound, frame by frame. Stateful."""
+
+    off_s: list[float] = field(default_factory=list)
+    """Time by which each frame was ahead of the sound."""
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the median, 95th percentile and maximum of the absolute values, ms."""
+        if not self.off_s:
+            return {}
+        off_ms = 1e3 * np.abs(self.off_s)
+        return {"p50": float(np.median(off_ms)), "p95": float(np.percentile(off_ms, 95)), "max": float(off_ms.max())}
+
+
+class Face(GestureMethods):
+    """A face in this program that speaks now and follows the sound card. Stateful; close it, or use it in ``with``.
+
+    Whoever shows it asks for :meth:`frame` again and again, or lets :meth:`frames` keep the time.
+
+    Parameters
+    ----------
+    profile : str, Path or Profile
+        Whose way of speaking.
+    style : Style, optional
+        How it speaks, and what else moves.
+    seed : int
+        Chance of blinks, glances and head motion.
+    rate_hz : float
+        Frames a second, 1..1000.
+    voice : str or Voice
+        Speaks texts: a language of espeak-ng, or anything with ``speak(text)`` that gives sound and phones.
+    device : str, optional
+        Where sound goes out: a number, or a part of a device's name; by default the system's.
+    silent : bool
+        Play no sound; the face keeps time by the clock. So it does on a machine without a sound card.
+    sinks : sequence of str
+        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.live.server.sinks`.
+
+    Raises
+    ------
+    UsageError
+        If the profile, a sink or the rate cannot be.
+
+    Examples
+    --------
+    >>> with Face(silent=True) as face:
+    ...     number = face.say("Hello.")
+    ...     face.express("joy", 0.6)
+    ...     face.frame().shape
+    (68,)
+    """
+
+    def __init__(
+        self,
+        profile: str | Path | Profile = DEFAULT_PROFILE,
+        *,
+        style: Style | None = None,
+        seed: int = 1,
+        rate_hz: float = 60.0,
+        voice: str | VoiceChoice | Voice = "en-us",
+        device: str | None = None,
+        silent: bool = False,
+        sinks: Sequence[str] = (),
+    ) -> None:
+        addresses = [_datagrams(url) for url in sinks]
+        self._profile = profile if isinstance(profile, Profile) else load_profile(profile)
+        engine = Engine(self._profile, rng=np.random.default_rng(seed), style=style or Style())
+        self.rate_hz = rate_hz
+        self.hub = Hub(engine, rate_hz=rate_hz)
+        self.hub.open(SESSION)
+        self.speaker = Playback(
+            self.hub, SESSION, opens=lambda sample_rate_hz: open_output(sample_rate_hz, device=device, silent=silent)
+        )
+        self.errors = SoundErrors()
+        self._voice = voice
+        self._sinks = [DatagramSink(self.hub, address) for address in addresses]
+        self._waiting: list[_Waiting] = []
+        self._shown_s = -inf
+        self._is_closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def say(
+        self,
+        speech: str | Performance | Speech,
+        *,
+        text: str = "",
+        expressions: Expressions = (),
+        is_last: bool = False,
+    ) -> int:
+        """Say something, behind what is being said.
+
+        Parameters
+        ----------
+        speech : str, Performance or Speech
+            A text, which the face's voice speaks first (this call waits for it); or what was spoken before.
+        text : str
+            Words of a ``Speech``, for programs that show them.
+        expressions : mapping or sequence
+            As of :func:`fapengine.speak`; their times count from the beginning of the sound.
+        is_last : bool
+            Come to rest with it, as a file does, and make no gestures any more.
+
+        Returns
+        -------
+        int
+            Number of the utterance.
+
+        Raises
+        ------
+        UsageError
+            If there is nothing to speak, a performance has no sound, or an expression cannot be.
+        ResourceError
+            If the voice is not installed.
+        """
+        if isinstance(speech, str):
+            text, spoken = speech, load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+        elif isinstance(speech, Performance):
+            text, spoken = text or speech.text, speech.speech
+        else:
+            spoken = speech
+        moods = moods_of(expressions, spoken.phones)
+        utterance = self.hub.say(SESSION, spoken, text=text).utterance
+        end_s = rest_s(spoken.phones, spoken.duration_s)
+        ramps = mood_ramps(moods, self._profile, end_s)
+        self._waiting.append(_Waiting(utterance, ramps, end_s if is_last else None))
+        return utterance
+
+    def tell(self, command: Command) -> None:
+        """Apply a command of :mod:`fapengine.live.engine.commands`."""
+        self.hub.apply(SESSION, command)
+
+    def pause(self) -> None:
+        """Let sound and face stand still, the mouth at rest."""
+        self.tell(Pause())
+
+    def resume(self) -> None:
+        """Go on from where it was paused."""
+        self.tell(Resume())
+
+    def stop(self) -> None:
+        """Fall silent, and come to rest."""
+        self.speaker.stop()
+        self._waiting.clear()
+        self.tell(Cancel())
+
+    @property
+    def is_speaking(self) -> bool:
+        """Whether something is being said, or waits."""
+        return self.speaker.is_playing or self.hub.engine.state(SESSION) != "idle"
+
+    @property
+    def sound(self) -> str:
+        """Name of the sound device, or why there is none; empty before anything was said."""
+        return self.speaker.description
+
+    @property
+    def off_s(self) -> float | None:
+        """Time by which the last frame was ahead of the sound; None while nothing sounds."""
+        return self.speaker.off_s
+
+    def frame(self, lead_s: float = 0.0) -> NDArray[np.int32]:
+        """Return what is to be seen now; the sinks get it too.
+
+        Parameters
+        ----------
+        lead_s : float
+            Time from now until the frame is seen.
+
+        Returns
+        -------
+        (68,) int32, FAPU
+            Column ``number - 1`` is the FAP of that number.
+        """
+        now_s = self.hub.clock()
+        self.speaker.follow(now_s)
+        self._express()
+        if self.speaker.off_s is not None:
+            self.errors.off_s.append(self.speaker.off_s)
+        self._shown_s = max(self._shown_s, now_s + lead_s)
+        frames = self.hub.tick(self._shown_s)
+        faps: NDArray[np.int32] = frames.faps[frames.sessions.index(SESSION)]
+        return faps
+
+    def frames(self) -> Iterator[NDArray[np.int32]]:
+        """Yield each frame, (68,) int32 FAPU, when it is due, until nothing is being said and the face is at rest."""
+        ticks = Ticks(self.rate_hz)
+        while self.is_speaking:
+            ticks.wait()
+            yield self.frame()
+        rests_s = self.hub.clock() + REST_S
+        while self.hub.clock() < rests_s:
+            ticks.wait()
+            yield self.frame()
+
+    def close(self) -> None:
+        """Close sound, sinks and session; receivers see a face at rest. To close again does nothing."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self.speaker.close()
+        self.hub.close(SESSION)
+        self.hub.tick(max(self.hub.clock(), self._shown_s))
+        for sink in self._sinks:
+            asyncio.run(sink.close())
+
+    def _express(self) -> None:
+        for waiting in tuple(self._waiting):
+            zero_s = self.speaker.zero_s(waiting.utterance)
+            if zero_s is None:
+                continue
+            self._waiting.remove(waiting)
+            for ramp in waiting.ramps:
+                self.tell(Express(EXPRESSIONS[ramp.channel], ramp.goal, zero_s + ramp.at_s, ramp.over_s))
+            if waiting.rest_s is not None:
+                self.hub.engine.rest(SESSION, zero_s + waiting.rest_s, self.hub.clock())
+
+
+@dataclass(slots=True)
+class Ticks:
+    """Waits for each frame's time, by the monotonic clock. Stateful."""
+
+    rate_hz: float
+    frames: int = 0
+    """Count of frames that were waited for."""
+    skipped: int = 0
+    """Count of frames whose time was over before they were asked for."""
+    _pacer: FramePacer | None = None
+    _clock: Callable[[], float] = time.monotonic
+
+    def wait(self) -> None:
+        """Sleep until the next frame is due."""
+        if self._pacer is None:
+            self._pacer = FramePacer(self.rate_hz, self._clock())
+        while (due := self._pacer.due(self._clock())) is None:
+            time.sleep(max(self._pacer.next_s - self._clock() - SLEEP_MARGIN_S / 2, 0.0))
+        self.frames += 1
+        self.skipped += due[1]
+
+
+def has_display() -> bool:
+    """Whether a window could be opened: a session of X11, Wayland, macOS or Windows."""
+    import os
+    import sys
+
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _datagrams(url: str) -> SinkAddress:
+    address = parse_sink(url)
+    if address.kind.endswith("+tcp"):
+        raise UsageError(f"sinks: got {url!r}, expected one that sends datagrams; `fapengine serve` has streams")
+    return address

@@ -1,0 +1,152 @@
+"""A capture session to a profile and its report: read, learn, write."""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.app.manner import DEFAULT_PROFILE
+from fapengine.errors import UsageError
+from fapengine.files.fap import save_fap
+from fapengine.files.paths import write_bytes
+from fapengine.files.profiles import load_profile, save_profile
+from fapengine.files.sessions import load_session
+from fapengine.laboratory.densify import DenseStudy
+from fapengine.laboratory.fit import FitOptions, Fitted, fit_session
+from fapengine.laboratory.playback import captured_faps
+from fapengine.mesh.default_head.head import build_head
+from fapengine.profiles import TOML_NAME
+
+STANDARD = DEFAULT_PROFILE
+"""Profile that lends the expressions which a session lacks."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitJob:
+    """What to learn from, where to write, and what to write."""
+
+    session: Path
+    """Folder of recordings."""
+    output: Path
+    """Folder of the profile."""
+    options: FitOptions = FitOptions()  # noqa: RUF009  frozen
+    units: str | None = None
+    """mm, cm, m or inch, for recordings that do not say."""
+    up: str | None = None
+    """Axis that points up."""
+    seed: int = 1
+    """Chance of the split into takes to learn from and to judge by."""
+    report: bool = True
+    """True to write report.html."""
+    faps: bool = False
+    """True to write every take as captured FAPs."""
+
+
+def run_fit(
+    job: FitJob,
+    *,
+    on_take: Callable[[str, int], None] = lambda name, count: None,
+    on_step: Callable[[str], None] = lambda step: None,
+) -> Fitted:
+    """Learn from a session and write the profile.
+
+    Parameters
+    ----------
+    job : FitJob
+    on_take : callable
+        Called with the name of each take that is read, and the count of all.
+    on_step : callable
+        Called with the name of each step of :data:`fapengine.laboratory.fit.STEPS`.
+
+    Raises
+    ------
+    UsageError
+        If ``output`` is there and no profile.
+    DataError, ResourceError
+        As reading, fitting and writing say.
+    """
+    output = job.output
+    if output.exists() and not (output / TOML_NAME).is_file() and (not output.is_dir() or any(output.iterdir())):
+        raise UsageError(f"{output}: got something that is no profile, expected a new folder or a profile's")
+    head = build_head()
+    loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
+    origin = {"source": f"session {loaded.session.subject}", "command": _command(job.session, output, job.seed)}
+    if loaded.setup.attribution:
+        origin["attribution"] = loaded.setup.attribution
+    fitted = fit_session(
+        loaded.session,
+        loaded.setup,
+        profile_id=output.name,
+        origin=origin,
+        standard=load_profile(STANDARD),
+        face_mm={name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points},
+        face_fapu=head.fapu,
+        options=job.options,
+        rng=np.random.default_rng(job.seed),
+        on_step=on_step,
+        warnings=loaded.warnings,
+    )
+    _write(output, fitted, report=job.report, faps=job.faps)
+    return fitted
+
+
+def _command(session: Path, output: Path, seed: int) -> str:
+    return f"fapengine fit {session.resolve().name} -o {output.name} --seed {seed}"
+
+
+def _write(output: Path, fitted: Fitted, *, report: bool, faps: bool) -> None:
+    page = None
+    if report:  # before anything is written: it may lack its library
+        from fapengine.files.report.page import write_report
+
+        page = write_report(fitted)
+    save_profile(output, fitted.profile)
+    if page is not None:
+        write_bytes(output / "report.html", page)
+    if fitted.dense is not None:
+        write_bytes(output / "dense.npz", _dense_arrays(fitted.dense))
+    if faps:
+        for take in fitted.prepared.takes:
+            save_fap(output / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
+
+
+def _dense_arrays(study: DenseStudy) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        mean_mm=study.modes.mean_mm.astype(np.float32),
+        modes_mm=study.modes.modes_mm.astype(np.float32),
+        triangles=study.triangles.astype(np.int32),
+        marker_mean_mm=study.sparse.mean_mm.astype(np.float32),
+        marker_modes_mm=study.sparse.modes_mm.astype(np.float32),
+    )
+    return buffer.getvalue()
+
+
+def describe(fitted: Fitted) -> dict[str, object]:
+    """Return the figures of a fit as plain values, for JSON."""
+    space, selection, prediction = fitted.space, fitted.selection, fitted.prediction
+    kept = space.space.mode_count
+    return {
+        "profile": fitted.profile.id,
+        "takes": len(fitted.prepared.takes),
+        "held_out_takes": len(fitted.held_out),
+        "markers": len(fitted.prepared.labels),
+        "modes": kept,
+        "variance": round(float(space.share[kept - 1]), 5),
+        "marker_error_mm": round(float(space.error_mm[kept - 1]), 4) if len(space.error_mm) else None,
+        "subset": None
+        if selection is None
+        else {
+            "k": selection.k,
+            "markers": [fitted.prepared.labels[index] for index in selection.swapped.primary],
+            "error_mm": {name: round(value, 4) for name, value in selection.held_out_mm.items()},
+        },
+        "phones": {name: study.tokens for name, study in fitted.phones.items()},
+        "lips_mm": None if prediction is None else round(prediction.lips_mm, 3),
+        "opening_r": None if prediction is None else round(prediction.opening_r, 3),
+        "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.left_out_mm[0], 3),
+        "warnings": list(fitted.warnings),
+    }

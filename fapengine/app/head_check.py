@@ -1,0 +1,90 @@
+"""What each FAP, phone and expression does to a head: poses for a contact sheet, and FAPs that move nothing."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.manner import DEFAULT_PROFILE
+from fapengine.errors import UsageError
+from fapengine.files.pictures import contact_sheet, save_png
+from fapengine.files.profiles import load_profile
+from fapengine.mesh.deform import deform
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.visemes import VISEMES
+from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import FaceRenderer
+from fapengine.trajectory.faps import displacements_to_faps
+
+POSE_FAPU, POSE_AU = 350, 25_000
+"""Values to which each FAP is set."""
+SEEN_MM = 0.05
+"""Least displacement of a vertex that counts as motion."""
+PICTURE_PX = 384
+
+
+def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
+    """Draw every pose into a contact sheet (.png), and return how many there are.
+
+    Raises
+    ------
+    UsageError
+        If the name does not end with .png.
+    ResourceError
+        If it cannot be written, or there is no OpenGL.
+    """
+    if path.suffix != ".png":
+        raise UsageError(f"path: got {path}, expected a name that ends with .png")
+    rows, labels = poses()
+    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX), samples=0)) as renderer:
+        pictures = list(renderer.frames(to_codable(rows)))
+    title = f"{title}: FAPs at {POSE_FAPU} FAPU (angles at {POSE_AU / 1e5:g} rad), phones"
+    save_png(path, contact_sheet(pictures, labels, title=title))
+    return len(pictures)
+
+
+def still_faps(mesh: FaceMesh) -> tuple[int, ...]:
+    """Return the numbers of FAPs that move no vertex."""
+    return tuple(
+        number
+        for number in range(3, fap.FAP_COUNT + 1)
+        if np.abs(deform(mesh, _single(number)) - mesh.vertices_mm).max() < SEEN_MM
+    )
+
+
+def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
+    """Make rest, each FAP, each phone and each expression.
+
+    Returns
+    -------
+    rows : (N, 68) float64, FAPU
+    labels : list of (str, str)
+        Name and kind of each row.
+    """
+    rows, labels = [np.zeros(fap.FAP_COUNT)], [("rest", "")]
+    for number in range(3, fap.FAP_COUNT + 1):
+        rows.append(_single(number))
+        labels.append((str(number), fap.spec(number).name))
+    profile = load_profile(DEFAULT_PROFILE)
+    spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # as the profile spells the table's phonemes, or comes nearest
+    visemes = {
+        phoneme.rstrip("ː").translate(spelling): f"viseme {row.number}" for row in VISEMES for phoneme in row.phonemes
+    }
+    for spoken, phone in profile.phones.items():
+        moved_mm = profile.space.to_points_mm(phone.targets[:1])
+        rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0])
+        labels.append((spoken, visemes.get(spoken, "phone")))
+    for expression, face in profile.expressions.items():
+        moved_mm = profile.space.to_points_mm(face.target[None])
+        rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap)
+        labels.append((expression.name.lower(), "expression"))
+    return np.stack(rows), labels
+
+
+def _single(number: int) -> NDArray[np.float64]:
+    """(68,): one FAP, as far as the sheet moves it."""
+    frame = np.zeros(fap.FAP_COUNT)
+    frame[fap.column(number)] = POSE_AU if fap.spec(number).unit is fap.FapUnit.AU else POSE_FAPU
+    return frame

@@ -1,0 +1,51 @@
+"""Heads from whatever names one: our own, a style, a head's folder, or a mesh file."""
+
+from pathlib import Path
+
+from fapengine.files.heads.folder import DEFAULT_HEAD
+from fapengine.files.heads.folder import load_head as load_folder
+from fapengine.files.heads.import_file import import_head_file
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.face_mesh import FaceMesh
+
+
+def load_head(
+    name: str | Path | HeadStyle = DEFAULT_HEAD,
+    *,
+    points: str | Path | None = None,
+    mapping: str | Path | None = None,
+) -> FaceMesh:
+    """Load a head.
+
+    Parameters
+    ----------
+    name : str, Path or HeadStyle
+        ``"default"`` is our own head, ``"default:age=0.8"`` or a :class:`HeadStyle` is it with another look. Else a
+        folder that ``fapengine head import`` wrote, or a mesh file (.glb, .gltf, .vrm; with ``points`` also .obj, .ply,
+        .stl), which is imported now.
+    points : str or Path, optional
+        Table of feature points of a mesh file; needed where the file has no blendshapes.
+    mapping : str or Path, optional
+        Table (.toml) of what blendshapes with names of their own mean.
+
+    Returns
+    -------
+    FaceMesh
+        Vertices in mm of the standard face.
+
+    Raises
+    ------
+    UsageError
+        If there is no such folder, file or look, or a mesh without blendshapes comes without points.
+    DataError
+        If a file's content is wrong, or no face can be made of it.
+    ResourceError
+        If trimesh is needed and not installed.
+    """
+    if isinstance(name, HeadStyle):
+        return build_head(name)
+    path = Path(name)
+    if path.is_file() or points is not None or mapping is not None:
+        return import_head_file(path, Path(points) if points else None, Path(mapping) if mapping else None)[0].mesh
+    return load_folder(str(name))

@@ -1,0 +1,117 @@
+"""How a face speaks, as one value: whose way, which style, which expressions, at how many frames a second."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fapengine.errors import UsageError
+from fapengine.mpeg4.visemes import Expression
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.expression import Mood, during_word
+from fapengine.trajectory.style import Style
+
+DEFAULT_PROFILE = "grid_s1_en"
+EXPRESSION_NAMES = tuple(expression.name.lower() for expression in Expression if expression)
+
+Expressions = Mapping[str | Expression, float] | Mapping[str, float] | Mapping[Expression, float] | Sequence[str | Mood]
+"""Strengths by name, from beginning to end; or texts such as ``"joy:0.4@1.5-3"``, and moods with their own times."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manner:
+    """How a face speaks."""
+
+    profile: str | Path | Profile = DEFAULT_PROFILE
+    """Profile that speaks: a shipped name, a folder, or a loaded profile."""
+    style: Style = Style()  # noqa: RUF009  frozen
+    expressions: Expressions = ()
+    seed: int = 1
+    """Chance of blinks, glances and head motion; the same seed, the same face."""
+    rate_hz: float = 30.0
+    """Frames a second, 1..240."""
+
+
+def expression_of(name: str | Expression) -> Expression:
+    """Find an expression by its name.
+
+    Raises
+    ------
+    UsageError
+        If there is none of that name.
+    """
+    if isinstance(name, Expression):
+        return name
+    if name.lower() not in EXPRESSION_NAMES:
+        raise UsageError(f"expressions: got {name!r}, expected one of {', '.join(EXPRESSION_NAMES)}")
+    return Expression[name.upper()]
+
+
+def parse_expression(text: str) -> tuple[Expression, float, str]:
+    """Split ``"joy:0.4@word"`` into expression, strength (1 if not stated), and when (empty: all the time).
+
+    Raises
+    ------
+    UsageError
+        For a name that is no expression or a strength that is no number.
+
+    Examples
+    --------
+    >>> parse_expression("joy:0.4@1.5-3")
+    (<Expression.JOY: 1>, 0.4, '1.5-3')
+    """
+    what, _, when = text.partition("@")
+    name, _, strength = what.partition(":")
+    expression = expression_of(name)
+    try:
+        return expression, float(strength or 1.0), when
+    except ValueError as error:
+        raise UsageError(f"expressions: got strength {strength!r}, expected a number as in joy:0.4") from error
+
+
+def moods_of(expressions: Expressions, phones: PhoneTrack) -> list[Mood]:
+    """Turn expressions into moods with their times.
+
+    Parameters
+    ----------
+    expressions : mapping or sequence
+        ``{"joy": 0.4}``, or ``["joy:0.4", "surprise@1.5-3", "anger@word"]``, or moods.
+    phones : PhoneTrack
+        Where words are looked up.
+
+    Raises
+    ------
+    UsageError
+        For what :func:`parse_expression` refuses, a strength out of range, and a word that is not spoken.
+    """
+    if isinstance(expressions, Mapping):
+        return [Mood(expression_of(name), strength) for name, strength in expressions.items()]
+    moods: list[Mood] = []
+    for entry in expressions:
+        moods += [entry] if isinstance(entry, Mood) else _moods(entry, phones)
+    return moods
+
+
+def check_expressions(expressions: Expressions) -> None:
+    """Refuse names and strengths that cannot be, before the phones are known. Raises as :func:`moods_of`."""
+    if isinstance(expressions, Mapping):
+        moods_of(expressions, PhoneTrack.of([]))
+    else:
+        for entry in expressions:
+            if isinstance(entry, str):
+                parse_expression(entry)
+
+
+def _moods(text: str, phones: PhoneTrack) -> list[Mood]:
+    expression, strength, when = parse_expression(text)
+    if not when:
+        return [Mood(expression, strength)]
+    span = re.fullmatch(r"([0-9.]+)-([0-9.]+)", when)
+    if not span:
+        return during_word(expression, strength, when, phones)
+    try:
+        start_s, stop_s = float(span[1]), float(span[2])
+    except ValueError as error:
+        raise UsageError(f"expressions: got {when!r}, expected seconds as in joy:0.4@1.5-3") from error
+    return [Mood(expression, strength, start_s, stop_s)]

@@ -1,0 +1,188 @@
+"""Face motion in files and pictures: load, save, draw."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.drawing import resized
+from fapengine.app.heads import load_head
+from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.errors import UsageError
+from fapengine.files.animation import is_sequence
+from fapengine.files.fap import save_fap
+from fapengine.files.motion import BLEND_ENDINGS, load_motion
+from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
+from fapengine.files.paths import write_bytes
+from fapengine.files.pictures import save_png, straight
+from fapengine.files.sound import save_wav
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.drawing import Drawing, Picture
+from fapengine.render.renderer import FaceRenderer
+from fapengine.retarget.blend_tracks import format_blend_csv
+
+Sound = tuple[NDArray[np.int16], int]
+"""(N,) int16 mono samples, and how many of them a second."""
+LOADED = (".fap", ".fba", *BLEND_ENDINGS)
+"""Suffixes of face motion that can be loaded."""
+SAVED = f".fap, .fba, .csv, .wav, .png, {KINDS}"
+"""Endings of a name to save to, in words."""
+
+
+def load(path: str | Path) -> FapTrack:
+    """Load face motion.
+
+    Parameters
+    ----------
+    path : str or Path
+        FAPs (``.fap``), an MPEG-4 stream (``.fba``), or a table of ARKit, Oculus or VRM shapes (``.csv``; Azure's
+        frames ``.json``, ``.jsonl``).
+
+    Raises
+    ------
+    UsageError
+        If the name's ending is none of these, or the file cannot be read.
+    DataError
+        If its content is wrong.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in LOADED:
+        raise UsageError(f"path: got {path}, expected a name that ends with {', '.join(LOADED)}")
+    return load_motion(path)
+
+
+def save(
+    track: FapTrack,
+    path: str | Path,
+    *,
+    sound: Sound | None = None,
+    head: str | Path | FaceMesh = "default",
+    drawing: Drawing | None = None,
+    size: tuple[int, int] | None = None,
+    at_s: float = 0.0,
+    shapes: str = "arkit",
+    kbit_s: float | None = None,
+    encoding: EncoderOptions | None = None,
+    on_frame: Callable[[], None] = lambda: None,
+) -> Path:
+    """Save face motion as what the name asks for; folders are made.
+
+    Parameters
+    ----------
+    track : FapTrack
+    path : str or Path
+        ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv`` video; ``.gif``,
+        ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
+        ``.wav`` the sound alone.
+    sound : ((N,) int16, int), optional
+        Mono samples and their rate in Hz: goes into a video, from its start, and into ``.wav``.
+    head : str, Path or Head
+        Whose face, for pictures: see :func:`fapengine.load_head`.
+    drawing : Drawing, optional
+        How it is drawn.
+    size : (int, int), optional
+        Width and height in pixels; goes before those of ``drawing``.
+    at_s : float
+        Time of the frame that ``.png`` shows.
+    shapes : str
+        Columns of ``.csv``: ``"arkit"`` (52), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
+    kbit_s : float, optional
+        Bit rate of ``.fba``; by default as ``encoding`` says.
+    encoding : EncoderOptions, optional
+        All choices for ``.fba``.
+    on_frame : callable
+        Called after each frame that is drawn.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    UsageError
+        If the name's ending is unknown, or the file cannot hold what was asked for.
+    ResourceError
+        If the file cannot be written, or there is no OpenGL.
+    """
+    path = Path(path)
+    if path.suffix == ".fap":
+        save_fap(path, track)
+    elif path.suffix == ".fba":
+        if kbit_s is not None and encoding is not None:
+            raise UsageError("kbit_s and encoding: got both, expected one; EncoderOptions has a kbit_s of its own")
+        write_bytes(path, encode(track, encoding or EncoderOptions(kbit_s=kbit_s)))
+    elif path.suffix == ".csv":
+        write_bytes(path, format_blend_csv(track, shapes))
+    elif path.suffix == ".wav":
+        if sound is None:
+            raise UsageError(f"sound: got none, expected samples and their rate for {path}")
+        save_wav(path, *sound)
+    elif path.suffix == ".png" and not is_sequence(path):
+        save_png(path, next(_drawn(track.values[_row_at(track, at_s)][None], head, resized(drawing, size))))
+    elif is_moving(path):
+        chosen = resized(drawing, size)
+        check_moving(path, rate_hz=track.rate_hz, size=chosen.size, alpha=chosen.components == 4)
+        pictures = _drawn(_even_rows(track), head, chosen)
+        write_moving(path, pictures, rate_hz=track.rate_hz, sound=sound, on_frame=on_frame)
+    else:
+        raise UsageError(f"path: got {path}, expected a name that ends with {SAVED}")
+    return path
+
+
+def frames(
+    track: FapTrack,
+    *,
+    head: str | Path | FaceMesh = "default",
+    drawing: Drawing | None = None,
+    size: tuple[int, int] | None = None,
+) -> Iterator[Picture]:
+    """Draw a track, a picture a frame; frames that the track skips show the one before.
+
+    Parameters
+    ----------
+    track : FapTrack
+    head : str, Path or Head
+        Whose face: see :func:`fapengine.load_head`.
+    drawing : Drawing, optional
+        How it is drawn.
+    size : (int, int), optional
+        Width and height in pixels; goes before those of ``drawing``.
+
+    Yields
+    ------
+    (height, width, 3) uint8
+        sRGB, top row first; a fourth component is alpha, with colours not multiplied with it.
+
+    Raises
+    ------
+    UsageError
+        If the head or a size cannot be.
+    ResourceError
+        If there is no OpenGL.
+    """
+    return _drawn(_even_rows(track), head, resized(drawing, size))
+
+
+def _drawn(rows: NDArray[np.int32], head: str | Path | FaceMesh, drawing: Drawing) -> Iterator[Picture]:
+    with FaceRenderer(head if isinstance(head, FaceMesh) else load_head(head), drawing) as renderer:
+        yield from map(straight, renderer.frames(rows))
+
+
+def _even_rows(track: FapTrack) -> NDArray[np.int32]:
+    """(T, 68) int32, FAPU: a row for every frame number from the first to the last."""
+    numbers = track.frame_numbers
+    every = np.arange(numbers[0], numbers[-1] + 1) if len(track) else numbers
+    rows: NDArray[np.int32] = track.values[np.searchsorted(numbers, every, side="right") - 1]
+    return rows
+
+
+def _row_at(track: FapTrack, at_s: float) -> int:
+    """Index of the frame that is shown at a time from the track's first frame on."""
+    times_s = track.times_s - (track.times_s[0] if len(track) else 0.0)
+    if not len(track) or not 0 <= at_s <= times_s[-1]:
+        length_s = times_s[-1] if len(track) else 0.0
+        raise UsageError(f"at_s: got {at_s} s, the track lasts {length_s:.2f} s")
+    return int(np.searchsorted(times_s, at_s + 1e-9, side="right")) - 1

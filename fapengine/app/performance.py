@@ -1,0 +1,215 @@
+"""Speech to a performance: text or phone timings in; FAPs, phones and sound out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
+from fapengine.app.motion import Sound, save
+from fapengine.codec.encoder import EncoderOptions
+from fapengine.errors import UsageError
+from fapengine.files.profiles import load_profile
+from fapengine.files.sound import load_sound
+from fapengine.files.timings import load_timings
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4.track import FapTrack
+from fapengine.profiles import Profile
+from fapengine.render.drawing import Drawing
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.protocol import Speech, Voice
+
+LEAD_S, TAIL_S = 0.3, 0.5
+"""Silence before and behind a spoken text, in which the face starts and ends at rest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Performance:
+    """A planned utterance: the face's motion, the phones that it shows, and their sound.
+
+    Examples
+    --------
+    >>> hello = speak("Hello.", rate_hz=25.0)
+    >>> hello.track.values.shape == (round(25 * hello.duration_s), 68)
+    True
+    """
+
+    track: FapTrack
+    phones: PhoneTrack
+    """Phones in the time of the track, which begins at 0."""
+    sound: Sound | None = None
+    """(N,) int16 mono samples and their rate in Hz; None if it is silent."""
+    text: str = ""
+    """Words that were spoken, where they are known."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the sound, or of the phones where there is none."""
+        return len(self.sound[0]) / self.sound[1] if self.sound else self.phones.duration_s
+
+    @property
+    def speech(self) -> Speech:
+        """Sound and phones as a voice gives them.
+
+        Raises
+        ------
+        UsageError
+            If there is no sound.
+        """
+        if self.sound is None:
+            raise UsageError("sound: got none, expected a performance with its sound")
+        return Speech(samples=self.sound[0], sample_rate_hz=self.sound[1], phones=self.phones)
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        head: str | Path | FaceMesh = "default",
+        drawing: Drawing | None = None,
+        size: tuple[int, int] | None = None,
+        at_s: float = 0.0,
+        shapes: str = "arkit",
+        kbit_s: float | None = None,
+        encoding: EncoderOptions | None = None,
+        on_frame: Callable[[], None] = lambda: None,
+    ) -> Path:
+        """Save it as what the name asks for, with its sound: see :func:`fapengine.save`."""
+        return save(
+            self.track,
+            path,
+            sound=self.sound,
+            head=head,
+            drawing=drawing,
+            size=size,
+            at_s=at_s,
+            shapes=shapes,
+            kbit_s=kbit_s,
+            encoding=encoding,
+            on_frame=on_frame,
+        )
+
+
+def perform(phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: str = "") -> Performance:
+    """Plan the motion of a face that speaks these phones.
+
+    Raises
+    ------
+    UsageError
+        For a profile, an expression or a rate that cannot be.
+    """
+    profile = manner.profile if isinstance(manner.profile, Profile) else load_profile(manner.profile)
+    planned = plan(
+        phones,
+        profile,
+        rng=np.random.default_rng(manner.seed),
+        rate_hz=manner.rate_hz,
+        expressions=moods_of(manner.expressions, phones),
+        style=manner.style,
+        duration_s=len(sound[0]) / sound[1] if sound else None,
+    )
+    return Performance(track=planned.track, phones=phones, sound=sound, text=text)
+
+
+def speak(
+    text: str,
+    *,
+    voice: str | VoiceChoice | Voice = "en-us",
+    expressions: Expressions = (),
+    style: Style | None = None,
+    profile: str | Path | Profile = DEFAULT_PROFILE,
+    seed: int = 1,
+    rate_hz: float = 30.0,
+) -> Performance:
+    """Say a text.
+
+    Parameters
+    ----------
+    text : str
+    voice : str or Voice
+        Language of espeak-ng (``"en-gb"``, ``"de"``), or anything with ``speak(text)`` that gives sound and phones.
+    expressions : mapping or sequence
+        ``{"joy": 0.4}`` from beginning to end, ``["joy:0.4@1.5-3", "surprise@word"]`` with times or words, or
+        :class:`fapengine.Mood` objects. Strengths are 0..2.
+    style : Style, optional
+        How it speaks, and what else moves.
+    profile : str, Path or Profile
+        Whose way of speaking.
+    seed : int
+        Chance of blinks, glances and head motion; the same seed, the same face.
+    rate_hz : float
+        Frames a second, 1..240.
+
+    Returns
+    -------
+    Performance
+        0.3 s of rest, the text, 0.5 s of rest.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing to speak, or a choice cannot be.
+    ResourceError
+        If the voice is not installed.
+    """
+    check_expressions(expressions)
+    manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
+    speech = load_voice(voice).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    return perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text)
+
+
+def animate(
+    timings: str | Path | PhoneTrack,
+    *,
+    sound: str | Path | Sound | None = None,
+    voice: str | VoiceChoice | Voice = "en-us",
+    expressions: Expressions = (),
+    style: Style | None = None,
+    profile: str | Path | Profile = DEFAULT_PROFILE,
+    seed: int = 1,
+    rate_hz: float = 30.0,
+) -> Performance:
+    """Animate phone timings that another tool made.
+
+    Parameters
+    ----------
+    timings : str, Path or PhoneTrack
+        A file of any format that ``fapengine animate`` reads, found from its content; or the phones themselves.
+    sound : str, Path or ((N,) int16, int), optional
+        The sound that the timings belong to: a file, or mono samples and their rate in Hz.
+    voice : str or Voice
+        Pronounces timings that have words only.
+    expressions, style, profile, seed, rate_hz
+        As of :func:`speak`.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read or a choice cannot be.
+    DataError
+        If a file's content is wrong.
+    """
+    check_expressions(expressions)
+    manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
+    phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))
+    heard = load_sound(Path(sound)) if isinstance(sound, str | Path) else sound
+    return perform(pronounced(phones, voice), heard, manner)
+
+
+def load_voice(voice: str | VoiceChoice | Voice) -> Voice:
+    """Load a voice by its name; one that is loaded is returned as it is. Raises as :meth:`VoiceChoice.load`."""
+    if isinstance(voice, str):
+        voice = VoiceChoice(voice)
+    return voice.load() if isinstance(voice, VoiceChoice) else voice
+
+
+def pronounced(phones: PhoneTrack, voice: str | VoiceChoice | Voice) -> PhoneTrack:
+    """Let a voice pronounce a track of words within their times; a track of phones is returned as it is."""
+    if not phones.spelled:
+        return phones
+    from fapengine.voices.pronounce import pronounce
+
+    return pronounce(phones, load_voice(voice))

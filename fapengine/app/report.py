@@ -1,0 +1,60 @@
+"""What a job did: files, figures, and how long each stage took."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fapengine.speech.unknown import UnknownPhone
+
+
+@dataclass(slots=True)
+class Report:
+    """Files, figures and times of a job, filled in while it runs. Stateful."""
+
+    stages: dict[str, float] = field(default_factory=dict)
+    """Seconds by stage."""
+    files: list[tuple[Path, str]] = field(default_factory=list)
+    """Paths that were written, each with what it is."""
+    frames: int = 0
+    rate_hz: float = 0.0
+    """Frames a second of the track."""
+    duration_s: float = 0.0
+    """Length of the sound, or of the phones where there is none."""
+    phones: int = 0
+    """Count of phones that are no silence."""
+    level: str = "phone"
+    """Units that the timings were given for: phones, words, characters."""
+    unknown: tuple[UnknownPhone, ...] = ()
+    """Phones that no set explains."""
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what happens inside."""
+        started_s = time.perf_counter()
+        yield
+        self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - started_s
+
+    @property
+    def total_s(self) -> float:
+        """Sum of all stages."""
+        return sum(self.stages.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything as plain values, for JSON."""
+        return {
+            "files": {kind: str(path) for path, kind in self.files},
+            "seconds": self.stages,
+            "total_s": self.total_s,
+            "duration_s": self.duration_s,
+            "frames": self.frames,
+            "rate_hz": self.rate_hz,
+            "times_real_time": self.duration_s / self.total_s if self.total_s else 0.0,
+            "phones": self.phones,
+            "level": self.level,
+            "unknown_phones": [
+                {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
+                for each in self.unknown
+            ],
+        }

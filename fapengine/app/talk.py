@@ -1,0 +1,159 @@
+"""Everything that ``say`` and ``animate`` write of a performance: moving picture, FAPs, sound, and a contact sheet."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.app.manner import Manner, check_expressions
+from fapengine.app.performance import Performance
+from fapengine.app.report import Report
+from fapengine.errors import DataError, UsageError
+from fapengine.files.fap import save_fap
+from fapengine.files.heads.folder import DEFAULT_HEAD, load_head
+from fapengine.files.moving import KINDS, beside, check_moving, is_moving, write_moving
+from fapengine.files.pictures import contact_sheet, save_png, straight
+from fapengine.files.sound import save_wav
+from fapengine.files.video import CODECS
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.drawing import Drawing, Picture
+from fapengine.render.renderer import FaceRenderer
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.unknown import find_unknown
+
+MAX_SHEET_PHONES = 40
+"""Phones on a contact sheet; of longer speech, evenly chosen ones."""
+KEY_FRACTION = 0.3
+"""Part of a phone's duration after which it is shown: its keyframe."""
+
+
+def check(path: Path, manner: Manner, drawing: Drawing) -> None:
+    """Refuse choices that cannot be met before any work is done.
+
+    Raises
+    ------
+    UsageError
+        For a name of unknown ending, an expression, or a picture that the file cannot hold.
+    """
+    if not (is_moving(path) or path.suffix == ".fap"):
+        raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
+    check_expressions(manner.expressions)
+    if path.suffix != ".fap":
+        check_moving(path, rate_hz=manner.rate_hz, size=drawing.size, alpha=drawing.components == 4)
+
+
+def refuse_unknown(phones: PhoneTrack, where: str) -> None:
+    """Refuse a track with labels that are no IPA.
+
+    Raises
+    ------
+    DataError
+        Its message lists them; ``where`` is the file or the voice.
+    """
+    if unknown := find_unknown(phones):
+        raise DataError(f"unknown phones: got {'; '.join(map(str, unknown))}, expected IPA", where=where)
+
+
+def note_speech(performance: Performance, report: Report) -> None:
+    """Fill in the figures of a report that describe the speech."""
+    phones = performance.phones
+    report.frames, report.rate_hz = len(performance.track), performance.track.rate_hz
+    report.duration_s, report.level = performance.duration_s, phones.level
+    report.phones = sum(not phone.is_silence for phone in phones.phones)
+    report.unknown = find_unknown(phones)
+
+
+def write_talk(
+    performance: Performance,
+    path: Path,
+    report: Report,
+    *,
+    head: str = DEFAULT_HEAD,
+    drawing: Drawing,
+    on_frame: Callable[[], None] = lambda: None,
+) -> None:
+    """Write every file, and fill in the report.
+
+    Parameters
+    ----------
+    performance : Performance
+    path : Path
+        A moving picture, or ``.fap`` for FAPs and sound alone. What belongs to it stands beside it.
+    report : Report
+    head : str
+        Whose face: see :func:`fapengine.files.heads.folder.load_head`.
+    drawing : Drawing
+    on_frame : callable
+        Called after each frame that is drawn.
+
+    Raises
+    ------
+    UsageError
+        If a choice cannot be met.
+    ResourceError
+        If a file cannot be written, or there is no OpenGL.
+    """
+    note_speech(performance, report)
+    track, sound = performance.track, performance.sound
+    save_fap(beside(path, ".fap"), track)
+    if sound is not None:
+        save_wav(beside(path, ".wav"), *sound)
+    if path.suffix != ".fap":
+        kept = _draw(performance, path, report, head=head, drawing=drawing, on_frame=on_frame)
+        if kept:
+            with report.stage("contact sheet"):
+                sheet = beside(path, ".png")
+                labels = [(phone.label, f"{number / track.rate_hz:.2f} s") for number, (phone, _) in kept.items()]
+                pictures = [picture for _, picture in kept.values()]
+                save_png(sheet, contact_sheet(pictures, labels, title=performance.text))
+                report.files.append((sheet, "contact sheet"))
+        report.files.append((path, "video" if path.suffix in CODECS else "pictures"))
+    report.files.append((beside(path, ".fap"), "FAPs"))
+    if sound is not None:
+        report.files.append((beside(path, ".wav"), "sound"))
+
+
+def _draw(
+    performance: Performance,
+    path: Path,
+    report: Report,
+    *,
+    head: str,
+    drawing: Drawing,
+    on_frame: Callable[[], None],
+) -> dict[int, tuple[Phone, Picture]]:
+    """Write the moving picture; return the frames of a contact sheet by number, each with its phone."""
+    track, shown = performance.track, _sheet_phones(performance.phones, performance.track)
+    kept: dict[int, tuple[Phone, Picture]] = {}
+    with report.stage("head"):
+        mesh = load_head(head)
+    with report.stage("upload"):
+        renderer = FaceRenderer(mesh, drawing)
+    with renderer:
+
+        def frames() -> Iterator[Picture]:
+            pictures = map(straight, renderer.frames(track.values))
+            for number in range(len(track)):
+                with report.stage("draw"):
+                    picture = next(pictures)
+                if number in shown:
+                    kept[number] = shown[number], picture
+                yield picture
+
+        started_s = time.perf_counter()
+        write_moving(path, frames(), rate_hz=track.rate_hz, sound=performance.sound, on_frame=on_frame)
+        report.stages["encode"] = time.perf_counter() - started_s - report.stages["draw"]
+    return kept
+
+
+def _sheet_phones(phones: PhoneTrack, track: FapTrack) -> dict[int, Phone]:
+    """Frame number to phone, for the contact sheet."""
+    spoken = [phone for phone in phones.phones if not phone.is_silence]
+    if len(spoken) > MAX_SHEET_PHONES:
+        spoken = [spoken[index] for index in np.linspace(0, len(spoken) - 1, MAX_SHEET_PHONES).round().astype(int)]
+    chosen: dict[int, Phone] = {}
+    for phone in spoken:
+        number = round((phone.start_s + KEY_FRACTION * phone.duration_s) * track.rate_hz)
+        chosen.setdefault(min(number, len(track) - 1), phone)
+    return chosen

@@ -1,0 +1,66 @@
+"""The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from fapengine.app.performance import Performance
+from fapengine.app.report import Report
+from fapengine.app.talk import write_talk
+from fapengine.render.drawing import Drawing
+
+
+class Advance:
+    """One progress bar; a call moves it on. Stateful."""
+
+    def __init__(self, progress: Progress, total: int, description: str) -> None:
+        self._progress, self._task = progress, progress.add_task(description, total=total)
+
+    def __call__(self) -> None:
+        self._progress.advance(self._task)
+
+
+@contextmanager
+def progress(description: str, total: int) -> Iterator[Advance]:
+    """Show a progress bar, on a terminal only; what it gives is called after each step."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        yield Advance(bar, total, description)
+
+
+def write_and_print(
+    performance: Performance, output: Path, report: Report, *, head: str, drawing: Drawing, as_json: bool
+) -> None:
+    """Write every file of a performance under a progress bar, then print the report."""
+    with progress("drawing", len(performance.track)) as advance:
+        write_talk(performance, output, report, head=head, drawing=drawing, on_frame=advance)
+    print_report(report, as_json=as_json)
+
+
+def print_report(report: Report, *, as_json: bool) -> None:
+    """Print what was written, how long it took, and which phones are unknown."""
+    if as_json:
+        print(json.dumps(report.as_dict(), indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        return
+    console = Console(highlight=False)
+    for path, kind in report.files:
+        console.print(f"[bold]{kind:>14}[/]  {path}", soft_wrap=True)
+    stages = "  ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items())
+    console.print(f"{'time':>14}  {stages}", soft_wrap=True)
+    drawing_s = report.stages.get("draw", 0.0)
+    drawn_at = f", drawn at {report.frames / drawing_s:.0f} frames/s" if drawing_s else ""
+    console.print(
+        f"{'speech':>14}  {report.duration_s:.2f} s, {report.phones} phones, {report.frames} frames at"
+        f" {report.rate_hz:g} Hz{drawn_at}; all in {report.total_s:.2f} s,"
+        f" {report.duration_s / report.total_s:.1f} times real time",
+        soft_wrap=True,
+    )
+    if report.level != "phone":
+        console.print(f"{'timings':>14}  of each {report.level}, not of each phone", soft_wrap=True)
+    for unknown in report.unknown:
+        console.print(f"[yellow]{'unknown phone':>14}[/]  {unknown}", soft_wrap=True)

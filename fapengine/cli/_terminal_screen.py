@@ -1,0 +1,55 @@
+"""The face as a line of the terminal: phones, the opening of the mouth, the time."""
+
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from fapengine.app.phone_ticker import ticker
+from fapengine.mpeg4 import fap
+from fapengine.speech.phone_track import PhoneTrack
+
+BLOCKS = " \u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+WIDE_OPEN_FAPU = 500.0
+
+
+class TerminalScreen:
+    """A line of the terminal; nothing where there is none. Stateful."""
+
+    lead_s = 0.0
+
+    def __init__(self, phones: PhoneTrack) -> None:
+        self._phones = phones
+        self._console = Console(stderr=True, highlight=False)
+        self._live = Live(console=self._console, transient=True, refresh_per_second=15, auto_refresh=True)
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._console.is_terminal:
+            self._live.stop()
+
+    def show(self, faps: NDArray[np.int32], position_s: float) -> bool:
+        """See :class:`fapengine.app.say_live.Screen`."""
+        if self._console.is_terminal:
+            before, now, after = ticker(self._phones, position_s)
+            line = Text(f"{_mouth(faps)}  {max(position_s, 0.0):5.2f} s  ")
+            line.append(before, style="dim").append(f" {now} ", style="bold black on yellow").append(after)
+            self._live.update(line)
+        return True
+
+
+def _mouth(faps: NDArray[np.int32]) -> str:
+    """Return four characters, the higher the wider the mouth is open."""
+    lips = faps[fap.column(51)] + faps[fap.column(52)]  # both towards the middle are positive
+    level = round(min(max(-float(lips) / WIDE_OPEN_FAPU, 0.0), 1.0) * (len(BLOCKS) - 1))
+    return BLOCKS[level] * 4

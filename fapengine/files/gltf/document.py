@@ -1,0 +1,257 @@
+"""glTF 2.0 and GLB as a document and its numbers (Khronos glTF 2.0, sections 3.6, 4.4 and 5).
+
+No maintained Python library gives morph targets as numbers: trimesh leaves them out, pygltflib stops at the JSON. So
+containers, buffers and accessors are read here; what is not understood is refused by name, never guessed around.
+"""
+
+import base64
+import binascii
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item, parse_json
+
+MAGIC, VERSION = b"glTF", 2
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+HEADER, CHUNK_HEADER = 12, 8
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+KINDS = (
+    "accessors", "bufferViews", "images", "materials", "meshes", "nodes", "samplers", "scenes", "skins", "textures",
+)  # fmt: skip
+"""Arrays of a document that are looked up by index."""
+MAX_ELEMENTS = 4_000_000
+"""Elements of an accessor; without a buffer view they cost a file nothing."""
+MAX_ELEMENTS_IN_ALL = 32_000_000
+"""Elements that are read, those of an accessor as often as it is used."""
+UNDERSTOOD = (
+    "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "KHR_texture_basisu",
+    "VRM", "VRMC_vrm",
+)  # fmt: skip
+"""Required extensions that change what is read here and are heeded; textures of Basis Universal are left out."""
+HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_pointer")
+"""Beginnings of extensions that change nothing that is read here."""
+COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+
+Fetch = Callable[[str], bytes]
+"""Reads a file named in the document, relative to it; raises DataError."""
+
+
+@dataclass(slots=True)
+class Budget:
+    """Count of what has been unpacked, and its bound: a few bytes of a file may ask for any amount.
+
+    Stateful.
+    """
+
+    what: str
+    limit: int
+    taken: int = 0
+
+    def take(self, count: int, where: str) -> None:
+        """Count what is about to be unpacked.
+
+        Raises
+        ------
+        DataError
+            If it is too much in all.
+        """
+        self.taken += count
+        if self.taken > self.limit:
+            raise DataError(f"{self.what}: got {self.taken} in all, expected at most {self.limit}", where=where)
+
+
+@dataclass(frozen=True, slots=True)
+class Gltf:
+    """A document with its buffers."""
+
+    root: Item
+    rows: dict[str, list[Item]]
+    """Rows of the document, by :data:`KINDS`."""
+    buffers: tuple[bytes, ...]
+    fetch: Fetch
+    elements: Budget = field(default_factory=lambda: Budget("elements", MAX_ELEMENTS_IN_ALL))
+
+    @property
+    def accessors(self) -> list[Item]:
+        """Rows of numbers."""
+        return self.rows["accessors"]
+
+    @property
+    def views(self) -> list[Item]:
+        """Rows of bytes."""
+        return self.rows["bufferViews"]
+
+    def accessor(self, index: int) -> NDArray[np.float64]:
+        """(N, components) float64: numbers of an accessor, normalised ones as such, sparse ones filled in."""
+        item = _row(self.accessors, "accessors", index)
+        count, width, kind = self._shape(item)
+        values = np.zeros((count, width), kind)
+        if "bufferView" in item:
+            values = self._read(item, count, width, kind)
+        if "sparse" in item:
+            values = self._with_sparse(item.item("sparse"), values, kind)
+        numbers = values.astype(np.float64)
+        if item.flag("normalized") and kind != "<f4":
+            numbers = np.maximum(numbers / np.iinfo(kind).max, -1.0)
+        if not (np.abs(numbers) < MAX_NUMBER).all():
+            raise DataError(f"got numbers that are not finite, or beyond {MAX_NUMBER:g}", where=item.where)
+        return numbers
+
+    def indices(self, index: int, below: int) -> NDArray[np.int64]:
+        """(N,) int64: indices, each less than ``below``."""
+        item = _row(self.accessors, "accessors", index)
+        count, width, kind = self._shape(item)
+        if width != 1 or kind not in ("<u1", "<u2", "<u4"):
+            raise DataError(
+                f"indices: got {item.string('type')} of {kind[1:]}, expected unsigned scalars", where=item.where
+            )
+        values = np.array(self._read(item, count, 1, kind)[:, 0], np.int64)
+        if len(values) and values.max() >= below:
+            raise DataError(f"indices: got {values.max()}, expected 0..{below - 1}", where=item.where)
+        return values
+
+    def view(self, index: int) -> bytes:
+        """Bytes of a buffer view."""
+        item = _row(self.views, "bufferViews", index)
+        if "EXT_meshopt_compression" in item.item("extensions"):
+            raise compressed("EXT_meshopt_compression", item.where)
+        buffer = self.buffers[item.index("buffer", len(self.buffers))]
+        first, length = item.index("byteOffset", len(buffer) + 1, 0), item.index("byteLength", len(buffer) + 1)
+        if first + length > len(buffer):
+            raise TruncatedError(
+                f"buffer view: got bytes {first}..{first + length}, expected at most {len(buffer)}", where=item.where
+            )
+        return buffer[first : first + length]
+
+    def _shape(self, item: Item) -> tuple[int, int, str]:
+        kind = COMPONENTS.get(item.index("componentType", 1 << 16))
+        width = WIDTHS.get(item.string("type"))
+        if kind is None or width is None:
+            raise item.fail(
+                "type" if kind else "componentType", f"one of {', '.join(map(str, WIDTHS if kind else COMPONENTS))}"
+            )
+        count = item.index("count", MAX_ELEMENTS)
+        self.elements.take(count, item.where)
+        return count, width, kind
+
+    def _read(self, item: Item, count: int, width: int, kind: str) -> NDArray[np.generic]:
+        """Elements of a buffer view, which may be interleaved with others."""
+        data = self.view(item.index("bufferView", len(self.views)))
+        row = self.views[item.index("bufferView", len(self.views))]
+        size = np.dtype(kind).itemsize
+        stride = row.index("byteStride", 1 << 16, 0) if "byteStride" in row else 0
+        stride = stride or size * width
+        first = item.index("byteOffset", 1 << 40, 0)
+        if stride < size * width:
+            raise row.fail("byteStride", f"at least {size * width}")
+        if count and first + stride * (count - 1) + size * width > len(data):
+            raise TruncatedError(
+                f"accessor: got {count} elements from byte {first} on, but its view has {len(data)} bytes",
+                where=item.where,
+            )
+        if not count:
+            return np.zeros((0, width), kind)
+        return np.ndarray((count, width), kind, data, first, (stride, size)).copy()
+
+    def _with_sparse(self, item: Item, values: NDArray[np.generic], kind: str) -> NDArray[np.generic]:
+        count = item.index("count", len(values) + 1)
+        indices, changes = item.item("indices"), item.item("values")
+        index_kind = COMPONENTS.get(indices.index("componentType", 1 << 16))
+        if index_kind not in ("<u1", "<u2", "<u4"):
+            raise indices.fail("componentType", "5121, 5123 or 5125")
+        filled_rows = self._read(indices, count, 1, index_kind)[:, 0].astype(np.int64)
+        if count and (filled_rows.max() >= len(values) or (np.diff(filled_rows) <= 0).any()):
+            raise DataError(f"sparse indices: expected rising ones below {len(values)}", where=indices.where)
+        filled = values.copy()
+        filled[filled_rows] = self._read(changes, count, values.shape[1], kind)
+        return filled
+
+
+def parse_gltf(data: bytes, fetch: Fetch) -> Gltf:
+    """Read a GLB or a glTF document with its buffers.
+
+    Raises
+    ------
+    TruncatedError
+        If bytes are missing.
+    UnsupportedError
+        If the document requires an extension that is not understood, such as Draco compression.
+    DataError
+        If it is neither, or does not say what glTF 2.0 asks for; ``where`` is the place in the document.
+    """
+    text, binary = _unpack(data) if data[:4] == MAGIC else (data, b"")
+    root = parse_json(text, "glTF")
+    version = root.item("asset").string("version", "")
+    if not version.startswith(f"{VERSION}."):
+        raise DataError(f"asset.version: got {version!r}, expected {VERSION}.x", where="asset")
+    for name in root.strings("extensionsRequired"):
+        if name in COMPRESSED:
+            raise compressed(name, "extensionsRequired")
+        if name not in UNDERSTOOD and not name.startswith(HARMLESS):
+            raise UnsupportedError(f"extension: got {name}, which is not understood here", where="extensionsRequired")
+    buffers = []
+    for number, item in enumerate(root.items("buffers")):
+        content = fetch_uri(item.string("uri"), fetch, item.where) if "uri" in item or number else binary
+        length = item.index("byteLength", 1 << 40)
+        if len(content) < length:
+            raise TruncatedError(f"buffer: got {len(content)} bytes, expected {length}", where=item.where)
+        buffers.append(content)
+    return Gltf(root, {kind: root.items(kind) for kind in KINDS}, tuple(buffers), fetch)
+
+
+def _row(rows: list[Item], kind: str, index: int) -> Item:
+    if not 0 <= index < len(rows):
+        raise DataError(f"got {kind}[{index}], expected an index 0..{len(rows) - 1}", where=kind)
+    return rows[index]
+
+
+def fetch_uri(uri: str, fetch: Fetch, where: str) -> bytes:
+    """Content of a ``data:`` URI or of a file beside the document."""
+    if not uri.startswith("data:"):
+        return fetch(unquote(uri))
+    head, comma, body = uri.partition(",")
+    if not comma or not head.endswith(";base64"):
+        raise DataError(f"uri: got {uri[:40]!r}, expected base64 data", where=where)
+    try:
+        return base64.b64decode(body, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise DataError(f"uri: is not base64 ({error})", where=where) from error
+
+
+def compressed(name: str, where: str) -> UnsupportedError:
+    """Make the error for a compression that is not read."""
+    return UnsupportedError(
+        f"extension: got {name}; {COMPRESSED[name]} compression is not read, export without it"
+        " (or: npx @gltf-transform/cli copy IN.glb OUT.glb)",
+        where=where,
+    )
+
+
+def _unpack(data: bytes) -> tuple[bytes, bytes]:
+    """Text and binary chunk of a GLB."""
+    if len(data) < HEADER:
+        raise TruncatedError(f"GLB: got {len(data)} bytes, expected a header of {HEADER}")
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != VERSION:
+        raise DataError(f"GLB: got version {version}, expected {VERSION}", where="byte 4")
+    if length > len(data):
+        raise TruncatedError(f"GLB: got {len(data)} bytes, expected {length}", where="byte 8")
+    chunks: dict[int, bytes] = {}
+    at = HEADER
+    while at + CHUNK_HEADER <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        at += CHUNK_HEADER
+        if at + size > length:
+            raise TruncatedError(f"GLB chunk: got {length - at} bytes, expected {size}", where=f"byte {at}")
+        chunks.setdefault(kind, data[at : at + size])
+        at += size
+    if JSON_CHUNK not in chunks:
+        raise DataError("GLB: got no JSON chunk, expected one", where=f"byte {HEADER}")
+    return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK, b"")

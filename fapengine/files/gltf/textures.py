@@ -1,0 +1,192 @@
+"""Materials of a glTF file: base colours, their textures packed into one, and what is too translucent to draw.
+
+Each texture, cut off or repeated as its use asks, becomes a tile with a gutter; tiles lie on shelves. Where they do
+not fit, the largest are halved until they do. Alpha is made straight 255 where the material is opaque, 0 or 255 where
+it is masked.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.files.gltf.document import Budget, Gltf, fetch_uri
+from fapengine.files.gltf.images import Picture, opened, shrink
+from fapengine.files.gltf.json_cursor import Item
+from fapengine.files.gltf.tiles import MAX_TEXTURE_PX, pack_tiles
+
+Array = NDArray[np.float64]
+
+MAX_IMAGE_PX = 2048
+"""Pixels of each image in the packed texture, each way."""
+MAX_PIXELS_IN_ALL = 1 << 29
+"""Pixels of all images and tiles, as they are kept."""
+FORMATS = ("PNG", "JPEG", "WEBP")
+"""Formats that glTF allows. Others are not tried: for some, such as EPS, Pillow starts a program."""
+MAX_REPEATS = 4
+BLANK_PX = 8
+"""Side of the white tile of parts without a texture."""
+CLAMP_TO_EDGE = 33071
+"""Value of ``wrapS`` and ``wrapT`` (glTF 2.0, 5.26): texture coordinates end at the edge."""
+MIN_OPACITY = 0.5
+"""Opacity that a blended material reaches somewhere; others are left out."""
+UV_SLACK = 1e-4
+"""Texture coordinates' way out of a tile that is taken for rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Colour of a part, as its material says."""
+
+    name: str = ""
+    factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Linear RGB."""
+    image: int | None = None
+    channel: int = 0
+    """Number of the texture coordinates that it takes."""
+    matrix: Array = field(default_factory=lambda: np.eye(3))
+    """(3, 3): moves texture coordinates (KHR_texture_transform)."""
+    clamped: tuple[bool, bool] = (False, False)
+    mode: str = "OPAQUE"
+    alpha: float = 1.0
+    cutoff: float = 0.5
+    hidden: bool = False
+
+    def place(self, uv: Array) -> Array:
+        """(V, 2): coordinates in the image, 0..1 where it is not repeated."""
+        moved = uv @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+        for axis, clamped in enumerate(self.clamped):
+            if clamped:
+                moved[:, axis] = np.clip(moved[:, axis], 0.0, 1.0)
+        placed: Array = moved
+        return placed
+
+
+class Atlas:
+    """Images that were asked for, then all of them in one.
+
+    Stateful.
+    """
+
+    def __init__(self, gltf: Gltf) -> None:
+        self._gltf = gltf
+        self._images: dict[int, Picture] = {}
+        self._pixels = Budget("pixels of images", MAX_PIXELS_IN_ALL)
+        self.notes: list[str] = []
+
+    def material(self, primitive: Item) -> Look:
+        """Look of a primitive.
+
+        Raises
+        ------
+        DataError
+            If it names what is not there, or an image cannot be read.
+        """
+        materials = self._gltf.rows["materials"]
+        if "material" not in primitive:
+            return Look()
+        item = materials[primitive.index("material", len(materials))]
+        name = item.string("name", "")
+        surface = item.item("pbrMetallicRoughness")
+        factor, key = surface.numbers("baseColorFactor", [1.0] * 4), "baseColorTexture"
+        old = item.item("extensions").item("KHR_materials_pbrSpecularGlossiness")
+        if "diffuseTexture" in old or "diffuseFactor" in old:
+            surface, factor, key = old, old.numbers("diffuseFactor", [1.0] * 4), "diffuseTexture"
+        mode = item.string("alphaMode", "OPAQUE")
+        look = Look(
+            name=name, factor=(factor[0], factor[1], factor[2]), mode=mode, alpha=factor[3],
+            cutoff=item.number("alphaCutoff", 0.5), hidden=mode == "BLEND" and factor[3] < MIN_OPACITY,
+        )  # fmt: skip
+        return self._textured(look, surface.item(key)) if key in surface else look
+
+    def _textured(self, look: Look, info: Item) -> Look:
+        textures, images = self._gltf.rows["textures"], self._gltf.rows["images"]
+        texture = textures[info.index("index", len(textures))]
+        webp = texture.item("extensions").item("EXT_texture_webp")
+        if "source" not in texture and "source" not in webp:
+            self.notes.append(f"material {look.name!r}: its texture is of a kind that is not read; its colour is kept")
+            return look
+        image = (webp if "source" in webp else texture).index("source", len(images))
+        if image not in self._images:
+            self._images[image] = self._decode(images[image])
+        samplers = self._gltf.rows["samplers"]
+        sampler = samplers[texture.index("sampler", len(samplers))] if "sampler" in texture else Item({}, "")
+        change = info.item("extensions").item("KHR_texture_transform")
+        channel = info.index("texCoord", 8, 0)
+        opaque = float(self._images[image][..., 3].max(initial=0)) / 255.0 * look.alpha
+        return Look(
+            name=look.name, factor=look.factor, image=image,
+            channel=change.index("texCoord", 8, channel), matrix=_transform(change),
+            clamped=(sampler.number("wrapS", 0) == CLAMP_TO_EDGE, sampler.number("wrapT", 0) == CLAMP_TO_EDGE),
+            mode=look.mode, alpha=look.alpha, cutoff=look.cutoff, hidden=look.mode == "BLEND" and opaque < MIN_OPACITY,
+        )  # fmt: skip
+
+    def _decode(self, item: Item) -> Picture:
+        if "bufferView" in item:
+            data = self._gltf.view(item.index("bufferView", len(self._gltf.views)))
+        else:
+            data = fetch_uri(item.string("uri"), self._gltf.fetch, item.where)
+        with opened(data, FORMATS, item.where) as image:
+            factor = math.ceil(max(image.size) / MAX_IMAGE_PX)
+            self._pixels.take(math.ceil(image.width / factor) * math.ceil(image.height / factor), item.where)
+            return shrink(np.asarray(image.convert("RGBA"), np.uint8), factor)
+
+    def build(self, looks: list[Look], coordinates: list[Array]) -> tuple[Picture | None, Array | None]:
+        """Pack what the parts use: the texture (H, W, 4) and coordinates in it (V, 2); None where no part has one."""
+        if all(look.image is None for look in looks):
+            return None, None
+        tiles: dict[tuple[int | None, int, int, str, float, float], Picture] = {}
+        keys, local = [], []
+        for look, uv in zip(looks, coordinates, strict=True):
+            repeats, moved = self._repeats(look, uv)
+            key = (look.image, *repeats, look.mode, look.alpha, look.cutoff)
+            if key not in tiles:
+                tiles[key] = self._tile(look, repeats)
+            keys.append(key)
+            local.append(moved / repeats)
+        packed, places = pack_tiles(list(tiles.values()))
+        at = dict(zip(tiles, places, strict=True))
+        size = (packed.shape[1], packed.shape[0])
+        spread = [(np.array(at[key][:2]) + uv * at[key][2:]) / size for key, uv in zip(keys, local, strict=True)]
+        return packed, np.concatenate(spread)
+
+    def _repeats(self, look: Look, uv: Array) -> tuple[tuple[int, int], Array]:
+        """How often the image is seen in each direction, and coordinates from its first corner on."""
+        if look.image is None or not len(uv):
+            return (1, 1), np.full_like(uv, 0.5)
+        first = np.floor(uv.min(axis=0) + UV_SLACK)
+        count = np.ceil(uv.max(axis=0) - first - UV_SLACK).clip(1)
+        if (count > MAX_REPEATS).any():
+            self.notes.append(
+                f"material {look.name!r}: its texture repeats {count.max():.0f} times, {MAX_REPEATS} are kept"
+            )
+            count = count.clip(1, MAX_REPEATS)
+        return (int(count[0]), int(count[1])), np.clip(uv - first, 0.0, count)
+
+    def _tile(self, look: Look, repeats: tuple[int, int]) -> Picture:
+        if look.image is None:
+            return np.full((BLANK_PX, BLANK_PX, 4), 255, np.uint8)
+        image = self._images[look.image]
+        if max(image.shape[:2]) * max(repeats) > MAX_TEXTURE_PX:
+            factor = math.ceil(max(image.shape[:2]) * max(repeats) / MAX_TEXTURE_PX)
+            image = shrink(image, factor)
+        self._pixels.take(image.shape[0] * image.shape[1] * repeats[0] * repeats[1], f"material {look.name!r}")
+        tile = np.tile(image, (repeats[1], repeats[0], 1))
+        alpha = np.clip(tile[..., 3] * look.alpha, 0.0, 255.0)
+        if look.mode == "MASK":
+            tile[..., 3] = np.where(alpha >= 255.0 * look.cutoff, 255, 0)
+        else:
+            tile[..., 3] = np.round(alpha) if look.mode == "BLEND" else 255
+        return tile
+
+
+def _transform(item: Item) -> Array:
+    """Multiply translation, rotation and scale, as KHR_texture_transform does."""
+    angle = item.number("rotation", 0.0)
+    across, down = item.numbers("scale", [1.0, 1.0])
+    cosine, sine = math.cos(angle), math.sin(angle)
+    matrix = np.eye(3)
+    matrix[:2, :2] = [[across * cosine, down * sine], [-across * sine, down * cosine]]
+    matrix[:2, 2] = item.numbers("offset", [0.0, 0.0])
+    return matrix

@@ -1,0 +1,1 @@
+"""Heads as files: imported, saved and loaded by name."""

@@ -1,0 +1,202 @@
+"""Heads as folders, written and read.
+
+A head is a folder: ``head.toml`` (schema, source, licence, what of the file was used), ``head.npz`` (all arrays of the
+mesh, float32) and, where it is painted, ``head.png``.
+"""
+
+import hashlib
+import io
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fapengine._strict_toml import parse_toml, quoted, spell_path
+from fapengine.capture.arrays import DAMAGE
+from fapengine.errors import DataError, ProfileError, UsageError
+from fapengine.files.gltf.images import opened
+from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.mesh.default_head.head import LEVELS, build_head
+from fapengine.mesh.default_head.style import parse_look
+from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
+from fapengine.mpeg4.fapu import Fapu
+
+SCHEMA = 2
+TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"
+DEFAULT_HEAD = "default"
+ARRAYS = tuple(
+    field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
+)
+MAX_BYTES = 1 << 30
+"""Bytes of a head's arrays, unpacked; a small archive cannot ask for more."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadInfo:
+    """Origin of a head, and what of its file moves it."""
+
+    source: str
+    licence: str
+    used: tuple[str, ...] = ()
+    """Blendshapes that FAPs blend."""
+    lacking: tuple[str, ...] = ()
+    """ARKit's blendshapes that it does not have."""
+
+
+def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
+    """Write a head.
+
+    Raises
+    ------
+    ResourceError
+        If it cannot be written.
+    """
+    basis, buffer = mesh.basis, io.BytesIO()
+    arrays: dict[str, Any] = {name: getattr(mesh, name) for name in ARRAYS}
+    channels = np.array([(channel.fap, channel.start, channel.stop) for channel in basis.channels])
+    points = {
+        "point_names": np.array(list(mesh.feature_points)),
+        "point_vertices": np.array([*mesh.feature_points.values()]),
+    }
+    lengths = np.array([getattr(mesh.fapu, field.name) for field in fields(Fapu)])
+    arrays |= points | {
+        "channels": channels, "offsets": basis.offsets, "entry_channels": basis.entry_channels,
+        "entry_mm": basis.entry_mm, "fapu_mm": lengths,
+    }  # fmt: skip
+    if basis.mix is not None:
+        arrays["mix"] = basis.mix
+    np.savez_compressed(buffer, **arrays)
+    files = {ARRAYS_NAME: buffer.getvalue()}
+    if mesh.texture is not None:
+        files[TEXTURE_NAME] = _png(mesh.texture)
+    lines = [f"schema = {SCHEMA}", f"source = {quoted(info.source)}", f"licence = {quoted(info.licence)}"]
+    lines += [f"{key} = [{', '.join(map(quoted, getattr(info, key)))}]" for key in ("used", "lacking")]
+    lines += [
+        "[sha256]",
+        *(f"{quoted(name)} = {quoted(hashlib.sha256(data).hexdigest())}" for name, data in files.items()),
+    ]
+    for name, data in files.items():
+        write_bytes(folder / name, data)
+    write_bytes(folder / TOML_NAME, ("\n".join(lines) + "\n").encode())
+
+
+def _png(texture: NDArray[np.uint8]) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(texture).save(buffer, "PNG", compress_level=3)
+    return buffer.getvalue()
+
+
+def load_head(name: str) -> FaceMesh:
+    """Load a head's folder; ``"default"`` is our own, ``"default:age=0.8,level=fine"`` it with another look.
+
+    Raises
+    ------
+    UsageError
+        If there is no such folder or look.
+    ProfileError
+        If its content is wrong; ``where`` is file and key.
+    """
+    if _is_ours(name):
+        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
+        return build_head(style, level=level)
+    _, files = _read(name)
+    folder = Path(name)
+    texture = None
+    if TEXTURE_NAME in files:
+        where = str(folder / TEXTURE_NAME)
+        try:
+            with opened(files[TEXTURE_NAME], ("PNG",), where) as image:
+                texture = np.asarray(image, np.uint8)
+        except DataError as error:
+            raise ProfileError(error.message, where=where) from error
+    try:
+        return _mesh(_arrays(files[ARRAYS_NAME]), texture)
+    except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may be of any shape
+        raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
+
+
+def load_levels(name: str) -> list[FaceMesh]:
+    """Load a head and, if it is our own, its coarsest level of detail after it; a folder holds one level.
+
+    Raises as :func:`load_head`.
+    """
+    levels = [load_head(name)]
+    if _is_ours(name):
+        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
+        coarsest = next(iter(LEVELS))
+        if level != coarsest:
+            levels.append(build_head(style, level=coarsest))
+    return levels
+
+
+def load_head_info(name: str) -> HeadInfo:
+    """Tell where a head comes from. Raises as :func:`load_head`."""
+    return HeadInfo("fapengine", "Apache-2.0") if _is_ours(name) else _read(name)[0]
+
+
+def _is_ours(name: str) -> bool:
+    return name == DEFAULT_HEAD or name.startswith(f"{DEFAULT_HEAD}:")
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """``head.toml``, key by key."""
+
+    schema: int
+    source: str
+    licence: str
+    sha256: dict[str, str]
+    used: tuple[str, ...] = ()
+    lacking: tuple[str, ...] = ()
+
+
+def _read(name: str) -> tuple[HeadInfo, dict[str, bytes]]:
+    folder = Path(name)
+    if not (folder / TOML_NAME).is_file():
+        raise UsageError(
+            f"head: got {name!r}, expected {DEFAULT_HEAD!r} or a folder that `fapengine head import` wrote"
+        )
+    path = str(folder / TOML_NAME)
+    document = parse_toml(read_bytes(folder / TOML_NAME), _Document, path, ProfileError, schema=SCHEMA)
+    digests = document.sha256
+    if ARRAYS_NAME not in digests or set(digests) - {ARRAYS_NAME, TEXTURE_NAME}:
+        raise ProfileError(
+            f"got {', '.join(digests) or 'none'}, expected {ARRAYS_NAME} and {TEXTURE_NAME} alone",
+            where=spell_path(path, "sha256"),
+        )
+    files = {key: read_bytes(folder / key) for key in digests}
+    for key, data in files.items():
+        if (digest := hashlib.sha256(data).hexdigest()) != digests[key]:
+            raise ProfileError(f"got {digest}, expected {digests[key]}", where=spell_path(path, "sha256", key))
+    return HeadInfo(document.source, document.licence, document.used, document.lacking), files
+
+
+def _arrays(data: bytes) -> dict[str, Any]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > MAX_BYTES:
+        raise DataError(f"got {size} bytes unpacked, expected at most {MAX_BYTES}")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh:
+    channels = tuple(Channel(int(number), float(start), float(stop)) for number, start, stop in arrays["channels"])
+    names = [str(name) for name in arrays["point_names"]]
+    return FaceMesh(
+        **{name: arrays[name] for name in ARRAYS},
+        feature_points=dict(zip(names, map(int, arrays["point_vertices"]), strict=True)),
+        fapu=Fapu(*map(float, arrays["fapu_mm"])),
+        basis=DeformationBasis(
+            channels=channels,
+            offsets=arrays["offsets"],
+            entry_channels=arrays["entry_channels"],
+            entry_mm=arrays["entry_mm"],
+            mix=arrays.get("mix"),
+        ),
+        texture=texture,
+    )

@@ -1,0 +1,92 @@
+"""Import of a head: a mesh file in, a head that FAPs move out."""
+
+from pathlib import Path
+
+from fapengine.errors import DataError, UsageError
+from fapengine.files.heads.folder import HeadInfo
+from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
+from fapengine.files.heads.tables import load_feature_points, load_mapping
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.feature_points import locate
+from fapengine.mesh.rig.import_head import ImportedHead, import_head
+from fapengine.retarget.blendshape_names import Choice, choose_blendshapes
+
+
+def import_head_file(
+    path: Path, points: Path | None = None, mapping: Path | None = None
+) -> tuple[ImportedHead, HeadInfo]:
+    """Make a head of a file: by its blendshapes, where it has some with known names, else by feature points.
+
+    Parameters
+    ----------
+    path : Path
+        A mesh, or ICT-FaceKit's folder.
+    points : Path, optional
+        Table of feature points; needed for a mesh without blendshapes. With blendshapes, its points go before those
+        found.
+    mapping : Path, optional
+        Table of what blendshapes with other names mean.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or a mesh without blendshapes comes without points.
+    DataError
+        If its content is wrong, or no face can be made of it; ``where`` is the file.
+    ResourceError
+        If trimesh is needed and not installed.
+    """
+    if is_rig(path):
+        mesh = load_rig(path)
+        choice = _choice(path, mesh, mapping, points)
+    elif points is None:
+        raise UsageError(f"{path}: has no blendshapes, so its feature points are needed (points=FILE)")
+    else:
+        mesh, choice = load_neutral(path), choose_blendshapes(())
+    standard = build_head()
+    marked = load_feature_points(points, mesh.vertices) if points else {}
+    try:
+        vertices = _points(mesh, choice, marked, standard, needed=points is None)
+        imported = import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
+    except DataError as error:
+        raise type(error)(error.message, where=str(path)) from error
+    return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+
+
+def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path | None) -> Choice:
+    """Choose among a mesh's blendshapes; without any, feature points are needed."""
+    names = [name for name, blendshape in mesh.blendshapes.items() if len(blendshape.vertices)]
+    choice = choose_blendshapes(names, load_mapping(mapping) if mapping else None)
+    absent = [name for name in choice.own_faps if name not in mesh.blendshapes]
+    if absent:
+        raise DataError(f"mapping: got blendshape {absent[0]!r}, which the mesh does not have", where=str(mapping))
+    if not choice.blended and not choice.own_faps and points is None:
+        some = ", ".join(list(mesh.blendshapes)[:8]) or "none"
+        raise DataError(
+            f"blendshapes: got {some}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"
+            " (mapping=FILE), or feature points (points=FILE)",
+            where=str(path),
+        )
+    return choice
+
+
+def _points(
+    mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, needed: bool
+) -> dict[str, int]:
+    """Vertices of the feature points: those marked by hand, and those that blendshapes show, if any are ``needed``."""
+    moves = {
+        role: mesh.dense(names[0])
+        for role, names in ((LEFT, choice.left), (RIGHT, choice.right), (BOTH, choice.both), (JAW, choice.jaw))
+        if names
+    }
+    located: dict[str, int] = {}
+    try:
+        located = locate(mesh, moves, standard)
+    except DataError:
+        if needed:
+            raise
+    taken = set(marked.values())
+    return {name: vertex for name, vertex in located.items() if vertex not in taken} | marked

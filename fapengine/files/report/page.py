@@ -1,0 +1,236 @@
+"""The report of a fit: one HTML file, all pictures inside it."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from fapengine.files.report import figures
+from fapengine.laboratory.fit import Fitted
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #20242a; background: #faf9f6; max-width: 62rem; margin: 2rem auto;
+  padding: 0 1rem }
+h1 { font-size: 1.7rem; margin-bottom: .2rem } h2 { margin-top: 2.4rem; border-bottom: 1px solid #ddd }
+table { border-collapse: collapse; font-size: .9rem; margin: .6rem 0 }
+td, th { padding: .15rem .7rem; text-align: left }
+tr:nth-child(even) { background: #f0efea } th { border-bottom: 1px solid #bbb } td.n { text-align: right }
+.warn { background: #fdf1e3; border-left: 4px solid #c8843c; padding: .5rem 1rem } figure { margin: 1rem 0 }
+figcaption { color: #70757d; font-size: .88rem } svg { max-width: 100%; height: auto } .note { color: #70757d }
+"""
+
+UNCERTAINTY = (
+    "Points from a video tracker are themselves uncertain by about 0.7 mm on the lips, and their depth is inferred:"
+    " smaller errors are statements about the recording, not about the face."
+)
+
+
+def write_report(fitted: Fitted) -> bytes:
+    """Make the page: UTF-8 HTML without any reference outside of it.
+
+    Raises
+    ------
+    ResourceError
+        If matplotlib is not installed.
+    """
+    profile = fitted.profile
+    parts = [
+        f"<h1>{escape(profile.id)}</h1>",
+        f'<p class="note">{escape(profile.origin["source"])} · {escape(profile.language)} ·'
+        f" licence: {escape(profile.licence)} · <code>{escape(profile.origin['command'])}</code></p>",
+        _table(
+            ("", ""),
+            [(key, profile.origin[key]) for key in ("takes", "variance", "held_out") if key in profile.origin]
+            + [("phones", str(len(profile.phones))), ("expressions", _expressions(fitted))],
+        ),
+        _warnings(fitted.warnings),
+        f'<p class="note">{UNCERTAINTY}</p>',
+        "<h2>Markers</h2>",
+        _picture(figures.markers(fitted.prepared, fitted.selection), "The neutral pose, seen from the front."),
+        *_gaps(fitted),
+        *_selection(fitted),
+        *_space(fitted),
+        *_phones(fitted),
+        *_prediction(fitted),
+        *_dense(fitted),
+    ]
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(profile.id)}: fit</title>'
+    return f"{head}<style>{STYLE}</style>{''.join(parts)}</html>\n".encode()
+
+
+def _picture(svg: bytes, caption: str) -> str:
+    drawing = svg[svg.index(b"<svg") :].decode()
+    return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    def cell(value: str) -> str:
+        number = any(header) and value.replace(".", "").replace("-", "").replace(" ", "").isdigit()
+        return f'<td class="n">{escape(value)}</td>' if number else f"<td>{escape(value)}</td>"
+
+    top = "".join(f"<th>{escape(name)}</th>" for name in header) if any(header) else ""
+    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
+    return f"<table>{f'<tr>{top}</tr>' if top else ''}{body}</table>"
+
+
+def _warnings(warnings: Sequence[str]) -> str:
+    if not warnings:
+        return "<p>No warnings.</p>"
+    items = "".join(f"<li>{escape(text)}</li>" for text in warnings)
+    return f'<div class="warn"><b>{len(warnings)} warnings</b><ul>{items}</ul></div>'
+
+
+def _expressions(fitted: Fitted) -> str:
+    names = [
+        f"{expression.name.lower()}{' (borrowed)' if expression in fitted.borrowed else ''}"
+        for expression in fitted.profile.expressions
+    ]
+    return ", ".join(names) or "none"
+
+
+def _gaps(fitted: Fitted) -> list[str]:
+    if fitted.prepared.gaps is None:
+        return ["<p>Every marker is seen in every frame.</p>"]
+    study = fitted.prepared.gaps
+    text = (
+        f"Filled by a model of rank {study.rank}; entries hidden for the trial come back within"
+        f" {study.error_mm[study.ranks.index(study.rank)]:.2f} mm (root mean square)."
+    )
+    return ["<h2>Gaps</h2>", _picture(figures.gaps(fitted.prepared), text)]
+
+
+def _selection(fitted: Fitted) -> list[str]:
+    study = fitted.selection
+    if study is None:
+        return []
+    prepared = fitted.prepared
+    names = [point or label for point, label in zip(prepared.points, prepared.labels, strict=True)]
+    gaps = study.factor.gaps()[: study.factor.rank() - 1]
+    judged = "takes that were held out" if fitted.held_out else "the training data"
+    return [
+        "<h2>Which markers matter</h2>",
+        f"<p>{study.k} of {len(names)} markers: <b>{escape(', '.join(names[i] for i in study.swapped.primary))}</b>"
+        f" ({escape(study.reason)})."
+        f" QR alone would take {escape(', '.join(names[i] for i in study.plain.primary))}.</p>",
+        f"<p>The data have rank {study.factor.rank()}; R_kk falls most behind k = {int(gaps.argmax()) + 1}, to"
+        f" 1/{gaps.max():.1f}.</p>",
+        _picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
+        _table(
+            (f"error of the driven markers in {judged}", "mm"),
+            [(name, f"{value:.3f}") for name, value in study.held_out_mm.items()],
+        ),
+        f"<p>Ten draws of three quarters of the sentences agree on {100 * study.stability:.0f} % of the {study.k}:</p>",
+        _table(
+            ("trial", *(f"{n + 1}." for n in range(study.trials.shape[1]))),
+            [(str(n), *(names[i] for i in row)) for n, row in enumerate(study.trials, 1)],
+        ),
+        _picture(
+            figures.regions(prepared, study),
+            "Kinematic regions: red moves with the circled marker, blue against it (weights −1 to 1).",
+        ),
+    ]
+
+
+def _space(fitted: Fitted) -> list[str]:
+    study = fitted.space
+    rows = [
+        (
+            str(index + 1),
+            name.name,
+            f"{name.likeness:.2f}",
+            ", ".join(name.busiest),
+            f"{study.spread_mm[index]:.2f}",
+            f"{100 * (study.share[index] - (study.share[index - 1] if index else 0)):.2f}",
+        )
+        for index, name in enumerate(study.names)
+    ]
+    return [
+        "<h2>Viseme space</h2>",
+        f"<p>{study.space.mode_count} components of {3 * study.space.marker_count}; {study.dimensions} have a standard"
+        " deviation above a thousandth of the first one's.</p>",
+        _picture(figures.space(fitted), "Dashed: what was kept."),
+        _table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows),
+        _picture(
+            figures.components(fitted),
+            "Above from the front, below from the side (forward is right). Red: positive weights, blue: negative.",
+        ),
+    ]
+
+
+def _phones(fitted: Fitted) -> list[str]:
+    rows = [
+        (
+            name,
+            str(study.tokens),
+            ", ".join(f"{100 * f:.0f} %" for f in study.target.fractions),
+            study.target.contact,
+            f"{float((study.error[0] ** 2).sum()) ** 0.5:.2f}",
+            study.target.origin,
+        )
+        for name, study in sorted(fitted.phones.items())
+    ]
+    return [
+        "<h2>Phones</h2>",
+        _picture(figures.phone_map(fitted), "Medians at 30 % of the phone."),
+        _table(("phone", "tokens", "keys", "touches", "standard error, mm", "origin"), rows),
+    ]
+
+
+def _prediction(fitted: Fitted) -> list[str]:
+    parts = ["<h2>From phones back to motion</h2>"]
+    study = fitted.prediction
+    if study is None:
+        parts.append("<p>Not judged: no take with phones was held out.</p>")
+    else:
+        parts += [
+            _table(
+                ("held-out takes from their phones alone", ""),
+                [
+                    ("mean lip error, mm", f"{study.lips_mm:.2f}"),
+                    ("the same for a face that keeps its mean pose, mm", f"{study.mean_pose_mm:.2f}"),
+                    ("opening, correlation", f"{study.opening_r:.2f}"),
+                    ("opening, slope", f"{study.opening_slope:.2f}"),
+                ],
+            ),
+            _picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
+        ]
+    if fitted.reduction:
+        rows = [
+            (
+                f"{trial.tolerance_mm:g}",
+                str(trial.point_count),
+                f"{100 * trial.share:.0f}",
+                f"{trial.mean_mm:.2f}",
+                f"{trial.max_mm:.2f}",
+            )
+            for trial in fitted.reduction
+        ]
+        parts += [
+            "<h2>Via points</h2>",
+            _picture(
+                figures.reduction(fitted), "The longest held-out take, low-passed at 12 Hz, as minimum-jerk splines."
+            ),
+            _table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows),
+        ]
+    return parts
+
+
+def _dense(fitted: Fitted) -> list[str]:
+    study = fitted.dense
+    if study is None:
+        return []
+    rows = [
+        (
+            name,
+            f"{fit.landmark_rms_mm:.2f}",
+            f"{fit.surface_rms_mm:.2f}",
+            f"{100 * met:.0f}",
+            "yes" if fit.settled else "no",
+        )
+        for name, fit, met in study.fits
+    ]
+    return [
+        "<h2>Dense face</h2>",
+        _table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows),
+        f"<p>A scan predicted from the others: {study.left_out_mm[0]:.2f} mm by dense modes (ridge"
+        f" {study.modes.ridge:g}), {study.left_out_mm[1]:.2f} mm by the linear estimator, mean over vertices.</p>",
+        _picture(figures.dense(study), "How far a standard deviation moves each vertex."),
+    ]

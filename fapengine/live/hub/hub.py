@@ -1,0 +1,435 @@
+"""The one object that ticks: commands come in from anywhere, frames go out to whoever listens.
+
+Theory of operation
+-------------------
+Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak in a
+thread of their own and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions
+and hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
+window). A listener that raises is dropped, told of in the log and counted: the other faces do not notice.
+
+A session lives as long as somebody holds it (:meth:`Hub.hold`) or tells it something; after ``idle_close_s`` of neither
+it is closed.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.port import EnginePort
+from fapengine.live.engine.session import Event
+from fapengine.live.hub.messages import HubCounts, HubFrame, HubFrames, Spoken
+from fapengine.live.hub.observed_engine import ObservedEngine
+from fapengine.live.hub.pacer import FramePacer
+from fapengine.mpeg4 import fap
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, EspeakVoice
+from fapengine.voices.protocol import Speech
+
+__all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
+
+RATE_HZ = 60.0
+IDLE_CLOSE_S = 120.0
+LOOK_EVERY_S = 1.0
+"""Interval at which idle sessions are looked for."""
+PHONES_A_COMMAND = 64
+SOUND_WAIT_S = 1.5
+"""An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
+MAX_TEXT = 4000
+"""Letters that are spoken at once."""
+LEAD_S, TAIL_S = 0.15, 0.25
+"""Silence around a voice: the mouth opens out of rest and comes back to it."""
+
+log = logging.getLogger("fapengine.server")
+Unsubscribe = Callable[[], None]
+
+
+@dataclass(slots=True)
+class _Unheard:
+    """An utterance that waits for its sound."""
+
+    session: str
+    utterance: int
+    since_s: float
+
+
+@dataclass(slots=True, eq=False)
+class _Asked:
+    """A text that a voice is turning into sound.
+
+    Stateful.
+    """
+
+    session: str
+    is_cancelled: bool = False
+
+
+@dataclass(slots=True)
+class _Listeners:
+    """Subscribers by what they want; None stands for all sessions.
+
+    Stateful.
+    """
+
+    frames: dict[int, Callable[[HubFrames], None]] = field(default_factory=dict)
+    frame: dict[str, dict[int, Callable[[HubFrame], None]]] = field(default_factory=dict)
+    event: dict[int, tuple[str | None, Callable[[Event], None]]] = field(default_factory=dict)
+    command: dict[int, tuple[str | None, Callable[[str, Command, float], None]]] = field(default_factory=dict)
+    speech: dict[int, tuple[str | None, bool, Callable[[Spoken], None]]] = field(default_factory=dict)
+
+
+class Hub:
+    """The engine, its listeners and its voice.
+
+    Stateful.
+
+    Parameters
+    ----------
+    engine : Engine
+        The hub alone drives it; others reach it through ``engine``.
+    rate_hz : float
+        Frames a second.
+    clock : callable
+        Monotonic seconds; the engine's time.
+    idle_close_s : float
+        A session that nobody holds or talks to is closed after so long.
+    """
+
+    def __init__(
+        self,
+        engine: EnginePort,
+        *,
+        rate_hz: float = RATE_HZ,
+        clock: Callable[[], float] = time.monotonic,
+        idle_close_s: float = IDLE_CLOSE_S,
+    ) -> None:
+        self.engine = ObservedEngine(engine)
+        self.counts = HubCounts()
+        self.clock = clock
+        self.pacer = FramePacer(rate_hz, clock())
+        self._idle_close_s = idle_close_s
+        self._look_s = -np.inf
+        self._listeners = _Listeners()
+        self._numbers = count()
+        self._utterances = count(VOICE_UTTERANCES)
+        self._holders: dict[str, int] = {}
+        self._unheard: list[_Unheard] = []
+        self._asked: list[_Asked] = []
+        self._voice = asyncio.Lock()
+        """Texts are said in the order in which they came."""
+        self._pins: dict[str, dict[int, int]] = {}
+        self._stopped = False
+        self.engine.event_listeners.append(self._tell_event)
+        self.engine.command_listeners.append(self._tell_command)
+
+    # Sessions and commands
+
+    def open(self, session: str) -> None:
+        """Begin a session; one that is open already stays as it is."""
+        if session not in self.engine:
+            self.engine.open(session, self.clock())
+
+    def close(self, session: str) -> None:
+        """End a session; one that is not open stays so."""
+        if session in self.engine:
+            self.engine.close(session, self.clock())
+
+    def hold(self, session: str) -> Unsubscribe:
+        """Open a session if need be, and keep it open until the returned function is called."""
+        self.open(session)
+        self._holders[session] = self._holders.get(session, 0) + 1
+        released = False
+
+        def release() -> None:
+            nonlocal released
+            if not released and session in self._holders:
+                self._holders[session] -= 1
+                if not self._holders[session]:
+                    del self._holders[session]
+            released = True
+
+        return release
+
+    def release_all(self) -> None:
+        """Forget who holds what: the server ends."""
+        self._holders.clear()
+
+    def apply(self, session: str, command: Command) -> None:
+        """Tell a session something, now.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        self.engine.apply(session, command, self.clock())
+
+    def pin(self, session: str, number: int, value: int | None) -> None:
+        """Hold FAP ``number`` of a session at a value in FAPU, whatever the engine says; None lets it go.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or there is no such FAP.
+        """
+        if session not in self.engine:
+            raise UsageError(f"session: got {session!r}, expected one of {', '.join(self.engine.sessions) or 'none'}")
+        column = fap.column(number)
+        pins = self._pins.setdefault(session, {})
+        if value is None:
+            pins.pop(column, None)
+        else:
+            pins[column] = value
+        if not pins:
+            del self._pins[session]
+
+    def pinned(self, session: str) -> dict[int, int]:
+        """FAP number to the value at which it is held."""
+        return {column + 1: value for column, value in self._pins.get(session, {}).items()}
+
+    # Listeners
+
+    def subscribe(self, session: str, on_frame: Callable[[HubFrame], None]) -> Unsubscribe:
+        """Have every frame of one session, as long as it is open."""
+        key = next(self._numbers)
+        self._listeners.frame.setdefault(session, {})[key] = on_frame
+
+        def stop() -> None:
+            listeners = self._listeners.frame.get(session, {})
+            listeners.pop(key, None)
+            if not listeners:
+                self._listeners.frame.pop(session, None)
+
+        return stop
+
+    def subscribe_all(self, on_frames: Callable[[HubFrames], None]) -> Unsubscribe:
+        """Have every frame of all sessions, in one call a tick."""
+        return self._add(self._listeners.frames, on_frames)
+
+    def on_event(self, session: str | None, listener: Callable[[Event], None]) -> Unsubscribe:
+        """Hear what becomes of the utterances of a session, or of all: ``fapengine.live.engine`` Events."""
+        return self._add(self._listeners.event, (session, listener))
+
+    def on_command(self, session: str | None, listener: Callable[[str, Command, float], None]) -> Unsubscribe:
+        """Hear what a session is told, or all: session, command, engine time. A phone ticker is made of it."""
+        return self._add(self._listeners.command, (session, listener))
+
+    def on_speech(self, session: str | None, listener: Callable[[Spoken], None], *, plays: bool) -> Unsubscribe:
+        """Have the sound of what a voice says.
+
+        Parameters
+        ----------
+        session : str or None
+            None: of all sessions.
+        listener : callable
+            Takes a :class:`Spoken`.
+        plays : bool
+            Whether it plays the sound and tells where it is, with :class:`Audio`. The face then waits for that.
+        """
+        return self._add(self._listeners.speech, (session, plays, listener))
+
+    def _add(self, listeners: dict[int, Any], listener: Any) -> Unsubscribe:
+        key = next(self._numbers)
+        listeners[key] = listener
+        return lambda: listeners.pop(key, None)
+
+    # Voices
+
+    def say(self, session: str, speech: Speech, *, text: str = "", anchor: Anchor | None = None) -> Spoken:
+        """Let a face say what was spoken; the sound goes to those who listen for it.
+
+        Parameters
+        ----------
+        session : str
+            An open one.
+        speech : Speech
+            Sound, and phones in its time.
+        text : str
+            For those who show it.
+        anchor : Anchor, optional
+            When the face begins; by default with the sound, if somebody plays it, else now or behind what is queued.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or has as many utterances as there may be.
+        """
+        listeners = {key: entry for key, entry in self._listeners.speech.items() if entry[0] in (None, session)}
+        if anchor is None:
+            anchor = "audio" if any(plays for _, plays, _ in listeners.values()) else "now"
+        spoken = Spoken(session, next(self._utterances), text, speech, anchor)
+        phones = speech.phones.phones
+        self.apply(session, Begin(spoken.utterance, anchor))
+        if self.engine.utterance(session, spoken.utterance) is None:
+            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
+        for first in range(0, len(phones), PHONES_A_COMMAND):
+            self.apply(session, Append(spoken.utterance, first, phones[first : first + PHONES_A_COMMAND]))
+        self.apply(session, End(spoken.utterance, len(phones), speech.duration_s))
+        if anchor == "audio":
+            self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
+        for key, (_, _, listener) in listeners.items():
+            self._call(self._listeners.speech, key, listener, spoken)
+        return spoken
+
+    async def speak(
+        self, session: str, text: str, *, voice: str = DEFAULT_VOICE, rate_wpm: int = DEFAULT_RATE_WPM
+    ) -> Spoken | None:
+        """Speak a text: the voice works in a thread, then the session says it, unless it was told to stop meanwhile.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, the text too long or empty, or the voice unknown.
+        ResourceError
+            If the voice is not installed.
+        """
+        if len(text) > MAX_TEXT:
+            raise UsageError(f"text: got {len(text)} letters, expected at most {MAX_TEXT}")
+        request = _Asked(session)
+        self._asked.append(request)
+        try:
+            async with self._voice:
+                if request.is_cancelled:
+                    return None
+                speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
+        finally:
+            self._asked.remove(request)
+        return None if request.is_cancelled else self.say(session, speech, text=text)
+
+    # Time
+
+    def tick(self, now_s: float, number: int | None = None) -> HubFrames:
+        """Show one frame of every session to all who want it. Times rise from call to call."""
+        self._hurry_unheard(now_s)
+        if now_s >= self._look_s:
+            self._look_s = now_s + LOOK_EVERY_S
+            self._close_idle(now_s)
+        shown = self.engine.frame(now_s)
+        self.engine.collect()
+        sessions = tuple(shown.sessions)
+        faps = self._with_pins(sessions, shown.faps) if self._pins else shown.faps
+        if number is None:
+            number = self.counts.frames + self.counts.skipped
+        frames = HubFrames(number, now_s, sessions, faps)
+        self.counts.frames += 1
+        for key, listener in tuple(self._listeners.frames.items()):
+            self._call(self._listeners.frames, key, listener, frames)
+        if self._listeners.frame:
+            self._tell_each(frames)
+        return frames
+
+    async def run(
+        self,
+        before: Callable[[float, float], None] | None = None,
+        after: Callable[[float], None] | None = None,
+    ) -> None:
+        """Tick at the rate until :meth:`stop`.
+
+        Parameters
+        ----------
+        before : callable, optional
+            Called before each frame with the time, and when it was due: what came in since is taken then.
+        after : callable, optional
+            Called with the time when a frame has been handed out.
+        """
+        pacer = self.pacer = FramePacer(self.pacer.rate_hz, self.clock())
+        while not self._stopped:
+            due_s, due = pacer.next_s, pacer.due(self.clock())
+            if due is None:
+                await asyncio.sleep(max(0.0, due_s - self.clock()))
+                continue
+            number, skipped = due
+            self.counts.skipped += skipped
+            if before is not None:
+                before(self.clock(), due_s)
+            self.tick(self.clock(), number)
+            if after is not None:
+                after(self.clock())
+            await asyncio.sleep(0)
+
+    def stop(self) -> None:
+        """Let :meth:`run` end after its frame."""
+        self._stopped = True
+
+    def _hurry_unheard(self, now_s: float) -> None:
+        """Let what waits for a sound that is not heard of go on by the clock, one behind the other."""
+        for entry in tuple(self._unheard):
+            if entry.session not in self.engine:
+                self._unheard.remove(entry)
+            elif self.engine.state(entry.session) in ("speaking", "paused"):
+                entry.since_s = now_s
+            elif now_s - entry.since_s > SOUND_WAIT_S:
+                self._unheard.remove(entry)
+                self.counts.unheard += 1
+                self.engine.apply(entry.session, Audio(entry.utterance, now_s, 0.0), now_s)
+
+    def _close_idle(self, now_s: float) -> None:
+        for session in self.engine.sessions:
+            quiet_s = now_s - self.engine.touched_s.get(session, now_s)
+            is_still = self.engine.state(session) in ("idle", "paused")
+            if quiet_s > self._idle_close_s and session not in self._holders and is_still:
+                self.counts.idle_closed += 1
+                self.engine.close(session, now_s)
+
+    def _with_pins(self, sessions: tuple[str, ...], faps: NDArray[np.int32]) -> NDArray[np.int32]:
+        held = faps.copy()
+        for session in tuple(self._pins):
+            if session in sessions:
+                pins = self._pins[session]
+                held[sessions.index(session), list(pins)] = list(pins.values())
+            else:
+                del self._pins[session]  # it is closed
+        return held
+
+    def _tell_each(self, frames: HubFrames) -> None:
+        rows = {session: row for row, session in enumerate(frames.sessions)}
+        for session, listeners in tuple(self._listeners.frame.items()):
+            row = rows.get(session)
+            if row is not None:
+                frame = HubFrame(session, frames.number, frames.time_s, frames.faps[row])
+                for key, listener in tuple(listeners.items()):
+                    self._call(listeners, key, listener, frame)
+
+    def _tell_event(self, event: Event) -> None:
+        for key, (session, listener) in tuple(self._listeners.event.items()):
+            if session in (None, event.session):
+                self._call(self._listeners.event, key, listener, event)
+
+    def _tell_command(self, session: str, command: Command, now_s: float) -> None:
+        if isinstance(command, Audio | Cancel):
+            self._hear(session, command, now_s)
+        for key, (wanted, listener) in tuple(self._listeners.command.items()):
+            if wanted in (None, session):
+                self._call(self._listeners.command, key, listener, session, command, now_s)
+
+    def _hear(self, session: str, command: Audio | Cancel, now_s: float) -> None:
+        """Strike off what is heard or cancelled; while a session's sound plays, what is queued behind it may wait."""
+        stops = command if isinstance(command, Cancel) else Cancel(command.utterance)
+        self._unheard = [
+            entry for entry in self._unheard if entry.session != session or not stops.means(entry.utterance)
+        ]
+        for entry in self._unheard:
+            if entry.session == session:
+                entry.since_s = now_s
+        if isinstance(command, Cancel) and command.utterance is None:
+            for request in self._asked:
+                request.is_cancelled |= request.session == session
+
+    def _call(self, listeners: dict[int, Any], key: int, listener: Callable[..., None], *arguments: object) -> None:
+        try:
+            listener(*arguments)
+        except Exception:  # one listener's fault must not stop the other faces
+            log.exception("a listener failed and is dropped", extra={"listener": repr(listener)})
+            listeners.pop(key, None)
+            self.counts.listeners_dropped += 1
+
+
+def _synthesise(text: str, voice: str, rate_wpm: int) -> Speech:
+    return EspeakVoice(voice, rate_wpm).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)

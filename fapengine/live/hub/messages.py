@@ -1,0 +1,63 @@
+"""What the hub hands out: frames, what its voice said, and counts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.live.engine.commands import Anchor
+from fapengine.voices.protocol import Speech
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HubFrames:
+    """One frame of every session."""
+
+    number: int
+    """Counts ticks of the hub; what is missing was skipped for lateness."""
+    time_s: float
+    """Engine time."""
+    sessions: tuple[str, ...]
+    faps: NDArray[np.int32]
+    """(S, 68) int32, FAPU; row r is session ``sessions[r]``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HubFrame:
+    """One frame of one session."""
+
+    session: str
+    number: int
+    time_s: float
+    """Engine time."""
+    faps: NDArray[np.int32]
+    """(68,) int32, FAPU."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spoken:
+    """Something a voice of the server said."""
+
+    session: str
+    utterance: int
+    text: str
+    speech: Speech
+    anchor: Anchor
+    """``"audio"``: whoever plays the sound must tell its position, for the face to begin
+    (:class:`~fapengine.live.engine.commands.Audio`)."""
+
+
+@dataclass(slots=True)
+class HubCounts:
+    """Counts since the start.
+
+    Stateful.
+    """
+
+    frames: int = 0
+    skipped: int = 0
+    """Frames that were due and never shown."""
+    listeners_dropped: int = 0
+    idle_closed: int = 0
+    unheard: int = 0
+    """Utterances whose player never said where it is."""

@@ -1,0 +1,243 @@
+"""One TOML for everything that ``fapengine serve`` can be told: :data:`EXAMPLE` shows all of it."""
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from msgspec import Meta
+
+from fapengine._strict_toml import Checked, parse_toml
+from fapengine.errors import UsageError
+from fapengine.live.engine.session import Limits
+from fapengine.live.server.sinks import parse_sink
+from fapengine.live.wire.speech_osc.schema import check_session
+from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+
+EXAMPLE = """\
+[listen]
+host = "127.0.0.1"      # "0.0.0.0": the whole network may speak; set a token then
+port = 9110             # OSC: UDP and TCP
+web_port = 8110         # the page; 0: none
+metrics_port = 0        # Prometheus text at /metrics; 0: none
+token = ""              # what senders and pages must know; "": nobody is asked
+
+[face]
+profile = "grid_s1_en"  # whose way of speaking
+head = "default"        # whose face the page shows
+rate_hz = 60.0          # frames a second
+seed = 1                # chance of blinks and head motion
+
+[style]                 # at first; senders change it with /param
+articulation = 1.0      # also jaw, lips: 0 to 3; loudness_db: -20 to 20
+blinks = true           # also head_motion, gaze, idle, emphasis
+
+[voice]
+name = "en-us"          # speaks /tts/text and the page's text box
+rate_wpm = 160
+
+[sound]
+session = ""            # whose voice this machine's loudspeaker plays, "face" say; "": nobody's, pages play their own
+device = ""             # its number, or a part of its name; "": the system's
+
+[limits]
+sessions = 1000
+utterances = 32         # of a session, queued
+queued_s = 600.0        # of an utterance, and how far ahead one may begin
+silence_s = 2.0         # an utterance without an end is over when nothing more comes for so long
+wait_s = 30.0           # one whose turn it is and whose sound does not come is given up
+idle_close_s = 120.0    # a session that nobody talks to or watches is closed
+packets_a_peer = 256    # waiting to be understood
+streams = 256           # TCP connections
+
+[log]
+level = "info"          # debug, info, warning, error
+format = "text"         # or "json": one object a line
+
+[[sink]]
+url = "vmc://127.0.0.1:39539"
+"""
+"""Every key, with its default; every one may be left out. And one sink."""
+OSC_PORT, WEB_PORT = 9110, 8110
+RATES_HZ = (1.0, 240.0)
+Port = Annotated[int, Meta(ge=0, le=65_535)]
+
+
+@dataclass(frozen=True, slots=True)
+class Listen(Checked):
+    """Where the server can be reached."""
+
+    host: str = "127.0.0.1"
+    port: Port = OSC_PORT
+    """OSC, UDP and TCP; 0: any free one."""
+    web_port: Port | None = WEB_PORT
+    """The page; None: none, 0: any free one. In the file 0 is none."""
+    metrics_port: Port | None = None
+    """Prometheus text; None: none, 0: any free one. In the file 0 is none."""
+    token: str | None = None
+    """Word that senders and pages must know; None or "": nobody is asked."""
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "token", self.token or None)
+
+
+@dataclass(frozen=True, slots=True)
+class Face(Checked):
+    """Who speaks, and how it looks."""
+
+    profile: str = "grid_s1_en"
+    head: str = "default"
+    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 60.0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SoundChoice(Checked):
+    """Whose voice is heard where the server runs."""
+
+    session: str | None = None
+    """Session that the loudspeaker plays; None or "": none."""
+    device: str | None = None
+    """Number of the sound device or a part of its name; None or "": the system's."""
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "session", self.session or None)
+        object.__setattr__(self, "device", self.device or None)
+        if self.session is not None:
+            check_session(self.session)
+
+
+@dataclass(frozen=True, slots=True)
+class Caps(Checked):
+    """What one server holds at most."""
+
+    sessions: Annotated[int, Meta(ge=1, le=100_000)] = 1000
+    utterances: Annotated[int, Meta(ge=1, le=10_000)] = 32
+    queued_s: Annotated[float, Meta(ge=1.0, le=86_400.0)] = 600.0
+    silence_s: Annotated[float, Meta(ge=0.1, le=3600.0)] = 2.0
+    wait_s: Annotated[float, Meta(ge=0.1, le=3600.0)] = 30.0
+    idle_close_s: Annotated[float, Meta(ge=1.0, le=86_400.0)] = 120.0
+    packets_a_peer: Annotated[int, Meta(ge=1, le=100_000)] = 256
+    streams: Annotated[int, Meta(ge=1, le=10_000)] = 256
+
+    @property
+    def engine(self) -> Limits:
+        """The engine's part."""
+        return Limits(
+            sessions=self.sessions,
+            utterances=self.utterances,
+            queued_s=self.queued_s,
+            silence_s=self.silence_s,
+            wait_s=self.wait_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Log(Checked):
+    """What is told, and how."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    format: Literal["text", "json"] = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class ServeConfig:
+    """Configuration of a :class:`fapengine.Server`; :data:`EXAMPLE` shows all of it as TOML."""
+
+    listen: Listen = field(default_factory=Listen)
+    face: Face = field(default_factory=Face)
+    style: Style = field(default_factory=Style)
+    voice: VoiceChoice = field(default_factory=VoiceChoice)
+    sound: SoundChoice = field(default_factory=SoundChoice)
+    limits: Caps = field(default_factory=Caps)
+    log: Log = field(default_factory=Log)
+    sinks: tuple[str, ...] = ()
+    """URLs; see :mod:`fapengine.live.server.sinks`."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sink:
+    url: str
+
+    def __post_init__(self) -> None:
+        parse_sink(self.url)
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """A configuration as its file spells it."""
+
+    listen: Listen = field(default_factory=Listen)
+    face: Face = field(default_factory=Face)
+    style: Style = field(default_factory=Style)
+    voice: VoiceChoice = field(default_factory=VoiceChoice)
+    sound: SoundChoice = field(default_factory=SoundChoice)
+    limits: Caps = field(default_factory=Caps)
+    log: Log = field(default_factory=Log)
+    sink: tuple[_Sink, ...] = ()
+
+
+def parse_config(data: bytes, name: str) -> ServeConfig:
+    """Read a configuration.
+
+    Parameters
+    ----------
+    data : bytes
+        TOML.
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML, or a key is unknown, of the wrong type or out of range; ``where`` is file and key.
+
+    Examples
+    --------
+    >>> config = parse_config(b'sink = [{url = "vrchat://127.0.0.1"}]', "mine.toml")
+    >>> config.listen.port, config.face.rate_hz, config.sinks
+    (9110, 60.0, ('vrchat://127.0.0.1',))
+    """
+    document = parse_toml(data, _Document, name)
+    parts = {field.name: getattr(document, field.name) for field in fields(document)}
+    sinks = tuple(sink.url for sink in parts.pop("sink"))
+    listen = document.listen
+    parts["listen"] = replace(listen, web_port=listen.web_port or None, metrics_port=listen.metrics_port or None)
+    return ServeConfig(**parts, sinks=sinks)
+
+
+Part = TypeVar("Part", Listen, Face, VoiceChoice, SoundChoice, Caps, Log)
+
+
+def load_config(path: Path) -> ServeConfig:
+    """Read a configuration's file: see :func:`parse_config`.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+    DataError
+        If it is wrong.
+    """
+    try:
+        return parse_config(path.read_bytes(), str(path))
+    except OSError as error:
+        raise UsageError(f"config: got {path}, expected a file that can be read: {error.strerror}") from error
+
+
+def overridden(part: Part, **changes: Any) -> Part:
+    """Put what is not None in place of a dataclass' own fields: options go before the file.
+
+    Raises
+    ------
+    UsageError
+        If a change is of the wrong type or out of range.
+
+    Examples
+    --------
+    >>> overridden(Face(), profile=None, rate_hz=30.0).rate_hz
+    30.0
+    """
+    return replace(part, **{name: change for name, change in changes.items() if change is not None})

@@ -1,0 +1,223 @@
+"""What the page and the server say to each other over the WebSocket; nothing here knows a socket.
+
+From the server comes one JSON text (``hello``) first, then frames as binary messages (:data:`FRAME`, little-endian)
+and everything else as JSON texts with a ``type``. From the page come JSON texts alone, listed by :func:`structs`: those
+with commands are made from the list of commands (:mod:`fapengine.live.engine.commands`), the others stand here.
+Times are seconds of the engine's clock; the page learns that clock from ``ping`` and ``pong``.
+"""
+
+import json
+import re
+import struct
+from collections.abc import Callable
+from functools import lru_cache
+from math import isfinite
+from typing import Annotated, Any, Literal, cast
+
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct, defstruct, field
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError
+from fapengine.live.engine import commands
+from fapengine.live.engine.command_table import Choice, Command, FieldSpec, defaults_of, fields_of
+from fapengine.live.wire.fap_osc import MAX_SESSION_BYTES
+from fapengine.mpeg4 import fap
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
+
+PROTOCOL = "fapengine-web/1"
+FRAME = struct.Struct(f"<IId{fap.FAP_COUNT}i")
+"""A frame: kind, number, engine time in s, FAP 1 to 68 in FAPU. Numbers rise by one; what is missing was left out."""
+FRAME_KIND = 1
+MAX_MESSAGE = 16_384
+"""Bytes of one JSON text from a page."""
+MAX_TEXT = 2000
+"""Letters of one sentence to speak."""
+PINNABLE = {str(number): number for number in range(3, fap.FAP_COUNT + 1)}
+"""FAPs by the one name that each has in a message."""
+MAX_FAP = 1 << 24
+"""FAPU: beyond anything that a face can do, and exact in the shaders' floats."""
+
+
+class Say(Struct, frozen=True, forbid_unknown_fields=True):
+    """Speak a text."""
+
+    text: Annotated[str, Meta(max_length=MAX_TEXT)]
+    voice: Annotated[str, Meta(max_length=64)] = DEFAULT_VOICE
+    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = field(default=DEFAULT_RATE_WPM, name="rate")
+
+
+class Pin(Struct, frozen=True, forbid_unknown_fields=True):
+    """Hold FAPs at values, whatever the engine says; None lets one go."""
+
+    values: dict[Any, Any]
+    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+
+
+class ReleaseAll(Struct, frozen=True, forbid_unknown_fields=True):
+    """Let every FAP go."""
+
+
+class Ping(Struct, frozen=True, forbid_unknown_fields=True):
+    """Ask for the engine's time."""
+
+    number: Annotated[int, Meta(ge=0, le=2**53)]
+
+
+class Plays(Struct, frozen=True, forbid_unknown_fields=True):
+    """Say whether this page plays sounds and tells where they are."""
+
+    on: bool
+
+
+class Tell(Struct, frozen=True):
+    """A command for the session's face."""
+
+    command: Command
+
+
+Request = Say | Pin | ReleaseAll | Ping | Plays | Tell
+_PAGE_MESSAGES: dict[str, type[Struct]] = {"say": Say, "pin": Pin, "release": ReleaseAll, "ping": Ping, "plays": Plays}
+
+
+def structs() -> dict[str, type[Struct]]:
+    """Give what a page may send: ``type`` to the fields."""
+    return {**_PAGE_MESSAGES, **{kind: struct for kind, (_, struct) in _command_structs(commands.COMMANDS).items()}}
+
+
+@lru_cache(maxsize=4)
+def _command_structs(listed: tuple[type[Command], ...]) -> dict[str, tuple[type[Command], type[Struct]]]:
+    """Make the messages that carry commands."""
+    made = {}
+    for kind in listed:
+        if kind.SPEC.json:
+            made[kind.SPEC.json] = (kind, defstruct(kind.__name__, _json_fields(kind), forbid_unknown_fields=True))
+    return made
+
+
+def _json_fields(kind: type[Command]) -> list[tuple[str, Any] | tuple[str, Any, Any]]:
+    specs = {name: spec for name, spec in fields_of(kind).items() if spec.json}
+    defaults = defaults_of(kind)
+    return [
+        (spec.json, _json_type(spec), defaults[name]) if name in defaults else (spec.json, _json_type(spec))
+        for name, spec in specs.items()
+    ]
+
+
+def _json_type(spec: FieldSpec) -> Any:
+    if isinstance(spec, Choice):
+        return Literal[tuple(spec.values)]
+    return Annotated[int if spec.is_whole else float, Meta(ge=spec.low, le=spec.high)]
+
+
+def parse_request(text: str) -> Request:
+    """Read one message of a page.
+
+    Raises
+    ------
+    DataError
+        For anything but a message of :func:`structs` with exactly its fields; ``where`` names the message.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise DataError(f"message: got {len(text)} letters, expected at most {MAX_MESSAGE}")
+    try:
+        message = msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise DataError(f"message: got {_shown(text)}, expected JSON ({error})") from error
+    kind = message.pop("type", None) if isinstance(message, dict) else None
+    if not isinstance(kind, str) or kind not in structs():
+        raise DataError(f"message: got {_shown(text)}, expected an object of type {', '.join(structs())}")
+    whole = {name: int(value) if isinstance(value, float) and value.is_integer() else value
+             for name, value in message.items()}  # fmt: skip
+    try:
+        request = msgspec.convert(whole, structs()[kind])
+    except msgspec.ValidationError as error:
+        raise _complaint(str(error), message, kind) from error
+    if isinstance(request, Pin):
+        return Pin(_pinned(request.values))
+    return Tell(_command(kind, request)) if kind not in _PAGE_MESSAGES else cast("Request", request)
+
+
+def _command(kind: str, struct: Struct) -> Command:
+    command, _ = _command_structs(commands.COMMANDS)[kind]
+    specs = {name: spec for name, spec in fields_of(command).items() if spec.json}
+    make: Callable[..., Command] = command
+    return make(**{name: spec.from_json(getattr(struct, spec.json)) for name, spec in specs.items()})
+
+
+def _pinned(values: dict[str, Any]) -> dict[int, int | None]:
+    for name, value in values.items():
+        if name not in PINNABLE:
+            raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where="message 'pin'")
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or abs(value) > MAX_FAP):
+            raise DataError(f"FAP {name}: got {_shown(value)}, expected whole FAPU or null", where="message 'pin'")
+    return {PINNABLE[name]: value for name, value in values.items()}
+
+
+def _complaint(reason: str, message: dict[str, Any], kind: str) -> DataError:
+    """Say in this package's words what msgspec has found wrong."""
+    where = f"message {kind!r}"
+    if unknown := re.search(r"unknown field `(.*)`", reason, re.DOTALL):
+        return DataError(f"fields: got unknown {_shown(unknown[1])}", where=where)
+    struct = cast("msgspec.inspect.StructType", msgspec.inspect.type_info(structs()[kind]))
+    for each in struct.fields:
+        if re.search(rf"`(\$\.)?{each.encode_name}`", reason):
+            got = _shown(message.get(each.encode_name))
+            return DataError(f"{each.encode_name}: got {got}, expected {_expected(each.type)}", where=where)
+    return DataError(f"message: got {_shown(message)}, expected its fields ({reason})", where=where)
+
+
+def _expected(kind: msgspec.inspect.Type) -> str:
+    match kind:
+        case msgspec.inspect.FloatType(ge=low, le=high):
+            return f"a number in {low:g}..{high:g}"
+        case msgspec.inspect.IntType(ge=low, le=high):
+            return f"a whole number in {low}..{high}"
+        case msgspec.inspect.StrType(max_length=longest):
+            return f"up to {longest} letters"
+        case msgspec.inspect.LiteralType(values=values):
+            return f"one of {', '.join(map(str, values))}"
+        case msgspec.inspect.BoolType():
+            return "true or false"
+    return "an object"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def pack_frame(number: int, time_s: float, faps: NDArray[np.int32]) -> bytes:
+    """Write a frame: :data:`FRAME`.
+
+    Parameters
+    ----------
+    number : int
+        Its count, modulo 2**32.
+    time_s : float
+        Engine time.
+    faps : (68,) int32, FAPU
+    """
+    return FRAME.pack(FRAME_KIND, number & 0xFFFFFFFF, time_s, *faps.tolist())
+
+
+def text_of(kind: str, /, **fields: object) -> str:
+    """Write a JSON message. Numbers that JSON cannot say become null."""
+    cleaned = {
+        name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields.items()
+    }
+    return json.dumps({"type": kind, **cleaned}, separators=(",", ":"), allow_nan=False)
+
+
+def session_name(text: str) -> str:
+    """Check the name of a session that a page asks for.
+
+    Raises
+    ------
+    DataError
+        If it is empty, too long, or has anything but printable letters.
+    """
+    if not (text and text.isprintable() and len(text.encode("utf-8", "replace")) <= MAX_SESSION_BYTES):
+        raise DataError(f"session: got {_shown(text)}, expected 1..{MAX_SESSION_BYTES} bytes of printable letters")
+    return text

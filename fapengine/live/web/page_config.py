@@ -1,0 +1,116 @@
+"""What the page needs to know before it draws: shaders, FAPs and their sliders, expressions, cameras."""
+
+from math import isfinite
+from typing import Any
+
+from fapengine.live.engine import commands
+from fapengine.live.engine.command_table import Command, fields_of
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FapSpec, FapUnit
+from fapengine.mpeg4.visemes import Expression
+from fapengine.render.camera import PRESETS
+from fapengine.render.drawing import EDGES
+from fapengine.render.programs import (
+    ES_HEADER,
+    MAX_FINE_EDGE_PX,
+    PARTS,
+    PICTURE,
+    SKIN_LEVEL_BIAS,
+    STAGES,
+    VARIANTS,
+    stage_source,
+)
+
+GROUP_NAMES = {
+    2: "Jaw, chin and inner lips",
+    3: "Eyes",
+    4: "Brows",
+    5: "Cheeks",
+    6: "Tongue",
+    7: "Head",
+    8: "Outer lips",
+    9: "Nose",
+    10: "Ears",
+}
+"""Groups of Table C.1 as the page calls them."""
+REACH: dict[FapUnit, int] = {
+    FapUnit.MNS: 700, FapUnit.MW: 300, FapUnit.ES: 200, FapUnit.ENS: 300, FapUnit.IRISD: 1000, FapUnit.AU: 50_000,
+}  # fmt: skip
+"""Range of a slider, FAPU: about as far as a living face does; the standard's own limits are several times that."""
+OWN_REACH = {
+    3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 27: 60, 28: 60, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
+}  # fmt: skip
+"""FAP number to a reach other than its unit's."""
+HEAD_REACH_DEG = {"yaw_rad": 45, "pitch_rad": 30, "roll_rad": 30}
+"""Reach of the sliders that turn the head, about that of a neck without effort."""
+PAGE_WALL = (0.058, 0.066, 0.078)
+"""Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
+PAGE_CAMERAS = ("front", "three-quarter", "profile", "mouth")
+"""A button and a digit key each."""
+UNUSED = ("wire", "enlarge")
+"""Programs that the page has no use for."""
+
+
+def setup(*, voices: list[str]) -> dict[str, Any]:
+    """Gather it; JSON can say all of it.
+
+    Parameters
+    ----------
+    voices : list of str
+        Languages that the server's voice speaks; empty if it has none.
+    """
+    stages = {
+        " ".join((name, *defined)): {
+            "vertex": stage_source(vertex, ES_HEADER, defined),
+            "fragment": stage_source(fragment, ES_HEADER, defined),
+        }
+        for name, (vertex, fragment) in STAGES.items()
+        for defined in VARIANTS.get(name, ((),))
+        if name not in UNUSED and PICTURE not in defined
+    }
+    turns = fields_of(commands.TurnHead)
+    return {
+        "programs": stages,
+        "parts": {name: part._asdict() for name, part in PARTS.items()},
+        "max_fine_edge_px": MAX_FINE_EDGE_PX,
+        "skin_level_bias": SKIN_LEVEL_BIAS,
+        "fine_samples": EDGES["fine"],
+        "wall": PAGE_WALL,
+        "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
+                   for group, name in GROUP_NAMES.items()],
+        "ranges": {kind.SPEC.json: _ranges(kind) for kind in commands.COMMANDS if kind.SPEC.json},
+        "head": [
+            {"name": turns[name].json, "positive": turns[name].doc, "reach": reach}
+            for name, reach in HEAD_REACH_DEG.items()
+        ],
+        "expressions": [expression.name.lower() for expression in Expression if expression],
+        "cameras": {
+            name: {
+                "yaw": camera.yaw_deg,
+                "pitch": camera.pitch_deg,
+                "target": camera.target_mm,
+                "distance": camera.distance_mm,
+                "field": camera.field_deg,
+            }
+            for name, camera in ((name, PRESETS[name]) for name in PAGE_CAMERAS)
+        },
+        "voices": voices,
+    }  # fmt: skip
+
+
+def _ranges(kind: type[Command]) -> dict[str, dict[str, float]]:
+    """Give the ranges of a command's numbers, as far as they have ends."""
+    specs = (spec for spec in fields_of(kind).values() if spec.json and isfinite(spec.high - spec.low))
+    return {spec.json: {"low": spec.low, "high": spec.high} for spec in specs}
+
+
+def _slider(row: FapSpec) -> dict[str, Any]:
+    reach = min(OWN_REACH.get(row.number, REACH[row.unit]), row.intra_limit * row.quantiser_step)
+    return {
+        "number": row.number,
+        "name": row.name,
+        "unit": row.unit.value,
+        "positive": row.positive.value,
+        "low": -reach if row.bidirectional else 0,
+        "high": reach,
+    }

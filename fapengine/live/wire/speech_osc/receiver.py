@@ -1,0 +1,436 @@
+"""OSC in: packets of both modes to commands, and what senders are answered. Sockets and clocks are the caller's.
+
+Theory of operation
+-------------------
+:meth:`OscReceiver.receive` takes one packet and the time of its arrival, tells the engine at once, and returns what is
+to be sent back; :meth:`OscReceiver.tick`, called about once a frame, returns what has become due meanwhile: selective
+acknowledgements of what came within 20 ms, requests for what is missing, events. Nothing waits and nothing raises for
+what others send: it is counted, for each peer and in all.
+
+Sessions are known by name, not by where they are told from, so that one may be driven over TCP and UDP at once. A
+session is opened by its first message, or by ``hello``, which alone lets its sender be told what becomes of it; others
+are answered only what they ask, or what is refused. Whoever said hello is answered still when the session was closed by
+others, or for being idle, and is opened again. The simple mode has no names; it drives :data:`SIMPLE_SESSION`.
+"""
+
+import heapq
+import hmac
+from collections import OrderedDict, deque
+from collections.abc import Callable, Hashable
+from itertools import chain, count
+from typing import Any, cast
+
+from fapengine.errors import DataError
+from fapengine.live.engine.command_table import Command, shifted
+from fapengine.live.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek, without_neutral
+from fapengine.live.engine.port import EnginePort
+from fapengine.live.engine.session import Event, Limits
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec as wire_format
+from fapengine.live.wire.speech_osc import phone_labels, schema
+from fapengine.live.wire.speech_osc.clock import SenderClock
+from fapengine.live.wire.speech_osc.counts import PeerCounts, Tally, TextRequest, WireLimits
+from fapengine.live.wire.speech_osc.one_shot_messages import SimpleMode
+from fapengine.live.wire.speech_osc.peers import Arrival, Peer, Replies
+from fapengine.live.wire.speech_osc.session import WireSession, check_open, microseconds
+
+SIMPLE_SESSION = "face"
+LOOKAHEAD_S = 0.5
+"""Phones that are known so early are as good as all (:class:`fapengine.trajectory.stream.StreamingPlanner`)."""
+
+
+TOLD_AGAIN = ("started", "finished", "cancelled", "error")
+TOLD_AGAIN_S = (0.06, 0.4)
+"""Notices that are sent three times over UDP, and when: the second survives a loss, the third a burst."""
+
+
+class OscReceiver:
+    """The receiver's end of all sessions; see the theory of operation.
+
+    Stateful.
+
+    Parameters
+    ----------
+    engine : Engine
+        Or what offers the same (:class:`fapengine.live.engine.port.EnginePort`).
+    token : str, optional
+        What a ``hello`` must hold for its sender to be heard.
+    limits : WireLimits, optional
+    engine_limits : Limits, optional
+        For the answer to a ``hello``.
+    instance : int
+        An int32 that another run of the server does not have: senders see by it that they must begin again.
+    simple_session : str
+        The session that the simple mode drives.
+
+    Attributes
+    ----------
+    counts : PeerCounts
+        Of all peers.
+    """
+
+    def __init__(
+        self,
+        engine: EnginePort,
+        *,
+        token: str | None = None,
+        limits: WireLimits | None = None,
+        engine_limits: Limits | None = None,
+        instance: int = 0,
+        simple_session: str = SIMPLE_SESSION,
+    ) -> None:
+        self.counts = PeerCounts()
+        self._engine, self._token, self._instance = engine, token, instance
+        self._limits, self._engine_limits = limits or WireLimits(), engine_limits or Limits()
+        self._simple = SimpleMode(schema.check_session(simple_session), engine, self._engine_limits.queued_s)
+        self._joined: OrderedDict[Hashable, Peer] = OrderedDict()
+        self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
+        self._sessions: dict[str, WireSession] = {}
+        self._asleep: OrderedDict[str, WireSession] = OrderedDict()
+        self._numbers = count()
+        self._texts: deque[TextRequest] = deque()
+        self._again: list[tuple[float, int, Hashable, bytes]] = []
+        self._order = 0
+
+    @property
+    def peers(self) -> dict[Hashable, PeerCounts]:
+        """Counts of each peer that is remembered."""
+        return {name: peer.tally.peer for peers in (self._strangers, self._joined) for name, peer in peers.items()}
+
+    def receive(self, packet: bytes, peer: Hashable, now_s: float, wall_s: float) -> Replies:
+        """Take one datagram or TCP frame.
+
+        Parameters
+        ----------
+        packet : bytes
+        peer : hashable
+            Whom to answer.
+        now_s : float
+            Engine time of its arrival.
+        wall_s : float
+            Wall clock then, seconds since 1970; only for time tags of bundles.
+
+        Returns
+        -------
+        list of (peer, bytes)
+            Packets to be sent, each with whom to.
+        """
+        sender = self._peer(peer)
+        tally = sender.tally
+        tally.add("packets")
+        tally.add("bytes", len(packet))
+        if len(packet) > self._limits.packet:
+            tally.add("malformed")
+            return []
+        try:
+            messages = osc.parse_packet(packet)
+        except DataError:
+            tally.add("malformed")
+            return []
+        replies: Replies = []
+        tally.add("refused", max(len(messages) - self._limits.messages, 0))
+        for message in messages[: self._limits.messages]:
+            tally.add("messages")
+            at_s = now_s
+            if message.time_tag != osc.IMMEDIATELY:
+                before = sender.tags.clamped
+                at_s = sender.tags.engine_s(message.time_tag, now_s, wall_s)
+                tally.add("clamped", sender.tags.clamped - before)
+            self._handle(message, Arrival(sender, now_s, at_s, replies))
+        return replies
+
+    def tick(self, now_s: float, is_behind: Callable[[Hashable], bool] = lambda peer: False) -> Replies:
+        """Do what is due; to be called about once a frame.
+
+        Parameters
+        ----------
+        now_s : float
+        is_behind : callable, optional
+            Whether packets of a peer have come that were not yet given to :meth:`receive`.
+        """
+        replies: Replies = []
+        for event in self._engine.events():
+            self._tell_event(event, replies)
+        self._simple.tick(now_s)
+        while self._again and self._again[0][0] <= now_s:
+            replies.append(heapq.heappop(self._again)[2:])
+
+        def send(peer: Hashable, wire: schema.FromEngine) -> None:
+            replies.append((peer, wire_format.encode(wire)))
+
+        for name, session in list(self._sessions.items()):
+            if name not in self._engine:
+                self._put_to_sleep(name)
+            elif session.pending:
+                session.tick(self._clock_of, send, now_s, is_behind)
+        return replies
+
+    def texts(self) -> list[TextRequest]:
+        """Take the texts that senders want spoken."""
+        taken = list(self._texts)
+        self._texts.clear()
+        return taken
+
+    def forget(self, peer: Hashable) -> None:
+        """Drop a peer whose connection is closed. What it had begun is said as far as it came."""
+        if self._joined.pop(peer, None) is not None:
+            for session in chain(self._sessions.values(), self._asleep.values()):
+                session.peers.pop(peer, None)
+        self._strangers.pop(peer, None)
+
+    def _peer(self, name: Hashable) -> Peer:
+        peer = self._joined.get(name)
+        if peer is not None:
+            self._joined.move_to_end(name)
+            return peer
+        peer = self._strangers.get(name)
+        if peer is None:
+            peer = self._strangers[name] = Peer(name, Tally(PeerCounts(), self.counts), self._token is None)
+            if len(self._strangers) > self._limits.peers:
+                self._strangers.popitem(last=False)
+        else:
+            self._strangers.move_to_end(name)
+        return peer
+
+    def _clock_of(self, peer: Hashable) -> SenderClock | None:
+        remembered = self._joined.get(peer) or self._strangers.get(peer)
+        return remembered.clock if remembered else None
+
+    def _handle(self, message: osc.Message, arrival: Arrival) -> None:
+        tally = arrival.peer.tally
+        kind = schema.from_sender().get(message.address)
+        if kind is None and not self._simple.knows(message.address):
+            tally.add("unknown")
+            return
+        if not arrival.peer.is_trusted and kind not in (schema.Hello, schema.Ping):
+            tally.add("refused")
+            return
+        try:
+            if kind is None:
+                message, kind = self._simple.named(message)
+            if kind is None:
+                session = self._session(self._simple.session, arrival)
+                if session is not None and self._simple.obey(message, arrival, session.new_number):
+                    session.tell(Cancel(first=VOICE_UTTERANCES), arrival.now_s)
+                    self._forget_texts(session.name)
+                return
+            tally.add("surplus", wire_format.surplus(kind, message))
+            self._obey(wire_format.parse(kind, message), arrival)
+        except DataError:
+            tally.add("malformed")
+
+    # Robust mode ----------------------------------------------------------------------------------------------------
+
+    def _obey(self, wire: schema.Wire, arrival: Arrival) -> None:
+        _OBEY[type(wire)](self, wire, arrival)
+
+    def _hello(self, wire: schema.Hello, arrival: Arrival) -> None:
+        peer, now_s = arrival.peer, arrival.now_s
+        if self._token is not None and not hmac.compare_digest(wire.token.encode(), self._token.encode()):
+            self._refuse(wire.session, "token", arrival)
+            return
+        if wire.protocol != schema.PROTOCOL:
+            self._refuse(wire.session, f"protocol {schema.PROTOCOL}", arrival)
+            return
+        if wire.phone_set and phone_labels.phone_set_named(wire.phone_set) is None:
+            self._refuse(wire.session, "phone set", arrival)
+            return
+        session = self._session(wire.session, arrival)
+        if session is None:
+            return
+        peer.is_trusted = True
+        if self._strangers.pop(peer.name, None) is not None:
+            self._joined[peer.name] = peer
+            if len(self._joined) > self._limits.peers:
+                self.forget(next(iter(self._joined)))
+        if session.join(peer.name, wire, now_s):
+            peer.tally.add("resets")
+            peer.clock = SenderClock()
+        if wire.session == self._simple.session:
+            peer.phone_set = wire.phone_set
+        welcome = schema.Welcome(
+            wire.session,
+            microseconds(now_s),
+            microseconds(LOOKAHEAD_S),
+            schema.MAX_DATAGRAM,
+            self._engine_limits.utterances,
+            self._instance,
+        )
+        arrival.replies.append((peer.name, wire_format.encode(welcome)))
+
+    def _bye(self, wire: schema.Bye, arrival: Arrival) -> None:
+        session, leaver = self._sessions.get(wire.session), arrival.peer.name
+        if session is None or wire.session not in self._engine:
+            arrival.peer.tally.add("repeated")
+            return
+        listeners = list(session.peers)
+        had_joined = session.peers.pop(leaver, None) is not None
+        if not had_joined and not session.windows:
+            arrival.peer.tally.add("repeated")
+        session.tell(Cancel(), arrival.now_s)
+        self._forget_texts(wire.session)
+        for event in self._engine.events():
+            self._tell_event(event, arrival.replies)
+        session.forget()
+        notice = schema.Notice(wire.session, -1, "cancelled", engine_us=microseconds(arrival.now_s), reason="bye")
+        arrival.replies.extend((peer, wire_format.encode(notice)) for peer in listeners)
+
+    def _ping(self, wire: schema.Ping, arrival: Arrival) -> None:
+        peer, now_s = arrival.peer, arrival.now_s
+        before = peer.clock.steps
+        if wire.rtt_us >= 0:
+            peer.clock.report(wire.sent_us / 1e6, wire.offset_us / 1e6, wire.skew_ppm)
+        else:
+            peer.clock.ping(wire.sent_us / 1e6, now_s)
+        peer.tally.add("clock_steps", peer.clock.steps - before)
+        now_us = microseconds(now_s)
+        pong = schema.Pong(wire.number, wire.sent_us, now_us, now_us, self._instance)
+        arrival.replies.append((peer.name, wire_format.encode(pong)))
+
+    def _begin(self, wire: schema.BeginUtterance, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is None:
+            return
+        peer = arrival.peer
+        if not session.begin(wire, peer.clock, peer.name, arrival.now_s, peer.tally):
+            self._refuse(wire.session, "utterances", arrival, wire.utterance)
+
+    def _phones(self, wire: schema.Phones, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is not None:
+            session.phones(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
+
+    def _end(self, wire: schema.EndUtterance, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is not None:
+            session.end(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
+
+    def _cancel(self, wire: schema.CancelUtterance, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is None:
+            return
+        if wire.utterance == schema.NOW and wire.at_us < 0:
+            self._forget_texts(wire.session)
+        for number in session.cancel(wire, arrival.now_s, arrival.peer.tally):
+            now_us = microseconds(arrival.now_s)
+            notice = schema.Notice(wire.session, number, "cancelled", count=wire.number, engine_us=now_us)
+            arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
+
+    def _seek(self, wire: schema.SeekUtterance, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        window = session.windows.get(wire.utterance) if session else None
+        if window is None or wire.position_us < 0:
+            arrival.peer.tally.add("refused")
+            return
+        self._move(wire.session, Seek(window.engine_number, wire.position_us / 1e6), arrival)
+
+    def _move(self, name: str, command: Command, arrival: Arrival) -> None:
+        session = self._session(name, arrival)
+        if session is not None:
+            session.stop_following()
+            session.tell(command, arrival.now_s)
+
+    def _audio(self, wire: schema.AudioPosition, arrival: Arrival) -> None:
+        peer, now_s = arrival.peer, arrival.now_s
+        if wire.session not in self._sessions or wire.utterance not in self._sessions[wire.session].windows:
+            self._tell_unknown(wire.session, wire.utterance, arrival)
+            return
+        before = peer.clock.steps
+        at_s = peer.clock.audio(wire.sender_us / 1e6, now_s)
+        peer.tally.add("clock_steps", peer.clock.steps - before)
+        if at_s is None:
+            peer.tally.add("odd_times")
+        else:
+            self._sessions[wire.session].audio(wire, at_s, now_s, peer.tally)
+
+    def _command(self, wire: schema.SessionCommand, arrival: Arrival) -> None:
+        command = shifted(wire.command, arrival.now_s)
+        if isinstance(command, Pause | Resume):
+            self._move(wire.session, command, arrival)
+            return
+        session = self._session(wire.session, arrival)
+        if session is not None:
+            for each in without_neutral(command):
+                session.tell(each, arrival.now_s)
+
+    def _text(self, wire: schema.SpeakText, arrival: Arrival) -> None:
+        if len(wire.text.encode()) > schema.TEXT_BYTES or len(self._texts) >= self._limits.texts:
+            self._refuse(wire.session, "text", arrival)
+        elif wire.text.strip() and self._session(wire.session, arrival) is not None:
+            self._texts.append(TextRequest(wire.session, wire.text, wire.voice, arrival.peer.name))
+
+    def _forget_texts(self, session: str) -> None:
+        """Of texts that the voice was not handed yet: it is not to say them any more."""
+        self._texts = deque(request for request in self._texts if request.session != session)
+
+    def _session(self, name: str, arrival: Arrival) -> WireSession | None:
+        """Find a session, or open it; None if there are as many as there may be."""
+        if not check_open(self._engine, name, arrival.now_s):
+            self._refuse(name, "sessions", arrival)
+            return None
+        if name not in self._sessions:
+            before = self._asleep.pop(name, None)
+            most, phones = self._limits.utterances, self._engine_limits.phones
+            self._sessions[name] = before or WireSession(name, self._engine, most, phones, self._numbers)
+        return self._sessions[name]
+
+    def _put_to_sleep(self, name: str) -> None:
+        """Remember who joined a session that others closed, or that was closed for being idle."""
+        session = self._sessions.pop(name)
+        if not session.peers:
+            return
+        session.forget()
+        self._asleep[name] = session
+        if len(self._asleep) > self._limits.peers:
+            self._asleep.popitem(last=False)
+
+    def _refuse(self, session: str, reason: str, arrival: Arrival, utterance: int = -1) -> None:
+        arrival.peer.tally.add("refused")
+        notice = schema.Notice(session, utterance, "error", engine_us=microseconds(arrival.now_s), reason=reason)
+        arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
+
+    def _tell_unknown(self, session: str, utterance: int, arrival: Arrival) -> None:
+        """Let a sender know, now and then, that the engine has never heard of what it speaks of."""
+        arrival.peer.tally.add("refused")
+        if arrival.now_s - arrival.peer.told_unknown_s > LOOKAHEAD_S:
+            arrival.peer.told_unknown_s = arrival.now_s
+            notice = schema.Notice(session, utterance, "unknown", engine_us=microseconds(arrival.now_s))
+            arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
+
+    def _tell_event(self, event: Event, replies: Replies) -> None:
+        session = self._sessions.get(event.session)
+        if session is None:
+            return
+        if event.kind in ("finished", "cancelled", "error"):
+            number = session.close_window(event.utterance, event.kind == "cancelled", event.time_s)
+        else:
+            number = session.sender_number(event.utterance)
+        if number is None:  # of the simple mode, or of the server's voice
+            return
+        position_us = min(max(microseconds(event.position_s), -(2**31)), 2**31 - 1)
+        notice = schema.Notice(event.session, number, event.kind, position_us, event.count, microseconds(event.time_s))
+        packet = wire_format.encode(notice)
+        for peer, flags in session.peers.items():
+            replies.append((peer, packet))
+            if event.kind in TOLD_AGAIN and not flags & schema.TCP:
+                for later_s in TOLD_AGAIN_S:
+                    self._order += 1
+                    heapq.heappush(self._again, (event.time_s + later_s, self._order, peer, packet))
+
+
+_OBEY = cast(
+    "dict[type[schema.Wire], Callable[[OscReceiver, Any, Arrival], None]]",
+    {
+        schema.Hello: OscReceiver._hello,
+        schema.Bye: OscReceiver._bye,
+        schema.Ping: OscReceiver._ping,
+        schema.BeginUtterance: OscReceiver._begin,
+        schema.Phones: OscReceiver._phones,
+        schema.EndUtterance: OscReceiver._end,
+        schema.CancelUtterance: OscReceiver._cancel,
+        schema.SeekUtterance: OscReceiver._seek,
+        schema.AudioPosition: OscReceiver._audio,
+        schema.SpeakText: OscReceiver._text,
+        schema.SessionCommand: OscReceiver._command,
+    },
+)

@@ -1,0 +1,52 @@
+"""Gathering a deformation basis channel by channel."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.mesh.face_mesh import Channel, DeformationBasis
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+NEGLIGIBLE_MM = 0.08
+"""Displacements below this at 1000 FAPU are left out."""
+
+
+class BasisCollector:
+    """Gathers channels and their displacements into a basis.
+
+    Stateful.
+    """
+
+    def __init__(self, vertex_count: int) -> None:
+        self._count = vertex_count
+        self._channels: list[Channel] = []
+        self._entries: list[tuple[Indices, int, Array]] = []
+
+    def add(self, channel: Channel, vertices: Indices, displacement_mm: Array) -> None:
+        """Add displacements (N, 3) mm per FAPU of vertices (N,) to a channel."""
+        kept = np.abs(displacement_mm).max(axis=1) * 1000 > NEGLIGIBLE_MM
+        if channel not in self._channels:
+            self._channels.append(channel)
+        self._entries.append((vertices[kept], self._channels.index(channel), displacement_mm[kept]))
+
+    def add_still(self, channel: Channel, vertices: Indices) -> None:
+        """Give vertices (N,) an entry without displacement: how their normals turn is more than their bone says."""
+        self._channels.append(channel)
+        self._entries.append((vertices, len(self._channels) - 1, np.zeros((len(vertices), 3))))
+
+    def basis(self) -> DeformationBasis:
+        """Sort what was added by vertex."""
+        vertices = np.concatenate([entry[0] for entry in self._entries])
+        channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
+        moves = np.concatenate([entry[2] for entry in self._entries])
+        # What was added twice, of the same channel to the same vertex, becomes one entry.
+        keys, entry = np.unique(vertices * len(self._channels) + channels, return_inverse=True)
+        summed = np.stack([np.bincount(entry, moves[:, axis], len(keys)) for axis in range(3)], axis=-1)
+        owners = keys // len(self._channels)
+        return DeformationBasis(
+            channels=tuple(self._channels),
+            offsets=np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=self._count))]),
+            entry_channels=keys % len(self._channels),
+            entry_mm=summed.astype(np.float32),
+        )

@@ -1,0 +1,1 @@
+"""The default head: a parametric model made by code, with its deformation basis."""

@@ -1,0 +1,272 @@
+"""The deformation basis of the default head: how each FAP moves each vertex.
+
+Theory of operation
+-------------------
+A FAP moves its feature point by one FAPU step in its direction; the skin around follows with a weight that is 1 at the
+point and falls smoothly to 0. On the lips the weight is a product: *along* the contour a cosine between neighbouring
+feature points, *across* it a step between inner and outer contour, so that the contours stay smooth curves and neither
+lip moves the other. Round the lips, on cheeks and chin, the skin follows the feature points of the lower face as that
+of a real face does (:mod:`.skin`); what those fields say at another FAP's point is taken off, so that every point goes
+where its own FAP says. The jaw is a bone; its weight is 0 on the lips, whose own FAPs say where they are (Table C.1:
+open_jaw does not move them), and elsewhere the share that real skin has in the jaw's turn. Lids turn about the eye in
+piecewise-linear steps (the standard's FaceDefTables).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.basis_collector import BasisCollector
+from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
+from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.skin import skin_fields
+from fapengine.mesh.face_mesh import Channel, DeformationBasis
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD, Fapu
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LIP_KNOT = 0.55
+"""Place along the lip, 0 middle to 1 corner, of the points half way (2.6, 8.5, ...)."""
+UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
+LOWER_LID_KNOTS = (0.0, 300.0, 600.0)
+WIDE_KNOTS = (0.0, -600.0)
+JAW_FAP = 3
+JAW_PIVOT = np.array([0.0, 2.0, 18.0])
+"""Middle of the axis through the jaw's joints, mm."""
+UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
+OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
+"""FAPs whose points lie on the skin that :mod:`.skin` moves."""
+CORRECTION_MM = 16.0
+"""Reach of the correction that keeps a feature point to its own FAP."""
+SLIT_MM = 6.0
+"""Height over which the skin beside the mouth line passes from upper to lower lip."""
+
+
+def build_basis(
+    points: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
+) -> tuple[Array, DeformationBasis]:
+    """Weight of the jaw bone on every vertex that is not all bone already, (V,), and the basis."""
+    collector = BasisCollector(len(points))
+    skin = np.unique(
+        np.concatenate(
+            [head.grid.ravel(), head.mouth.indices[head.mouth.level >= 1].ravel()]
+            + [eye.lids.indices.ravel() for eye in head.eyes]
+            + [brow.ravel() for brow in head.brows]
+        )
+    )
+
+    def linear(number: int, vertices: Indices, weight: Array) -> None:
+        """One FAP, its weight scaled to be 1 at the feature point."""
+        row = fap.spec(number)
+        own = weight[np.flatnonzero(vertices == feature_points[row.point])[0]]
+        step = fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
+        collector.add(Channel(number, -np.inf, np.inf), vertices, (weight / own)[:, None] * step)
+
+    def around(numbers: tuple[int, ...], vertices: Indices, size_mm: tuple[float, float, float]) -> None:
+        for number in numbers:
+            centre = points[feature_points[fap.spec(number).point]]
+            distance = np.linalg.norm((points[vertices] - centre) / size_mm, axis=1)
+            linear(number, vertices, np.clip(1 - distance**2, 0, None) ** 2)
+
+    _lips(head, linear)
+    around((18,), skin, (24, 17, 30))
+    fields = _skin_fields(points, skin, head, feature_points)
+    for number, moves in fields.items():
+        if number != JAW_FAP:
+            collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
+    around((61, 62), skin, (13, 14, 20))
+    around((63, 64), skin, (26, 30, 40))
+    for side, ear in enumerate(head.ears):
+        around((65 + side, 67 + side), ear.ravel(), (60, 60, 60))
+    _brows(points, skin, feature_points, linear)
+    for side, eye in enumerate(head.eyes):
+        _lids(points, eye, side, feature_points, fapu, collector)
+    _tongue(points, head, feature_points, linear, collector)
+    chin = points[feature_points[fap.spec(JAW_FAP).point]]
+    jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
+    # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
+    collector.add_still(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
+    return jaw_weight, collector.basis()
+
+
+Linear = Callable[[int, Indices, Array], None]
+
+
+def _along(t: Array, at: float) -> Array:
+    """Cosine hat between neighbouring knots of a lip contour: 1 at ``at``, 0 at the next knots."""
+    knots = np.array([-1.0, -LIP_KNOT, 0.0, LIP_KNOT, 1.0])
+    index = int(np.abs(knots - at).argmin())
+    centre = knots[index]
+    left = centre - knots[index - 1] if index else 1.0
+    right = knots[index + 1] - centre if index < 4 else 1.0
+    share = np.where(t < centre, (centre - t) / left, (t - centre) / right)
+    hat: Array = 0.5 + 0.5 * np.cos(np.pi * np.clip(share, 0, 1))
+    return hat
+
+
+def _lips(head: HeadParts, linear: Linear) -> None:
+    mouth = head.mouth
+    level = np.broadcast_to(mouth.level[:, None], mouth.indices.shape)
+    t = np.broadcast_to(mouth.t, level.shape)
+    upper = np.broadcast_to(mouth.upper, level.shape)
+    corner = np.abs(t) == 1
+    vertices, unique = np.unique(mouth.indices, return_index=True)
+    inwards = 1 - smoothstep(-level / 0.75)
+    across = smoothstep(level)
+    inner = np.where(level < 0, inwards, 1 - across)
+    ends = 1 - _skin_share(level)
+    outer = across * ends
+    both = np.where(level < 0, inwards, ends)
+
+    def add(number: int, weight: Array) -> None:
+        linear(number, vertices, weight.ravel()[unique])
+
+    on_upper, on_lower = upper & ~corner, ~upper
+    for ring, (middle_up, middle_low, left_up, right_up, left_low, right_low) in (
+        (inner, (4, 5, 8, 9, 10, 11)),
+        (outer, (51, 52, 55, 56, 57, 58)),
+    ):
+        add(middle_up, ring * _along(t, 0) * on_upper)
+        add(middle_low, ring * _along(t, 0) * on_lower)
+        add(left_up, ring * _along(t, LIP_KNOT) * on_upper)
+        add(right_up, ring * _along(t, -LIP_KNOT) * on_upper)
+        add(left_low, ring * _along(t, LIP_KNOT) * on_lower)
+        add(right_low, ring * _along(t, -LIP_KNOT) * on_lower)
+    for ring, numbers in ((inner, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
+        for number, end in zip(numbers, (1, -1, 1, -1), strict=True):
+            stretch = number in (6, 7, 53, 54)
+            # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
+            shape = np.clip(end * t, 0, 1) ** 1.2 if stretch else _along(t, end)
+            add(number, ring * shape)
+    forward = (1 - t**2) ** 1.5
+    add(17, both * forward * on_upper)
+    add(16, both * forward * on_lower)
+
+
+def _skin_share(level: Array) -> Array:
+    """How far skin round the lips goes by the fields of real skin: 0 on the lips' edge, 1 where the rings end."""
+    return smoothstep(level - 1)
+
+
+def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]) -> dict[int, Array]:
+    """FAP to (N, 3): how the skin moves for a millimetre of it, corrected where feature points of other FAPs lie."""
+    at = points[skin]
+    places = {name: points[index] for name, index in feature_points.items()}
+    fields = skin_fields(at, places)
+    share = np.ones(len(points))
+    share[head.mouth.indices] = _skin_share(head.mouth.level)[:, None]
+    share[head.mouth.indices[0]] = 1.0
+    corners, line = abs(places["8.3"][0]), places["2.2"][1]
+    between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
+    above = smoothstep((at[:, 1] - line) / SLIT_MM + 0.5)
+    around = {}
+    for owner in OWNERS:
+        away = np.linalg.norm(at - places[fap.spec(owner).point], axis=1)
+        around[owner] = int(away.argmin()), np.clip(1 - (away / CORRECTION_MM) ** 2, 0, None) ** 2
+    for number, moves in fields.items():
+        moves *= share[skin, None]
+        if number in UPPER_LIP_FAPS:
+            moves *= 1 - (between * (1 - above))[:, None]
+        elif number in LOWER_LIP_FAPS:
+            moves *= 1 - (between * above)[:, None]
+        for owner in OWNERS:
+            _keep_to_its_own(moves, number, owner, *around[owner])
+    return fields
+
+
+def _keep_to_its_own(moves: Array, number: int, owner: int, nearest: int, bump: Array) -> None:
+    """Let one FAP's field be 1 along the owner's direction at the owner's point if it is the owner, or else 0."""
+    direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
+    gain = moves[nearest] @ direction
+    if owner == number:
+        moves /= gain
+    elif number != JAW_FAP:
+        moves -= gain * bump[:, None] * direction
+
+
+def _brows(points: Array, skin: Indices, feature_points: dict[str, int], linear: Linear) -> None:
+    x, y, front = points[skin, 0], points[skin, 1], points[skin, 2] > 20
+    for side, sign in enumerate((1.0, -1.0)):
+        inner, middle, outer = (points[feature_points[f"4.{number + side}"]] for number in (1, 3, 5))
+        along = sign * x
+        knots = sign * np.array([inner[0], middle[0], outer[0]])
+        height = np.interp(along, knots, [inner[1], middle[1], outer[1]])
+        above = np.clip((y - height) / 40.0, 0, 1)
+        below = np.clip((height - y) / 12.0, 0, 1)
+        vertical = (1 - smoothstep(above)) * (1 - smoothstep(below)) * front
+        to_middle = smoothstep((along - knots[0]) / (knots[1] - knots[0]))
+        to_outer = smoothstep((along - knots[1]) / (knots[2] - knots[1]))
+        midline = smoothstep((along + 14.0) / (14.0 + knots[0]))
+        temple = 1 - smoothstep((along - knots[2]) / 20.0)
+        weights = (midline * (1 - to_middle), to_middle * (1 - to_outer), to_outer * temple)
+        for number, weight in zip((31 + side, 33 + side, 35 + side), weights, strict=True):
+            linear(number, skin, weight * vertical)
+        linear(37 + side, skin, (weights[0] + 0.5 * weights[1]) * vertical)
+
+
+def _lids(
+    points: Array, eye: Eye, side: int, feature_points: dict[str, int], fapu: Fapu, collector: BasisCollector
+) -> None:
+    rings = eye.lids
+    neutral = points[rings.indices]
+    margin = rings.indices[np.flatnonzero(rings.level == 1.0)[0]]
+    inner_rings = np.concatenate(
+        [rings.indices[1:].ravel(), eye.lashes.ravel()]
+    )  # the border belongs to the grid and never moves
+    for number, knot_lists, mine, direction in (
+        (19 + side, (UPPER_LID_KNOTS, WIDE_KNOTS), rings.upper, -1.0),
+        (21 + side, (LOWER_LID_KNOTS, WIDE_KNOTS), ~rings.upper, 1.0),
+    ):
+        point = feature_points[fap.spec(number).point]
+        own = int(np.flatnonzero(margin == point)[0])
+        y, z = points[point, 1:] - eye.centre[1:]
+        start = np.arctan2(y, z)
+        for knots in knot_lists:
+            poses = []
+            for value in knots:
+                moved = y + direction * value * fapu.unit(fap.FapUnit.IRISD)
+                angle = np.arcsin(np.clip(moved / np.hypot(y, z), -1, 1))
+                closing = (angle - start) / (eye.closed[own] - eye.angles[own])
+                turn = np.where(mine, closing * (eye.closed - eye.angles), 0.0)
+                lids = lid_displacement(neutral, eye, turn)[1:].reshape(-1, 3)
+                lashes = turned(points[eye.lashes], eye.centre, turn[eye.lash_roots][:, None]).reshape(-1, 3)
+                poses.append(np.concatenate([lids, lashes]))
+            for index in range(len(knots) - 1):
+                per_unit = (poses[index + 1] - poses[index]) / abs(knots[index + 1] - knots[index])
+                collector.add(Channel(number, knots[index], knots[index + 1]), inner_rings, per_unit)
+
+
+def _tongue(
+    points: Array, head: HeadParts, feature_points: dict[str, int], linear: Linear, collector: BasisCollector
+) -> None:
+    vertices = head.tongue
+    tip = points[feature_points["6.1"]]
+    share = np.clip(1 - (tip[2] - points[vertices, 2]) / 44.0, 0, 1)
+    for number in (43, 44, 45):
+        linear(number, vertices, share**1.6)
+    middle = points[feature_points["6.2"]]
+    linear(46, vertices, np.clip(1 - ((points[vertices, 2] - middle[2]) / 30.0) ** 2, 0, 1) ** 2)
+    edge = np.abs(points[vertices, 0]) * share
+    lift = np.stack([-np.sign(points[vertices, 0]) * 0.3 * edge, edge, 0 * edge], axis=-1) * AU_RAD
+    collector.add(Channel(47, 0.0, np.inf), vertices, lift)
+
+
+def _jaw_weight(points: Array, head: HeadParts, skin: Indices, field: Array, chin: Array) -> Array:
+    """(V,) how much a skin vertex turns with the jaw; teeth and tongue are the jaw's wholly and are not named here.
+
+    ``field`` is what real skin does for a millimetre of open_jaw; its share in the direction of the jaw's turn is kept.
+    """
+    weight = np.zeros(len(points))
+    lever = points[skin] - JAW_PIVOT
+    turn = np.stack([0 * lever[:, 0], -lever[:, 2], lever[:, 1]], axis=-1) / (chin - JAW_PIVOT)[2]
+    share = (field * turn).sum(axis=1) / np.maximum((turn**2).sum(axis=1), 0.05)
+    weight[skin] = np.clip(share / share[np.linalg.norm(points[skin] - chin, axis=1).argmin()], 0, 1)
+    mouth = head.mouth
+    level = mouth.level[:, None]
+    inside = np.where(mouth.upper & (np.abs(mouth.t) < 1), 0.0, smoothstep(-level / 0.75) * (1 - np.abs(mouth.t) ** 3))
+    weight[mouth.indices] = np.maximum(weight[mouth.indices] * (level > 1), inside * (level < 0))
+    return weight

@@ -1,0 +1,236 @@
+"""Eyeballs, lids and lashes. Lids lie on a sphere a little larger than the eyeball, so that they can slide over it.
+
+Theory of operation
+-------------------
+The lid rings of :func:`build_lids` run from the border of the block (level 2) over the crease to the margin (level 1)
+and round its edge inwards (below 1). A lid moves by turning about the eyeball's horizontal axis:
+:func:`lid_displacement` turns the margin from its neutral height to a given one and the rings behind it by a share
+that falls to zero at the crease, so skin folds there and slides over the ball below. Lashes turn with their root.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh import colours
+from fapengine.mesh.colours import Palette
+from fapengine.mesh.default_head.atlas import skin_uv
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.rings import Block, Rings, resampled
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import angle_of, normal, position
+from fapengine.mesh.face_mesh import Bone, Material
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+RADIUS = 14.2
+CENTRE = np.array([31.4, 36.0, 81.2])
+"""Left eyeball; the right one is its mirror."""
+LID_THICKNESS = 1.15
+INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
+OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
+CREASE = 1.4
+EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
+"""Round the margin: level, height above the eyeball, size of the opening."""
+POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Eye:
+    """One eye."""
+
+    lids: Rings
+    ball: Indices
+    lashes: Indices
+    """(L, 5): two at the root, two half way, the tip."""
+    lash_roots: Indices
+    """(L,): place of each lash's root on the ring."""
+    centre: Array
+    side: float
+    """1 left, -1 right."""
+    angles: Array
+    """(N,) rad: neutral elevation of each margin vertex, seen from the eyeball's centre."""
+    closed: Array
+    """(N,) rad: elevation of the other lid's margin at the same place along the eye."""
+
+
+def margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
+    """(N, 2): the rim of the opening; t is 1 at the outer corner."""
+    share = (1 + t) / 2
+    corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
+    half = style.eye_opening_mm / 2
+    middle_y = (INNER_CORNER[1] + OUTER_CORNER[1]) / 2
+    above, below = np.clip(t + 0.06 * (1 - t**2), -1, 1), np.clip(t - 0.16 * (1 - t**2), -1, 1)
+    rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(above) ** 2.25) ** 0.92
+    sink = (middle_y - CENTRE[1] + half) * (1 - np.abs(below) ** 2.2)
+    rim: Array = corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
+    return rim
+
+
+def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
+    offset = flat - centre[:2]
+    depth = np.sqrt(np.maximum(radius**2 - (offset**2).sum(axis=-1), 1.0))
+    return np.concatenate([flat, (centre[2] + depth)[:, None]], axis=-1)
+
+
+def _forward(t: Array, level: float) -> Array:
+    """(N,) mm: the inner corner lies before the ball, over the tear duct."""
+    out: Array = 3.8 * smoothstep((-t - 0.58) / 0.42) * smoothstep((level - 0.45) / 0.3)
+    return out
+
+
+def build_lids(
+    builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, detail: float
+) -> Eye:
+    """Add lids, ball and lashes of one eye inside a block whose border, (N,) vertex indices, exists already."""
+    along, upper = block.along()
+    t = side * along  # 1 at the outer corner on both sides
+    palette = palette_of(style)
+    at_border = builder.column("points_mm")[border]
+    rim_flat = margin(t, upper, style) * np.array([side, 1.0])
+    centre = CENTRE * [side, 1, 1]
+    reach_mm = np.linalg.norm(at_border[:, :2] - rim_flat, axis=1)
+    middle = (1 - t**2) ** 0.8
+    grids, levels = [border], [2.0]
+    for level in resampled(OUTSIDE, detail):
+        flat = rim_flat + (level - 1) * (at_border[:, :2] - rim_flat)
+        angle = angle_of(flat[:, 0], flat[:, 1], style)
+        face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
+        on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
+        on_ball[:, 2] += _forward(t, level)
+        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (3.6 + 3.9 * middle))
+        points = on_ball + towards_face[:, None] * (face - on_ball)
+        crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
+        hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
+        points += (hood - 0.95 * crease)[:, None] * out
+        shade = 1 - 0.30 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
+        lash = (level <= 1.0) * upper
+        albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
+        kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
+        levels.append(float(level))
+    rim = points
+    for level, height, size in EDGE:
+        flat = centre[:2] + size * (rim_flat - centre[:2])
+        points = _on_sphere(flat, centre, RADIUS + height)
+        points[:, 2] += _forward(t, level)
+        lash = upper & (level > 0.8)
+        wet = palette.skin(points) * [0.98, 0.74, 0.72]
+        albedo = np.where(lash[:, None], colours.LASH, wet)
+        grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.LIP)))
+        levels.append(level)
+    rings = np.stack(grids)
+    builder.quads(rings, closed=True)
+    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, detail)
+    _build_caruncle(builder, palette, side, detail)
+    ball = _build_ball(builder, centre, side, detail)
+    angles = np.arctan2(
+        rim_flat[:, 1] - centre[1], _on_sphere(rim_flat, centre, RADIUS + LID_THICKNESS)[:, 2] - centre[2]
+    )
+    closed = _other_lid(t, upper, angles)
+    return Eye(Rings(rings, np.array(levels), t, upper), ball, lashes, roots, centre, side, angles, closed)
+
+
+def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
+    other = np.empty_like(angles)
+    corners = np.abs(t) > 0.9999
+    for mine, theirs in ((upper, ~upper | corners), (~upper, upper)):
+        order = np.argsort(t[theirs])
+        other[mine] = np.interp(t[mine], t[theirs][order], angles[theirs][order])
+    return other
+
+
+def _build_lashes(
+    builder: MeshBuilder, rim: Array, t: Array, upper: NDArray[np.bool_], centre: Array, side: float, detail: float
+) -> tuple[Indices, Indices]:
+    """Blades of five vertices on the lids' margins, the upper ones longer and bent upwards."""
+    order = np.argsort(t)
+    blades, roots = [], []
+    for is_upper, count, length_mm in ((True, 30, 6.0), (False, 14, 2.6)):
+        mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
+        for number, along_rim in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
+            root = int(mine[np.abs(t[mine] - along_rim).argmin()])
+            base = np.array([np.interp(along_rim, t[mine], rim[mine, axis]) for axis in range(3)])
+            outwards = (base - centre) / np.linalg.norm(base - centre)
+            aside = np.array([side, 0.0, 0.0])
+            length = length_mm * (0.72 + 0.28 * along_rim) * (0.88 + 0.12 * np.sin(7.3 * number))
+            length *= 1 - 0.5 * smoothstep((-along_rim - 0.5) / 0.4)
+            lift = np.array([0.0, 0.42 if is_upper else -0.30, 0.0])
+            grow = outwards + (0.62 * along_rim + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
+            middle = base + 0.5 * length * grow
+            tip = base + length * (grow + lift)
+            wide = np.array([0.24 if is_upper else -0.15, 0.0, 0.0])  # blades face forwards
+            blades.append([base - wide, base + wide, middle - 0.7 * wide, middle + 0.7 * wide, tip])
+            roots.append(root)
+    grid = builder.add(np.array(blades), albedo=colours.LASH, material=Material.LASH)
+    for corners in ((0, 1, 3), (0, 3, 2), (2, 3, 4)):
+        builder.loose(grid[:, list(corners)])
+    return grid, np.array(roots)
+
+
+def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> None:
+    """Add the pink knot in the inner corner, over the tear duct."""
+    polar = np.linspace(0.35, 1.7, max(3, round(4 * detail)))[::-1, None]
+    around = np.linspace(0, 2 * np.pi, 4 * max(2, round(2.5 * detail)), endpoint=False)
+    unit = np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around], axis=-1
+    )
+    middle, size = np.array([INNER_CORNER[0] + 1.9, INNER_CORNER[1] + 0.5, 86.6]), np.array([2.6, 2.0, 3.4])
+    pink = palette.blush * np.array([1.0, 0.95, 0.9])
+    mirror = np.array([side, 1.0, 1.0])
+    grid = builder.add((middle + size * unit) * mirror, albedo=pink, material=Material.LIP)
+    builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
+    pole = builder.add((middle + size * [0, 0, 1]) * mirror, albedo=pink, material=Material.LIP)
+    builder.fan(grid[-1] if side > 0 else grid[-1, ::-1], int(pole))
+
+
+def _build_ball(builder: MeshBuilder, centre: Array, side: float, detail: float) -> Indices:
+    polar = np.deg2rad(resampled(POLAR_DEG, detail))
+    around = np.linspace(0, 2 * np.pi, 4 * max(4, round(7 * detail)), endpoint=False)
+    unit = np.stack(
+        [
+            np.sin(polar)[:, None] * np.cos(around),
+            np.sin(polar)[:, None] * np.sin(around),
+            np.broadcast_to(np.cos(polar)[:, None], (len(polar), len(around))),
+        ],
+        axis=-1,
+    )
+    bone = Bone.LEFT_EYE if side > 0 else Bone.RIGHT_EYE
+
+    def add(unit: Array) -> Indices:
+        where, uv = centre + RADIUS * unit, 0.5 + 0.5 * unit[..., :2]
+        return builder.add(where, uv=uv, albedo=colours.EYE, material=Material.EYE, bone=bone, bone_weight=1.0)
+
+    grid, pole = add(unit), add(np.array([0.0, 0.0, 1.0]))
+    builder.quads(grid, closed=True)
+    builder.fan(grid[-1], int(pole))
+    return np.append(grid.ravel(), pole)
+
+
+def turned(points: Array, centre: Array, angle: Array) -> Array:
+    """(..., 3) mm: how points move that turn about the eyeball's horizontal axis by ``angle`` (...), rad, upwards."""
+    offset = points - centre
+    cosine, sine = np.cos(angle), np.sin(angle)
+    y = offset[..., 1] * cosine + offset[..., 2] * sine
+    z = offset[..., 2] * cosine - offset[..., 1] * sine
+    return np.stack([np.zeros_like(y), y - offset[..., 1], z - offset[..., 2]], axis=-1)
+
+
+def lid_displacement(points: Array, eye: Eye, turn: Array) -> Array:
+    """(levels, N, 3) mm: lid vertices turned about the eyeball's horizontal axis.
+
+    Parameters
+    ----------
+    points : (levels, N, 3) mm
+        Neutral lid vertices.
+    eye : Eye
+        Whose lids.
+    turn : (N,) rad
+        How far each margin vertex turns, upwards positive.
+    """
+    level = eye.lids.level
+    share = np.where(level >= 1, 1 - smoothstep((level - 1) / (CREASE + 0.12 - 1)), 1.0)
+    return turned(points, eye.centre, share[:, None] * turn)

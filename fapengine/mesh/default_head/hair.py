@@ -1,0 +1,176 @@
+"""Hair: a dark cap on the scalp and locks over it, combed to the side from a parting.
+
+Theory of operation
+-------------------
+A lock is a tapered blade of three vertices across (its middle stands higher than its edges) that follows a field of
+directions over the scalp: away from the parting on top, down and back at the sides, down the back. Each step of the
+path is laid back to its height above the scalp. Roots are spread evenly over the part of the scalp behind the
+hairline; those higher up lie over those lower down, as shingles do. Nothing is left to chance: what varies from lock
+to lock are fractions of multiples of the golden ratio.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.colours import Palette
+from fapengine.mesh.default_head.atlas import strand_uv
+from fapengine.mesh.default_head.hairline import hairline
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.rings import resampled
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import normal, position
+from fapengine.mesh.face_mesh import Material
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.22, 0.42, 0.63, 0.82, 0.95)
+LOCKS = 128
+TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
+"""Width of a lock from root towards the tip, which is a point."""
+GOLDEN = 0.6180339887498949
+
+
+def _thickness(y: Array) -> Array:
+    """How far the cap stands off the scalp, mm, by height."""
+    thick: Array = 4.2 + 6.3 * smoothstep((y - 45.0) / 75.0)
+    return thick
+
+
+def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
+    """Add cap and locks; returns their indices, (N,), those of the cap first."""
+    palette = palette_of(style)
+    cap = _build_cap(builder, style, palette, detail)
+    return np.concatenate([cap, _build_locks(builder, style, palette, detail).ravel()])
+
+
+def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
+    angle = np.linspace(-np.pi, np.pi, 2 * round(22 * detail) + 1)[:-1]
+    share = resampled(CAP_ROWS, detail)
+    line = hairline(angle)
+    y = line + np.clip(share, -1, 1)[:, None] * (144.0 - line)
+    wide = np.broadcast_to(angle, y.shape)
+    base, out = position(wide, y, style), normal(wide, y, style)
+    inside = smoothstep((share + 0.02) / 0.22)[:, None]
+    thick = np.where(share[:, None] < 0, -2.0, 0.3 + _thickness(y) * inside)
+    points = base + thick[..., None] * out
+    root = 1 - smoothstep((share - 0.005) / 0.045)
+    dark = 0.75 * palette.hair
+    albedo = dark + (0.55 * root)[:, None, None] * (palette.skin(base) - dark)
+    uv = strand_uv(np.where(np.arange(len(angle)) % 2, 0.15, 0.85), 0.05 + 0.9 * share[:, None])
+    grid = builder.add(points, albedo=albedo, material=Material.HAIR, uv=uv)
+    builder.quads(grid, closed=True)
+    top = points[-1].mean(axis=0) + np.array([0, 3.0, 0])
+    crown = builder.add(top, albedo=dark, material=Material.HAIR, uv=strand_uv(0.5, 0.99))
+    builder.fan(grid[-1], int(crown))
+    return np.append(grid.ravel(), crown)
+
+
+class _Scalp:
+    """The bare head as points to which others are laid."""
+
+    def __init__(self, style: HeadStyle) -> None:
+        angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
+        self.points = position(angle, y, style).reshape(-1, 3)
+        self.normals = normal(angle, y, style).reshape(-1, 3)
+        self._tree = cKDTree(self.points)
+
+    def under(self, points: Array) -> tuple[Array, Array]:
+        """(N, 3) each: the scalp below points, and its normal."""
+        distance, near = (np.asarray(result) for result in self._tree.query(points, k=6))
+        weight = (1 / (distance + 0.5) ** 2)[..., None]
+        normals = (self.normals[near] * weight).sum(axis=1)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        foot = (self.points[near] * weight).sum(axis=1) / weight.sum(axis=1)
+        below: Array = points - ((points - foot) * normals).sum(axis=1, keepdims=True) * normals
+        return below, normals
+
+
+def _combed(points: Array, normals: Array) -> Array:
+    """(N, 3): unit direction in which hair lies."""
+    x, y, z = points.T
+    parting = np.interp(z, (-40.0, 60.0), (8.0, 24.0))
+    away = np.tanh((parting - x) / 6.0)
+    top = smoothstep((y - 62.0) / 55.0)
+    front = smoothstep((z - 45.0) / 40.0)
+    back = smoothstep((-z - 10.0) / 50.0)
+    falling = np.clip(away, 0, 1)  # over the forehead on one side, swept away from it on the other
+    direction = np.stack(
+        [
+            -away * (0.25 + 0.75 * top) * (1 - 0.8 * back),
+            -(1 - top) * (1 - 1.3 * front * (1 - falling)) - 0.3 * front * falling,
+            top * front * (0.5 * falling - 0.6 * (1 - falling)) - 0.9 * top * back - (1 - top) * (0.32 - 0.32 * back),
+        ],
+        axis=-1,
+    )
+    direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
+    unit: Array = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
+    return unit
+
+
+def _roots(scalp: _Scalp, count: int) -> Array:
+    """(about ``count``, 3): even over the scalp behind the hairline."""
+    number = np.arange(round(1.55 * count)) + 0.5
+    high = 1 - 2 * number / len(number)
+    round_about = 2 * np.pi * GOLDEN * number
+    across = np.sqrt(1 - high**2)
+    towards = np.stack([across * np.sin(round_about), high, across * np.cos(round_about)], axis=-1)
+    points, _ = scalp.under(np.array([0.0, 52.0, 2.0]) + 92.0 * towards)
+    behind = points[:, 1] > hairline(np.arctan2(points[:, 0], points[:, 2] - 10.0)) + 3.0
+    over_ear = (np.abs(points[:, 2] + 4) < 26) & (points[:, 1] < 72)
+    return points[behind & (points[:, 1] > -28) & ~over_ear]
+
+
+def _front_roots(style: HeadStyle) -> Array:
+    """(20, 3): along the hairline over the forehead, so that no edge of the cap shows."""
+    angle = np.deg2rad(np.linspace(-34.0, 50.0, 20))
+    return position(angle, hairline(angle) + 0.5 + 3.0 * np.abs(np.sin(9.0 * np.arange(20))), style)
+
+
+def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
+    scalp = _Scalp(style)
+    at = np.concatenate([_roots(scalp, round(LOCKS * np.clip(detail, 0.6, 1.6))), _front_roots(style)])
+    number = np.arange(len(at))
+    vary, other = 2 * ((number * GOLDEN) % 1) - 1, 2 * ((number * GOLDEN * 5.77) % 1) - 1
+    top = smoothstep((at[:, 1] - 70.0) / 45.0)
+    length = (44.0 + 36.0 * top) * (1 + 0.2 * vary)
+    front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
+    nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
+    temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
+    length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
+    half = (4.4 + 1.9 * top) * (1 + 0.25 * other) / np.sqrt(np.clip(detail, 0.6, 1.6))
+    layer = 1.2 + 1.0 * vary
+    taper = resampled([*TAPER, 0.0], min(detail, 1.6))
+    shares = np.linspace(0, 1, len(taper))
+    rows, tints = [], []
+    for share, wide in zip(shares, taper, strict=True):
+        foot, out = scalp.under(at)
+        along = _combed(foot, out)
+        aside = np.cross(along, out)
+        along = along + (0.16 * other)[:, None] * aside
+        out_of = smoothstep((share + 0.02) / 0.3)
+        high = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
+        middle = foot + high[:, None] * out
+        edge = (wide * half)[:, None] * aside
+        sunk = (0.24 * wide * half)[:, None] * out
+        tilt = (0.2 * vary * wide * half)[:, None] * out
+        rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
+        shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
+        tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
+        at = foot + (length / (len(taper) - 1))[:, None] * along
+    points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
+    albedo = palette.hair * np.stack(tints, axis=1)[..., None]
+    points[:, -1] = points[:, -1, 1:2]
+    strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
+    uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * ((number * GOLDEN * 1.7) % 1)[:, None, None])
+    body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR, uv=uv[:, :-1])
+    tips = builder.add(points[:, -1, 1], albedo=albedo[:, -1, 1], material=Material.HAIR, uv=uv[:, -1, 1])
+    for left in (0, 1):
+        a, b = body[:, :-1, left], body[:, :-1, left + 1]
+        c, d = body[:, 1:, left + 1], body[:, 1:, left]
+        builder.loose(np.stack([a, b, c], axis=-1).reshape(-1, 3))
+        builder.loose(np.stack([a, c, d], axis=-1).reshape(-1, 3))
+        builder.loose(np.stack([body[:, -1, left], body[:, -1, left + 1], tips], axis=-1))
+    return np.concatenate([body.ravel(), tips])

@@ -1,0 +1,250 @@
+"""The default head: our own model, made by this code from proportions; the same every time.
+
+Head space: +x the subject's left, +y up, +z out of the face, mm.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial import cKDTree
+
+from fapengine.errors import UsageError
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.default_head import nose, parts
+from fapengine.mesh.default_head.atlas import skin_uv
+from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
+from fapengine.mesh.default_head.brows import build_brow
+from fapengine.mesh.default_head.ears import build_ear
+from fapengine.mesh.default_head.eyes import build_lids
+from fapengine.mesh.default_head.hair import build_hair
+from fapengine.mesh.default_head.hairline import hairline
+from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.mouth import build_mouth
+from fapengine.mesh.default_head.painting import paint
+from fapengine.mesh.default_head.points import locate
+from fapengine.mesh.default_head.rings import Block
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import position, radius
+from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
+from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
+from fapengine.mpeg4.fapu import Fapu
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
+MOUTH_LINE_Y = -34.6
+"""Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
+ROWS: tuple[tuple[float, int], ...] = (  # upper end of a stretch, mm, and its rows
+    (-110.0, 2), (-92.0, 3), (-62.0, 10), (MOUTH_LINE_Y, 9), (-16.5, 7), (-12.0, 2), (6.0, 9), (17.5, 4),
+    (33.0, 5), (51.0, 6), (62.0, 3), (90.0, 5), (115.0, 3), (142.0, 3),
+)  # fmt: skip
+COLUMNS: tuple[tuple[float, int], ...] = (  # outer end of a stretch, degrees, and its columns
+    (6.6, 6), (13.2, 6), (25.5, 7), (35.0, 5), (48.0, 6), (80.0, 6), (180.0, 7),
+)  # fmt: skip
+
+
+def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: float) -> Array:
+    """Return the ends of all stretches, and between them so many steps as each has, changing length gradually."""
+    ends = np.array([start, *(end for end, _ in stretches)])
+    counts = np.cumsum([0, *(max(1, round(count * detail)) for _, count in stretches)])
+    spaced: Array = PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
+    return spaced
+
+
+def _columns(detail: float) -> Array:
+    positive = np.deg2rad(_spaced(0.0, COLUMNS, detail))
+    return np.concatenate([-positive[:0:-1], positive])
+
+
+def _rows(detail: float) -> Array:
+    return _spaced(-138.0, ROWS, detail)
+
+
+def _blocks(rows: Array, columns: Array) -> tuple[Block, Block, Block]:
+    def row(height: float) -> int:
+        return int(np.abs(rows - height).argmin())
+
+    def column(angle_deg: float) -> int:
+        return int(np.abs(columns - np.deg2rad(angle_deg)).argmin())
+
+    mouth = Block(bottom=row(-62.0), top=row(-16.5), corner=row(MOUTH_LINE_Y), left=column(-25.5), right=column(25.5))
+    eyes = [
+        Block(bottom=row(17.5), top=row(51.0), corner=row(33.0), left=column(left), right=column(right))
+        for left, right in ((6.6, 35.0), (-35.0, -6.6))
+    ]
+    return mouth, eyes[0], eyes[1]
+
+
+LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
+"""Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
+
+
+def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> FaceMesh:
+    """Build the head.
+
+    Parameters
+    ----------
+    style : HeadStyle, optional
+        Proportions and colours; by default an average adult's.
+    level : str
+        One of :data:`LEVELS`. All levels are the same surface, divided more or less finely, with the same channels.
+
+    Returns
+    -------
+    FaceMesh
+        Every FDP feature point, and the deformation basis. The last four heads are remembered.
+
+    Raises
+    ------
+    UsageError
+        If there is no such level.
+    """
+    if level not in LEVELS:
+        raise UsageError(f"level: got {level!r}, expected one of {', '.join(LEVELS)}")
+    return _built(style or HeadStyle(), level)
+
+
+@lru_cache(maxsize=4)
+def _built(style: HeadStyle, level: str) -> FaceMesh:
+    builder, detail = MeshBuilder(), LEVELS[level]
+    grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
+
+    def border(block: Block) -> Indices:
+        rows, columns = block.border()
+        return grid[rows, columns]
+
+    mouth = build_mouth(builder, border(mouth_block), mouth_block, style, detail)
+    left, right = (
+        build_lids(builder, border(block), block, style, side, detail)
+        for block, side in zip(eye_blocks, (1.0, -1.0), strict=True)
+    )
+    palette = palette_of(style)
+    head = HeadParts(
+        grid=grid,
+        mouth=mouth,
+        eyes=(left, right),
+        brows=(build_brow(builder, style, 1.0, detail), build_brow(builder, style, -1.0, detail)),
+        ears=(build_ear(builder, palette, 1.0, detail), build_ear(builder, palette, -1.0, detail)),
+        upper_teeth=parts.build_teeth(builder, detail, upper=True),
+        lower_teeth=parts.build_teeth(builder, detail, upper=False),
+        tongue=parts.build_tongue(builder, detail),
+        hair=build_hair(builder, style, detail) if style.hair else np.zeros(0, dtype=np.int64),
+        crown=crown,
+        pivot=int(builder.add(HEAD_PIVOT, albedo=palette.base)),
+    )
+    parts.build_shirt(builder, detail)
+    return _finish(builder, head, detail, paint(style))
+
+
+def _build_skin(
+    builder: MeshBuilder, style: HeadStyle, detail: float
+) -> tuple[Indices, int, tuple[Block, Block, Block]]:
+    rows, columns = _rows(detail), _columns(detail)
+    palette = palette_of(style)
+    y, angle = np.meshgrid(rows, columns, indexing="ij")
+    points = position(angle, y, style)
+    # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
+    head_weight = np.maximum(smoothstep((y + 138.0) / 62.0), smoothstep((points[..., 2] - 55.0) / 25.0))
+    albedo = palette.skin(points) * _nostril_shade(angle, y, style)
+    grid = builder.add(points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y))
+    blocks = _blocks(rows, columns)
+    keep = np.ones((len(rows) - 1, len(columns) - 1), dtype=bool)
+    for block in blocks:
+        keep[block.bottom : block.top, block.left : block.right] = False
+    if style.hair:
+        keep &= ~_under_hair(y, angle)
+    builder.quads(grid, keep=keep)  # closed by two columns in one place, where the painting ends
+    crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
+    if not style.hair:
+        builder.fan(grid[-1, :-1], crown)
+    return grid, crown, blocks
+
+
+def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
+    """(rows - 1, columns - 1): cells of the grid that hair covers wholly; drawing them would be for nothing."""
+    covered = y > hairline(angle) + 14.0
+    return covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:]
+
+
+def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
+    """(..., 3): nostrils are dark, and red rather than grey."""
+    x = radius(angle, y, style) * np.sin(angle)
+    inside = nose.nostril(x, y, style.nose_width) * (np.cos(angle) > 0.5)
+    shade: Array = 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
+    return shade
+
+
+def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
+    """Even out the skin where the rings round mouth and eyes meet the grid."""
+    rounds = max(1, round(2 * detail**2))
+    weight = np.zeros(len(points))
+    weight[head.grid] = 1.0
+    for rings, edge in ((head.mouth, 1.15), *((eye.lids, 1.5) for eye in head.eyes)):
+        weight[rings.indices] = smoothstep((rings.level[:, None] - edge) / 0.25)
+    near = np.zeros(len(points))
+    for rings in (head.mouth, *(eye.lids for eye in head.eyes)):
+        near[rings.indices] = 1.0
+    near = np.clip(3.0 * smooth_over_mesh(near, triangles, rounds), 0, 1)
+    blend = weight * near
+    softened = np.stack([smooth_over_mesh(points[:, axis], triangles, rounds) for axis in range(3)], axis=-1)
+    # Quads are cut along one diagonal, which pulls to one side: keep what both halves of the face agree on.
+    mirror = np.array([-1.0, 1.0, 1.0])
+    skin = np.flatnonzero(weight)
+    twin = skin[cKDTree(points[skin]).query(points[skin] * mirror)[1]]
+    softened[skin] = (softened[skin] + softened[twin] * mirror) / 2
+    blend[skin] = (blend[skin] + blend[twin]) / 2
+    return points + blend[:, None] * (softened - points)
+
+
+def _finish(builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArray[np.uint8]) -> FaceMesh:
+    triangles = builder.triangles()
+    points = _soften(builder.column("points_mm"), triangles, head, detail)
+    normals = vertex_normals(points, triangles)
+    seam = head.grid[:, [0, -1]]
+    shared = normals[seam].sum(axis=1, keepdims=True)
+    normals[seam] = shared / np.maximum(np.linalg.norm(shared, axis=-1, keepdims=True), 1e-9)
+    occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
+    # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.
+    lit = builder.column("material") == Material.TEETH
+    occlusion = np.where(lit, np.maximum(occlusion, 0.72), occlusion)
+    feature_points = locate(points, head)
+    centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
+    fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
+    jaw_weight, basis = build_basis(points, head, feature_points, fapu)
+    on_jaw = jaw_weight > 0
+
+    # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
+    used = np.zeros(len(points), dtype=bool)
+    used[triangles] = True
+    used[list(feature_points.values())] = True
+    number = np.cumsum(used) - 1
+    vertex_of_entry = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
+    kept = used[vertex_of_entry]
+    return FaceMesh(
+        vertices_mm=points[used].astype(np.float32),
+        normals=normals[used].astype(np.float32),
+        uv=builder.column("uv")[used],
+        albedo=np.clip(builder.column("albedo"), 0, 1)[used].astype(np.float32),
+        material=builder.column("material")[used],
+        occlusion=np.clip(occlusion, 0, 1)[used].astype(np.float32),
+        bone=np.where(on_jaw, Bone.JAW, builder.column("bone"))[used],
+        bone_weight=np.where(on_jaw, jaw_weight, builder.column("bone_weight"))[used],
+        head_weight=builder.column("head_weight")[used],
+        triangles=number[triangles].astype(np.int32),
+        feature_points={name: int(number[index]) for name, index in feature_points.items()},
+        jaw_pivot_mm=JAW_PIVOT,
+        head_pivot_mm=HEAD_PIVOT,
+        eye_pivots_mm=np.stack([eye.centre for eye in head.eyes]),
+        fapu=fapu,
+        texture=texture,
+        basis=DeformationBasis(
+            channels=basis.channels,
+            offsets=np.concatenate([[0], np.cumsum(np.diff(basis.offsets)[used])]),
+            entry_channels=basis.entry_channels[kept],
+            entry_mm=basis.entry_mm[kept],
+        ),
+    )

@@ -1,0 +1,90 @@
+"""Building a mesh part by part: grids and rings of quads, with everything that a vertex carries."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.mesh.default_head.atlas import PLAIN_UV
+from fapengine.mesh.face_mesh import Bone, Material
+
+Array = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class MeshBuilder:
+    """Collects parts; vertex indices are those of the finished mesh.
+
+    Stateful.
+    """
+
+    count: int = 0
+    _fields: dict[str, list[NDArray[np.generic]]] = field(default_factory=dict)
+    _triangles: list[NDArray[np.int64]] = field(default_factory=list)
+
+    def add(
+        self,
+        points_mm: Array,
+        *,
+        albedo: ArrayLike,
+        material: ArrayLike = Material.SKIN,
+        bone: ArrayLike = Bone.NONE,
+        bone_weight: ArrayLike = 0.0,
+        head_weight: ArrayLike = 1.0,
+        uv: ArrayLike = PLAIN_UV,
+    ) -> NDArray[np.int64]:
+        """Add vertices, (..., 3) mm; everything else broadcasts. Returns their indices, of shape (...)."""
+        shape = points_mm.shape[:-1]
+        size = int(np.prod(shape))
+        for name, value, tail in (
+            ("points_mm", points_mm, (3,)),
+            ("albedo", albedo, (3,)),
+            ("material", material, ()),
+            ("bone", bone, ()),
+            ("bone_weight", bone_weight, ()),
+            ("head_weight", head_weight, ()),
+            ("uv", uv, (2,)),
+        ):
+            spread = np.broadcast_to(np.asarray(value), (*shape, *tail)).reshape(size, *tail)
+            self._fields.setdefault(name, []).append(np.array(spread))
+        indices = self.count + np.arange(size).reshape(shape)
+        self.count += size
+        return indices
+
+    def quads(self, grid: NDArray[np.int64], *, closed: bool = False, keep: NDArray[np.bool_] | None = None) -> None:
+        """Join a (rows, columns) grid of vertices; ``closed`` joins the last column to the first.
+
+        The outside is where rows run up and columns to the right. ``keep`` leaves out cells: (rows - 1, columns or
+        columns - 1) bool.
+        """
+        if closed:
+            grid = np.concatenate([grid, grid[:, :1]], axis=1)
+        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        cells = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
+        if keep is not None:
+            cells = cells[keep]
+        triangles = cells.reshape(-1, 3)
+        self._triangles.append(
+            triangles[
+                (triangles[:, 0] != triangles[:, 1])
+                & (triangles[:, 1] != triangles[:, 2])
+                & (triangles[:, 0] != triangles[:, 2])
+            ]
+        )
+
+    def fan(self, ring: NDArray[np.int64], centre: int) -> None:
+        """Close a ring, (N,) indices, with a centre; the outside is where the ring runs counter-clockwise."""
+        self._triangles.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
+
+    def loose(self, triangles: NDArray[np.int64]) -> None:
+        """Add triangles, (F, 3), counter-clockwise from outside."""
+        self._triangles.append(triangles)
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Values of one field so far, (V, ...)."""
+        return np.concatenate(self._fields[name])
+
+    def triangles(self) -> NDArray[np.int64]:
+        """(F, 3), counter-clockwise from outside."""
+        return np.concatenate(self._triangles)

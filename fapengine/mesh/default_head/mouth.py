@@ -1,0 +1,108 @@
+"""Lips and the inside of the mouth: rings from the skin over the lips into the mouth bag.
+
+The neutral lips touch along a horizontal line (the standard's neutral face). Numbers are millimetres; the lip
+contours follow the proportions of the measured head (feature points 8.1-8.10, 2.2-2.9).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh import colours
+from fapengine.mesh.default_head.atlas import skin_uv
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.rings import Block, Rings, resampled
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import angle_of, normal, position
+from fapengine.mesh.face_mesh import Material
+
+Array = NDArray[np.float64]
+
+LINE_Y = -34.0
+INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
+OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
+LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
+INSIDE = (  # level, away from the mouth line, backwards, share of the width
+    (-0.08, 0.5, 1.2, 1.0),
+    (-0.2, 1.4, 3.2, 0.99),
+    (-0.4, 3.2, 7.0, 0.97),
+    (-0.7, 8.0, 16.0, 0.95),
+    (-1.0, 15.0, 34.0, 0.85),
+)
+
+
+def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
+    """(N,) height of the lips' outer edge."""
+    arch = (1 - np.abs(t) ** 1.8) ** 1.0
+    bow = 9.7 * arch - 1.1 * np.exp(-((t / 0.14) ** 2)) + 0.25 * np.exp(-(((np.abs(t) - 0.3) / 0.12) ** 2))
+    lower = (1 - np.abs(t) ** 2.1) ** 0.92
+    contour: Array = LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
+    return contour
+
+
+def line(t: Array) -> Array:
+    """(N,) height of the line between the lips: as high in the middle as at the corners, a little wavy between."""
+    wave: Array = LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
+    return wave
+
+
+def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
+    """Height of the lips over the bare face, (...) mm.
+
+    ``share`` is 0 at the mouth line, 1 at the outer edge, 2 beyond; ``t`` runs from -1 to 1 along the line.
+    """
+    middle = 1 - np.abs(t) ** 3
+    lip = np.clip(share, 0, 1)
+    body_upper = 0.2 + 1.9 * np.sin(np.pi * lip**0.8) * (1 - 0.25 * lip) - 0.1 * lip
+    tubercle = 0.5 * np.exp(-((t / 0.2) ** 2)) * np.sin(np.pi * lip)
+    body_lower = 0.2 + 2.9 * np.sin(np.pi * lip**0.85) * (1 - 0.2 * lip) - 0.4 * lip
+    beyond = 1 - smoothstep((share - 1) / 0.45)
+    groove = -1.3 * np.exp(-(((share - 1.3) / 0.2) ** 2)) * (~upper)
+    philtrum = -0.8 * np.exp(-((t / 0.11) ** 2)) * smoothstep((share - 1) / 0.2) * smoothstep((2 - share) / 0.4) * upper
+    columns = 0.45 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
+    columns = columns * smoothstep((1.9 - share) / 0.5) * upper
+    body = np.where(upper, body_upper + tubercle, body_lower) * beyond
+    out: Array = fullness * middle * (body + groove) + philtrum + columns - 1.4 * (1 - middle) * beyond
+    return out
+
+
+def build_mouth(
+    builder: MeshBuilder, border: NDArray[np.int64], block: Block, style: HeadStyle, detail: float
+) -> Rings:
+    """Add lips and mouth bag inside a block whose border vertices exist already: (N,) indices."""
+    t, upper = block.along()
+    at_border = builder.column("points_mm")[border]
+    palette = palette_of(style)
+    outer = np.stack([style.mouth_width * OUTER_HALF_WIDTH * t, outer_contour(t, upper, style.lip_fullness)], axis=-1)
+    inner = np.stack([style.mouth_width * INNER_HALF_WIDTH * t, line(t)], axis=-1)
+
+    grids, levels = [border], [2.0]
+    for level in (*resampled(OUTSIDE, detail), *resampled(LIP, detail)[1:]):
+        share = max(level - 1.0, 0.0)
+        flat = outer + share * (at_border[:, :2] - outer) if level >= 1 else inner + level * (outer - inner)
+        angle = angle_of(flat[:, 0], flat[:, 1], style)
+        points = position(angle, flat[:, 1], style)
+        points += bulge(np.full_like(t, level), t, upper, style.lip_fullness)[:, None] * normal(
+            angle, flat[:, 1], style
+        )
+        on_lip = smoothstep((1.08 - level) / 0.14)
+        albedo = palette.skin(points) + on_lip * (palette.lip(points, t, level) - palette.skin(points))
+        kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
+        levels.append(level)
+    rim = points
+    middle = 1 - np.abs(t) ** 3
+    for level, away, back, width in resampled(INSIDE, detail):
+        points = rim * [width, 1, 1] + np.stack(
+            [0 * t, np.where(upper, away, -away) * middle, -back * (0.4 + 0.6 * middle)], axis=-1
+        )
+        dark = smoothstep((-level - 0.05) / 0.5)
+        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * dark
+        material = Material.LIP if level > -0.15 else Material.MOUTH
+        grids.append(builder.add(points, albedo=albedo, material=material))
+        levels.append(level)
+    rings = np.stack(grids)
+    builder.quads(rings, closed=True)
+    end = builder.add(points.mean(axis=0) - [0, 0, 14.0], albedo=colours.MOUTH, material=Material.MOUTH)
+    builder.fan(rings[-1], int(end))
+    return Rings(rings, np.array(levels), t, upper)

@@ -1,0 +1,160 @@
+"""What is too fine for vertices, painted: mottled skin, freckles, lip creases, brows, lash roots, strands of hair.
+
+The painting multiplies the colours of the vertices, so it carries no colour of its own where nothing fine is. Nothing
+is random: its grain comes from a hash of the texels' numbers.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.colours import BLOOD, HAIR_COLOURS
+from fapengine.mesh.default_head import atlas, brows, eyes, mouth, nose
+from fapengine.mesh.default_head.hairline import hairline
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.surface import radius
+
+Array = NDArray[np.float64]
+
+PIGMENT = np.array([0.55, 0.9, 1.2])
+COARSE = 4
+"""Every so many texels the shape of the head is asked for where a texel lies."""
+
+
+def grain(shape: tuple[int, int], seed: int) -> Array:
+    """(H, W): white noise, -1..1, by a hash of the place."""
+    rows, columns = np.indices(shape, dtype=np.uint64)
+    value = rows * np.uint64(0x9E3779B1) + columns * np.uint64(0x85EBCA77) + np.uint64(seed * 0xC2B2AE3D + 1)
+    for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
+        value = ((value ^ (value >> np.uint64(shift))) * np.uint64(factor)) & np.uint64(0xFFFFFFFF)
+    value ^= value >> np.uint64(15)
+    return (value.astype(np.float64) / 2.0**31 - 1.0).astype(np.float32)
+
+
+def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float]) -> Array:
+    """Noise whose spots have about ``size`` texels (rows, columns); its deviation is 1."""
+    cloud = gaussian_filter(grain(shape, seed), size, mode="wrap", truncate=2.5)
+    spread: Array = cloud / cloud.std()
+    return spread
+
+
+@lru_cache(maxsize=4)
+def paint(style: HeadStyle) -> NDArray[np.uint8]:
+    """Paint a head.
+
+    Returns
+    -------
+    (768, 1024, 3) uint8
+        sRGB; as :attr:`fapengine.mesh.face_mesh.FaceMesh.texture` asks. Read-only.
+    """
+    height, width = atlas.SIZE
+    linear = np.ones((height, width, 3))
+    skin = _skin(style)
+    linear[:, : skin.shape[1]] = skin
+    first, last = (round(u * width) for u in atlas.HAIR_U)
+    strands = _strands((height, last - first + 8))
+    linear[:, first - 4 : last + 4] = strands[..., None]
+    # The decoder squares (see developed() in lights.glsl), so that the root is what it wants.
+    picture = np.round(255 * np.sqrt(np.clip(linear, 0, 1))).astype(np.uint8)
+    picture.flags.writeable = False
+    return picture
+
+
+def _strands(shape: tuple[int, int]) -> Array:
+    """Hair seen close: fine strands that run with the rows, in bundles."""
+    fine, bundle = _cloud(shape, 31, (60.0, 0.7)), _cloud(shape, 32, (90.0, 3.0))
+    return np.clip(0.74 + 0.13 * fine + 0.12 * bundle, 0.25, 1.0)
+
+
+def _skin(style: HeadStyle) -> Array:
+    angle, y = atlas.skin_places()
+    coarse = radius(angle[::COARSE, ::COARSE], y[::COARSE, ::COARSE], style)
+    distance = np.repeat(np.repeat(coarse, COARSE, axis=0), COARSE, axis=1)[: y.shape[0], : y.shape[1]]
+    x = gaussian_filter(distance, COARSE / 2) * np.sin(angle)
+    front = np.cos(angle) > 0.2
+    shape = (y.shape[0], y.shape[1])
+    light = np.ones((*shape, 3))
+    mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
+    # At the borders the painting goes on as one colour.
+    within = smoothstep((y - atlas.BOTTOM_MM) / 12.0) * smoothstep((atlas.SPAN_RAD - np.abs(angle)) / 0.15)
+    light -= (0.05 + within * mottle)[..., None] * BLOOD
+    light -= (0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2))[..., None]
+    light -= _freckles(x, y, style)[..., None] * PIGMENT
+    for part, low_mm, high_mm, half_rad in ((_lips, -54.0, -18.0, 0.5), (_round_eyes, 18.0, 56.0, 0.9)):
+        rows = np.flatnonzero((y[:, 0] > low_mm) & (y[:, 0] < high_mm))
+        columns = np.flatnonzero(np.abs(angle[0]) < half_rad)
+        here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        light[here] *= part(x[here], y[here], front[here], style)
+    light *= _hairs(x, y, angle, front, style)
+    hole = nose.nostril(x, y, style.nose_width) * front
+    light *= 1 - 0.5 * hole[..., None]
+    return light
+
+
+def _freckles(x: Array, y: Array, style: HeadStyle) -> Array:
+    """Darken a few spots on nose and cheeks."""
+    shape = (y.shape[0], y.shape[1])
+    where = np.exp(-(((np.abs(x) - 26) / 30) ** 2) - ((y - 6) / 22) ** 2)
+    seeds = np.where(grain(shape, 7) > 1.0 - 0.0022 * style.freckles, 0.6 + 0.4 * grain(shape, 8), 0.0)
+    spots = gaussian_filter(seeds, 1.5) / 0.07
+    freckles: Array = 0.16 * np.clip(spots, 0, 1) * where
+    return freckles
+
+
+def _lips(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+    """Creases that run from lip to lip, and a paler seam round the red."""
+    t = x / (mouth.OUTER_HALF_WIDTH * style.mouth_width)
+    inside_t = np.clip(t, -0.999, 0.999)
+    upper = y > mouth.LINE_Y
+    edge = mouth.outer_contour(inside_t, upper, style.lip_fullness) - mouth.LINE_Y
+    share = (y - mouth.LINE_Y) / np.where(np.abs(edge) < 0.3, np.where(upper, 0.3, -0.3), edge)
+    on_lip = smoothstep((1.1 - share) / 0.25) * (np.abs(t) < 1) * front
+    shape = (y.shape[0], y.shape[1])
+    creases = np.clip(_cloud(shape, 11, (9.0, 1.1)), -2, 2) * smoothstep(share / 0.3)
+    seam = 0.16 * np.exp(-((share / 0.10) ** 2)) * (np.abs(t) < 1.02) * front
+    light = 1 - on_lip[..., None] * (0.055 * creases[..., None] + np.array([0.02, 0.03, 0.03]))
+    edged: Array = light * (1 - seam[..., None] * np.array([0.8, 1.0, 1.0]))
+    return edged
+
+
+def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+    """Roots of the lashes along the margins, and a little shade on the lids."""
+    across = np.abs(x)
+    middle_x, half_x = (
+        (eyes.INNER_CORNER[0] + eyes.OUTER_CORNER[0]) / 2,
+        0.5 * (eyes.OUTER_CORNER[0] - eyes.INNER_CORNER[0]),
+    )
+    t = np.clip((across - middle_x) / half_x, -1, 1)
+    row = np.linspace(-1, 1, 201)
+    above = np.interp(t, row, eyes.margin(row, np.ones(201, dtype=bool), style)[:, 1])
+    below = np.interp(t, row, eyes.margin(row, np.zeros(201, dtype=bool), style)[:, 1])
+    near = smoothstep((1.12 - np.abs((across - middle_x) / half_x)) / 0.16) * front
+    upper = np.exp(-np.clip(y - above, 0, None) / 0.9) * (y > above - 1.5)
+    lower = np.exp(-np.clip(below - y, 0, None) / 0.8) * (y < below + 1.5)
+    line = near * (0.62 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
+    lid = near * np.exp(-(((y - above - 2.2) / 2.4) ** 2))
+    light: Array = (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.11]))
+    return light
+
+
+def _hairs(x: Array, y: Array, angle: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+    """Brows under their hairs, and the roots where the hairline begins."""
+    hair = np.array(HAIR_COLOURS[style.hair_colour])
+    tint = np.clip(hair / np.array([0.70, 0.435, 0.315]), 0, 1)
+    shape = (y.shape[0], y.shape[1])
+    middle, half = brows.line(np.linspace(0, 1, 101), style.brow_thickness)
+    across = np.abs(x)
+    share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
+    off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)
+    ends = smoothstep((across - middle[0, 0] + 2.5) / 6.0) * smoothstep((middle[-1, 0] + 1.0 - across) / 8.0)
+    ragged = off + 0.22 * _cloud(shape, 21, (2.0, 0.9))
+    brow = smoothstep((1.25 - np.abs(ragged)) / 0.75) * ends * front * np.interp(share, (0, 0.2, 1), (0.55, 0.72, 0.7))
+    amount = brow * np.clip(0.92 + 0.16 * _cloud(shape, 22, (1.0, 0.8)), 0, 1)
+    if style.hair:
+        depth = (y - hairline(angle)) / 5.0 + 0.35 * _cloud(shape, 23, (3.0, 0.9))
+        amount = np.maximum(amount, 0.8 * smoothstep((depth + 0.5) / 1.2))
+    light: Array = 1 - amount[..., None] * (1 - tint)
+    return light

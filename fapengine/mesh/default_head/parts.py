@@ -1,0 +1,110 @@
+"""Teeth, tongue, and the shirt that ends the neck."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh import colours
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.rings import resampled
+from fapengine.mesh.face_mesh import Bone, Material
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tuple[Array, Array]:
+    """Dental arch: (N, 2) x and z for share -1..1, and its outward normals."""
+    x = half_width * np.sin(share * np.pi / 2 * 0.98)
+    z = front_z - depth * np.abs(share) ** 2.2
+    tangent = np.gradient(np.stack([x, z], axis=-1), axis=0)
+    outward = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+    return np.stack([x, z], axis=-1), outward
+
+
+def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
+    """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the gum's end first."""
+    teeth, each = 14, max(3, round(3 * detail))
+    half_width, front_z = (24.5, 103.6) if upper else (22.5, 101.6)
+    edge_y, gum_y = (-35.0, -25.5) if upper else (-35.2, -44.0)
+    share = np.linspace(-1, 1, teeth * each + 1)
+    arch, outward = _arch(share, half_width, front_z, 36.0)
+    in_tooth = (np.arange(len(share)) % each) / each
+    round_off = np.abs(np.sin(np.pi * in_tooth)) ** 0.4
+    number = np.abs(share) * teeth / 2
+    length = 1.0 - 0.10 * smoothstep((number - 0.9) / 1.5) - 0.12 * smoothstep((number - 3.5) / 2.0)
+    direction = np.sign(edge_y - gum_y)
+    rows, looks = [], []
+    for height, out, is_gum in (
+        (-0.9, -1.0, True), (-0.45, 0.6, True), (-0.05, 0.9, True), (0.0, 0.55, False), (0.3, 0.9, False),
+        (0.7, 0.75, False), (0.94, 0.35, False), (1.0, -0.5, False), (0.92, -1.6, False), (0.2, -3.2, False),
+        (-0.4, -4.0, True),
+    ):  # fmt: skip
+        stands_out = out - 0.55 * (1 - round_off) * (not is_gum)
+        xz = arch + stands_out[:, None] * outward
+        tip = length * (1 - 0.05 * (1 - round_off))
+        scallop = 0.10 * (1 - round_off) * (abs(height) < 0.1)
+        y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
+        rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
+        gap = 0.55 + 0.45 * round_off
+        far = 1 - 0.45 * smoothstep((np.abs(share) - 0.35) / 0.6)
+        colour = colours.GUM if is_gum else colours.TEETH * gap[:, None]
+        looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
+    points, albedo = np.stack(rows), np.stack(looks)
+    kinds = np.array([Material.GUM] * 3 + [Material.TEETH] * 7 + [Material.GUM])[:, None]
+    bone = Bone.NONE if upper else Bone.JAW
+    grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper))
+    builder.quads(grid if not upper else grid[:, ::-1])
+    return grid
+
+
+TONGUE_TIP = np.array([0.0, -40.0, 96.0])
+
+
+def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
+    """Add a flattened tube from root to tip; returns its indices, (N,), the tip last."""
+    share = np.linspace(0, 1, max(9, round(13 * detail)))
+    around = np.linspace(0, 2 * np.pi, 4 * max(3, round(4 * detail)), endpoint=False)
+    half_width = 18.5 * (1 - 0.35 * share**2) * np.sqrt(np.clip(1 - share**6, 0, 1)) + 0.4
+    half_height = 7.5 * (1 - 0.45 * share) * np.sqrt(np.clip(1 - share**5, 0, 1)) + 0.3
+    y = -45.0 + 5.5 * np.sin(np.pi * (0.15 + 0.7 * share)) - 0.8 * share
+    z = 52.0 + (TONGUE_TIP[2] - 52.0) * share
+    height = np.sin(around) * half_height[:, None]
+    groove = -1.2 * np.exp(-((np.cos(around) / 0.35) ** 2)) * (np.sin(around) > 0) * (1 - share[:, None] ** 3)
+    points = np.stack(
+        [np.cos(around) * half_width[:, None], y[:, None] + height + groove, np.broadcast_to(z[:, None], height.shape)],
+        axis=-1,
+    )
+    shade = (0.45 + 0.55 * share)[:, None, None]
+
+    def add(where: Array, albedo: Array) -> Indices:
+        return builder.add(where, albedo=albedo, material=Material.TONGUE, bone=Bone.JAW, bone_weight=1.0)
+
+    grid = add(points, colours.TONGUE * shade)
+    tip = add(points[-1].mean(axis=0) + np.array([0, 0, 0.6]), colours.TONGUE)
+    builder.quads(grid, closed=True)
+    builder.fan(grid[-1], int(tip))
+    return np.append(grid.ravel(), tip)
+
+
+def build_shirt(builder: MeshBuilder, detail: float) -> Indices:
+    """Add collar and shoulders, (N,) indices, which stay where they are when the head turns."""
+    around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
+    # fmt: off
+    rows = (  # height, half width, half depth, drop at the front
+        (-122, 44, 50, 12), (-112, 52, 58, 12), (-110, 56, 62, 12), (-113, 61, 67, 13), (-120, 66, 70, 14),
+        (-126, 84, 74, 16), (-134, 112, 78, 18), (-145, 142, 82, 18), (-160, 166, 86, 16), (-182, 182, 92, 12),
+        (-215, 190, 98, 8), (-300, 192, 102, 0),
+    )
+    # fmt: on
+    table = resampled(rows, max(1.0, detail))[:, :, None]
+    x = table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9
+    z = -8.0 + table[:, 2] * np.cos(around)
+    y = table[:, 0] - table[:, 3] * np.maximum(np.cos(around), 0)
+    folds = 1 + 0.04 * np.sin(around * 9 + table[:, 0] * 0.08)
+    points = np.stack([x, y, z], axis=-1)
+    albedo = colours.CLOTH * (folds[..., None] * np.where(table[:, 1, 0] < 62.0, 0.72, 1.0)[:, None, None])
+    grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
+    builder.quads(grid[::-1], closed=True)
+    return grid

@@ -1,0 +1,105 @@
+"""``HeadStyle``: what differs from head to head. Every number has a meaning; 1 or 0 is an average adult's."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from fapengine.errors import UsageError
+from fapengine.mesh.colours import HAIR_COLOURS, Palette
+
+
+@dataclass(frozen=True, slots=True)
+class HeadStyle:
+    """Proportions and colours; the default is an average adult (Farkas 1994; :mod:`.sections`).
+
+    Raises
+    ------
+    UsageError
+        If a number lies where no head has it, or a colour has no name here.
+    """
+
+    jaw_width: float = 0.955
+    """Width of the lower face, 0.85..1.15."""
+    cheek_fullness_mm: float = 1.6
+    """Bulge of the cheeks, -4..6."""
+    chin_mm: float = 1.0
+    """Bulge of the chin, -5..6."""
+    nose_length: float = 0.93
+    """Length of the nose, 0.6..1.3; 1 is average."""
+    nose_width: float = 0.93
+    """Width from wing to wing, 0.75..1.3; average 33 mm for women, 35 mm for men."""
+    eye_opening_mm: float = 11.2
+    """Distance of the lids in the middle, 8..13; the iris is as wide (the standard's neutral face)."""
+    lip_fullness: float = 0.92
+    """Height of the red of the lips, 0.5..1.5."""
+    mouth_width: float = 1.0
+    """Width of the mouth, 0.85..1.15; average 50 mm."""
+    brow_thickness: float = 1.0
+    """Thickness of the brows, 0.4..2."""
+    age: float = 0.25
+    """Age, 0 young to 1 old: folds beside nose and mouth, grooves under the eyes."""
+    skin_tone: float = 0.2
+    """Tone of the skin, 0 very light to 1 very dark."""
+    freckles: float = 0.4
+    """Number of freckles, 0 none to 3 many."""
+    hair_colour: str = "brown"
+    """One of :data:`HAIR_COLOURS`."""
+    hair: bool = True
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("jaw_width", 0.85, 1.15), ("cheek_fullness_mm", -4, 6), ("chin_mm", -5, 6), ("nose_length", 0.6, 1.3),
+            ("nose_width", 0.75, 1.3), ("eye_opening_mm", 8, 13), ("lip_fullness", 0.5, 1.5),
+            ("mouth_width", 0.85, 1.15), ("brow_thickness", 0.4, 2), ("age", 0, 1), ("skin_tone", 0, 1),
+            ("freckles", 0, 3),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise UsageError(f"{name}: got {value}, expected {low:g}..{high:g}")
+        if self.hair_colour not in HAIR_COLOURS:
+            raise UsageError(f"hair_colour: got {self.hair_colour!r}, expected one of {', '.join(HAIR_COLOURS)}")
+
+
+def palette_of(style: HeadStyle) -> Palette:
+    """Make the colours of skin, lips and hair that go with a style."""
+    return Palette.of(style.skin_tone, style.hair_colour)
+
+
+def parse_look(text: str) -> tuple[HeadStyle, str]:
+    """Read ``"hair_colour=red,age=0.8,level=fine"``: fields of :class:`HeadStyle`, and a level of detail.
+
+    Returns
+    -------
+    (HeadStyle, str)
+        What is not named is as by default; the level, by default ``"normal"``, is not looked at here.
+
+    Raises
+    ------
+    UsageError
+        If a name or a value is none.
+    """
+    defaults = {field.name: getattr(HeadStyle(), field.name) for field in fields(HeadStyle)}
+    style, level = HeadStyle(), "normal"
+    for item in filter(None, text.split(",")):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if name == "level" and equals:
+            level = value
+        elif name in defaults and equals:
+            changed: dict[str, Any] = {name: _as(defaults[name], name, value)}
+            style = replace(style, **changed)
+        else:
+            raise UsageError(f"head: got {item.strip()!r}, expected NAME=VALUE with level, {', '.join(defaults)}")
+    return style, level
+
+
+def _as(like: object, name: str, value: str) -> float | str | bool:
+    """Read a value of the kind that the default has."""
+    if isinstance(like, str):
+        return value
+    if isinstance(like, bool):
+        if value not in ("true", "false"):
+            raise UsageError(f"{name}: got {value!r}, expected true or false")
+        return value == "true"
+    try:
+        return float(value)
+    except ValueError as error:
+        raise UsageError(f"{name}: got {value!r}, expected a number") from error

@@ -1,0 +1,305 @@
+"""From each FAP to the blendshapes of a rig and what they lack: the deformation basis of an imported head.
+
+Theory of operation
+-------------------
+The blendshapes' motion of the feature points, measured on the mesh itself, is a matrix ``S`` (blendshapes x FAPs, mm).
+A FAP asks its own point to go a step and all others to stay: ``e``. Weights ``a`` of the blendshapes answer with least
+squares,
+
+    minimise  |a S - e|^2 / noise^2 + |a|^2 / usual^2,
+
+where ``noise`` is what a feature point may be off (mm) and ``usual`` a blendshape's usual weight. What remains,
+``e - a S``, is made up for by the fields of least bending of :mod:`fapengine.mesh.rig.point_fields`. So every
+FAP moves its own point by exactly its step and no other point, in the rig's own manner as far as the rig knows one;
+and FAPs that come from a pose of the rig give that pose back, because all of it is linear.
+
+The renderer adds up blendshapes and fields, not FAPs: a vertex has fewer of them. Their weights are sums of the
+channels (``DeformationBasis.mix``). Lids follow their eyeball by further channels
+(:mod:`fapengine.mesh.rig.lids`) that say how far a vertex that slides over it is from the straight line.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.mesh.face_mesh import Channel, DeformationBasis
+from fapengine.mesh.rig import lids
+from fapengine.mesh.rig.parts import Eyes
+from fapengine.mesh.rig.placed_mesh import PlacedMesh
+from fapengine.mesh.rig.point_fields import PointFields
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+NOISE_MM, USUAL_WEIGHT = 1.5, 0.3
+MIN_MOTION_SHARE = 0.02
+"""Motion of a blendshape, as a share of the FAP's own, below which it is left out of the FAP."""
+MIN_JAW_MM = 4.0
+"""Motion of the chin from which a blendshape opens the jaw."""
+ROW_FAPU = 1000.0
+"""Weight that the displacements of a row are given for: a blendshape at full weight, as FAPs are large there."""
+NEGLIGIBLE_MM = 0.1
+"""Displacement, at that weight, below which a vertex is left out of a row."""
+MAX_ROWS = 128
+"""Room for rows in the shaders."""
+JAW_FAPS = (3, 14, 15)
+EYE_THRUST_FAPS = (27, 28)
+CHIN_FAP = 18
+"""FAP that moves the chin against the jaw: both are counted from point 2.1."""
+TONGUE_FAPS = (43, 44, 45, 46, 47)
+TONGUE_SHIFTS = (43, 44, 45)
+"""FAPs that move a tongue without blendshapes."""
+TONGUE_STIFFNESS = 1.6
+"""Power of the way from root (0) to tip (1) by which a tongue's vertices move."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinate:
+    """One FAP as a direction in which a feature point goes."""
+
+    number: int
+    point: str
+    vertex: int
+    axis: Array
+    """(3,), of unit length."""
+
+
+def coordinates(points: Mapping[str, int], jaw: bool) -> list[Coordinate]:
+    """FAPs that shift a point of the skin, by the vertices of its feature points; those of the jaw if ``jaw``."""
+    shifted = []
+    for row in fap.FAPS:
+        axis = fap.HEAD_AXES.get(row.positive)
+        if axis is None or row.unit is fap.FapUnit.AU or row.point not in points or row.number in TONGUE_FAPS:
+            continue
+        if row.number in EYE_THRUST_FAPS or (row.number in JAW_FAPS and not jaw):
+            continue
+        shifted.append(Coordinate(row.number, row.point, points[row.point], np.array(axis, dtype=np.float64)))
+    return shifted
+
+
+def blend(moves: Array, faps: Sequence[Coordinate], chin: int, demanded: Array) -> tuple[Array, Array]:
+    """Solve for the blendshapes of each FAP.
+
+    Parameters
+    ----------
+    moves : (B, V, 3) mm
+        Motion by each blendshape at full weight.
+    faps : sequence of Coordinate
+        N of them.
+    chin : int
+        Vertex of feature point 2.1.
+    demanded : (N, B)
+        Weight of blendshapes for 1 mm of each coordinate that a mapping demands; NaN in the column of one that is
+        free.
+
+    Returns
+    -------
+    (N, B)
+        Weight of each blendshape for 1 mm of each coordinate.
+    (N, N)
+        Lack of each FAP's own and the others' coordinates then, mm for 1 mm.
+    """
+    shifts = np.stack([_shift(moves, coordinate, chin) for coordinate in faps], axis=1)
+    free = np.isnan(demanded).all(axis=0)
+    weights = np.where(free, 0.0, demanded)
+    wanted = np.eye(len(faps)) - weights @ shifts
+    ridge = (NOISE_MM / USUAL_WEIGHT) ** 2 * np.eye(int(free.sum()))
+    weights[:, free] = np.linalg.solve(shifts[free] @ shifts[free].T + ridge, shifts[free] @ wanted.T).T
+    farthest = np.linalg.norm(moves, axis=2).max(axis=1)
+    weights[np.abs(weights) * farthest < MIN_MOTION_SHARE] = 0.0
+    lacks: Array = np.eye(len(faps)) - weights @ shifts
+    return weights, lacks
+
+
+def _shift(moves: Array, coordinate: Coordinate, chin: int) -> Array:
+    """(B,) mm: motion of a coordinate by each blendshape."""
+    motion = moves[:, coordinate.vertex] - (moves[:, chin] if coordinate.number == CHIN_FAP else 0.0)
+    shift: Array = motion @ coordinate.axis
+    return shift
+
+
+class RowCollector:
+    """Gathers channels, and rows of displacements that they weigh, into a basis.
+
+    Stateful.
+    """
+
+    def __init__(self, vertex_count: int) -> None:
+        self._count = vertex_count
+        self.channels: list[Channel] = []
+        self._entries: list[tuple[Indices, Array]] = []
+        self._weights: list[dict[int, float]] = []
+
+    def channel(self, channel: Channel) -> int:
+        """Find or add a channel; returns its index."""
+        if channel not in self.channels:
+            self.channels.append(channel)
+        return self.channels.index(channel)
+
+    def add(self, vertices: Indices, moves: Array, weights: Mapping[int, float]) -> None:
+        """Add a row: displacements (N, 3) mm of vertices (N,) at a weight of 1000 FAPU, and each channel's weight."""
+        kept = np.abs(moves).max(axis=1, initial=0.0) > NEGLIGIBLE_MM
+        weights = {channel: weight for channel, weight in weights.items() if weight}
+        if kept.any() and weights:
+            self._entries.append((vertices[kept], moves[kept] / ROW_FAPU))
+            self._weights.append(weights)
+
+    def basis(self) -> DeformationBasis:
+        """Sort what was added by vertex; of more than :data:`MAX_ROWS` rows those that move most are kept."""
+        if len(self._entries) > MAX_ROWS:
+            self._leave_out_weakest()
+        mix = np.zeros((len(self._weights), len(self.channels)))
+        for row, weights in enumerate(self._weights):
+            mix[row, list(weights)] = list(weights.values())
+        vertices = np.concatenate([np.zeros(0, np.int64), *(entry[0] for entry in self._entries)])
+        rows = np.repeat(np.arange(len(self._entries)), [len(entry[0]) for entry in self._entries])
+        moves = np.concatenate([np.zeros((0, 3)), *(entry[1] for entry in self._entries)])
+        order = np.argsort(vertices, kind="stable")
+        return DeformationBasis(
+            channels=tuple(self.channels),
+            offsets=np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=self._count))]).astype(np.int32),
+            entry_channels=rows[order].astype(np.int32),
+            entry_mm=moves[order].astype(np.float32),
+            mix=mix.astype(np.float32),
+        )
+
+    def _leave_out_weakest(self) -> None:
+        reach = [
+            float(np.abs(moves).max()) * max(map(abs, weights.values()))
+            for (_, moves), weights in zip(self._entries, self._weights, strict=True)
+        ]
+        kept = sorted(np.argsort(reach)[-MAX_ROWS:].tolist())
+        self._entries = [self._entries[row] for row in kept]
+        self._weights = [self._weights[row] for row in kept]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Rig:
+    """What of a placed mesh moves: blendshapes, skin and eyes."""
+
+    mesh: PlacedMesh
+    moves: Array
+    """(B, V, 3) mm: motion by each blendshape at full weight."""
+    own_faps: Sequence[Mapping[int, float] | None]
+    """(B,): FAPs that a blendshape means by itself, FAPU at full weight; None for one that is free."""
+    fields: PointFields
+    eyes: Eyes
+
+    @property
+    def chin(self) -> int:
+        """Vertex of feature point 2.1."""
+        return self.mesh.points["2.1"]
+
+    @property
+    def carried_mm(self) -> Array:
+        """(V,) mm: motion of each vertex by the blendshape that moves it farthest."""
+        farthest: Array = np.linalg.norm(self.moves, axis=2).max(axis=0, initial=0.0)
+        return farthest
+
+    @property
+    def opens_jaw(self) -> bool:
+        """Whether a blendshape opens the jaw."""
+        return bool(np.linalg.norm(self.moves[:, self.chin], axis=1).max(initial=0.0) > MIN_JAW_MM)
+
+
+def build_basis(rig: Rig, fapu: Fapu) -> tuple[DeformationBasis, list[int]]:
+    """Make the basis of a rig, and tell the FAPs that move it by more than bones."""
+    collector = RowCollector(len(rig.mesh.vertices_mm))
+    faps = coordinates(rig.fields.points, rig.opens_jaw)
+    _add_coordinates(collector, rig, faps, fapu)
+    moved = [coordinate.number for coordinate in faps]
+    moved += [number for own_faps in rig.own_faps for number in own_faps or ()]
+    moved += _add_tongue(collector, rig.mesh, fapu, without=moved)
+    return collector.basis(), moved
+
+
+def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinate], fapu: Fapu) -> None:
+    """Add the blendshapes, and the fields of what they lack, for all coordinates."""
+    steps = np.array([fapu.unit(fap.spec(coordinate.number).unit) for coordinate in faps])
+    weights, lacks = blend(rig.moves, faps, rig.chin, _demanded(rig, faps, steps))
+    signed = [_signed_channels(collector, coordinate, rig.eyes) for coordinate in faps]
+
+    def mixed(per_mm: Array) -> dict[int, float]:
+        """Weigh channels by what a row takes of 1 mm of each coordinate, (N,)."""
+        return {
+            channel: float(ROW_FAPU * per_mm[row] * steps[row] * sign)
+            for row, channels in enumerate(signed)
+            for channel, sign in channels
+        }
+
+    everything = np.arange(len(rig.mesh.vertices_mm))
+    for column, moves in enumerate(rig.moves):
+        collector.add(
+            everything, moves, mixed(weights[:, column]) | _own_weights(collector, rig.own_faps[column], faps)
+        )
+    for column, coordinate in enumerate(faps):
+        collector.add(rig.fields.vertices, _field_moves(rig, coordinate), mixed(lacks[:, column]))
+    for row, coordinate in enumerate(faps):
+        if lids.slides(coordinate.number, rig.eyes):
+            straight = np.tensordot(weights[row], rig.moves, axes=1)
+            for column, other in enumerate(faps):
+                straight[rig.fields.vertices] += lacks[row, column] * _field_moves(rig, other)
+            lid = lids.Lid(coordinate.number, coordinate.vertex, coordinate.axis, steps[row])
+            for channel, vertices, moves in lids.bend(rig.mesh, rig.eyes, lid, straight * steps[row]):
+                per_row = ROW_FAPU * moves / (channel.stop - channel.start)
+                collector.add(vertices, per_row, {collector.channel(channel): 1.0})
+
+
+def _field_moves(rig: Rig, coordinate: Coordinate) -> Array:
+    """(S + M, 3): motion of the skin for 1 mm of a coordinate that no blendshape makes."""
+    share = rig.fields.jaw if coordinate.number in JAW_FAPS else rig.fields.shares[coordinate.point]
+    moves: Array = share[:, None] * coordinate.axis
+    return moves
+
+
+def _demanded(rig: Rig, faps: Sequence[Coordinate], steps: Array) -> Array:
+    """(N, B): weights for 1 mm that a mapping demands; NaN for blendshapes that it does not name."""
+    weights = np.full((len(faps), len(rig.moves)), np.nan)
+    for column, own_faps in enumerate(rig.own_faps):
+        if own_faps is not None:
+            shared = {row: own_faps[c.number] for row, c in enumerate(faps) if c.number in own_faps}
+            weights[:, column] = 0.0
+            for row, value in shared.items():
+                weights[row, column] = 1.0 / (value * steps[row] * len(shared))
+    return weights
+
+
+def _own_weights(
+    collector: RowCollector, own_faps: Mapping[int, float] | None, faps: Sequence[Coordinate]
+) -> dict[int, float]:
+    """Weights of the FAPs that a blendshape means and no feature point shows."""
+    shown = {coordinate.number for coordinate in faps}
+    return {
+        collector.channel(Channel(number, 0.0, float(np.copysign(np.inf, value)))): ROW_FAPU / abs(value)
+        for number, value in (own_faps or {}).items()
+        if number not in shown
+    }
+
+
+def _signed_channels(collector: RowCollector, coordinate: Coordinate, eyes: Eyes) -> list[tuple[int, float]]:
+    """Channels of a FAP and their signs: a lid's stop where it is shut."""
+    if not lids.slides(coordinate.number, eyes):
+        return [(collector.channel(Channel(coordinate.number, -np.inf, np.inf)), 1.0)]
+    return [
+        (collector.channel(Channel(coordinate.number, 0.0, lids.KNOTS[-1])), 1.0),
+        (collector.channel(Channel(coordinate.number, 0.0, lids.WIDE_OPEN)), -1.0),
+    ]
+
+
+def _add_tongue(collector: RowCollector, mesh: PlacedMesh, fapu: Fapu, without: Sequence[int]) -> list[int]:
+    """Move a tongue that is a part of its own, most at its tip, not at its root, by FAPs that do not move it yet."""
+    if "6.1" not in mesh.points or mesh.part[mesh.points["6.1"]] == mesh.skin_part:
+        return []
+    tongue = np.flatnonzero(mesh.part == mesh.part[mesh.points["6.1"]])
+    depth, tip = mesh.vertices_mm[tongue, 2], mesh.vertices_mm[mesh.points["6.1"], 2]
+    share = np.clip((depth - depth.min()) / max(tip - depth.min(), 1.0), 0.0, 1.0) ** TONGUE_STIFFNESS
+    moved = [number for number in TONGUE_SHIFTS if number not in without]
+    for number in moved:
+        row = fap.spec(number)
+        moves = share[:, None] * (fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive]))
+        collector.add(tongue, ROW_FAPU * moves, {collector.channel(Channel(number, -np.inf, np.inf)): 1.0})
+    return moved

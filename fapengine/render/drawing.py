@@ -1,0 +1,215 @@
+"""How a face is drawn, as one value: picture size, camera, background, edges, light; and its parsers from text.
+
+No OpenGL is imported here: who only describes a picture needs none.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
+from fapengine.render.camera import PRESETS, Camera, preset
+
+Picture = NDArray[np.uint8]
+Background = Literal["studio", "transparent"] | tuple[int, int, int] | Picture
+"""Picture behind the head: a lit wall; nothing, so that pictures have alpha; one colour, sRGB 0..255; or a (H, W, 3)
+uint8 picture, of which the middle is cut out in the shape needed."""
+Shading = Literal["auto", "pixels", "vertices"]
+"""Place where light is worked out. ``auto``: at vertices while they stand close together in the picture."""
+
+SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
+MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
+MIN_SCALE, MAX_SCALE = 0.1, 1.0
+SAMPLES = (0, 1, 2, 4, 8)
+EDGES: Mapping[str, int] = MappingProxyType({"fine": 4, "soft": 0, "none": 1})
+"""Name of a way to smooth edges to :attr:`Drawing.samples`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Drawing:
+    """How one face is drawn. A change is a new value: ``dataclasses.replace(drawing, wire=True)``.
+
+    Raises
+    ------
+    UsageError
+        If a value is out of range.
+
+    Examples
+    --------
+    >>> Drawing(size=(256, 320), background=(240, 232, 216)).aspect
+    0.8
+    """
+
+    size: tuple[int, int] = (512, 512)
+    """Width and height in pixels, 16..4096. Of a window: in points, with its panel."""
+    camera: Camera = PRESETS["front"]
+    background: Background = "studio"
+    samples: int = 4
+    """Samples a pixel: 2, 4 or 8 smooth edges, and thin hairs are lines; 0 softens edges after drawing, in half the
+    time, but hairs are dotted; 1 leaves stairs."""
+    shading: Shading = "auto"
+    wire: bool = False
+    """True draws the edges of the triangles over the face."""
+    scale: float = 1.0
+    """Share of each side that is drawn, 0.1..1; what is smaller is enlarged at the end."""
+
+    def __post_init__(self) -> None:
+        check_size(self.size)
+        if not isinstance(self.camera, Camera):
+            raise UsageError(f"camera: got {self.camera!r}, expected a Camera (preset() finds one by its name)")
+        if self.samples not in SAMPLES:
+            raise UsageError(f"samples: got {self.samples}, expected one of {', '.join(map(str, SAMPLES))}")
+        if self.shading not in SHADINGS:
+            raise UsageError(f"shading: got {self.shading!r}, expected one of {', '.join(SHADINGS)}")
+        if not MIN_SCALE <= self.scale <= MAX_SCALE:
+            raise UsageError(f"scale: got {self.scale:g}, expected {MIN_SCALE:g} to {MAX_SCALE:g}")
+        object.__setattr__(self, "background", _checked_background(self.background))
+
+    @classmethod
+    def parse(
+        cls,
+        *,
+        size: str = "512x512",
+        camera: str = "front",
+        background: str | Background = "studio",
+        edges: str = "fine",
+        wire: bool = False,
+    ) -> "Drawing":
+        """Read what a person wrote: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
+
+        Parameters
+        ----------
+        size, camera, edges : str
+            As ``"512x512"``, ``"three-quarter"`` or ``"20,-5"``, ``"soft"``.
+        background : str or Background
+            As ``"#f0e8d8"``; what is no text is taken as it is.
+        wire : bool
+
+        Raises
+        ------
+        UsageError
+            If a text cannot be read or a value is out of range.
+        """
+        return cls(
+            size=parse_size(size),
+            camera=preset(camera),
+            background=parse_background(background) if isinstance(background, str) else background,
+            samples=parse_edges(edges),
+            wire=wire,
+        )
+
+    @property
+    def aspect(self) -> float:
+        """Width to height."""
+        return self.size[0] / self.size[1]
+
+    @property
+    def components(self) -> int:
+        """Values a pixel of the picture: 3, or 4 with alpha."""
+        return 4 if isinstance(self.background, str) and self.background == "transparent" else 3
+
+    @property
+    def drawn_size(self) -> tuple[int, int]:
+        """Width and height that are drawn, in pixels."""
+        return max(1, round(self.size[0] * self.scale)), max(1, round(self.size[1] * self.scale))
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Refuse a picture that is too small or too large.
+
+    Raises
+    ------
+    UsageError
+        If a side is not in 16..4096 pixels.
+    """
+    if len(size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in size):
+        shown = "x".join(map(str, size))
+        raise UsageError(f"size: got {shown}, expected two sides of {MIN_SIDE_PX}..{MAX_SIDE_PX} pixels")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Turn ``"640x480"``, or ``"512"`` for a square, into width and height.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+
+    Examples
+    --------
+    >>> parse_size("640x480"), parse_size("512")
+    ((640, 480), (512, 512))
+    """
+    width, _, height = text.lower().partition("x")
+    try:
+        return int(width), int(height or width)
+    except ValueError as error:
+        raise UsageError(f"size: got {text!r}, expected WIDTHxHEIGHT such as 512x512") from error
+
+
+def parse_background(text: str) -> Background:
+    """Turn ``"studio"``, ``"transparent"`` (or ``"none"``), ``"#rrggbb"`` or ``"#rgb"`` into a background.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these.
+
+    Examples
+    --------
+    >>> parse_background("#f0e8d8"), parse_background("none")
+    ((240, 232, 216), 'transparent')
+    """
+    if text == "studio":
+        return "studio"
+    if text in ("transparent", "none"):
+        return "transparent"
+    if not text.startswith("#"):
+        raise UsageError(f"background: got {text!r}, expected studio, none, a colour such as #f0e8d8, or a picture")
+    digits = text[1:] if len(text) == 7 else "".join(2 * digit for digit in text[1:])
+    try:
+        red, green, blue = bytes.fromhex(digits)
+    except ValueError:
+        raise UsageError(f"background: got {text!r}, expected a colour such as #f0e8d8") from None
+    return red, green, blue
+
+
+def parse_edges(text: str) -> int:
+    """Turn ``"fine"``, ``"soft"`` or ``"none"`` into :attr:`Drawing.samples`.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these.
+    """
+    if text not in EDGES:
+        raise UsageError(f"edges: got {text!r}, expected one of {', '.join(EDGES)}")
+    return EDGES[text]
+
+
+def _checked_background(background: Any) -> Background:
+    """Return it, a picture read-only."""
+    if isinstance(background, np.ndarray):
+        shape, dtype = background.shape, background.dtype
+        if len(shape) != 3 or shape[2] != 3 or dtype != np.uint8 or not background.size:
+            raise UsageError(f"background: got {dtype} of shape {shape}, expected (H, W, 3) uint8")
+        return frozen(background, "background", ("H", "W", 3), np.uint8) if background.flags.writeable else background
+    if isinstance(background, str) and background == "studio":
+        return "studio"
+    if isinstance(background, str) and background == "transparent":
+        return "transparent"
+    if isinstance(background, tuple) and len(background) == 3:
+        red, green, blue = background
+        if all(isinstance(part, int | np.integer) and 0 <= part <= 255 for part in background):
+            return int(red), int(green), int(blue)
+    raise UsageError(
+        f"background: got {background!r}, expected 'studio', 'transparent', three integers of 0..255, or a picture"
+    )
+
+
+DEFAULT_DRAWING = Drawing()

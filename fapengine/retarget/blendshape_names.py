@@ -1,0 +1,182 @@
+"""Names of blendshapes, whoever gave them: ``mouthSmile_L``, ``MouthSmileLeft``, ``vrc.v_aa``, ``Blink_L``.
+
+Names are compared by their letters and digits alone, in small letters; a last ``L`` or ``R`` behind a separator is
+spelled out, and prefixes of known exporters are taken off.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from fapengine.retarget.arkit import ARKIT_NAMES
+
+PREFIXES = (
+    "blendShape1.",
+    "blendShape.",
+    "blendshapes.",
+    "CTRL_expressions_",
+    "face_",
+    "head_",
+    "shape_",
+    "ARKit_",
+    "bs_",
+    "m_",
+)
+SIDES = {"l": "Left", "r": "Right"}
+ALIASES = {
+    "eyesclosed": "blink", "vrcblink": "blink", "vrcblinkleft": "eyeblinkleft", "vrcblinkright": "eyeblinkright",
+    "eyeclosedleft": "eyeblinkleft", "eyeclosedright": "eyeblinkright", "まばたき": "blink", "あ": "a", "い": "i",
+    "う": "u", "え": "e", "お": "o",
+    "eyeclose": "blink", "eyesblink": "blink", "eyeblink": "blink", "blinkleft": "eyeblinkleft",
+    "blinkright": "eyeblinkright", "mouthopen": "jawopen", "fclmtha": "a", "fclmthi": "i", "fclmthu": "u",
+    "fclmthe": "e", "fclmtho": "o", "fcleyeclose": "blink", "fcleyecloseleft": "eyeblinkleft",
+    "fcleyecloseright": "eyeblinkright",
+}  # fmt: skip
+"""Other spellings of one blendshape: those of Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
+GAZE = re.compile(r"eyelook.*|look(up|down|left|right)|pupildilate.*")
+"""Blendshapes that turn eyeballs or widen pupils: eyes turn about their balls here."""
+MIN_WITHOUT_VISEMES = 20
+"""Number of ARKit's blendshapes from which a file needs no visemes."""
+TONGUE_FAP, TONGUE_FAPU = 45, 1024.0
+"""Meaning of ARKit's tongueOut: one mouth's width forwards."""
+UNUSED = "unused"
+"""Word of a mapping for a blendshape that shall stand still."""
+
+
+def plain(name: str) -> str:
+    """Spell a name as names are compared, and the usual one of its spellings.
+
+    Examples
+    --------
+    >>> plain("browDown_L"), plain("Blink_L"), plain("MouthOpen"), plain("blendShape1.JawOpen")
+    ('browdownleft', 'eyeblinkleft', 'jawopen', 'jawopen')
+    """
+    bare = _bare(name)
+    return ALIASES.get(bare, bare)
+
+
+def _bare(name: str) -> str:
+    for prefix in PREFIXES:
+        name = name[len(prefix) :] if name.lower().startswith(prefix.lower()) else name
+    side = re.fullmatch(r"(.*[a-z])[ ._-]([LlRr])", name) or re.fullmatch(r"(.*[a-z])([LR])", name)
+    if side:
+        name = side[1] + SIDES[side[2].lower()]
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+OCULUS = ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "I", "O", "U")
+OCULUS_SPELLINGS = {name.lower(): name for name in OCULUS} | {"ih": "I", "oh": "O", "ou": "U"}
+OCULUS_BEGINNINGS = ("viseme", "vrcv", "v")
+VOWELS = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh"}
+"""VRM 1.0's names of the mouth's expressions, by VRM 0.x's."""
+
+
+class Role(Enum):
+    """What a blendshape does, as far as its name tells."""
+
+    ARKIT = "it is one of ARKit's"
+    SUBSTITUTE = "it stands in for one of ARKit's"
+    HALF = "it is one side of one of ARKit's"
+    PAIR = "it is both sides of one of ARKit's"
+    BLINK = "it closes both eyes"
+    VISEME = "it is a viseme of Oculus, or a vowel of VRM"
+
+
+NAME_RULES: tuple[tuple[Role, dict[str, str]], ...] = (
+    (Role.ARKIT, {plain(name): name for name in ARKIT_NAMES}),
+    (Role.SUBSTITUTE, {"cheekraiserleft": "cheekSquintLeft", "cheekraiserright": "cheekSquintRight"}),  # ICT-FaceKit
+    (Role.HALF, {plain(name + side): name + side for name in ARKIT_NAMES for side in SIDES.values()}),
+    (Role.PAIR, {plain(name).removesuffix("left"): name for name in ARKIT_NAMES if name.endswith("Left")}),
+    (Role.BLINK, {"blink": "blink"}),
+    (
+        Role.VISEME,
+        {start + spelling: name for start in OCULUS_BEGINNINGS for spelling, name in OCULUS_SPELLINGS.items()}
+        | VOWELS
+        | {vowel: vowel for vowel in VOWELS.values()},
+    ),
+)
+"""Names as :func:`plain` spells them, and what each stands for, by role; the first role that has a name is its own."""
+
+
+def viseme(name: str) -> str | None:
+    """Tell which of Oculus' 15 visemes a name means, or which of VRM's five vowels; None for neither.
+
+    Examples
+    --------
+    >>> viseme("vrc.v_aa"), viseme("viseme_PP"), viseme("A"), viseme("jawOpen")
+    ('aa', 'PP', 'aa', None)
+    """
+    return dict(NAME_RULES)[Role.VISEME].get(plain(name))
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Blendshapes of a file by what they do."""
+
+    left: tuple[str, ...]
+    """Blendshape that closes the left lids, if any."""
+    right: tuple[str, ...]
+    """Blendshape that closes the right lids, if any."""
+    both: tuple[str, ...]
+    """Blendshape that closes all four, if any."""
+    jaw: tuple[str, ...]
+    """Blendshapes that open the mouth; the first is the best."""
+    blended: tuple[str, ...]
+    """Blendshapes to be blended so that feature points go where FAPs say."""
+    own_faps: Mapping[str, Mapping[int, float]]
+    """Blendshapes that mean FAPs by themselves: FAPU at full weight."""
+    missing: tuple[str, ...]
+    """ARKit's names that no blendshape has."""
+
+
+def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping[int, float]] | None = None) -> Choice:
+    """Choose blendshapes by their names.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names that the file gives.
+    mapping : mapping of str to str, or to FAPs, optional
+        Meaning of names that tell none: one of ARKit's names, a viseme of Oculus or VRM, ``unused``, or FAP numbers
+        and their FAPU at full weight.
+    """
+    own_faps = {name: meaning for name, meaning in (mapping or {}).items() if not isinstance(meaning, str)}
+    words = {name: word for name, word in (mapping or {}).items() if isinstance(word, str)}
+    by_role = _by_role([name for name in names if name not in own_faps and words.get(name) != UNUSED], words)
+    arkit, visemes = by_role[Role.ARKIT], by_role[Role.VISEME]
+    lacking = [name for name in ARKIT_NAMES if name not in arkit | by_role[Role.SUBSTITUTE]]
+    halved = {name.removesuffix("Left").removesuffix("Right") for name in by_role[Role.HALF]}
+    tongue = arkit.pop("tongueOut", None)
+    if tongue is not None:
+        own_faps[tongue] = {TONGUE_FAP: TONGUE_FAPU}
+    blended = [name for target, name in arkit.items() if not GAZE.fullmatch(plain(target))]
+    blended += [*by_role[Role.SUBSTITUTE].values(), *by_role[Role.HALF].values()]
+    blended += [name for left, name in by_role[Role.PAIR].items() if left not in arkit]
+    both = tuple(by_role[Role.BLINK].values())
+    if len(blended) < MIN_WITHOUT_VISEMES:
+        blended += [name for target, name in visemes.items() if target != "sil"]
+        blended += [] if "eyeBlinkLeft" in arkit else both
+    jaws = (arkit.get("jawOpen"), visemes.get("aa"), visemes.get("O"), visemes.get("oh"))
+    return Choice(
+        left=tuple(filter(None, [arkit.get("eyeBlinkLeft")])),
+        right=tuple(filter(None, [arkit.get("eyeBlinkRight")])),
+        both=both,
+        jaw=tuple(filter(None, jaws)),
+        blended=tuple(dict.fromkeys(blended)),
+        own_faps=own_faps,
+        missing=tuple(name for name in lacking if name not in halved),
+    )
+
+
+def _by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[str, str]]:
+    """Names by their role and by what they stand for; mapped names go first, then those that are ARKit's own."""
+    arkit = dict(NAME_RULES)[Role.ARKIT]
+    by_role: dict[Role, dict[str, str]] = {role: {} for role in Role}
+    for name in sorted(names, key=lambda name: (name not in words, _bare(name) not in arkit)):
+        bare = plain(words.get(name, name))
+        for role, targets in NAME_RULES:
+            if bare in targets:
+                by_role[role].setdefault(targets[bare], name)
+                break
+    return by_role

@@ -1,0 +1,491 @@
+"""Many sessions at once: what a ``StreamingPlanner`` shows, for all sessions of a server in one call.
+
+Theory of operation
+-------------------
+Planning is rare and differs from session to session, so each has its own planner. Showing is frequent and the same for
+all, so it is done on arrays with one row a session:
+
+1. *window*: the next :data:`KNOTS` knots of a session's plan, its fade, and its holds. Copied from the planner when the
+   plan has changed, when another plan takes over, or when the window is used up.
+2. *segment*: coefficients of the quintic between two knots. Computed when a session crosses a knot, for all that do.
+3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, and one matrix product
+   from weights to FAPs and feature points; then expressions and gestures (:class:`Overlay`), closures
+   (:func:`.closures.settle`) and rounding.
+
+A row's answer is that of a planner of its own, FAP for FAP; only the order of additions differs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.geometry.smooth import bump
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import to_codable
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory import hermite
+from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
+from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
+from fapengine.trajectory.stream import Counts, StreamingPlanner
+from fapengine.trajectory.style import Style, jaw_share
+
+Array = NDArray[np.float64]
+
+KNOTS = 8
+"""Number of knots of a plan in a session's window; two or three fall to a phone, so they last for a quarter of a second
+and more."""
+CONTACTS = ("lips", "teeth", "open")
+SPANS = tuple(
+    slice(fap.column(first), fap.column(last) + 1)
+    for first, last in zip(
+        (number for number in DETERMINED if number - 1 not in DETERMINED),
+        (number for number in DETERMINED if number + 1 not in DETERMINED),
+        strict=True,
+    )
+)
+"""Columns of the FAPs that a space determines."""
+EVERY = (slice(fap.column(3), fap.FAP_COUNT),)
+MIN_FAPU, MAX_FAPU = (to_codable(np.full((fap.FAP_COUNT, 1), limit).T).T for limit in (-np.inf, np.inf))
+"""(68, 1) FAPU: what every FAP can carry."""
+FIRST_ROWS, FIRST_HOLDS = 16, 4
+"""Numbers of rows, and of holds in each, that a batch begins with; they double when they are full."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchFrames:
+    """One frame of every session; row r of each array is session ``sessions[r]``."""
+
+    sessions: NDArray[np.int64]
+    """(S,)."""
+    faps: NDArray[np.int32]
+    """(S, 68) FAPU. The sessions' values of one FAP lie side by side in memory."""
+    points_mm: Array
+    """(S, M, 3) mm: displacements of the profile's M marker points from the rest face, contacts included."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlay:
+    """Expressions, gestures and gains beside speech; column s of each array is session ``BatchPlanner.sessions[s]``."""
+
+    expression: Array
+    """(68, S) FAPU, added before closures are made."""
+    gestures: Array
+    """(68, S) FAPU, added afterwards."""
+    jaw: Array
+    """(S,): size of the jaw's part of speech, times that of the batch's style."""
+    lips: Array
+    """(S,): the same of the lips' part."""
+
+
+@dataclass(slots=True, eq=False)
+class _Rows:
+    """State of each session, (rows, ...) each; times are the session's own.
+
+    Stateful.
+    """
+
+    session: NDArray[np.int64]
+    begins_s: Array
+    """Batch's time at which the session's time is 0."""
+    shown_s: Array
+    """Its time in the last frame; minus infinity before the first."""
+    reload_s: Array
+    """Time from which on the window is of no use."""
+    knots_s: Array
+    """(rows, KNOTS), rising, filled up with infinity."""
+    jets: Array
+    """(rows, KNOTS, 3, K): value, velocity and acceleration at the knots."""
+    last: NDArray[np.int64]
+    """Knot that begins the last segment."""
+    fade_from_s: Array
+    fade_rate: Array
+    """One over the length of the fade."""
+    fade: Array
+    """(rows, 3, K): value, velocity and acceleration that fade, per fade and per fade squared."""
+    hold_start_s: Array
+    """(rows, holds), filled up with infinity; so the next."""
+    hold_stop_s: Array
+    hold_contact: NDArray[np.int64]
+    """(rows, holds): index in :data:`CONTACTS`."""
+    until_s: Array
+    """End of the segment."""
+    from_s: Array
+    rate: Array
+    """One over the segment's length."""
+    quintic: Array
+    """(rows, 6, K): coefficients of the segment."""
+
+    @classmethod
+    def empty(cls, rows: int, holds: int, modes: int) -> "_Rows":
+        def rows_inmost(*shape: int) -> Array:  # so that whole columns of sessions lie side by side in memory
+            return np.moveaxis(np.zeros((*shape, rows)), -1, 0)
+
+        return cls(
+            session=np.zeros(rows, np.int64),
+            begins_s=np.zeros(rows),
+            shown_s=np.zeros(rows),
+            reload_s=np.zeros(rows),
+            knots_s=np.zeros((rows, KNOTS)),
+            jets=np.zeros((rows, KNOTS, 3, modes)),
+            last=np.zeros(rows, np.int64),
+            fade_from_s=np.zeros(rows),
+            fade_rate=np.zeros(rows),
+            fade=rows_inmost(3, modes),
+            hold_start_s=np.full((rows, holds), np.inf),
+            hold_stop_s=np.full((rows, holds), np.inf),
+            hold_contact=np.zeros((rows, holds), np.int64),
+            until_s=np.zeros(rows),
+            from_s=np.zeros(rows),
+            rate=np.zeros(rows),
+            quintic=rows_inmost(6, modes),
+        )
+
+    def grown(self, rows: int, holds: int) -> "_Rows":
+        """Copy into more room."""
+        wider = _Rows.empty(rows, holds, self.jets.shape[-1])
+        for name in (column.name for column in fields(self)):
+            old, new = getattr(self, name), getattr(wider, name)
+            new[tuple(slice(length) for length in old.shape)] = old
+        return wider
+
+    def move(self, source: int, target: int) -> None:
+        for name in (column.name for column in fields(self)):
+            array = getattr(self, name)
+            array[target] = array[source]
+
+
+class BatchPlanner:
+    """Streams of many sessions, shown together. Sessions open and close at any time.
+
+    Stateful.
+
+    Parameters
+    ----------
+    profile : Profile
+        Of all sessions.
+    style : Style, optional
+        Of all sessions; see :class:`~fapengine.trajectory.stream.StreamingPlanner`.
+    horizon_s : float
+        See :class:`~fapengine.trajectory.stream.StreamingPlanner`.
+
+    Raises
+    ------
+    UsageError
+        If ``horizon_s`` is negative.
+    """
+
+    def __init__(self, profile: Profile, style: Style | None = None, *, horizon_s: float = 0.0) -> None:
+        self._profile = profile
+        self._style = style or Style.still()
+        self._horizon_s = horizon_s
+        self._new_planner()  # refuses what it cannot do, at once
+        self._planners: list[StreamingPlanner] = []
+        self._row_of: dict[int, int] = {}
+        self._opened = 0
+        self._now_s = -np.inf
+        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count)
+        self._lift, self._back, self._outer = _lift(profile, self._style)
+        self._jaws = jaw_share(profile).T
+
+    def __len__(self) -> int:
+        """Count the open sessions."""
+        return len(self._planners)
+
+    @property
+    def sessions(self) -> NDArray[np.int64]:
+        """(S,) numbers of the open sessions, in the order of a frame's rows. The last moves where one closes."""
+        return self._rows.session[: len(self._planners)].copy()
+
+    def row(self, session: int) -> int:
+        """Find a session's row.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        if session not in self._row_of:
+            raise UsageError(f"session: got {session}, expected one of {len(self._planners)} that are open")
+        return self._row_of[session]
+
+    def open(self, begins_s: float = 0.0) -> int:
+        """Begin a session.
+
+        Parameters
+        ----------
+        begins_s : float
+            When its time is 0, in the batch's time; its phones count from there.
+
+        Returns
+        -------
+        int
+            Its number, never used again.
+
+        Raises
+        ------
+        UsageError
+            If the time is not finite.
+        """
+        if not np.isfinite(begins_s):
+            raise UsageError(f"begins_s: got {begins_s}, expected a time")
+        row, session = len(self._planners), self._opened
+        if row == len(self._rows.session):
+            self._rows = self._rows.grown(2 * row, self._rows.hold_start_s.shape[1])
+        self._opened += 1
+        self._planners.append(self._new_planner())
+        self._row_of[session] = row
+        self._rows.session[row] = session
+        self._rows.begins_s[row] = begins_s
+        self._rows.shown_s[row] = -np.inf
+        self._rows.reload_s[row] = -np.inf
+        return session
+
+    def close(self, session: int) -> None:
+        """End a session; another may move into its row.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        row, last = self.row(session), len(self._planners) - 1
+        self._rows.move(last, row)
+        self._row_of[int(self._rows.session[row])] = row
+        self._planners[row] = self._planners[last]
+        self._planners.pop()
+        del self._row_of[session]
+
+    def feed(self, session: int, phones: Sequence[Phone]) -> None:
+        """Take phones in, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.feed`.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        self._changed(session).feed(phones)
+
+    def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
+        """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or ``fade_s`` is not positive.
+        """
+        self._changed(session).cancel(at_s, fade_s=fade_s)
+
+    def retime(self, session: int, begins_s: float) -> None:
+        """Move a session's time against the batch's. It never goes back: it stands still until it is caught up with.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or the time is not finite.
+        """
+        if not np.isfinite(begins_s):
+            raise UsageError(f"begins_s: got {begins_s}, expected a time")
+        self._rows.begins_s[self.row(session)] = begins_s
+
+    def planned(self, session: int) -> Sequence[Phone]:
+        """Phones that a session's plan goes through, from a little before its last frame on, in its time.
+
+        Raises
+        ------
+        UsageError
+            If it is not open.
+        """
+        return self._planners[self.row(session)].phones
+
+    def counts(self, session: int) -> Counts:
+        """Tell what was not as it should be.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        return self._planners[self.row(session)].counts
+
+    def frames(self, time_s: float, overlay: Overlay | None = None) -> BatchFrames:
+        """One frame of every session; what is shown is settled.
+
+        Parameters
+        ----------
+        time_s : float
+            In the batch's time, not before the last frame asked for.
+        overlay : Overlay, optional
+            What is added to speech. ``points_mm`` hold speech alone.
+
+        Raises
+        ------
+        UsageError
+            If time goes back.
+        """
+        if not self._now_s <= time_s < np.inf:
+            raise UsageError(f"time_s: got {time_s:g} s, expected rising times from {self._now_s:g} s")
+        self._now_s = time_s
+        count = len(self._planners)
+        times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
+        self._rows.shown_s[:count] = times
+        self._load(np.flatnonzero(times >= self._rows.reload_s[:count]), times)
+        self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
+        weights = self._weights(times)
+        openness: Array | float = self._style.openness
+        if overlay is not None:
+            weights = overlay.lips * weights + (overlay.jaw - overlay.lips) * (self._jaws @ weights)
+            openness = np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
+        lifted = self._lift @ weights
+        faps = lifted[: fap.FAP_COUNT].T
+        if overlay is not None:
+            faps += overlay.expression.T
+        lips, teeth, vowels = self._held(times)
+        settled = settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels)
+        points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
+        points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
+        if overlay is not None:
+            settled += overlay.gestures.T
+        return BatchFrames(self.sessions, _rounded(settled.T, SPANS if overlay is None else EVERY).T, points_mm)
+
+    def _new_planner(self) -> StreamingPlanner:
+        return StreamingPlanner(self._profile, self._style, self._horizon_s)
+
+    def _changed(self, session: int) -> StreamingPlanner:
+        """Planner of a session whose plan is about to change, told what has been shown."""
+        row = self.row(session)
+        planner = self._planners[row]
+        planner.settle(float(self._rows.shown_s[row]))
+        self._rows.reload_s[row] = -np.inf
+        return planner
+
+    def _load(self, rows: NDArray[np.intp], times_s: Array) -> None:
+        """Copy what sessions will need from now on."""
+        if not len(rows):
+            return
+        plans, windows, reload_s, held = [], [], [], []
+        for row, time_s in zip(rows.tolist(), times_s[rows].tolist(), strict=True):
+            planner = self._planners[row]
+            plan, until_s = planner.plan_at(time_s)
+            window, end_s = plan.path.window(time_s, KNOTS)
+            until_s = min(until_s, end_s)
+            plans.append(plan)
+            windows.append((plan.path.times_s[window], plan.path.jets[window]))
+            reload_s.append(until_s)
+            held.append(
+                [hold for hold in planner.holds if hold.start_s - RAMP_S < until_s and hold.stop_s + RAMP_S > time_s]
+            )
+        state = self._rows
+        state.reload_s[rows], state.until_s[rows] = reload_s, -np.inf
+        counts = np.array([len(knots) for knots, _ in windows])
+        slots = _slots(rows, counts)
+        state.knots_s[rows] = np.inf
+        state.knots_s[slots] = np.concatenate([knots for knots, _ in windows])
+        state.jets[slots] = np.concatenate([jets for _, jets in windows])
+        state.last[rows] = counts - 2
+        fade_s = np.array([plan.fade_s for plan in plans])
+        start_s = np.array([plan.start_s for plan in plans])
+        fades = times_s[rows] < start_s + fade_s
+        length_s = np.where(fades, fade_s, 1.0)
+        state.fade_from_s[rows] = np.where(fades, start_s, 0.0)
+        state.fade_rate[rows] = 1.0 / length_s
+        left_over = np.stack([plan.left_over for plan in plans]) * fades[:, None, None]
+        state.fade[rows] = left_over * (length_s[:, None] ** np.arange(3.0))[..., None]
+        self._load_holds(rows, held)
+
+    def _load_holds(self, rows: NDArray[np.intp], held: list[list[Hold]]) -> None:
+        counts = np.array([len(holds) for holds in held])
+        if counts.max() > self._rows.hold_start_s.shape[1]:
+            self._rows = self._rows.grown(len(self._rows.session), 2 * int(counts.max()))
+        state, slots = self._rows, _slots(rows, counts)
+        state.hold_start_s[rows] = np.inf
+        state.hold_start_s[slots] = [hold.start_s for holds in held for hold in holds]
+        state.hold_stop_s[slots] = [hold.stop_s for holds in held for hold in holds]
+        state.hold_contact[slots] = [CONTACTS.index(hold.contact) for holds in held for hold in holds]
+
+    def _renew_segments(self, rows: NDArray[np.intp], times_s: Array) -> None:
+        """Compute coefficients for sessions that have crossed a knot."""
+        if not len(rows):
+            return
+        state = self._rows
+        knots, last = state.knots_s[rows], state.last[rows]
+        left = np.clip((knots <= times_s[rows, None]).sum(axis=1) - 1, 0, last)
+        every = np.arange(len(rows))
+        start_s, end_s = knots[every, left], knots[every, left + 1]
+        state.from_s[rows], state.rate[rows] = start_s, 1.0 / (end_s - start_s)
+        state.until_s[rows] = np.where(left < last, end_s, np.inf)
+        first = np.ascontiguousarray(np.moveaxis(state.jets[rows, left], 0, -1))
+        reach = np.ascontiguousarray(np.moveaxis(state.jets[rows, left + 1], 0, -1))
+        coefficients = hermite.quintic(end_s - start_s, (first[0], first[1], first[2]), (reach[0], reach[1], reach[2]))
+        for power, coefficient in enumerate(coefficients):
+            state.quintic[:, power].T[:, rows] = coefficient
+
+    def _weights(self, times_s: Array) -> Array:
+        """(K, S): where every session is in the space."""
+        state, count = self._rows, len(times_s)
+        s = np.clip((times_s - state.from_s[:count]) * state.rate[:count], 0.0, 1.0)
+        powers = np.moveaxis(state.quintic[:count], 0, -1)
+        weights: Array = powers[5] * s
+        for power in (4, 3, 2, 1):
+            weights += powers[power]
+            weights *= s
+        weights += powers[0]
+        since = np.clip((times_s - state.fade_from_s[:count]) * state.fade_rate[:count], 0.0, 1.0)
+        for left, part in zip(np.moveaxis(state.fade[:count], 0, -1), hermite.fading(since), strict=True):
+            weights += left * part
+        return weights
+
+    def _held(self, times_s: Array) -> Array:
+        """(3, S): what :func:`.closures.held` says of each session and contact, 0..1."""
+        state, count = self._rows, len(times_s)
+        starts, stops = state.hold_start_s[:count], state.hold_stop_s[:count]
+        now = times_s[:, None]
+        rows, slots = np.nonzero((starts - RAMP_S < now) & (now < stops + RAMP_S))
+        heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RAMP_S)
+        free = np.ones((len(CONTACTS), count))
+        np.multiply.at(free, (state.hold_contact[rows, slots], rows), 1.0 - heights)
+        return 1.0 - free
+
+
+def _rounded(faps: Array, spans: Sequence[slice]) -> NDArray[np.int32]:
+    """Do what :func:`~fapengine.mpeg4.codable.to_codable` does, on (68, S), only where there is something to round."""
+    rounded = np.zeros(faps.shape, np.int32)
+    for span in spans:
+        values = np.clip(faps[span], MIN_FAPU[span], MAX_FAPU[span])
+        np.rint(values, out=values)
+        rounded[span] = values
+    return rounded
+
+
+def _slots(rows: NDArray[np.intp], counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Rows and columns of the first so many places in each row."""
+    before = np.cumsum(counts) - counts
+    return np.repeat(rows, counts), np.arange(counts.sum()) - np.repeat(before, counts)
+
+
+def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Matrices from weights to FAPs and marker points, and from changes of outer-lip FAPs back to points.
+
+    Returns
+    -------
+    lift : (68 + 3M, K) float64
+        FAPU and mm per weight.
+    back : (3M, 6) float64
+        mm per FAPU.
+    outer : (6,) int
+        Columns of the outer-lip FAPs that :func:`.closures.settle` changes.
+    """
+    space = profile.space
+    markers = space.points[: space.marker_count]
+    faps = displacements_to_faps(space.modes_mm, space.points, profile.fapu)
+    points = space.modes_mm[:, : len(markers)].reshape(space.mode_count, -1)
+    numbers = [number for pair in PAIRS for number in pair[2:]]
+    back = np.zeros((len(numbers), len(markers), 3))
+    for index, row in enumerate(map(fap.spec, numbers)):
+        if row.point in markers:
+            back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
+    outer = np.array([fap.column(number) for number in numbers])
+    return (style.gains(profile) @ np.hstack([faps, points])).T, back.reshape(len(numbers), -1).T, outer

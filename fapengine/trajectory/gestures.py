@@ -1,0 +1,322 @@
+"""What a listener's eye misses when it is absent: blinks, head motion, gaze, idle drifts, emphasis on stress.
+
+Theory of operation
+-------------------
+Gestures are defined here once, for files and for live sessions. A :class:`GestureGenerator` draws them as ramps
+(:mod:`.ramps`), in time order and each at its own time, whatever the frame rate is; :func:`gesture_faps` turns the
+values of all ramps, and of the sines that never end, into FAPs. Offline :func:`sample_gestures` draws all at once and
+evaluates them on an array of times; live :mod:`fapengine.live.engine.gestures` draws on as time goes by.
+
+- Chance: each of :data:`.style.GENERATORS` has a random generator of its own, spawned from one. To switch one off
+  changes nothing in the others, for it is drawn all the same.
+- A *nod* belongs to a stressed phone. It begins :data:`NOD_RISE_S` before the phone, or as soon as the phone is known
+  where that is later; a phone whose beginning has passed by then makes none. Its strength is drawn when it begins, so
+  it does not matter in which pieces phones come, as long as they come so early. A nod that begins takes over from the
+  one before.
+- The eyes counter the head (vestibulo-ocular reflex), so that the gaze rests where it was; lids follow the eyes, but
+  for lids that a blink has shut.
+- Where an end is set, all comes to rest by then. A file has an end; a live session has one only if it is told.
+"""
+
+from bisect import insort
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.ramps import Ramp, pulse, sample_ramps
+from fapengine.trajectory.style import GENERATORS, Style
+
+Array = NDArray[np.float64]
+
+
+class Channel(IntEnum):
+    """One ramp each, of every face; the first six are :data:`.expression.EXPRESSIONS`, at their levels."""
+
+    JOY = 0
+    SADNESS = 1
+    ANGER = 2
+    FEAR = 3
+    DISGUST = 4
+    SURPRISE = 5
+    LOOK_YAW = 6
+    LOOK_PITCH = 7
+    GLANCE_YAW = 8
+    GLANCE_PITCH = 9
+    PITCH = 10
+    YAW = 11
+    ROLL = 12
+    BLINK = 13
+    NOD = 14
+    JAW = 15
+    LIPS = 16
+    HEAD_MOTION = 17
+    IDLE = 18
+    GAZE = 19
+
+
+FIRST_BLINK_S = (0.6, 1.8)
+"""Earliest and latest time at which the first blink has shut the eyes."""
+BLINK_INTERVAL_S = (1.2, 3.0)
+"""Shortest time between blinks, and mean of the exponential time added: about 14 a minute, between rest (17) and
+reading (4.5) in Bentivoglio et al. 1997, Movement Disorders 12, 1028."""
+BLINK_CLOSE_S, BLINK_SHUT_S, BLINK_OPEN_S = 0.09, 0.04, 0.17
+"""Lids fall about twice as fast as they rise (Guitton et al. 1991, J. Neurophysiology 65)."""
+UPPER_LID, LOWER_LID = 960.0, 100.0
+"""FAPU of a full blink: together a little over the lid distance (1024), so that no slit remains."""
+HEAD_AMPLITUDE_RAD = {48: 0.022, 49: 0.030, 50: 0.013}
+"""Pitch, yaw, roll: about 1.3, 1.7 and 0.7 degrees, an attentive speaker."""
+HEAD_BAND_HZ = (0.12, 0.55)
+NOD_RISE_S, NOD_FALL_S = 0.18, 0.3
+NOD_HOLD = 0.5
+"""Part of a stressed phone's duration for which its nod holds."""
+NOD_STRENGTH = (0.5, 1.0)
+"""Least and greatest strength of a nod with primary stress; with secondary stress, half of it."""
+NOD_RAD = 0.018
+BROW_FAPU = 75.0
+EDGE_S = 0.5
+"""Time over which head motion and drifts grow from nothing, and return to it."""
+FIXATION_S = (0.6, 1.4)
+"""Shortest time that the eyes rest on a place, and mean of the exponential time added."""
+GLANCE_RAD = 0.022
+"""Standard deviation of where they rest, sideways; half of it up and down. 1.3 degrees stay in a listener's face."""
+SACCADE_S = 0.04
+"""Duration of a jump of some degrees; Bahill et al. 1975 (main sequence)."""
+BREATH_HZ, BREATH_RAD = (0.2, 0.3), 0.004
+DRIFTS_FAPU = {(31, 32, 33, 34): 14.0, (35, 36): 8.0, (12, 13, 59, 60): 7.0, (19, 20): 15.0}
+"""Brows, their outer ends, mouth corners, upper lids: together, about a third of a millimetre."""
+DRIFT_BAND_HZ = (0.05, 0.25)
+LIDS_FOLLOW = {(19, 20): 600.0, (21, 22): -200.0}
+"""FAPU by which upper and lower lids follow a gaze that goes down by a radian: 0.6 and 0.2 of the eye's angle. The
+look-down and look-up shapes of ICT-FaceKit turn the upper lid by 24.1 and 11.4 degrees, the lower by 8.4 and 5.9, for
+eyes that turn by about 33 and 30. One iris's width is 1024, 1.1 of it the radius of the eye."""
+SINES = 4
+"""Number of sines whose sum, of about unit size, is one wandering motion."""
+
+
+def _wave_sums() -> Array:
+    """(W, sines): matrix from all sines to head motion, breath and drifts, in this order."""
+    counts = [SINES] * len(HEAD_AMPLITUDE_RAD) + [1] + [SINES] * len(DRIFTS_FAPU)
+    sums = np.zeros((len(counts), sum(counts)))
+    for row, (stop, count) in enumerate(zip(np.cumsum(counts), counts, strict=True)):
+        sums[row, stop - count : stop] = 0.5 if count > 1 else 1.0
+    return sums
+
+
+_WAVE_SUMS = _wave_sums()
+BREATH_ROW = len(HEAD_AMPLITUDE_RAD)
+
+
+def _draw_waves(head_rng: np.random.Generator, idle_rng: np.random.Generator) -> Array:
+    """(2, sines): frequencies in rad/s and phases in rad."""
+    bands = [(head_rng, HEAD_BAND_HZ, SINES)] * len(HEAD_AMPLITUDE_RAD)
+    bands += [(idle_rng, BREATH_HZ, 1)] + [(idle_rng, DRIFT_BAND_HZ, SINES)] * len(DRIFTS_FAPU)
+    drawn = [(2 * np.pi * rng.uniform(*band, size=n), rng.uniform(0, 2 * np.pi, size=n)) for rng, band, n in bands]
+    return np.concatenate(drawn, axis=1)
+
+
+class GestureGenerator:
+    """The gestures of one face, drawn up to a time that never goes back.
+
+    Stateful.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Chance; one generator is spawned from it for each of :data:`.style.GENERATORS`.
+    style : Style
+        Gestures that are shown.
+    begins_s : float
+        Time at which the face begins, at rest.
+    """
+
+    def __init__(self, rng: np.random.Generator, style: Style, *, begins_s: float = 0.0) -> None:
+        self._rng = dict(zip(GENERATORS, rng.spawn(len(GENERATORS)), strict=True))
+        self._style = style
+        self._begins_s, self._ends_s = begins_s, inf
+        self._blink_s = begins_s - BLINK_CLOSE_S + self._rng["blinks"].uniform(*FIRST_BLINK_S)
+        self._glance_s = begins_s + self._fixation_s()
+        self._nods: list[tuple[float, float, Phone]] = []
+        self.waves = _draw_waves(self._rng["head_motion"], self._rng["idle"])
+        """(2, sines): frequencies in rad/s and phases in rad of what never ends, from ``begins_s`` on."""
+
+    @property
+    def due_s(self) -> float:
+        """Time up to which there is nothing to draw."""
+        return min(self._blink_s, self._next_glance_s(), self._nods[0][0] if self._nods else inf)
+
+    def begin(self) -> list[Ramp]:
+        """Let head motion and drifts grow from nothing."""
+        return _switches(self._style, self._begins_s, EDGE_S)[:2]
+
+    def end(self, at_s: float, now_s: float) -> list[Ramp]:
+        """Let all gestures come to rest by a time; none follows."""
+        self._ends_s = at_s
+        channels = ((Channel.HEAD_MOTION, EDGE_S), (Channel.IDLE, EDGE_S), (Channel.NOD, NOD_FALL_S))
+        return [Ramp(max(at_s - over_s, now_s), channel, 0.0, over_s) for channel, over_s in channels]
+
+    def restyle(self, style: Style, now_s: float, over_s: float) -> list[Ramp]:
+        """Show the gestures of another style from now on."""
+        self._style = style
+        return [] if now_s >= self._ends_s - EDGE_S else _switches(style, now_s, over_s)
+
+    def stress(self, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
+        """Nod with stressed phones that have become known: time at which each begins, and the phone."""
+        for start_s, phone in phones:
+            if phone.stress and start_s > now_s:
+                insort(self._nods, (max(start_s - NOD_RISE_S, now_s), start_s, phone), key=lambda nod: nod[:2])
+
+    def hush(self, now_s: float) -> list[Ramp]:
+        """Forget the nods that were to come, and end the one that is seen."""
+        self._nods.clear()
+        return [Ramp(now_s, Channel.NOD, 0.0, NOD_FALL_S, takes_over=True)]
+
+    def draw(self, until_s: float) -> list[Ramp]:
+        """Draw the gestures that begin up to a time."""
+        ramps: list[Ramp] = []
+        while self._blink_s <= until_s:
+            ramps += self._blink(self._blink_s)
+        while self._next_glance_s() <= until_s:
+            ramps += self._glance(self._next_glance_s())
+        while self._nods and self._nods[0][0] <= until_s:
+            at_s, _, phone = self._nods.pop(0)
+            ramps += self._nod(at_s, phone)
+        return ramps
+
+    def _blink(self, at_s: float) -> Sequence[Ramp]:
+        shown = blink(at_s)
+        if not shown[-1].at_s + BLINK_OPEN_S < self._ends_s:
+            self._blink_s = inf  # it would be cut off
+            return ()
+        self._blink_s = at_s + BLINK_INTERVAL_S[0] + self._rng["blinks"].exponential(BLINK_INTERVAL_S[1])
+        return shown if self._style.blinks else ()
+
+    def _next_glance_s(self) -> float:
+        """Time of the next glance; the last one leads back before the end."""
+        return inf if self._glance_s == inf else min(self._glance_s, self._ends_s - SACCADE_S)
+
+    def _glance(self, at_s: float) -> Sequence[Ramp]:
+        is_last = at_s >= self._ends_s - FIXATION_S[0]
+        goal = (0.0, 0.0) if is_last else self._rng["gaze"].normal(scale=(GLANCE_RAD, GLANCE_RAD / 2)).tolist()
+        self._glance_s = inf if is_last else at_s + self._fixation_s()
+        channels = (Channel.GLANCE_YAW, Channel.GLANCE_PITCH)
+        return [Ramp(at_s, channel, rad, SACCADE_S) for channel, rad in zip(channels, goal, strict=True)]
+
+    def _nod(self, at_s: float, phone: Phone) -> Sequence[Ramp]:
+        strength = (1.0 if phone.stress == 1 else 0.5) * self._rng["emphasis"].uniform(*NOD_STRENGTH)
+        left_s = self._ends_s - NOD_FALL_S - at_s
+        if not self._style.emphasis or left_s <= 0:
+            return ()
+        hold_s = min(NOD_HOLD * phone.duration_s, left_s - NOD_RISE_S)
+        return pulse(at_s, Channel.NOD, strength, NOD_RISE_S, hold_s, NOD_FALL_S)
+
+    def _fixation_s(self) -> float:
+        least_s, mean_s = FIXATION_S
+        return float(least_s + self._rng["gaze"].exponential(mean_s))
+
+
+def blink(at_s: float) -> tuple[Ramp, Ramp]:
+    """Make the ramps of one blink that begins at a time."""
+    return pulse(at_s, Channel.BLINK, 1.0, BLINK_CLOSE_S, BLINK_SHUT_S, BLINK_OPEN_S)
+
+
+def _switches(style: Style, at_s: float, over_s: float) -> list[Ramp]:
+    """Let what a style switches on come, and the rest go."""
+    levels = ((Channel.HEAD_MOTION, style.head_motion), (Channel.IDLE, style.idle), (Channel.GAZE, style.gaze))
+    return [Ramp(at_s, channel, float(level), over_s) for channel, level in levels]
+
+
+def start_levels(style: Style) -> Array:
+    """Values with which a face of a style begins: (C,), one of each :class:`Channel`."""
+    levels = np.zeros(len(Channel))
+    levels[[Channel.JAW, Channel.LIPS]] = style.jaw_gain, style.articulation * style.lips
+    levels[Channel.GAZE] = style.gaze
+    return levels
+
+
+def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
+    """Turn channels into FAPs: N faces at one time, or one face at N times.
+
+    Parameters
+    ----------
+    levels : (C, N) float64
+        Value of each :class:`Channel`: angles in rad, all others 0..1.
+    waves : (2, sines, N or 1) float64
+        See ``GestureGenerator.waves``.
+    since_s : (N,) float64, s
+        Time since each face began.
+
+    Returns
+    -------
+    (68, N) float64, FAPU
+        To be added behind all that :mod:`.closures` settles.
+    """
+    faps = np.zeros((fap.FAP_COUNT, levels.shape[1]))
+    moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
+    if moving.any() or idle.any():
+        wander = _WAVE_SUMS @ np.sin(waves[0] * since_s + waves[1])
+        for number, motion in zip(HEAD_AMPLITUDE_RAD, wander, strict=False):
+            faps[fap.column(number)] = HEAD_AMPLITUDE_RAD[number] / AU_RAD * moving * motion
+        faps[fap.column(48)] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
+        for numbers, drift in zip(DRIFTS_FAPU, wander[BREATH_ROW + 1 :], strict=True):
+            _add(faps, numbers, DRIFTS_FAPU[numbers] * idle * drift)
+    faps[fap.column(48)] += NOD_RAD / AU_RAD * nod
+    _add(faps, (31, 32, 33, 34, 35, 36), BROW_FAPU * nod)
+    shut = np.clip(levels[Channel.BLINK], 0.0, 1.0)
+    _add(faps, (19, 20), UPPER_LID * shut)
+    _add(faps, (21, 22), LOWER_LID * shut)
+    _move_eyes(faps, levels)
+    for numbers, per_rad in LIDS_FOLLOW.items():
+        _add(faps, numbers, per_rad * AU_RAD * (1.0 - shut) * faps[fap.column(25)])
+    turns = ((48, Channel.PITCH), (49, Channel.YAW), (50, Channel.ROLL))
+    for number, channel in turns:  # the eyes turn with a head that is told to turn
+        faps[fap.column(number)] += levels[channel] / AU_RAD
+    return faps
+
+
+def _move_eyes(faps: Array, levels: Array) -> None:
+    """Look where they are told to, glance, and counter the head's own motion."""
+    eyes = (
+        ((23, 24), Channel.LOOK_YAW, Channel.GLANCE_YAW, 49),
+        ((25, 26), Channel.LOOK_PITCH, Channel.GLANCE_PITCH, 48),
+    )
+    for numbers, look, glance, head in eyes:
+        own = levels[Channel.GAZE] * (levels[glance] / AU_RAD - faps[fap.column(head)])
+        _add(faps, numbers, levels[look] / AU_RAD + own)
+
+
+def _add(faps: Array, numbers: Iterable[int], values: Array) -> None:
+    for number in numbers:
+        faps[fap.column(number)] += values
+
+
+def sample_gestures(
+    times_s: Array, end_s: float, phones: Iterable[Phone], style: Style, rng: np.random.Generator
+) -> Array:
+    """Gestures of a file.
+
+    Parameters
+    ----------
+    times_s : (T,) float64, s
+        Times from 0 on.
+    end_s : float
+        When all is at rest again.
+    phones : iterable of Phone
+        What is spoken; the stressed ones make nods.
+    style : Style
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    (T, 68) float64, FAPU
+    """
+    generator = GestureGenerator(rng, style)
+    generator.stress(((phone.start_s, phone) for phone in phones), 0.0)
+    ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
+    levels = sample_ramps(start_levels(style), ramps, times_s)
+    return gesture_faps(levels, generator.waves[..., None], times_s).T

@@ -1,0 +1,125 @@
+"""Targets: where in the viseme space each phone of a track pulls the face, and when.
+
+Theory of operation
+-------------------
+A phone has one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says); with a context
+model two, at 20 and 70 % (:mod:`.context`). A label that the profile lacks is taken apart into IPA letters, each of
+which takes the targets of the letter that is most like it.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.profiles import ContextModel, Profile
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.context import Token, targets, tokens_of
+
+NEAR_OPEN = 0.85
+"""Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
+APART_S = 0.03
+"""A phone too short for its keyframes to stand so far apart has one, their mean: fast speech undershoots. It costs
+0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
+
+Keys = tuple[tuple[float, ...], NDArray[np.float64]]
+"""Times in s, and targets (keyframes, K)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolved:
+    """A phone with its targets: from the profile, or from the phone most like it."""
+
+    phone: Phone
+    times_s: tuple[float, ...]
+    targets: NDArray[np.float64]
+    """(keyframes, K)."""
+    contact: str
+    """``none``, ``lips``, ``teeth``, or ``open`` for a vowel that must open."""
+
+
+def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
+    """Find every phone's targets.
+
+    A label that is no IPA counts as unknown; the neutral vowel stands in.
+
+    Parameters
+    ----------
+    track : PhoneTrack
+    profile : Profile
+    context : bool
+        Let the profile's context model find targets, if it has one; otherwise a phone's are always the same.
+
+    Returns
+    -------
+    resolved : list of Resolved
+        Silences are left out.
+    unknown : Counter of str
+        Labels that are no IPA, with how often they came.
+    """
+    tokens, strange = tokens_of(track, profile.phones)
+    model = profile.context if context else None
+    keys = _own_keys(tokens, profile) if model is None else _keys_in_context(tokens, model)
+    resolved: list[Resolved] = []
+    for _, together in groupby(zip(tokens, keys, strict=True), key=lambda entry: id(entry[0].phone)):
+        parts = list(together)
+        phone = parts[0][0].phone
+        if phone.is_silence:
+            continue
+        contact, opens = "none", False
+        for token, _ in parts:
+            contact = profile.phones[token.name].contact if contact == "none" else contact
+            opens = opens or _opens(token.heard)
+        if contact == "none" and opens:
+            contact = "open"
+        times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
+        resolved.append(Resolved(phone, times_s, weights, contact))
+    return resolved, Counter(strange)
+
+
+def _own_keys(tokens: Sequence[Token], profile: Profile) -> list[Keys]:
+    """Give each token the keyframes that the profile has for its phone."""
+    keys: list[Keys] = []
+    for token in tokens:
+        if token.name == SILENCE:
+            keys.append(((), np.zeros((0, profile.space.mode_count))))
+            continue
+        phone, length_s = profile.phones[token.name], token.end_s - token.start_s
+        keys.append((tuple(token.start_s + length_s * fraction for fraction in phone.fractions), phone.targets))
+    return keys
+
+
+def _keys_in_context(tokens: Sequence[Token], model: ContextModel) -> list[Keys]:
+    """Give each token the keyframes that it has between its neighbours; one where there is no room for more."""
+    weights, fractions = targets(tokens, model), model.fractions
+    starts = np.array([token.start_s for token in tokens])
+    lengths = np.array([token.end_s for token in tokens]) - starts
+    crowded = lengths * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1)
+    times = (starts[:, None] + lengths[:, None] * np.array(fractions)).tolist()
+    middles = (starts + lengths * (sum(fractions) / len(fractions))).tolist()
+    means = weights.mean(axis=1, keepdims=True)
+    return [
+        ((middles[n],), means[n]) if is_crowded else (tuple(times[n]), weights[n])
+        for n, is_crowded in enumerate(crowded.tolist())
+    ]
+
+
+def _joined(keys: Sequence[Keys]) -> Keys:
+    return tuple(time for times, _ in keys for time in times), np.concatenate([weights for _, weights in keys])
+
+
+@cache
+def _opens(heard: tuple[str, ...]) -> bool:
+    return any(map(must_open, heard))
+
+
+@cache
+def must_open(letter: str) -> bool:
+    """Whether this IPA letter is a vowel that cannot be said with the mouth nearly shut: open or near-open."""
+    sound = ipa.SOUNDS.get(letter)
+    return sound is not None and sound.vowel and sound.opening >= NEAR_OPEN
