@@ -86,7 +86,7 @@ async function ours() {
   const setup = await (await fetch("/setup.json")).json();
   const head = parseHead(await (await fetch("/head.bin")).arrayBuffer());
   const faps = new Float32Array(await fetched("faps"));
-  const view = new FaceView(document.createElement("canvas"), head, setup.programs, setup.wall);
+  const view = new FaceView(document.createElement("canvas"), head, setup, setup.wall);
   view.resize(SIZE, SIZE);
   publish((number) => {
     const frame = number % (faps.length / 68);

@@ -21,10 +21,10 @@ from aiohttp import web
 
 from bench.talking import talking_face
 from fapengine.live.web.app import page_files
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import channel_weights
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
-from fapengine.render.packing import normal_turns
+from fapengine.render.packing import normal_deltas
 from tests.browser.chromium import Browser, find_chromium
 
 NAMES = ("three.js", "three.js, bare", "three.js, morphs", "our page")
@@ -53,7 +53,7 @@ def morphs(head: FaceMesh, faps: np.ndarray) -> dict[str, np.ndarray]:
     vertex = np.repeat(np.arange(len(head.vertices_mm)), np.diff(basis.offsets))
     targets = np.zeros((2, basis.width, len(head.vertices_mm), 3), "f4")
     targets[0, basis.entry_channels, vertex] = 1000 * basis.entry_mm
-    targets[1, basis.entry_channels, vertex] = 1000 * normal_turns(head)
+    targets[1, basis.entry_channels, vertex] = 1000 * normal_deltas(head)
     return {"targets": targets, "influences": channel_weights(basis, faps).astype("f4") / 1000}
 
 

@@ -1,8 +1,9 @@
 """How well does it speak? Held-out utterances from their phone timings alone, against what was captured.
 
-    python -m bench.fidelity --train A.npz [--test B.npz] -o report/
+    python -m bench.fidelity --train data/speech_train.npz [--test B.npz] -o report/
 
-Both files have the layout of ``../shared/data/speech_train.npz``: tracked points of a talking face, and its phones.
+Both files hold tracked points of a talking face and its phones: :mod:`design.make_speech_data` makes them from public
+sources, :mod:`design.speech_sample` the like of them in any clone.
 Without --test, 100 sentences of --train are held out (fixed seed). Writes report/index.html (table, captured against
 predicted) and report/fidelity.json. Frames count from the first phone to the last one.
 
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from design.data_files import FOLDER, need
 from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.capture.session import Interval
 from fapengine.files.profiles import load_profile
@@ -38,8 +40,9 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.dominance import dominance as spread
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.targets import resolve
 
 INNER = tuple(f"2.{n}" for n in range(2, 10))
 NAMES = (*MARKERS, *INNER)
@@ -79,7 +82,7 @@ class Corpus:
 
 
 def load(path: Path) -> Corpus:
-    data = np.load(path)
+    data = np.load(need(path))
     numbers = [int(number) for number in data["marker_mediapipe"]]
     column = {FEATURE_POINTS[number]: index for index, number in enumerate(numbers) if number in FEATURE_POINTS}
     lips = np.flatnonzero(data["marker_is_lip"])
@@ -145,7 +148,7 @@ Method = Callable[[Clip, Profile, Array], Array]
 
 def keys_of(clip: Clip, profile: Profile, *, context: bool = False) -> tuple[Array, Array]:
     resolved, _ = resolve(clip.phones, profile, context=context)
-    keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
+    keys = place_keyframes(clip.phones, resolved, profile.space.mode_count)
     return keys.times_s, keys.weights
 
 
@@ -205,7 +208,7 @@ def ours(method: str) -> Method:
 
     def predict(clip: Clip, profile: Profile, times: Array) -> Array:
         resolved, _ = resolve(clip.phones, profile, context=method == "context")
-        keys = place_keyframes(clip.phones, resolved, profile.space.mode_count, clip.phones.duration_s)
+        keys = place_keyframes(clip.phones, resolved, profile.space.mode_count)
         moved = profile.space.to_points_mm(sample_path(method, resolved, keys, times))
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
         change = close_lips(faps, times, holds_of(resolved)) - faps
@@ -372,7 +375,7 @@ def page(
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--train", type=Path, required=True)
+    parser.add_argument("--train", type=Path, default=FOLDER / "speech_train.npz")
     parser.add_argument("--test", type=Path)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/fidelity"))
     options = parser.parse_args()

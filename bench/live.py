@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from bench.live_load import listening, warming_s
-from fapengine.live import osc
+from fapengine.live.wire import osc
 
 GOAL_SESSIONS, GOAL_LATE_MS = 500, 1000 / 60 + 5
 PROBE = "probe"

@@ -20,7 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fapengine.live.protocol.sender import OscSender
+from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone
 
 PHONES_HZ, CLAUSE_PHONES = 12.0, 24

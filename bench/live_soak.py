@@ -20,8 +20,8 @@ from pathlib import Path
 
 from bench.live import Server, serving
 from bench.live_load import Load, listening, name_of
-from fapengine.live import osc
-from fapengine.live.framing import encode_length, encode_slip
+from fapengine.live.wire import osc
+from fapengine.live.wire.framing import encode_length, encode_slip
 
 MEMORY_GROWTH_MB = 4.0
 """From the middle of the run to its end: allocators settle, caches fill."""

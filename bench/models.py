@@ -29,7 +29,7 @@ from fapengine.geometry.surface import Surface
 from fapengine.models.missing import GapModel, fit_gaps
 from fapengine.models.scan_fit import fit_scan
 from fapengine.models.subset import factorise
-from fapengine.trajectory.via_points import ViaPoints, extract_via_points
+from fapengine.models.via_points import ViaPoints, extract_via_points
 
 Row = dict[str, float | str]
 

@@ -7,7 +7,7 @@ case and every peer draws in each round, the default head before and after each 
 cores slows both sides of a ratio. Ratios are medians over the rounds, with the quarters of the rounds beside them;
 frames a second are of a case's best round, which is the one with the fewest neighbours. PYTHON is an interpreter with
 the group ``peers`` of pyproject.toml (by default this one); a peer that does not install or start is reported as
-absent. ``--page`` writes docs/render.md and its plot.
+absent. ``--page`` writes docs/render-speed.md and its plot.
 """
 
 import argparse
@@ -21,30 +21,38 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.finer import finer, only_faps
+from bench.render_goals import (
+    BROWSER_PEERS,
+    GOALS_FPS,
+    MAX_DEFORMING,
+    MIN_PEER_RATIO,
+    MIN_PEER_RATIOS,
+    PEERS,
+    REFERENCE,
+)
+from bench.render_page import write_page
 from bench.talking import talking_face
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
-from fapengine.mesh.patch import vertex_normals
+from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.render.context import create_context
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 
-PEERS = ("PyVista", "PyVista, bare", "pygfx", "pygfx, as it comes", "pygfx, bare", "vispy, bare", "pyrender")
 PEER_FILE = Path(__file__).with_name("render_peers.py")
-BROWSER_PEERS = ("three.js", "three.js, bare", "three.js, morphs", "our page")
-"""In headless Chromium: :mod:`bench.browser_peers`, run by this interpreter."""
 START_LIMIT_S, ROUND_LIMIT_S, END_LIMIT_S = 90.0, 60.0, 5.0
 SLICE_S = 0.15
 """How long a contender draws in a round."""
-SQUARE, HD, FULL_HD = (512, 512), (1280, 720), (1920, 1080)
-REFERENCE = "default head"
+HD, FULL_HD = (1280, 720), (1920, 1080)
+REFERENCE_DRAWING = Drawing(size=(512, 512), samples=0)
 PARTS = {
     "without a painting": "its texture",
     "light at pixels": "light at vertices (saved)",
@@ -53,10 +61,6 @@ PARTS = {
     "undeformed": "deforming",
 }
 """Case to what the default head has and it has not."""
-GOALS_FPS = {"default head": 60, "26,000 vertices": 40, "71,000 vertices": 20, "720p": 30}
-DEFORMING_CEILING, PEER_GOAL = 1.3, 6.0
-OTHER_GOALS = {"three.js": 2.0, "three.js, bare": None, "three.js, morphs": None, "our page": None}
-"""Peer to how many times as long it shall take, where that is not :data:`PEER_GOAL`; None: just to know."""
 FRAMES = talking_face(100).values
 Draw = Callable[[int], float]
 """Draws so many frames; returns the seconds."""
@@ -123,9 +127,12 @@ class Case:
     """One of ours."""
 
     mesh: FaceMesh
-    size: tuple[int, int] = SQUARE
-    manner: dict[str, Any] = field(default_factory=dict)
-    """Further options of the renderer."""
+    drawing: Drawing = REFERENCE_DRAWING
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether its painting, edges and light are those of the default head."""
+        return (self.drawing.samples, self.drawing.shading) == (0, "auto") and self.mesh.texture is not None
 
 
 def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
@@ -136,11 +143,11 @@ def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
         "undeformed": Case(only_faps(head, set())),
         "26,000 vertices": Case(finer(fine, 26_000)),
         "71,000 vertices": Case(finer(fine, 71_000)),
-        "720p": Case(head, HD),
+        "720p": Case(head, replace(REFERENCE_DRAWING, size=HD)),
         "without a painting": Case(replace(head, texture=None)),
-        "light at pixels": Case(head, manner={"shading": "pixels"}),
-        "edges as they are": Case(head, manner={"samples": 1}),
-        "multisampled": Case(head, manner={"samples": 4}),
+        "light at pixels": Case(head, replace(REFERENCE_DRAWING, shading="pixels")),
+        "edges as they are": Case(head, replace(REFERENCE_DRAWING, samples=1)),
+        "multisampled": Case(head, replace(REFERENCE_DRAWING, samples=4)),
         f"{len(coarse.vertices_mm):,} vertices": Case(coarse),
     }
     for count in (40_000, 55_000):
@@ -149,7 +156,7 @@ def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
         live = set(numbers[:: max(1, round(len(numbers) / count))][:count])
         made[f"{len(live)} FAPs"] = Case(only_faps(head, live))
     for size in ((128, 128), (256, 256), (384, 384), (768, 768), FULL_HD):
-        made[f"{size[0]}x{size[1]}"] = Case(head, size)
+        made[f"{size[0]}x{size[1]}"] = Case(head, replace(REFERENCE_DRAWING, size=size))
     return made
 
 
@@ -167,10 +174,10 @@ def growth(made: dict[str, Case], best_ms: dict[str, float]) -> dict[str, list]:
         name: (
             len(case.mesh.vertices_mm),
             len(live_faps(case.mesh)),
-            case.size[0] * case.size[1],
+            case.drawing.size[0] * case.drawing.size[1],
         )
         for name, case in made.items()
-        if not case.manner and case.mesh.texture is not None
+        if case.is_usual
     }
     own = np.array(rows[REFERENCE])
     return {
@@ -212,7 +219,7 @@ def started_peers(python: str, head: FaceMesh) -> Iterator[tuple[dict[str, Draw]
             normals=np.stack([vertex_normals(points, head.triangles) for points in moved]).astype("f4"),
             colours=(255 * np.sqrt(head.albedo)).astype("u1"),
             triangles=head.triangles.astype("i4"),
-            size=SQUARE,
+            size=REFERENCE_DRAWING.size,
         )
         for peer in PEERS + BROWSER_PEERS:
             try:
@@ -269,8 +276,7 @@ def measure(python: str, rounds: int) -> dict[str, object]:
         }
         made = cases(head, build_head(level="coarse"), build_head(level="fine"))
         ours = {
-            name: OurDraw(stack.enter_context(FaceRenderer(case.mesh, size=case.size, **case.manner)))
-            for name, case in made.items()
+            name: OurDraw(stack.enter_context(FaceRenderer(case.mesh, case.drawing))) for name, case in made.items()
         }
         theirs, absent = stack.enter_context(started_peers(python, head))
         times, ratios = interleaved({**ours, **theirs}, rounds)
@@ -302,11 +308,11 @@ def print_result(result: dict) -> None:
         fps = 1000 / best[name]
         judged = f"(goal {goal}: {'met' if fps >= goal else 'MISSED'})"
         print(f"{name:>20} {best[name]:7.1f} ms {fps:5.0f} fps {judged}, {result['cpu_ms'][name]:.1f} ms of processors")
-    print(f"{'deforming':>20} {result['deforming']:7.2f} times undeformed (goal: at most {DEFORMING_CEILING})")
+    print(f"{'deforming':>20} {result['deforming']:7.2f} times undeformed (goal: at most {MAX_DEFORMING})")
     for what, found in result["parts"].items():
         print(f"{what:>44} {100 * (found['ratio'] - 1):+5.0f} % ({_percents(found)})")
     for name, peer in result["peers"].items():
-        goal = OTHER_GOALS.get(name, PEER_GOAL)
+        goal = MIN_PEER_RATIOS.get(name, MIN_PEER_RATIO)
         judged = f" (goal {goal:g}: {'met' if peer['ratio'] >= goal else 'MISSED'})" if goal else ""
         quarters = f"{peer['low']:.1f}..{peer['high']:.1f}"
         print(f"{name:>20} {peer['best_ms']:7.1f} ms, {peer['ratio']:.1f} times ours ({quarters}){judged}")
@@ -330,10 +336,8 @@ def main() -> None:
     if wanted.json:
         wanted.json.write_text(json.dumps(result, indent=2))
     if wanted.page:
-        from bench.render_page import write_page
-
         write_page(result)
-    if result["deforming"] > DEFORMING_CEILING:
+    if result["deforming"] > MAX_DEFORMING:
         sys.exit("deforming costs too much")
 
 

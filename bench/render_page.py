@@ -1,32 +1,23 @@
-"""What bench/render measured, as docs/render.md and its plot."""
+"""The page docs/render-speed.md and its plot, made from what bench/render measured."""
 
 # ruff: noqa: E501  a row of a table is one line
 
 from pathlib import Path
 
-from bench.render import BROWSER_PEERS, DEFORMING_CEILING, GOALS_FPS, OTHER_GOALS, PEER_GOAL, PEERS
+from bench.render_goals import (
+    BROWSER_PEERS,
+    GOALS_FPS,
+    MAX_DEFORMING,
+    MIN_PEER_RATIO,
+    MIN_PEER_RATIOS,
+    PEERS,
+    REFERENCE,
+)
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 PAGE = """<!-- Made by python -m bench.render --page; do not edit: the words are in bench/render_page.py. -->
-# Drawing, and how fast it is
-
-`fapengine render` draws what `say`, `animate`, `encode` or another program wrote:
-
-| | |
-|---|---|
-| `render talk.fba --audio talk.wav -o talk.mp4` | a video with its sound; also .webm, .mkv, .gif, .webp, `frame_%04d.png`, or a folder |
-| `render talk.fap --at 1.2 -o one.png` | one moment |
-| `render talk.fap --sheet 12 -o sheet.png` | twelve moments on a sheet |
-| `render talk.fap --camera close` | front, close, three-quarter, profile, mouth, eyes, low, high, or `YAW,PITCH` in degrees |
-| `render talk.fap --turntable 4 --wire -o turn.webp` | the camera goes round in 4 s; the mesh's edges are drawn over the face |
-| `render ours.fap theirs.fap -o both.mp4` | faces side by side; with `--head A --head B` the same motion on two heads |
-| `render talk.fap -b none -o talk.webm` | alpha in place of the wall; or a colour (`-b '#f0e8d8'`) or a picture (`-b office.jpg`) |
-
-In Python: `FaceRenderer` (one face), `CrowdRenderer` (several in one picture), `LiveRenderer` (holds a rate), all in
-`fapengine.render`; `fapengine.render.packing` lays a head out for any other OpenGL or WebGL program.
-
-## Speed
+# How fast drawing is
 
 Measured with {renderer}, {driver},
 on {cores} cores of a shared machine without a GPU, in one run of {rounds} interleaved rounds: every case draws a little
@@ -53,17 +44,8 @@ many vertices (`bench/finer.py`).
 |---|---|
 {parts}
 
-Light is worked out at vertices while these stand close together in the picture (a median edge of at most 12 pixels: the
-default head up to 1024 x 1024), and at pixels where they do not: in close-ups, large pictures, coarse heads. In 18 such
-pictures of the default head, 256 x 256 to 720p, the two differ by at most 0.3 of 255 in the mean and by at most 9 in
-99.9 % of the pixels; eyes are always lit at pixels. A painting costs what a reading of it costs for every pixel that is
-shaded, and on llvmpipe small triangles shade many a pixel several times.
-
-Live, edges are softened after drawing; files are multisampled (`--edges fine`), for lashes and brows are thinner than
-pixels and one sample makes dots of them. `fapengine view` holds its rate by a *frame budget*
-(`fapengine/render/budget.py`): it begins with multisampling, and where frames take too long it gives up, in this order,
-that, light at pixels, resolution and level of detail in turns, and softened edges; it takes them back when there is
-room, ever more slowly if that does not last.
+A painting costs a reading of it for every pixel that is shaded, and on llvmpipe small triangles shade many a pixel
+several times. When light is worked out at vertices is said in [render.md](render.md).
 
 ## What a frame's cost grows with
 
@@ -121,7 +103,7 @@ def _part(what: str, found: dict[str, float]) -> str:
 
 
 def write_page(result: dict) -> None:
-    """Write docs/render.md and docs/pictures/render-cost.svg."""
+    """Write docs/render-speed.md and docs/pictures/render-cost.svg."""
     best = result["best_ms"]
     goals = [
         f"| {name} | {best[name]:.1f} | {1000 / best[name]:.0f} | {goal} | {_met(1000 / best[name] >= goal)} |"
@@ -129,7 +111,11 @@ def write_page(result: dict) -> None:
         for name, goal in GOALS_FPS.items()
     ]
     peers = [_peer(name, result) for name in PEERS + BROWSER_PEERS]
-    short = [name for name, peer in result["peers"].items() if peer["ratio"] < (OTHER_GOALS.get(name, PEER_GOAL) or 0)]
+    short = [
+        name
+        for name, peer in result["peers"].items()
+        if peer["ratio"] < (MIN_PEER_RATIOS.get(name, MIN_PEER_RATIO) or 0)
+    ]
     verdict = f"The goal is missed against {'; '.join(short)}." if short else "The goal is met."
     text = PAGE.format(
         **result["machine"],
@@ -138,12 +124,12 @@ def write_page(result: dict) -> None:
         triangles=result["triangles"],
         goals="\n".join(goals),
         deforming=100 * (result["deforming"] - 1),
-        ceiling=100 * (DEFORMING_CEILING - 1),
+        ceiling=100 * (MAX_DEFORMING - 1),
         peers="\n".join(peers),
         parts="\n".join(_part(what, found) for what, found in result["parts"].items()),
         verdict=verdict,
     )
-    (DOCS / "render.md").write_text(text)
+    (DOCS / "render-speed.md").write_text(text)
     plot(result, DOCS / "pictures" / "render-cost.svg")
 
 
@@ -155,7 +141,7 @@ def _peer(name: str, result: dict) -> str:
     if name in result["absent"]:
         return f"| {name} | absent: {result['absent'][name]} | | |"
     peer = result["peers"][name]
-    goal = OTHER_GOALS.get(name, PEER_GOAL)
+    goal = MIN_PEER_RATIOS.get(name, MIN_PEER_RATIO)
     judged = f"{goal:g}: {_met(peer['ratio'] >= goal)}" if goal else ""
     return f"| {name} | {peer['best_ms']:.1f} | {peer['ratio']:.1f} | {judged} |"
 
@@ -175,7 +161,7 @@ def plot(result: dict, path: Path) -> None:
     for axes, (kind, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
         rows = [(value / scale[kind], ms) for value, ms in result["growth"][kind]]
         axes.plot(*zip(*rows, strict=True), "o-", color="#2f6aa8", markersize=4)
-        own = [row for row in rows if row[1] == result["best_ms"]["default head"]]
+        own = [row for row in rows if row[1] == result["best_ms"][REFERENCE]]
         axes.plot(*own[0], "o", color="#c8543c", markersize=8, label="default head")
         axes.axhline(1000 / 60, color="#a9adb4", linestyle="--", linewidth=1, label="60 frames a second")
         axes.set(xlabel=label, ylabel="ms a frame", xlim=(0, None), ylim=(0, None))

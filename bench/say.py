@@ -17,9 +17,13 @@ from pathlib import Path
 import moderngl
 import numpy as np
 
-from fapengine.cli.talk import Options, Report, talk
-from fapengine.mesh.head import build_head
+from fapengine.app.manner import Manner
+from fapengine.app.performance import perform
+from fapengine.app.report import Report
+from fapengine.app.talk import write_talk
+from fapengine.mesh.default_head.head import build_head
 from fapengine.render.context import create_context
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.voices.espeak import EspeakVoice
 
@@ -38,15 +42,17 @@ def whole_job(text: str) -> Report:
         report = Report()
         with report.stage("voice"):
             speech = EspeakVoice().speak(text).padded(lead_s=0.3, tail_s=0.5)
-        options = Options(out=Path(folder) / "bench.mp4", expressions=("joy:0.4",))
-        talk(speech.phones, (speech.samples, speech.sample_rate_hz), options, report, text)
+        with report.stage("plan"):
+            manner = Manner(expressions={"joy": 0.4})
+            performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text)
+        write_talk(performance, Path(folder) / "bench.mp4", report, drawing=Drawing())
     return report
 
 
 def drawing() -> dict[str, float]:
     """Milliseconds a frame: drawing the head, and the yardstick, an empty picture of that size."""
     frames = np.random.default_rng(1).normal(0, 80, (60, 68))
-    with FaceRenderer(build_head()) as renderer:
+    with FaceRenderer(build_head(), Drawing(samples=0)) as renderer:
         ours = min(_seconds(lambda: list(renderer.frames(frames))) for _ in range(ROUNDS)) / len(frames)
     with create_context() as context:
         target: moderngl.Framebuffer = context.framebuffer([context.texture((512, 512), 4)])

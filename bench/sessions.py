@@ -2,7 +2,7 @@
 
     python -m bench.sessions [--sessions 1 50 200] [--json FILE]
 
-Every session speaks random phones, twelve a second. *Showing* is one call of ``SessionBank.frames`` for all: FAPs and
+Every session speaks random phones, twelve a second. *Showing* is one call of ``BatchPlanner.frames`` for all: FAPs and
 the 42 coordinates of the paper's points. *Planning* is what feeding costs: phone by phone, each 0.3 s before its time,
 or a sentence of 24 phones at once. The yardstick in the same run is the matrix product alone, weights to those 42
 coordinates, for as many frames. CPU time of one thread; medians over ticks. The goal is 2,000 sessions within a tick.
@@ -22,7 +22,7 @@ import numpy as np
 from fapengine._resources import profile_files
 from fapengine.profiles import Profile, parse_profile
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.bank import SessionBank
+from fapengine.trajectory.batch import BatchPlanner
 
 RATE_HZ = 60.0
 PHONES_HZ = 12.0
@@ -30,7 +30,7 @@ AHEAD_S = 0.3
 BEGIN_S = 0.7
 """Of speech that lies behind every session when the clock starts, so that plans have their usual length."""
 SENTENCE_PHONES = 24
-LEAST_TICKS, MOST_TICKS, TICKS_TIMES_SESSIONS = 12, 120, 20_000
+MIN_TICKS, MAX_TICKS, TICKS_TIMES_SESSIONS = 12, 120, 20_000
 SESSIONS = (1, 50, 200, 1000, 2000, 5000)
 GOAL = 2000
 TICK_US = 1e6 / RATE_HZ
@@ -61,7 +61,7 @@ def product(profile: Profile, count: int) -> float:
 def phone_by_phone(profile: Profile, count: int, ticks: int) -> tuple[list[float], float]:
     """Microseconds of showing, tick by tick, and of planning a phone."""
     rng = np.random.default_rng(count)
-    bank = SessionBank(profile)
+    bank = BatchPlanner(profile)
     phones = round(1.5 * PHONES_HZ * (BEGIN_S + AHEAD_S + ticks / RATE_HZ)) + 8
     waiting = {bank.open(): talk(profile, rng, phones)[::-1] for _ in range(count)}
     fed = 0
@@ -89,7 +89,7 @@ def phone_by_phone(profile: Profile, count: int, ticks: int) -> tuple[list[float
 def by_sentences(profile: Profile, count: int, ticks: int) -> tuple[list[float], float]:
     """Likewise, with all of a sentence known before it begins."""
     rng = np.random.default_rng(count)
-    bank = SessionBank(profile)
+    bank = BatchPlanner(profile)
     sentences = {bank.open(): talk(profile, rng, SENTENCE_PHONES) for _ in range(count)}
 
     def feed() -> None:
@@ -104,7 +104,7 @@ def by_sentences(profile: Profile, count: int, ticks: int) -> tuple[list[float],
 
 def measure(profile: Profile, count: int) -> dict[str, object]:
     """All figures of so many sessions."""
-    ticks = min(max(TICKS_TIMES_SESSIONS // count, LEAST_TICKS), MOST_TICKS)
+    ticks = min(max(TICKS_TIMES_SESSIONS // count, MIN_TICKS), MAX_TICKS)
     yardstick_us = product(profile, count)
     result: dict[str, object] = {"sessions": count, "product_us": yardstick_us}
     for name, way in (("phones", phone_by_phone), ("sentences", by_sentences)):

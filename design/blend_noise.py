@@ -1,30 +1,29 @@
-"""How much a rig's shapes may answer for each FAP: what decided NOISE_MM of fapengine/mesh/morphs_basis.py.
+"""Study of how much a rig's shapes may answer for each FAP, from which NOISE_MM of blendshape_basis.py comes.
 
-    python -m design.blend_noise ../shared/data
+    python -m design.blend_noise data
 
 For each value: how near speech comes back from its FAPs on ICT-FaceKit's face (mm over the whole face), and how far
 a FAP alone moves skin 40 mm and more from its own point (a share of that point's motion, mean over the FAPs). The last
 row has feature points alone.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-import fapengine.mesh.morphs_basis as basis
+import fapengine.mesh.rig.blendshape_basis as basis
+from design.data_files import FOLDER, asked_path
 from design.imported_head import write_folder
-from fapengine.files.heads_rigs import load_rig
+from fapengine.files.heads.meshes import load_rig
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.head import build_head
-from fapengine.mesh.morphs_adopt import adopt_morphs
-from fapengine.mesh.morphs_axes import JAW, LEFT, RIGHT
-from fapengine.mesh.morphs_locate import locate
-from fapengine.mesh.morphs_names import choose
+from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
+from fapengine.mesh.rig.feature_points import locate
+from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.blendshape_names import choose_blendshapes
 
 FACE, FAR_MM, FRAMES = 9409, 40.0, 30
 
@@ -36,7 +35,7 @@ def main(data: Path) -> None:
     moves = {LEFT: rig.dense("eyeBlink_L"), RIGHT: rig.dense("eyeBlink_R"), JAW: rig.dense("jawOpen")}
     standard = build_head()
     points = locate(rig, moves, standard)
-    shapes = choose(rig.shapes, ARKIT_NAMES).blended
+    shapes = choose_blendshapes(rig.blendshapes).blended
     speech = np.load(data / "speech_train.npz")
     weights = speech["ict_w"][:: len(speech["ict_w"]) // FRAMES].astype(float)
     names = speech["ict_names"].tolist()
@@ -45,7 +44,7 @@ def main(data: Path) -> None:
     for noise in (0.5, 1.0, 1.5, 2.0, 4.0, None):
         if noise is not None:
             basis.NOISE_MM = noise
-        head = adopt_morphs(rig, shapes if noise else [], points, standard)
+        head = import_head(rig, shapes if noise else [], points, standard)
         mesh = head.mesh
         kept = np.unique(rig.triangles)
         centred = [place - place.mean(axis=0) for place in (rig.vertices[kept], mesh.vertices_mm)]
@@ -76,4 +75,4 @@ def spill(mesh, one) -> float:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER, "speech_train.npz"))

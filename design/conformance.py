@@ -19,9 +19,9 @@ class Clause:
     """One row of the page."""
 
     clause: str
-    """Of ISO/IEC 14496-2; from memory, a hint where to look."""
+    """Clause of ISO/IEC 14496-2; not checked against its text, a hint where to look."""
     section: str
-    """Of the working description ("FBA section"), which the code cites."""
+    """Section of docs/fba-format.md ("FBA section"), which the code cites."""
     what: str
     modules: str
     proof: str
@@ -55,9 +55,12 @@ CLAUSES: tuple[Clause, ...] = (
 HEAD = """<!-- Made by design/conformance.py; do not edit. -->
 # Conformance: the MPEG-4 face bitstream, predictive mode
 
-Clause numbers of ISO/IEC 14496-2 are from memory and only say where to look; "section" is the section of the working
-description of the format that error messages cite as "FBA section". Vectors t01 to t30 are streams of another encoder:
-each is encoded to the same bytes and decoded to the same values (tests/unit/codec/test_vectors.py).
+"Section" is a section of [fba-format.md](fba-format.md), the description that the codec was written from and that error
+messages cite as "FBA section". Clauses are those of ISO/IEC 14496-2. They could not be checked against its text and only
+say where to look there: what the code does is shown by section and by vector, not by clause
+([references.md](references.md) tells what was at hand). Vectors t01 to t30 are streams of another encoder: each is encoded
+to the same bytes and decoded to the same values (tests/unit/codec/test_vectors.py). They lie in tests/vectors/fba, so
+this page can be proved in any clone: `make conformance`.
 
 | clause | section | what | module | vectors or tests | status |
 |---|---|---|---|---|---|

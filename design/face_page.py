@@ -3,7 +3,7 @@
 python design/face_page.py
 
 The real face is the neutral of ICT-FaceKit (USC, MIT licence), brought in as anybody's head is; it is drawn where
-``../shared/data`` is there.
+``data`` holds it.
 """
 
 import csv
@@ -17,21 +17,23 @@ from PIL import Image, ImageDraw
 
 from fapengine.files.pictures import font
 from fapengine.files.profiles import load_profile
-from fapengine.mesh.adopted import adopt
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
-from fapengine.mesh.style import HeadStyle
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.liveliness import LIDS_FOLLOW
+from fapengine.trajectory.gestures import LIDS_FOLLOW
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
-DENSE_FACE, MARKERS = (ROOT.parent / "shared" / "data" / name for name in ("dense_face.npz", "markers.csv"))
+DENSE_FACE, MARKERS = (ROOT / "data" / name for name in ("dense_face.npz", "markers.csv"))
 VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ", "u")
 """A phone of each of the standard's visemes 1 to 14."""
 CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
@@ -79,7 +81,7 @@ def pose(profile: Profile, name: str) -> NDArray[np.float64]:
 
 
 def draw(head: FaceMesh, faps: Sequence[NDArray[np.float64]], camera: Camera, size: int) -> list[NDArray[np.uint8]]:
-    with FaceRenderer(head, size=(size, size), camera=camera, samples=4) as renderer:
+    with FaceRenderer(head, Drawing(size=(size, size), camera=camera)) as renderer:
         return list(renderer.frames(faps))
 
 
@@ -108,13 +110,15 @@ def real_face(standard: FaceMesh) -> FaceMesh:
             triangles = triangles[~inside.any(axis=1)]
     with MARKERS.open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["layout"] == "mpeg4"]
-    return adopt(vertices, triangles, {row["marker"]: int(row["vertex"]) for row in rows}, standard, albedo).mesh
+    points = {row["marker"]: int(row["vertex"]) for row in rows}
+    mesh = BlendshapeMesh(vertices=vertices, triangles=triangles, blendshapes={}, albedo=albedo)
+    return import_head(mesh, (), points, standard).mesh
 
 
 def main() -> None:
     profile, head, still = load_profile("grid_s1_en"), build_head(), np.zeros(fap.FAP_COUNT)
     views = {name: draw(head, [still], preset(name), 400)[0] for name in ("front", "three-quarter", "profile")}
-    with FaceRenderer(head, size=(400, 400), camera=preset("front"), wire=True, samples=4) as renderer:
+    with FaceRenderer(head, Drawing(size=(400, 400), wire=True)) as renderer:
         views[f"{len(head.vertices_mm)} vertices"] = renderer.draw(still)
     sheet("face-views", views, 2)
     visemes = draw(head, [pose(profile, name) for name in VISEMES], CLOSE, 260)

@@ -1,22 +1,22 @@
 """Measure what each ARKit shape does in FAPs, on a face that has them, and write ``fapengine/retarget/arkit_table.py``.
 
-    python design/fit_arkit.py ../shared/data
+    python -m design.fit_arkit data
 
 The face is the dense one of ICT-FaceKit (MIT), whose expression fields combine to 51 of the 52 shapes; feature points
 as ``markers.csv`` places them. Gaze and tongue, which its fields do not move, follow definitions that stand below.
 """
 
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
 
+from design.data_files import FOLDER, asked_path
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 
 TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "retarget" / "arkit_table.py"
-LEAST_FAPU = 2.0  # smaller entries are noise of the half-precision fields
+MIN_FAPU = 2.0  # smaller entries are noise of the half-precision fields
 NOT_SHAPES = (27, 28, 29, 30, *range(43, 48))  # eyes that bulge, pupils; the tongue, which rides on the jaw
 GAZE_RAD = 0.52  # 30 degrees: a full eyeLook shape; the eye's usual reach before the head follows
 TONGUE_FAPU = 1024.0  # tongueOut: one mouth width forward
@@ -41,7 +41,7 @@ def main(data: Path) -> None:
             if row.number == 18:  # the chin boss against the jaw
                 shift = shift - points[column["2.1"]]
             value = float(shift @ np.array(axis)) / fapu.unit(row.unit)
-            if abs(value) >= LEAST_FAPU:
+            if abs(value) >= MIN_FAPU:
                 values[row.number] = round(value, 1)
         rows.append((name, values | gaze(name)))
     lines = [
@@ -90,4 +90,4 @@ def gaze(name: str) -> dict[int, float]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER, "dense_face.npz", "markers.csv"))

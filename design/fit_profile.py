@@ -1,18 +1,18 @@
 """Learn the profile ``grid_s1_en`` from real speech and write it to ``profiles/``.
 
-    python design/fit_profile.py ../shared/data
+    python -m design.fit_profile data
 
 Prints the figures that the profile's ``origin`` quotes. The data are not part of the project: speech motion of one
 speaker of the GRID corpus (markers tracked in video, 25 fps) and the dense face of ICT-FaceKit.
 """
 
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from design.data_files import FOLDER, asked_path
 from fapengine.files.profiles import save_profile
 from fapengine.models.viseme_space import MARKERS, fit_viseme_space, sample_phones
 from fapengine.mpeg4 import fap
@@ -22,7 +22,8 @@ from fapengine.profiles import ExpressionTarget, PhoneTarget, Profile
 from fapengine.speech.alphabets import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
-from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.targets import resolve
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
@@ -236,7 +237,7 @@ def score_context(space, points, speech, clip_of_frame, kept, held_out, targets)
         inside = [phone for phone in track.phones if not phone.is_silence]
         shown = (times >= inside[0].start_s) & (times <= inside[-1].end_s)
         resolved, _ = resolve(track, profile)
-        keys = place_keyframes(track, resolved, space.mode_count, track.duration_s)
+        keys = place_keyframes(track, resolved, space.mode_count)
         guesses.append(space.to_points_mm(keys.sample(times))[shown])
         truths.append(points[clip_of_frame == clip][shown])
     lips = [space.points.index(name) for name in (*INNER_LIPS, *MARKERS[:8])]
@@ -309,7 +310,7 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
         origin={
             "source": "520 sentences (39,000 frames, 25 fps) of speaker s1 of the GRID corpus;"
             " markers by a video tracker",
-            "command": "python design/fit_profile.py ../shared/data",
+            "command": "python -m design.fit_profile data",
             "variance": f"{MODES} modes carry {100 * share[MODES - 1]:.2f} % of the variance of the 14 markers",
             "held_out": f"100 sentences, clamped cubic spline through phone medians: {held_out_score}",
             "held_out_context": f"100 sentences, targets that depend on neighbours: {context_score}",
@@ -337,4 +338,4 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER, "speech_train.npz", "dense_face.npz", "markers.csv"))

@@ -38,7 +38,7 @@ AROUND = {"vowel": ("p", "t", "k"), "consonant": ("ɑ", "i", "u")}
 VOWELS = ("aa", "E", "ih", "oh", "ou")
 PHONE_S, AT = 0.22, 0.45
 MOUTH = (3, *range(4, 15), 16, 17, 18, *range(51, 61))
-LEAST_FAPU = 2.0
+MIN_FAPU = 2.0
 GAIN = 1.25
 LEAN_SHAPE, LEAN_OPENING = 0.2, 0.33
 RATE_HZ = 100.0
@@ -164,7 +164,7 @@ def write(visemes: dict[str, np.ndarray], feelings: dict[str, np.ndarray]) -> No
     for name, table in (("VISEME_FAPS", visemes), ("EXPRESSION_FAPS", feelings)):
         lines.append(f"{name}: tuple[tuple[str, dict[int, float]], ...] = (")
         for key, row in table.items():
-            values = {n: round(float(row[n - 1]), 1) for n in range(3, 69) if abs(row[n - 1]) >= LEAST_FAPU}
+            values = {n: round(float(row[n - 1]), 1) for n in range(3, 69) if abs(row[n - 1]) >= MIN_FAPU}
             lines += spell(key, values)
         lines.append(")")
     TABLE.write_text("\n".join([*lines, "# fmt: on"]) + "\n", encoding="utf-8")

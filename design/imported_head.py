@@ -1,12 +1,11 @@
 """What an imported head looks like and costs: docs/pictures/imported.jpg, and the figures of docs/heads.md.
 
-    python -m design.imported_head ../shared/data
+    python -m design.imported_head data
 
 The face is ICT-FaceKit's (MIT licence, University of Southern California, Institute for Creative Technologies): its
 neutral mesh of 26,719 vertices and its 57 expressions, as its own folder of OBJ files.
 """
 
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -14,14 +13,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fapengine.cli.head import _poses
-from fapengine.files.heads import adopt_file, load_head, save_head
+from design.data_files import FOLDER, asked_path
+from fapengine.app.head_check import poses
+from fapengine.files.heads.folder import load_head, save_head
+from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.pictures import contact_sheet
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
 from fapengine.render.camera import preset
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "imported.jpg"
@@ -34,7 +36,7 @@ def main(data: Path) -> None:
         ict, kept = Path(folder) / "ict", Path(folder) / "head"
         write_folder(data, ict)
         start = time.perf_counter()
-        adopted, info = adopt_file(ict)
+        adopted, info = import_head_file(ict)
         middle = time.perf_counter()
         save_head(kept, adopted.mesh, info)
         saved = time.perf_counter()
@@ -45,14 +47,14 @@ def main(data: Path) -> None:
             f" {len(mesh.vertices_mm)} vertices, {len(mesh.feature_points)} points, {len(info.used)} shapes,"
             f" {len(adopted.moved)} FAPs, {mesh.basis.width} weights, {len(mesh.basis.entry_mm)} entries"
         )
-    rows, labels = _poses()
+    rows, labels = poses()
     chosen = [next(n for n, label in enumerate(labels) if label[0] == name) for name in SHOWN]
     blink = np.zeros(fap.FAP_COUNT)
     blink[[fap.column(19), fap.column(20)]] = 1024
     frames = to_codable(np.concatenate([rows[chosen], blink[None]]))
-    with FaceRenderer(mesh, size=(300, 300), camera=preset("front")) as renderer:
+    with FaceRenderer(mesh, Drawing(size=(300, 300))) as renderer:
         pictures = list(renderer.frames(frames))
-    with FaceRenderer(mesh, size=(300, 300), camera=preset("three-quarter")) as renderer:
+    with FaceRenderer(mesh, Drawing(size=(300, 300), camera=preset("three-quarter"))) as renderer:
         pictures.append(renderer.draw(frames[SHOWN.index("joy")]))
     names = [*((name, labels[index][1]) for name, index in zip(SHOWN, chosen, strict=True)), ("blink", ""), ("joy", "")]
     sheet = contact_sheet(pictures, names, title="ICT-FaceKit's face, moved by FAPs")
@@ -80,7 +82,7 @@ def spell(vertices_mm: np.ndarray) -> str:
 def rate(mesh: FaceMesh) -> float:
     """Frames a second, every FAP moving a little."""
     faps = np.random.default_rng(0).normal(0, 40, (FRAMES, fap.FAP_COUNT))
-    with FaceRenderer(mesh, size=(512, 512)) as renderer:
+    with FaceRenderer(mesh, Drawing(samples=0)) as renderer:
         list(renderer.frames(faps[:8]))
         start = time.perf_counter()
         count = len(list(renderer.frames(faps)))
@@ -88,4 +90,4 @@ def rate(mesh: FaceMesh) -> float:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER, "dense_face.npz"))

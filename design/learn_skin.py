@@ -1,6 +1,6 @@
-"""Learn how the skin of a speaking face follows its feature points: ``fapengine/mesh/skin_table.py``.
+"""Learn how the skin of a speaking face follows its feature points: ``fapengine/mesh/default_head/skin_table.py``.
 
-    python design/learn_skin.py ../shared/data
+    python -m design.learn_skin data
 
 Postures: 4,000 frames of speech and 3,000 random sums of the dense face's expressions. In each, the FAPs are read off
 the feature points. Every skin vertex then gets the linear map from FAPs (mm) to its displacement with the least squared
@@ -10,7 +10,6 @@ half. The data are not part of the project.
 """
 
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,9 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from design.data_files import FOLDER, asked_path
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.skin import ANCHORS, FAPS, MIRRORED, mirror, read_fields
+from fapengine.mesh.default_head.skin import ANCHORS, FAPS, MIRRORED, mirror, read_fields
 from fapengine.mpeg4 import fap
 
 TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "skin_table.py"
@@ -160,4 +160,4 @@ def write(places: Array, moves: Array, anchors: dict[str, Array]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER, "speech_train.npz", "dense_face.npz", "markers.csv"))

@@ -1,18 +1,17 @@
-"""How fast captured lips part and meet: percentiles of speed and acceleration of the opening; run from the root.
+"""How fast captured lips part and meet: percentiles of speed and acceleration of the opening.
+
+    python -m design.lip_speed data/speech_train.npz
 
 Decided the bounds in ``fapengine/trajectory/planner.py``. Frames are 1/25 s apart, so true peaks are higher.
 """
 
-from pathlib import Path
-
 import numpy as np
 
 from bench.fidelity import load, opening
-
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "speech_train.npz"
+from design.data_files import FOLDER, asked_path
 
 if __name__ == "__main__":
-    corpus = load(SHARED)
+    corpus = load(asked_path(__doc__, FOLDER / "speech_train.npz"))
     speed, acceleration = [], []
     for clip in corpus.clips:
         gap = opening(corpus, clip.lips)

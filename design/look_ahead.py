@@ -1,17 +1,17 @@
 """What a sender's look-ahead is worth: lip error of a stream whose phones come so long before they sound.
 
-    python -m design.look_ahead ../shared/data/speech_train.npz
+    python -m design.look_ahead data/speech_train.npz
 
 Held-out sentences of bench/fidelity; each phone is fed when its start is within the look-ahead, frames at 25 Hz are
 taken as they are due. Mode paths alone, without contacts.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from bench.fidelity import HELD_OUT, SEED, learn, load
+from design.data_files import FOLDER, asked_path
 from fapengine.trajectory.stream import StreamingPlanner
 
 AHEAD_S = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0)
@@ -42,4 +42,4 @@ def main(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(asked_path(__doc__, FOLDER / "speech_train.npz"))

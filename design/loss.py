@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "simulation"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from network import Channel
-from world import Talk, World, script
+from tests.simulation.network import Channel
+from tests.simulation.world import Talk, World, script
 
 HARD = Channel(loss=0.05, burst_s=0.3, burst_share=0.1, late=0.05, twice=0.02)
 MODES = {

@@ -1,36 +1,27 @@
-"""A face with shapes becomes a head that FAPs move: here ours, made wider, with ARKit's names as a file would have."""
+"""Any neutral face becomes a head that FAPs move: here a wider one, as a mesh file and a table of feature points."""
 
 from pathlib import Path
 
-import numpy as np
+import fapengine
 
-from fapengine.files.pictures import contact_sheet, save_png
-from fapengine.mesh.deform import deform
-from fapengine.mesh.head import build_head
-from fapengine.mesh.morphs import MorphMesh, Shape
-from fapengine.mesh.morphs_adopt import adopt_morphs
-from fapengine.mesh.morphs_axes import JAW, LEFT, RIGHT
-from fapengine.mesh.morphs_locate import locate
-from fapengine.mpeg4 import fap
-from fapengine.render.renderer import FaceRenderer
-from fapengine.retarget.arkit import arkit_map
+MARKED = ("2.1", "3.7", "3.8", "3.11", "3.12", "8.1", "8.2", "8.3", "8.4", "9.3", "9.15")
+"""Feature points of chin, corners of the eyes, lips and nose; more make it better."""
 
-WIDER = np.array([1.15, 0.95, 1.0])
+# What a modelling program would have written.
+model = fapengine.load_head()
+vertices = model.vertices_mm * [1.15, 0.95, 1.0]
+colours = model.albedo ** (1 / 2.2)
+lines = ["v " + " ".join(f"{value:.4f}" for value in (*vertices[n], *colours[n])) for n in range(len(vertices))]
+lines += [f"f {a} {b} {c}" for a, b, c in model.triangles + 1]
+points = [f"{name},{model.feature_points[name]}" for name in MARKED]
+Path("out").mkdir(exist_ok=True)
+Path("out/wide.obj").write_text("\n".join(lines))
+Path("out/wide.csv").write_text("\n".join(["point,vertex", *points]))
 
-head, arkit = build_head(), arkit_map()
-shapes = {}
-for name, faps in zip(arkit.names, arkit.faps, strict=True):
-    if not name.startswith(("eyeLook", "tongue")):  # eyes and tongue have bones of their own
-        moves = (deform(head, faps) - head.vertices_mm) * WIDER
-        shapes[name] = Shape(np.arange(len(moves)), moves)
-mesh = MorphMesh(vertices=head.vertices_mm * WIDER, triangles=head.triangles, shapes=shapes, albedo=head.albedo)
+head = fapengine.load_head("out/wide.obj", points="out/wide.csv")
+smile = fapengine.FapTrack.pose(
+    stretch_l_cornerlip=200, stretch_r_cornerlip=200, raise_l_cornerlip_o=200, raise_r_cornerlip_o=200
+)  # fmt: skip
+fapengine.save(smile, "out/own.png", head=head, size=(384, 384))
 
-roles = {LEFT: mesh.dense("eyeBlinkLeft"), RIGHT: mesh.dense("eyeBlinkRight"), JAW: mesh.dense("jawOpen")}
-adopted = adopt_morphs(mesh, list(shapes), locate(mesh, roles, head), head)
-
-smile = np.zeros(fap.FAP_COUNT)
-smile[[fap.column(number) for number in (12, 13, 59, 60)]] = 200
-with FaceRenderer(adopted.mesh, size=(384, 384)) as renderer:
-    pictures = list(renderer.frames([np.zeros(fap.FAP_COUNT), smile]))
-save_png(Path("out/own.png"), contact_sheet(pictures, [("rest", ""), ("smile", "FAP 12, 13, 59, 60")]))
-print(f"out/own.png: {len(adopted.moved)} FAPs move it")
+print(f"out/own.png: a smile of {len(head.vertices_mm)} vertices")

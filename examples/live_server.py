@@ -1,39 +1,35 @@
-"""A live server in this process: one OSC message makes a face speak, and its frames come back over UDP."""
+"""A live server in this process: one OSC message makes a face speak, and its MPEG-4 stream comes back over UDP."""
 
 import asyncio
 import socket
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 from pythonosc.udp_client import SimpleUDPClient
 
-from fapengine.files.fap import save_fap
-from fapengine.files.profiles import load_profile
-from fapengine.live.config import Listen, ServeConfig
-from fapengine.live.fap_osc import decode_frame
-from fapengine.live.server.server import Server
-from fapengine.mpeg4.track import FapTrack
+import fapengine
 
-ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-ear.bind(("127.0.0.1", 0))
-ear.setblocking(False)
+receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+receiver.bind(("127.0.0.1", 0))
+receiver.setblocking(False)
 
 
 async def main() -> None:
     """Let the server speak, and save what it shows."""
-    config = ServeConfig(listen=Listen(port=0, web_port=None), sinks=(f"osc://127.0.0.1:{ear.getsockname()[1]}",))
-    server = Server(config, load_profile(config.face.profile))
+    config = fapengine.ServeConfig(sinks=(f"fba://127.0.0.1:{receiver.getsockname()[1]}",))
+    config = replace(config, listen=replace(config.listen, port=0, web_port=None))
+    server = fapengine.Server(config)
     await server.start()
     running = asyncio.create_task(server.run())
     SimpleUDPClient(*server.osc_address).send_message("/tts/text", "Hello there.")
-    frames = []
+    decoder, frames = fapengine.Decoder(), []
     while len(frames) < 120:
-        frames.append(decode_frame(await asyncio.get_running_loop().sock_recv(ear, 2048)))
+        frames += decoder.feed(await asyncio.get_running_loop().sock_recv(receiver, 65536))
     server.stop()
     await running
-    save_fap(Path("out/live.fap"), FapTrack.of(np.array([frame.values for frame in frames]), rate_hz=60.0))
-    print(f"{len(frames)} frames of session {frames[0].session!r}: out/live.fap")
+    track = fapengine.FapTrack.of(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
+    print(f"{len(track)} frames: {fapengine.save(track, 'out/live.fap')}")
 
 
 asyncio.run(main())
-ear.close()
+receiver.close()

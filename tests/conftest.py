@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+from tests import slow_tests
+
+SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent.parent.parent / "shared"))
+"""Folder of measurement data; a name that does not exist shows what a clone without them runs."""
 # Programs: importing one of the first switches the compiler off, the second runs in an environment of its own.
 collect_ignore = ["fuzz", "detector/landmarks.py"]
 NO_SHARED, NO_BROWSER = "measurement data absent", "no Chromium on this machine"
@@ -71,26 +74,45 @@ def _wait_for(socket: Path, server: subprocess.Popen[bytes]) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--at-least", type=int, default=0, help="fail unless so many tests ran (skips count for shared)")
+    parser.addoption(
+        "--write-slow",
+        action="store_true",
+        help=f"measure the tests that run, and list in {slow_tests.LIST.name} which are slow",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--write-slow"):
+        config.pluginmanager.register(slow_tests.Meter())
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    slow = slow_tests.listed()
     for item in items:
+        if not slow.isdisjoint(slow_tests.names(item.nodeid)):
+            item.add_marker("slow")
         if "shared" in getattr(item, "fixturenames", ()) and item.get_closest_marker("shared") is None:
             raise pytest.UsageError(f"{item.nodeid}: uses the fixture `shared`, so it must carry the marker `shared`")
+        if item.get_closest_marker("shared") and item.get_closest_marker("conformance"):
+            raise pytest.UsageError(f"{item.nodeid}: a test of conformance must run in every clone, without `shared`")
+
+
+def _has_leave(report: pytest.TestReport) -> bool:
+    return "conformance" not in report.keywords and any(reason in str(report.longrepr) for reason in LEAVE)
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail where fewer tests ran than promised, or where one was skipped for any reason but those of LEAVE."""
+    """Fail where a test of conformance was skipped, another without leave, or where fewer ran than promised."""
     wanted = session.config.getoption("--at-least")
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if not wanted or reporter is None or hasattr(session.config, "workerinput"):
+    if reporter is None or hasattr(session.config, "workerinput"):
         return
     skipped = reporter.stats.get("skipped", [])
-    strange = [report for report in skipped if not any(reason in str(report.longrepr) for reason in LEAVE)]
+    strange = [report for report in skipped if not _has_leave(report) and (wanted or "conformance" in report.keywords)]
     ran = len(reporter.stats.get("passed", [])) + len(skipped) - len(strange)
     reporter.write_line("")
-    if skipped:
+    if skipped and wanted:
         for reason in LEAVE:
             count = sum(reason in str(report.longrepr) for report in skipped)
             reporter.write_line(f"{count} tests skipped: {reason}")

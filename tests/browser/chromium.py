@@ -22,6 +22,7 @@ FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run", "--disable-extensions",
     "--disable-background-networking", "--disable-component-update", "--mute-audio", "--hide-scrollbars",
     "--autoplay-policy=no-user-gesture-required", "--remote-debugging-port=0",
+    "--disable-gpu-watchdog",  # on busy cores the drawing starts too late for it, and WebGL would be switched off
 )  # fmt: skip
 MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist")
 """Draw with the same software OpenGL as the desktop renderer: twice as fast as the browser's own."""

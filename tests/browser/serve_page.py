@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from aiohttp import web
 
-from fapengine.files.heads import HeadInfo, load_head, save_head
+from fapengine.files.heads.folder import HeadInfo, load_head, save_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.engine.engine import Engine
-from fapengine.live.server.hub import Hub
+from fapengine.live.hub.hub import Hub
 from fapengine.live.web.app import make_app
-from fapengine.mesh.head import build_head
+from fapengine.mesh.default_head.head import build_head
 from fapengine.trajectory.style import Style
 
 

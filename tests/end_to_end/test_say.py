@@ -12,7 +12,7 @@ from fapengine.files.fap import load_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import load_sound
 from fapengine.files.video import Video, load_video
-from fapengine.mesh.head import build_head
+from fapengine.mesh.default_head.head import build_head
 from fapengine.render.camera import preset
 from fapengine.voices.espeak import EspeakVoice
 
@@ -54,12 +54,9 @@ def test_video_is_as_long_as_the_sound(folder: Path, video: Video) -> None:
     assert len(video.frames) == len(load_fap(folder / "demo.fap"))
 
 
-HEAD = build_head()
-
-
 def dark_pixels(video: Video, time_s: float) -> int:
     """Pixels of the mouth's inside, counted in the decoded picture between nose and chin."""
-    head, camera = HEAD, preset("front")
+    head, camera = build_head(), preset("front")
     corner, chin, nose = (camera.project(head.point_mm(name), (512, 512)) for name in ("8.3", "2.1", "9.15"))
     half = int(corner[0] - 256) + 6
     picture = video.frames[round(time_s * video.rate_hz)]

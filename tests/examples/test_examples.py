@@ -27,6 +27,17 @@ def test_example_runs_and_says_what_it_made(path: Path, tmp_path: Path) -> None:
     assert all((tmp_path / name).stat().st_size > 500 for name in made)
 
 
+@pytest.mark.parametrize("text", [*(path.read_text(encoding="utf-8") for path in EXAMPLES), *BLOCKS])
+def test_one_import_of_the_package_is_enough(text: str) -> None:
+    imports = re.findall(r"^ *((?:import|from) +fapengine.*)$", text, flags=re.M)
+    assert imports == ["import fapengine"]
+
+
+def test_the_readme_says_it_in_three_lines() -> None:
+    assert len([line for line in BLOCKS[0].splitlines() if line.strip()]) <= 3
+    assert len(BLOCKS) <= 2
+
+
 @pytest.mark.parametrize("block", BLOCKS)
 def test_readme_lines_run(block: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, timeout=60)

@@ -14,12 +14,13 @@ from PIL import Image
 
 from fapengine._resources import profile_files
 from fapengine.files.pictures import load_picture, save_png
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.render.camera import Camera, preset
 from fapengine.render.context import create_context
+from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
@@ -58,7 +59,7 @@ def pictures(head: FaceMesh) -> dict[str, Picture]:
     poses = {"neutral": np.zeros(68), "joy": smile, "open": open_mouth, "blink": closed}
     made = {}
     for name, faps in poses.items():
-        with FaceRenderer(head, size=SIZE, camera=VIEWS[name], samples=4, shading="pixels") as renderer:
+        with FaceRenderer(head, Drawing(size=SIZE, camera=VIEWS[name], samples=4, shading="pixels")) as renderer:
             made[name] = renderer.draw(faps)
     return made
 
@@ -124,7 +125,7 @@ def test_an_open_mouth_is_dark_inside(head: FaceMesh, pictures: dict[str, Pictur
 
 
 def test_a_blink_hides_the_eye(head: FaceMesh, pictures: dict[str, Picture]) -> None:
-    with FaceRenderer(head, size=SIZE, camera=VIEWS["blink"], samples=4, shading="pixels") as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, camera=VIEWS["blink"], samples=4, shading="pixels")) as renderer:
         awake = renderer.draw(np.zeros(68))
     x, y = np.round(VIEWS["blink"].project(head.point_mm("3.5")[None], SIZE)[0]).astype(int)
     at = (slice(y - 4, y + 5), slice(x - 4, x + 5))

@@ -11,16 +11,14 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fapengine._resources import profile_files
-from fapengine.live import osc
-from fapengine.live.config import Caps, Face, Listen, ServeConfig
-from fapengine.live.fap_osc import FapFrame, decode_frame
+from fapengine.live.server.config import Caps, Face, Listen, ServeConfig
 from fapengine.live.server.server import Server
+from fapengine.live.wire import osc
+from fapengine.live.wire.fap_osc import FapFrame, decode_frame
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
 from fapengine.trajectory.style import Style
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 JAW = fap.column(3)
 
 
@@ -113,7 +111,7 @@ def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: fl
 @asynccontextmanager
 async def running(config: ServeConfig) -> AsyncIterator[Server]:
     """Run a server inside, and drain it at the end."""
-    server = Server(config, PROFILE)
+    server = Server(config, english())
     await server.start()
     task = asyncio.create_task(server.run())
     try:

@@ -9,8 +9,8 @@ import sys
 from collections import Counter
 from itertools import islice
 
-from fapengine.live.protocol.counts import PeerCounts
 from fapengine.live.server.server import Server
+from fapengine.live.wire.speech_osc.counts import PeerCounts
 from tests.live.hostile import datagrams, streams
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 
@@ -31,7 +31,7 @@ while time.monotonic() < stop:
 
 def others_are_well(server: Server, ear: Ear) -> None:
     assert ear.missing("anna") == 0
-    assert server.intake.counts.faults == 0
+    assert server.ingress.counts.faults == 0
     assert server.hub.counts.listeners_dropped == 0
 
 
@@ -53,11 +53,11 @@ def test_hostile_datagrams_are_counted_and_anna_speaks_on() -> None:
                 if sent % 50 == 0:
                     await asyncio.sleep(0.002)
             await asyncio.sleep(0.1)
-            await until(lambda: len(server.intake.queue) == 0)
+            await until(lambda: len(server.ingress.queue) == 0)
             assert len(server.hub.engine.sessions) <= 4
             counts = server.receiver.counts
-            queue = server.intake.queue
-            assert counts.packets + queue.flooded == server.intake.counts.datagrams
+            queue = server.ingress.queue
+            assert counts.packets + queue.flooded == server.ingress.counts.datagrams
             assert counts.malformed > sent / 3
             for name in ("unknown", "refused", "surplus", "clamped"):
                 assert getattr(counts, name) > 0, name
@@ -86,21 +86,21 @@ def test_hostile_streams_are_counted_and_anna_speaks_on() -> None:
                 if number % 8 == 0:  # there is room for new ones
                     for own in opened:
                         own.close()
-                    await until(lambda: server.intake.counts.streams == 0)
+                    await until(lambda: server.ingress.counts.streams == 0)
                 own = socket.socket()
                 own.setblocking(False)
                 await loop.sock_connect(own, server.osc_address)
                 with contextlib.suppress(OSError, asyncio.TimeoutError):
                     await asyncio.wait_for(loop.sock_sendall(own, data), 0.5)
                 opened.append(own)
-            await until(lambda: len(server.intake.queue) == 0)
-            assert server.intake.counts.streams <= 8
-            counts = server.intake.counts
+            await until(lambda: len(server.ingress.queue) == 0)
+            assert server.ingress.counts.streams <= 8
+            counts = server.ingress.counts
             assert counts.streams_refused >= 6
             assert counts.streams_broken >= 8
             for own in opened:
                 own.close()
-            await until(lambda: server.intake.counts.streams == 0)
+            await until(lambda: server.ingress.counts.streams == 0)
             ear.frames.clear()
             talk_on(anna, 1000)
             await until(lambda: max(ear.jaw("anna"), default=0) > 50)
@@ -135,7 +135,7 @@ def test_a_flood_costs_only_its_sender() -> None:
                 await until(lambda: told.update(m.address for m in anna.answers()) or told["/fap/1/pong"] == asked, 3.0)
             assert told["/fap/1/pong"] >= 0.5 * asked  # they find their way through
             flood.wait()
-            await until(lambda: len(server.intake.queue) == 0)
+            await until(lambda: len(server.ingress.queue) == 0)
             others_are_well(server, ear)
             anna.close()
         ear.close()

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from fapengine.live.protocol.sender import OscSender
+from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone
 from tests.live.stage import Ear, Sender, Serve, config_of, on_a_loop, running, until, wait
 

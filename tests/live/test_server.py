@@ -8,11 +8,12 @@ import aiohttp
 import pytest
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.live import osc
-from fapengine.live.config import Listen
-from fapengine.live.framing import SlipDecoder, encode_slip
+from fapengine.live.server.config import Listen
 from fapengine.live.server.server import Server
-from tests.live.stage import PROFILE, Ear, Sender, config_of, on_a_loop, running, until
+from fapengine.live.wire import osc
+from fapengine.live.wire.framing import SlipDecoder, encode_slip
+from tests.english import english
+from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 
 
 def test_a_sender_of_one_line_moves_a_mouth() -> None:
@@ -72,7 +73,7 @@ def test_udp_and_tcp_share_a_port_and_may_drive_one_session() -> None:
                 told += slip.feed(await reader.read(4096))
             writer.close()
             await writer.wait_closed()
-            await until(lambda: server.intake.counts.streams == 0)
+            await until(lambda: server.ingress.counts.streams == 0)
             sender.close()
         ear.close()
 
@@ -179,7 +180,7 @@ def test_ports_that_are_taken_leave_nothing_open() -> None:
         for listen in (
             Listen(port=port, web_port=None), Listen(port=0, web_port=None, metrics_port=port),
         ):  # fmt: skip
-            server = Server(type(config_of())(listen=listen), PROFILE)
+            server = Server(type(config_of())(listen=listen), english())
             with pytest.raises(ResourceError, match=f"TCP port {port} on 127"):
                 await server.start()
             with pytest.raises(UsageError, match=r"expected start\(\) before"):
@@ -188,19 +189,19 @@ def test_ports_that_are_taken_leave_nothing_open() -> None:
         taken.close()
         datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         datagrams.bind(("127.0.0.1", 0))
-        server = Server(config_of(port=datagrams.getsockname()[1]), PROFILE)
+        server = Server(config_of(port=datagrams.getsockname()[1]), english())
         with pytest.raises(ResourceError, match="UDP port"):
             await server.start()
         datagrams.close()
         with pytest.raises(UsageError, match="sink: got"):
-            await Server(config_of("what://is:1"), PROFILE).start()
+            await Server(config_of("what://is:1"), english()).start()
 
     on_a_loop(main)
 
 
 def test_a_fault_of_the_engine_ends_the_server_and_not_in_silence() -> None:
     async def main() -> None:
-        server = Server(config_of(), PROFILE)
+        server = Server(config_of(), english())
         await server.start()
 
         def fail(now_s: float) -> None:

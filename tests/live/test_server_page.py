@@ -6,19 +6,20 @@ import json
 import aiohttp
 import numpy as np
 
-from fapengine.live.config import Listen
+from fapengine.live.server.config import Listen
 from fapengine.live.server.server import Server
-from fapengine.live.web.wire import FRAME
-from fapengine.mesh.head import build_head
+from fapengine.live.web.messages import FRAME
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
-from tests.live.stage import PROFILE, Sender, config_of, on_a_loop, until
+from tests.english import english
+from tests.live.stage import Sender, config_of, on_a_loop, until
 
 
 def test_what_a_sender_says_is_seen_on_the_page_and_counted() -> None:
     async def main() -> None:
         config = config_of(token="t")
         listen = Listen(port=0, web_port=0, metrics_port=0, token="t")
-        server = Server(type(config)(listen=listen, style=config.style), PROFILE, build_head())
+        server = Server(type(config)(listen=listen, style=config.style), english(), build_head())
         await server.start()
         running = asyncio.create_task(server.run())
         page, metrics = (f"http://{host}:{port}" for host, port in server.sites)

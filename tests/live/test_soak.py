@@ -1,4 +1,4 @@
-"""Two minutes of what ``make soak`` does for thirty: nothing grows, nothing is left undone."""
+"""Forty seconds of what ``make soak`` does for thirty minutes: nothing grows, nothing is left undone."""
 
 from dataclasses import replace
 
@@ -6,10 +6,10 @@ from bench.live_soak import Sample, soak, troubles
 
 
 def test_nothing_grows_and_every_utterance_ends() -> None:
-    samples = soak(120.0, 12, seed=1)
+    samples = soak(40.0, 12, seed=1)
     assert troubles(samples) == []
-    assert samples[-1].utterances > 500
-    assert samples[-1].frames > 1000
+    assert samples[-1].utterances > 160
+    assert samples[-1].frames > 300
 
 
 def test_what_grows_is_told() -> None:

@@ -7,8 +7,8 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from fapengine.files.gltf import parse_gltf
-from fapengine.files.gltf_scene import read_scene
+from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.scene import read_scene
 from tests.unit.files.glb import Builder, square
 
 

@@ -9,20 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine._resources import profile_files
-from fapengine.live import osc
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
-from fapengine.live.protocol import schema, wire
-from fapengine.live.protocol.counts import WireLimits
-from fapengine.live.protocol.receiver import OscReceiver
-from fapengine.live.protocol.sender import OscSender
-from fapengine.live.protocol.simple_mode import ADDRESSES, NAMELESS
-from fapengine.profiles import parse_profile
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.live.wire.speech_osc.counts import WireLimits
+from fapengine.live.wire.speech_osc.one_shot_messages import ADDRESSES, nameless
+from fapengine.live.wire.speech_osc.receiver import OscReceiver
+from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.trajectory.style import Style
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 LIMITS = WireLimits(peers=8, utterances=8, texts=4)
 STRANGE_NUMBERS = (0, 1, -1, 2, 63, 64, 255, 256, 2**31 - 1, -(2**31), 2**63 - 1, -(2**63), 10**12)
 STRANGE_FLOATS = (0.0, -0.0, 1.0, -1.0, 1e-30, 1e30, 3.4e38, float("inf"), float("-inf"), float("nan"), 600.0)
@@ -48,18 +46,18 @@ STRINGS = (
 
 def engine() -> Engine:
     limits = Limits(sessions=3, utterances=4, phones=300, queued_s=60.0)
-    return Engine(PROFILE, rng=np.random.default_rng(1), limits=limits, style=Style.still())
+    return Engine(english(), rng=np.random.default_rng(1), limits=limits, style=Style.still())
 
 
 def strange_message(rng: random.Random) -> bytes:
     """A message of the schema, mostly of the right types, with values from the edges."""
-    kinds = [*get_args(schema.FromSender), *get_args(schema.FromEngine)]
+    kinds = [*schema.from_sender().values(), *get_args(schema.FromEngine)]
     if rng.random() < 0.3:
-        address = rng.choice([*ADDRESSES, *NAMELESS, "/zz", "/fap/1/frame"])
+        address = rng.choice([*ADDRESSES, *nameless(), "/zz", "/fap/1/frame"])
         tags = "".join(rng.choice("sif") for _ in range(rng.randrange(5)))
     else:
         kind = rng.choice(kinds)
-        address, tags = kind.ADDRESS, kind.TAGS
+        address, tags = codec.layout(kind).address, codec.layout(kind).tags
         if kind is schema.Phones:
             tags += schema.PHONE_TAGS * rng.randrange(4)
         if rng.random() < 0.2:
@@ -117,7 +115,7 @@ def test_a_storm_of_strange_packets_is_survived_and_counted(seed, token):
     receiver = OscReceiver(faces, token=token, limits=LIMITS)
     sender = OscSender("anna", instance=3)
     if token:
-        receiver.receive(wire.encode(schema.Hello("anna", token=token, flags=1)), 0, 10.0, 1.79e9)
+        receiver.receive(codec.encode(schema.Hello("anna", token=token, flags=1)), 0, 10.0, 1.79e9)
     now_s, answered = 10.0, 0
     for step in range(2500):
         packet = strange_packet(rng)
@@ -164,10 +162,10 @@ def test_a_flood_of_sessions_and_utterances_stays_within_its_limits():
     receiver = OscReceiver(faces, limits=LIMITS)
     phones = tuple(schema.WirePhone("m", 1000 * n, 1000) for n in range(40))
     for number in range(300):
-        receiver.receive(wire.encode(schema.Hello(f"s{number}", flags=1)), number, 1.0, 1.79e9)
-        receiver.receive(wire.encode(schema.BeginUtterance("s0", number, anchor="audio")), 0, 1.0, 1.79e9)
+        receiver.receive(codec.encode(schema.Hello(f"s{number}", flags=1)), number, 1.0, 1.79e9)
+        receiver.receive(codec.encode(schema.BeginUtterance("s0", number, anchor="audio")), 0, 1.0, 1.79e9)
         for first in range(0, 120, 40):
-            receiver.receive(wire.encode(schema.Phones("s0", number, 0, first, phones)), 0, 1.0, 1.79e9)
+            receiver.receive(codec.encode(schema.Phones("s0", number, 0, first, phones)), 0, 1.0, 1.79e9)
     assert len(faces.sessions) == 3
     assert receiver.counts.refused == 297 + 296  # sessions, and utterances beyond 4
     assert faces.counters("s0").refused > 0

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
-from fapengine.live import fap_osc, livelink, osc
+from fapengine.live.wire import fap_osc, livelink, osc
 from fapengine.mpeg4.track import FapTrack
 
 TRACK = FapTrack.of(np.arange(68)[None] * (np.arange(68) > 1), rate_hz=25.0)

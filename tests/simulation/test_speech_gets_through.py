@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from network import Channel, Clock
-from world import CLOSED_FAPU, FRAME_STEPS, STEP_S, Talk, World, script
 
-from fapengine.live import osc
-from fapengine.live.protocol import schema, wire
-from fapengine.live.protocol.tags import time_tag
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.live.wire.speech_osc.time_tags import time_tag
+from tests.simulation.network import Channel, Clock
+from tests.simulation.world import CLOSED_FAPU, FRAME_STEPS, STEP_S, Talk, World, script
 
 HARD = Channel(loss=0.05, burst_s=0.3, burst_share=0.1, late=0.05, twice=0.02)
 """5 % of the packets lost one by one, a tenth of the time nothing at all for 0.3 s, 5 % overtaken, 2 % doubled."""
@@ -138,7 +138,7 @@ class ForeignSender:
 
     def send(self, *told: schema.Wire) -> None:
         for each in told:
-            self.world.up.send(wire.encode(each), self.world.steps * STEP_S)
+            self.world.up.send(codec.encode(each), self.world.steps * STEP_S)
 
     def __call__(self, now_s: float) -> None:
         true_s = self.world.steps * STEP_S

@@ -3,20 +3,18 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import network
 import numpy as np
 
-from fapengine._resources import profile_files
 from fapengine.live.engine.engine import Engine
-from fapengine.live.protocol import schema
-from fapengine.live.protocol.receiver import OscReceiver
-from fapengine.live.protocol.sender import OscSender
+from fapengine.live.wire.speech_osc import schema
+from fapengine.live.wire.speech_osc.receiver import OscReceiver
+from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
+from tests.english import english
+from tests.simulation import network
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 STEP_S = 0.005
 RATE_HZ = 50.0
 FRAME_STEPS = 4
@@ -60,13 +58,13 @@ class World:
         chance = np.random.default_rng(self.seed)
         self.script_rng, up, down, face = chance.spawn(4)
         self.up, self.down = network.Link(self.channel, up), network.Link(self.channel, down)
-        self.engine = Engine(PROFILE, rng=face, style=Style.still())
+        self.engine = Engine(english(), rng=face, style=Style.still())
         self.receiver = OscReceiver(self.engine, instance=11)
         self.sender = OscSender("anna", instance=self.seed + 1, **self.options)
         self.peer = "sender"
 
     def restart_engine(self) -> None:
-        self.engine = Engine(PROFILE, rng=np.random.default_rng(self.seed), style=Style.still())
+        self.engine = Engine(english(), rng=np.random.default_rng(self.seed), style=Style.still())
         self.receiver = OscReceiver(self.engine, instance=12)
 
     def restart_sender(self, instance: int) -> None:

@@ -53,7 +53,7 @@ def test_units_come_from_the_file_or_from_the_caller(track, name, length):
 def test_units_are_never_guessed_in_silence(track):
     _, notes = understand(raw(track, units=None))
     assert notes[0].startswith("units are not stated: taken as mm, the markers span")
-    with pytest.raises(DataError, match=r"not stated.*m would make it \d+ mm.*--units"):
+    with pytest.raises(DataError, match=r"not stated.*m would make it \d+ mm.*units=UNIT"):
         understand(raw(track, positions=track.positions_mm / 1000, units=None))
     _, notes = understand(raw(track, positions=track.positions_mm / 1000))
     assert "which is no face: wrong units? (m would make it" in notes[0]

@@ -15,16 +15,16 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
-from fapengine.cli.head import _poses
+from fapengine.app.head_check import poses
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
-from fapengine.files import heads
 from fapengine.files.fap import save_fap
-from fapengine.files.heads import load_head, load_head_info, load_levels, load_neutral
-from fapengine.files.heads_rigs import load_rig
+from fapengine.files.heads import meshes
+from fapengine.files.heads.folder import load_head, load_head_info, load_levels
+from fapengine.files.heads.meshes import load_neutral, load_rig
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import Material
-from fapengine.mesh.head import build_head
-from fapengine.mesh.morphs import Shape
+from fapengine.mesh.rig.blendshape_mesh import Blendshape
 from fapengine.mpeg4.track import FapTrack
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.mesh.rigs import own_rig
@@ -70,8 +70,8 @@ def avatar(tmp_path_factory) -> Path:
     uv = np.clip(np.stack([rig.vertices[:, 0] / 400 + 0.5, 0.5 - rig.vertices[:, 1] / 800], axis=1), 0.01, 0.99)
     picture = np.zeros((64, 64, 3), np.uint8)
     picture[:] = np.linspace(60, 250, 64, dtype=np.uint8)[None, :, None]
-    scaled = {name: Shape(one.vertices, one.moves / 1000) for name, one in rig.shapes.items()}
-    builder = write_rig(replace(rig, vertices=rig.vertices / 1000, shapes=scaled, uv=uv, albedo=None), material=0)
+    scaled = {name: Blendshape(one.vertices, one.moves / 1000) for name, one in rig.blendshapes.items()}
+    builder = write_rig(replace(rig, vertices=rig.vertices / 1000, blendshapes=scaled, uv=uv, albedo=None), material=0)
     builder.row("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": builder.image(picture)}}})
     path = tmp_path_factory.mktemp("avatar") / "avatar.glb"
     path.write_bytes(builder.glb())
@@ -142,8 +142,8 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
         ("[shapes]\nnose = {2 = 5}", "got '2', expected a FAP by number, 3..68"),
         ("[shapes]\nnose = {lift = 5}", "got 'lift', expected a FAP"),
         ("[shapes]\nnose = {63 = 0}", "got 0.0, expected FAPU"),
-        ("[shapes]\nnose = 5", "expected a str"),
-        ("[shapes]\nnose = {63 = 5}", "got shape 'nose', which the mesh does not have"),
+        ("[shapes]\nnose = 5", "got 5, expected a string or a table"),
+        ("[shapes]\nnose = {63 = 5}", "got blendshape 'nose', which the mesh does not have"),
         ("[shape]", "'shapes' is missing"),
     ],
 )
@@ -182,7 +182,7 @@ def ict_folder(tmp_path_factory) -> Path:
         faces.append("f " + " ".join(f"{corner + 1}/1/1" for corner in triangle))
         last = number
     (folder / "generic_neutral_mesh.obj").write_text(obj(centimetres, "vt 0 0\n" + "\n".join(faces)))
-    for name in rig.shapes:
+    for name in rig.blendshapes:
         if name.startswith(("jawOpen", "eyeBlink", "cheekSquint")):
             spelled = name.replace("cheekSquint", "cheekRaiser").replace("Left", "_L").replace("Right", "_R")
             (folder / f"{spelled}.obj").write_text(obj(centimetres + rig.dense(name) / 10))
@@ -231,7 +231,7 @@ def test_folders_that_hold_no_face(tmp_path, neutral, shape, message):
 
 
 def test_meshes_without_shapes_need_points(brought, tmp_path):
-    with pytest.raises(UsageError, match="has no shapes, so its feature points are needed"):
+    with pytest.raises(UsageError, match="has no blendshapes, so its feature points are needed"):
         run("head", "import", brought / "face.ply", "-o", tmp_path / "h")
     with pytest.raises(UsageError, match=r"got ending '\.doc'"):
         load_rig(Path("face.doc"))
@@ -254,7 +254,7 @@ def test_a_painted_mesh_keeps_its_picture(tmp_path, monkeypatch):
     assert mesh.texture.shape == (16, 16, 4)
     seen = [mesh.texture[int(v * 16), int(u * 16), :3].tolist() for u, v in mesh.uv]
     assert [row == [250, 10, 20] for row in seen] == [place[0] == 1 for place in mesh.vertices.tolist()]
-    monkeypatch.setattr(heads, "MOST_PIXELS", 255)
+    monkeypatch.setattr(meshes, "MAX_PIXELS", 255)
     with pytest.raises(UnsupportedError, match=r"texture: got 16x16 pixels, expected at most 255 .at .*face\.obj"):
         load_neutral(tmp_path / "face.obj")
     (tmp_path / "skin.png").unlink()
@@ -327,7 +327,7 @@ def test_the_sheet_shows_every_fap(imported, tmp_path):
 
 
 def test_the_sheet_has_every_fap_viseme_and_mood():
-    rows, labels = _poses()
+    rows, labels = poses()
     assert rows.shape == (len(labels), 68) == (109, 68)
     assert [label for label, _ in labels[1:67]] == [str(number) for number in range(3, 69)]
     assert {f"viseme {number}" for number in range(1, 15)} <= {note for _, note in labels}
@@ -377,7 +377,11 @@ def test_heads_that_are_none(imported, tmp_path):
         return str(tmp_path)
 
     for text, data, message in (
-        (toml.replace("schema = 2", "schema = 1"), arrays, "got 1, expected 2: import the head again"),
+        (
+            toml.replace("schema = 2", "schema = 1"),
+            arrays,
+            "got 1, expected 2; a file of another version must be made again",
+        ),
         (toml.replace("[sha256]", "more = 1\n[sha256]"), arrays, "'more' is unknown"),
         (toml, arrays[:-9], "sha256.*head.npz"),
         (toml.replace('"head.npz"', '"other.npz"'), arrays, "got other.npz, expected head.npz"),

@@ -4,84 +4,89 @@ import io
 import json
 import logging
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from fapengine.cli._serve_config import configured
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
-from fapengine.live.config import ServeConfig
+from fapengine.live.server.config import ServeConfig
 from fapengine.live.server.logs import begin_log
 
-NOTHING: dict[str, Any] = {
-    "host": None, "port": None, "web_port": None, "no_page": False, "sink": [], "token": None, "metrics": None,
-    "log": None, "verbose": False, "profile": None, "head": None, "fps": None, "seed": None, "without": [],
-    "sound": None, "device": None,
-}  # fmt: skip
+
+def configured(monkeypatch: pytest.MonkeyPatch, *words: object) -> ServeConfig:
+    """What the server is started with."""
+    started: list[ServeConfig] = []
+    monkeypatch.setattr("fapengine.cli.serve._start", started.append)
+    monkeypatch.delenv("FAPENGINE_TOKEN", raising=False)
+    result = CliRunner().invoke(app, ["serve", *map(str, words)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return started[0]
 
 
-def test_nothing_told_is_all_by_default() -> None:
-    assert configured(None, NOTHING) == ServeConfig()
+def test_nothing_told_is_all_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert configured(monkeypatch) == ServeConfig()
 
 
-def test_options_go_before_the_file(tmp_path: Path) -> None:
+def test_options_go_before_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.toml"
     path.write_text(
         '[listen]\nport = 1\nhost = "::1"\n[face]\nseed = 3\nrate_hz = 25\n[style]\nidle = false\n'
-        '[log]\nformat = "json"\n[[sink]]\nurl = "vmc://a"\n'
+        '[voice]\nname = "de"\n[limits]\nstreams = 7\n[log]\nformat = "json"\n[[sink]]\nurl = "vmc://a"\n'
     )
-    config = configured(path, NOTHING | {"port": 2, "sink": ["osc://b:1"], "fps": 30.0, "without": ["head-motion"]})
+    options = ("--port", 2, "--sink", "osc://b:1", "--fps", 30.0, "--without", "head-motion")
+    config = configured(monkeypatch, "--config", path, *options)
     assert (config.listen.host, config.listen.port) == ("::1", 2)
     assert (config.face.seed, config.face.rate_hz) == (3, 30.0)
+    assert (config.voice.name, config.limits.streams) == ("de", 7)
     assert config.sinks == ("vmc://a", "osc://b:1")
     assert (config.style.idle, config.style.head_motion, config.style.blinks) == (False, False, True)
     assert (config.log.format, config.log.level) == ("json", "info")
 
 
-def test_every_option_arrives() -> None:
-    told = {
-        "host": "h", "port": 0, "web_port": 3, "token": "t", "metrics": 4, "log": "json", "verbose": True,
-        "profile": "p", "head": "o", "seed": 0, "without": ["all"], "sound": "face", "device": "USB",
-    }  # fmt: skip
-    config = configured(None, NOTHING | told)
+def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = configured(
+        monkeypatch,
+        *("--host", "h", "--port", 0, "--web-port", 3, "--token", "t", "--metrics", 4, "--log", "json", "--verbose"),
+        *("--profile", "p", "--head", "o", "--seed", 0, "--without", "all", "--sound", "face", "--device", "USB"),
+    )
     listen = config.listen
     assert (listen.host, listen.port, listen.web_port, listen.metrics_port, listen.token) == ("h", 0, 3, 4, "t")
     assert (config.log.format, config.log.level) == ("json", "debug")
     assert (config.face.profile, config.face.head, config.face.seed) == ("p", "o", 0)
     assert (config.sound.session, config.sound.device) == ("face", "USB")
     assert not any((config.style.blinks, config.style.gaze, config.style.emphasis))
-    assert configured(None, NOTHING | {"web_port": 3, "no_page": True}).listen.web_port is None
-    assert configured(None, NOTHING | {"token": "", "sound": "", "device": ""}) == ServeConfig()
+    assert configured(monkeypatch, "--web-port", 3, "--no-page").listen.web_port is None
+    assert configured(monkeypatch, "--token", "", "--sound", "", "--device", "") == ServeConfig()
 
 
 @pytest.mark.parametrize(
-    ("told", "what"),
+    ("words", "what"),
     [
-        ({"device": "USB"}, r"--device: got 'USB', expected --sound SESSION"),
-        ({"sound": "x" * 33}, "session: got"),
-        ({"fps": 0.5}, r"--fps: got 0.5, expected 1..240"),
-        ({"fps": float("nan")}, "--fps: got nan"),
-        ({"log": "xml"}, "--log: got 'xml', expected text or json"),
-        ({"without": ["ears"]}, "--without: got 'ears', expected one of blinks, head-motion"),
-        ({"sink": ["vmc:/x"]}, "sink: got 'vmc:/x'"),
+        (("--device", "USB"), r"--device: got 'USB', expected --sound SESSION"),
+        (("--sound", "x" * 33), "session: got"),
+        (("--fps", "0.5"), r"^--fps: got 0.5, expected a number of 1..240"),
+        (("--fps", "nan"), "^--fps: got nan"),
+        (("--seed", "-1"), "^--seed: got -1"),
+        (("--log", "xml"), "^--log: got 'xml', expected one of text, json"),
+        (("--without", "ears"), "^--without: got 'ears', expected one of blinks, head-motion"),
+        (("--sink", "vmc:/x"), "^--sink: got 'vmc:/x'"),
     ],
 )
-def test_what_cannot_be(told: dict[str, object], what: str) -> None:
+def test_what_cannot_be(words: tuple[str, ...], what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match=what):
-        configured(None, NOTHING | told)
+        configured(monkeypatch, *words)
 
 
-def test_files_that_cannot_be(tmp_path: Path) -> None:
+def test_files_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
-        UsageError, match=r"--config: got .*absent.toml, expected a file that can be read: No such file"
+        UsageError, match=r"^--config: got .*absent.toml, expected a file that can be read: No such file"
     ):
-        configured(tmp_path / "absent.toml", NOTHING)
+        configured(monkeypatch, "--config", tmp_path / "absent.toml")
     path = tmp_path / "a.toml"
     path.write_text("[listen]\nport = 'x'")
     with pytest.raises(DataError, match=r"a\.toml, listen\.port"):
-        configured(path, NOTHING)
+        configured(monkeypatch, "--config", path)
 
 
 def test_the_help_teaches() -> None:

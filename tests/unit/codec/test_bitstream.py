@@ -14,6 +14,8 @@ from fapengine.codec.ranges import SentRanges, default_ranges
 from fapengine.errors import ConformanceError, DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.mpeg4.track import FapTrack
 
+pytestmark = pytest.mark.conformance
+
 h = bytes.fromhex
 
 WORKED_EXAMPLE = h(
@@ -110,6 +112,10 @@ def test_time_codes_set_the_time_and_it_goes_on() -> None:
     frames = Decoder().feed(data)
     assert [frame.time_s for frame in frames] == pytest.approx([3723.0, 3723.2, 3723.24])
     assert [frame.number for frame in frames] == [0, 5, 6]
+    masks = EXAMPLE_EPF.splitlines()[1]
+    later = EXAMPLE_EPF.replace(b"FFR 1 ISI 0", b"FFR 1 ISI 1 %s FQU 1 TC 1 2 1 3" % masks)
+    frames = Decoder().feed(encode_orders(parse_epf(later), example_track()))
+    assert [frame.time_s for frame in frames] == pytest.approx([0.0, 3723.0, 3723.04])
     hour = 32 + 4 + 13 + 1  # behind the rate; 1 -> 25 sets two more bits
     with pytest.raises(ConformanceError, match="time code"):
         decode(flipped(data, hour, hour + 1))

@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import pytest
+
 from design import conformance
 
+pytestmark = pytest.mark.conformance
 ROOT = Path(__file__).resolve().parents[3]
 
 

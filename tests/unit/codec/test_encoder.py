@@ -145,6 +145,7 @@ def test_live_streams_decode_with_every_choice(options: EncoderOptions) -> None:
     assert point_errors_mm(np.abs(shown.values - track.values)[:, 2:].astype(float), FACE)[:20].max() < 1.0
 
 
+@pytest.mark.conformance
 def test_visemes_and_expressions_go_through() -> None:
     encoder = Encoder(rate_hz=30.0, faps=(1, 2, 3))
     stream = encoder.frame([0] * 68, viseme=(3, 4, 70, 1), expression=(1, 63, 2, 5, 0, 1), skip=2)
@@ -203,6 +204,7 @@ def test_bad_frames_are_refused() -> None:
         encode(FapTrack.of(np.zeros((0, 68), int), rate_hz=25.0))
 
 
+@pytest.mark.conformance
 def test_what_is_not_sent_is_held_or_taken_from_its_partner() -> None:
     values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
     for number, value in ((4, 11), (6, 22), (19, 33)):

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from fapengine.codec.bits import unpack
 from fapengine.codec.decoder import HELD, Decoder, decode
 from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.planes import PlaneState
+from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import DataError
 from fapengine.mpeg4.track import FapTrack
 
@@ -79,6 +82,17 @@ def test_noise_is_no_stream() -> None:
     noise = np.random.default_rng(1).bytes(60_000)  # holds an I plane by chance; nothing proves it
     with pytest.raises(DataError, match="no frame"):
         decode(noise, errors="resync")
+
+
+def test_an_i_plane_of_unknown_shape_proves_itself_by_eight_planes_behind_it() -> None:
+    stream = encode(walk(40))
+    bits, extents = unpack(stream), np.concatenate([part.extents for part in decode(stream).planes])
+    start = int(extents[0, 0])
+    no_p_plane = np.ones(400, np.uint8)
+    for behind, is_found in ((1, False), (7, False), (8, True), (20, True)):
+        piece = np.concatenate([np.zeros(3, np.uint8), bits[start : int(extents[behind, 1])], no_p_plane])
+        found = find_intact_intra(piece, 0, PlaneState(), None, final=True)
+        assert (found == 3) is is_found, behind
 
 
 @pytest.mark.parametrize("errors", ["strict", "resync"])

@@ -1,6 +1,6 @@
 """The 30 streams of another encoder: the same bytes one way, the same values the other."""
 
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -19,38 +19,36 @@ NAMES = [
 ]  # fmt: skip
 FED_BY_BYTES = ["t10-skips", "t12-one-frame", "t20-viseme-only", "t27-ref-mask-skip-tc", "t30-lookahead-zeros"]
 
-pytestmark = pytest.mark.shared
+pytestmark = pytest.mark.conformance
 
 
-@pytest.fixture(scope="module")
-def folder(shared: Path) -> Path:
-    return shared / "vectors" / "fba"
-
-
-def test_no_vector_is_left_out(folder: Path) -> None:
-    assert sorted(path.stem for path in folder.glob("*.fba")) == NAMES
+def test_no_vector_is_left_out(vectors: Mapping[str, bytes]) -> None:
+    assert len(NAMES) == 30
+    assert sorted(vectors) == sorted(
+        f"{name}.{kind}" for name in NAMES for kind in ("decoded.fap", "epf", "fap", "fba")
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_encoding_gives_the_same_bytes(folder: Path, name: str) -> None:
-    orders = parse_epf((folder / f"{name}.epf").read_bytes())
-    track = parse_fap((folder / f"{name}.fap").read_bytes())
+def test_encoding_gives_the_same_bytes(vectors: Mapping[str, bytes], name: str) -> None:
+    orders = parse_epf(vectors[f"{name}.epf"])
+    track = parse_fap(vectors[f"{name}.fap"])
     data = encode_orders(orders, track, clamp=name.startswith("t15"), plane_start_codes=name.startswith("t29"))
-    assert data == (folder / f"{name}.fba").read_bytes()
+    assert data == vectors[f"{name}.fba"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_decoding_gives_the_same_values(folder: Path, name: str) -> None:
-    track = decode((folder / f"{name}.fba").read_bytes()).track
-    wanted = parse_fap((folder / f"{name}.decoded.fap").read_bytes())
+def test_decoding_gives_the_same_values(vectors: Mapping[str, bytes], name: str) -> None:
+    track = decode(vectors[f"{name}.fba"]).track
+    wanted = parse_fap(vectors[f"{name}.decoded.fap"])
     for field in ("mask", "values", "visemes", "expressions", "frame_numbers"):
         np.testing.assert_array_equal(getattr(track, field), getattr(wanted, field), err_msg=field)
     assert track.rate_hz == pytest.approx(wanted.rate_hz, rel=0.0011)  # the file says 30 for 30000/1001
 
 
 @pytest.mark.parametrize("name", FED_BY_BYTES)
-def test_feeding_byte_by_byte_equals_feeding_at_once(folder: Path, name: str) -> None:
-    data = (folder / f"{name}.fba").read_bytes()
+def test_feeding_byte_by_byte_equals_feeding_at_once(vectors: Mapping[str, bytes], name: str) -> None:
+    data = vectors[f"{name}.fba"]
     decoder = Decoder()
     frames = [frame for byte in data for frame in decoder.feed(bytes([byte]))]
     assert decoder.ended

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from fapengine.mesh.morphs import MorphMesh
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 
 KINDS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -103,7 +103,7 @@ def square(builder: Builder, *, indices: str = "u2", targets: tuple[str, ...] = 
     return builder.row("meshes", {"primitives": [item | primitive], "extras": {"targetNames": list(targets)}})
 
 
-def write_rig(mesh: MorphMesh, *, indices: str = "u4", matrix: Any = None, material: Any = None) -> Builder:
+def write_rig(mesh: BlendshapeMesh, *, indices: str = "u4", matrix: Any = None, material: Any = None) -> Builder:
     """Write a mesh with its shapes, a mesh for each of its surfaces, whose vertices it alone has."""
     builder = Builder()
     surface = mesh.surface if mesh.surface is not None else np.zeros(len(mesh.vertices), int)
@@ -118,7 +118,7 @@ def write_rig(mesh: MorphMesh, *, indices: str = "u4", matrix: Any = None, mater
         if mesh.albedo is not None:
             attributes["COLOR_0"] = builder.accessor(mesh.albedo[used])
         targets = []
-        for shape in mesh.shapes.values():
+        for shape in mesh.blendshapes.values():
             mine = np.isin(shape.vertices, used)
             at = np.searchsorted(used, shape.vertices[mine])
             targets.append({"POSITION": builder.sparse(len(used), at, shape.moves[mine])})
@@ -127,6 +127,8 @@ def write_rig(mesh: MorphMesh, *, indices: str = "u4", matrix: Any = None, mater
         }  # fmt: skip
         if material is not None:
             item["material"] = material
-        row = builder.row("meshes", {"name": name, "primitives": [item], "extras": {"targetNames": list(mesh.shapes)}})
+        row = builder.row(
+            "meshes", {"name": name, "primitives": [item], "extras": {"targetNames": list(mesh.blendshapes)}}
+        )
         builder.node(name=name, mesh=row, **({} if matrix is None else {"matrix": matrix}))
     return builder

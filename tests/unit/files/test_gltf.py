@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from PIL import EpsImagePlugin, Image
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
-from fapengine.files import gltf, gltf_scene, gltf_textures
-from fapengine.files.gltf import parse_gltf
-from fapengine.files.gltf_scene import read_scene
-from fapengine.files.gltf_textures import LARGEST, pack_tiles
-from fapengine.mesh.morphs import MorphMesh
+from fapengine.files.gltf import document, scene, textures
+from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.scene import read_scene
+from fapengine.files.gltf.textures import MAX_TEXTURE_PX, pack_tiles
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 
 from .glb import Builder, square
 
@@ -27,7 +27,7 @@ def nothing(name: str) -> bytes:
     raise DataError(f"uri: got {name}, expected none")
 
 
-def read(data: bytes, fetch=nothing) -> MorphMesh:
+def read(data: bytes, fetch=nothing) -> BlendshapeMesh:
     return read_scene(parse_gltf(data, fetch))
 
 
@@ -128,9 +128,9 @@ def skinned() -> Builder:
 def test_skinned_meshes_stand_as_their_joints_do() -> None:
     found = read(skinned().glb())
     np.testing.assert_allclose(found.vertices, [[0, 0, 3], [1, 0, 3], [1, 1, 3], [0, 1, 3]])
-    np.testing.assert_allclose(found.limbs["head"].weight, 1.0)  # the eye hangs on it
-    np.testing.assert_allclose(found.limbs["left eye"].weight, [0, 0.5, 1, 1])
-    assert found.limbs["left eye"].joint.tolist() == [0, 1, 3]
+    np.testing.assert_allclose(found.bones["head"].weight, 1.0)  # the eye hangs on it
+    np.testing.assert_allclose(found.bones["left eye"].weight, [0, 0.5, 1, 1])
+    assert found.bones["left eye"].joint.tolist() == [0, 1, 3]
 
 
 def vrm(version: int) -> Builder:
@@ -166,10 +166,10 @@ def vrm(version: int) -> Builder:
 @pytest.mark.parametrize("version", [0, 1])
 def test_vrm_s_expressions_are_shapes(version: int) -> None:
     found = read(vrm(version).glb())
-    assert list(found.shapes) == ["Fcl_MTH_A", "Fcl_EYE_Close", "a", "Wow"]
+    assert list(found.blendshapes) == ["Fcl_MTH_A", "Fcl_EYE_Close", "a", "Wow"]
     assert found.dense("a")[:, 2].tolist() == [0.5, 0, 0, 0]
     assert found.dense("Wow")[:, 2].tolist() == [1, 1, 0, 0]
-    assert found.limbs["head"].weight.tolist() == [0, 0, 0, 0]
+    assert found.bones["head"].weight.tolist() == [0, 0, 0, 0]
 
 
 def test_a_target_s_own_name_goes_before_an_expression_s() -> None:
@@ -185,8 +185,8 @@ def test_shapes_of_one_name_in_two_meshes_are_one_and_unnamed_ones_are_numbered(
     del builder.doc["meshes"][1]["extras"]
     builder.doc["accessors"][builder.doc["meshes"][1]["primitives"][0]["targets"][0]["POSITION"]]["name"] = "jawOpen"
     found = read(builder.glb())
-    assert list(found.shapes) == ["jawOpen", "target 1"]
-    assert found.shapes["jawOpen"].vertices.tolist() == [0, 4]
+    assert list(found.blendshapes) == ["jawOpen", "target 1"]
+    assert found.blendshapes["jawOpen"].vertices.tolist() == [0, 4]
 
 
 PIXELS = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8).repeat(32, 0).repeat(32, 1)
@@ -204,7 +204,7 @@ def textured(coordinates: Any, pixels: Any = PIXELS, **material: Any) -> Builder
     return builder
 
 
-def colour_at(mesh: MorphMesh, vertex: int) -> list[int]:
+def colour_at(mesh: BlendshapeMesh, vertex: int) -> list[int]:
     assert mesh.texture is not None
     assert mesh.uv is not None
     height, width = mesh.texture.shape[:2]
@@ -309,7 +309,7 @@ def test_textures_of_other_kinds_leave_their_colour() -> None:
 def test_too_much_texture_is_halved_until_it_fits() -> None:
     tiles = [np.full((3000, 3000, 4), (number, 0, 0, 255), np.uint8) for number in (1, 2, 3)]
     packed, places = pack_tiles(tiles)
-    assert max(packed.shape) <= LARGEST
+    assert max(packed.shape) <= MAX_TEXTURE_PX
     for number, (x, y, width, height) in enumerate(places, 1):
         assert (packed[y - 2 : y + height + 2, x - 2 : x + width + 2, 0] == number).all()  # its gutter too
 
@@ -405,7 +405,7 @@ def test_what_a_file_may_leave_out() -> None:
     builder.doc["nodes"].append({"name": "Empty", "children": [0]})
     found = read(builder.glb())
     assert len(found.vertices) == 4
-    assert {name: len(shape.vertices) for name, shape in found.shapes.items()} == {"still": 0, "rise": 1}
+    assert {name: len(shape.vertices) for name, shape in found.blendshapes.items()} == {"still": 0, "rise": 1}
     empty = plain()
     empty.doc["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = empty.row(
         "accessors", {"bufferView": 0, "componentType": 5126, "count": 0, "type": "VEC3"}
@@ -417,14 +417,14 @@ def test_what_a_file_may_leave_out() -> None:
 
 
 def test_an_image_larger_than_the_whole_is_made_smaller() -> None:
-    wide = np.zeros((2, LARGEST + 100, 3), np.uint8)
-    wide[:, LARGEST // 2 :] = 200
+    wide = np.zeros((2, MAX_TEXTURE_PX + 100, 3), np.uint8)
+    wide[:, MAX_TEXTURE_PX // 2 :] = 200
     found = read(textured(CORNERS, wide).glb())
     assert found.texture is not None
-    assert found.texture.shape[1] <= LARGEST
+    assert found.texture.shape[1] <= MAX_TEXTURE_PX
     many = read(textured(np.multiply(CORNERS, [4, 1]), np.zeros((8, 2000, 3), np.uint8)).glb())
     assert many.texture is not None
-    assert many.texture.shape[1] <= LARGEST
+    assert many.texture.shape[1] <= MAX_TEXTURE_PX
     assert [colour_at(found, vertex)[0] for vertex in range(4)] == [0, 200, 200, 0]
 
 
@@ -432,8 +432,8 @@ def test_parts_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
     builder = plain()
     builder.node(mesh=0)
     for place, name, most, message in (
-        (gltf_scene, "MOST_VERTICES", 8, r"vertices: got 8 in all, expected at most 7 .at meshes.0..primitives.0.\)"),
-        (gltf, "MOST_ELEMENTS_IN_ALL", 28, r"elements: got 28 in all, expected at most 27 .at accessors.0.\)"),
+        (scene, "MAX_VERTICES", 8, r"vertices: got 8 in all, expected at most 7 .at meshes.0..primitives.0.\)"),
+        (document, "MAX_ELEMENTS_IN_ALL", 28, r"elements: got 28 in all, expected at most 27 .at accessors.0.\)"),
     ):
         monkeypatch.setattr(place, name, most)
         assert len(read(builder.glb()).vertices) == 8
@@ -441,8 +441,8 @@ def test_parts_are_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(DataError, match=message):
             read(builder.glb())
         monkeypatch.undo()
-    monkeypatch.setattr(gltf, "MOST_ELEMENTS_IN_ALL", 30)
-    assert list(read(vrm(1).glb()).shapes) == ["Fcl_MTH_A", "Fcl_EYE_Close", "a", "Wow"]
+    monkeypatch.setattr(document, "MAX_ELEMENTS_IN_ALL", 30)
+    assert list(read(vrm(1).glb()).blendshapes) == ["Fcl_MTH_A", "Fcl_EYE_Close", "a", "Wow"]
     bound = vrm(1)
     bound.doc["extensions"]["VRMC_vrm"]["expressions"]["custom"]["Wow"]["morphTargetBinds"] *= 7
     with pytest.raises(DataError, match="elements: got 31 in all, expected at most 30"):
@@ -455,19 +455,19 @@ def test_images_and_tiles_are_counted_together(monkeypatch: pytest.MonkeyPatch) 
     second = dict(builder.doc["meshes"][0]["primitives"][0], material=1)
     builder.node(mesh=builder.row("meshes", {"primitives": [second]}))
     needed = 64 * 64 + 2 * (64 * 128)  # one image, and seen twice in a row in two tiles
-    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", needed)
+    monkeypatch.setattr(textures, "MAX_PIXELS_IN_ALL", needed)
     assert read(builder.glb()).texture is not None
-    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", needed - 1)
+    monkeypatch.setattr(textures, "MAX_PIXELS_IN_ALL", needed - 1)
     with pytest.raises(DataError, match=rf"pixels of images: got {needed} in all, .*material 'Other'"):
         read(builder.glb())
-    monkeypatch.setattr(gltf_textures, "MOST_PIXELS_IN_ALL", 64 * 64 - 1)
+    monkeypatch.setattr(textures, "MAX_PIXELS_IN_ALL", 64 * 64 - 1)
     with pytest.raises(DataError, match=r"pixels of images: got 4096 in all, .*at images.0."):
         read(builder.glb())
 
 
 def test_more_images_than_the_whole_has_pixels() -> None:
     dot = np.zeros((1, 1, 4), np.uint8)
-    with pytest.raises(DataError, match="textures: got 300000, which do not fit into 4096x4096 pixels"):
+    with pytest.raises(DataError, match="textures: got 300000, expected what fits into 4096 pixels each way"):
         pack_tiles([dot] * 300_000)
 
 
@@ -491,9 +491,9 @@ def test_images_of_other_formats_are_not_tried(kind: str, monkeypatch: pytest.Mo
 def test_extras_may_be_anything(extras: Any) -> None:
     builder = plain()
     builder.doc["meshes"][0]["primitives"][0]["extras"] = extras
-    assert list(read(builder.glb()).shapes) == ["rise"]
+    assert list(read(builder.glb()).blendshapes) == ["rise"]
     builder.doc["meshes"][0]["extras"] = extras
-    assert len(read(builder.glb()).shapes) == 1
+    assert len(read(builder.glb()).blendshapes) == 1
 
 
 def test_transforms_that_grow_beyond_numbers() -> None:
@@ -543,8 +543,8 @@ def test_files_of_other_exporters(writer: str) -> None:
     np.testing.assert_allclose(found.dense("jawOpen"), [[0, 0, 0], [0, 0, 0], [0, 0, -1], [0, 0, -1]], atol=1e-6)
     np.testing.assert_allclose(found.dense("mouthSmileLeft")[0], [0, -0.5, 0], atol=1e-6)
     assert found.surfaces == ("Face / Skin",)
-    np.testing.assert_allclose(found.limbs["head"].joint, [0, 0, 3], atol=1e-6)
-    assert found.limbs["head"].weight.tolist() == [1, 1, 1, 1]
+    np.testing.assert_allclose(found.bones["head"].joint, [0, 0, 3], atol=1e-6)
+    assert found.bones["head"].weight.tolist() == [1, 1, 1, 1]
     assert found.albedo is not None
     np.testing.assert_allclose(found.albedo, ((0x80 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-4)
 

@@ -77,14 +77,14 @@ def test_what_is_refused_beforehand() -> None:
     for name in ("a.webm", "a.webp", "folder", "f_%04d.png"):
         check(name, alpha=True)
     check("a.webp", rate_hz=60.0, size=(63, 63))
-    with pytest.raises(UsageError, match=r"--output: got a\.avi, expected a name that ends with \.mp4"):
+    with pytest.raises(UsageError, match=r"path: got a\.avi, expected a name that ends with \.mp4"):
         check("a.avi")
     with pytest.raises(UsageError, match="GIF: got 60 Hz, expected at most 50"):
         check("a.gif", rate_hz=60.0)
     with pytest.raises(UsageError, match="size: got 63x64, expected even sides for video"):
         check("a.mkv", size=(63, 64))
     for name in ("a.mp4", "a.mkv", "a.gif"):
-        with pytest.raises(UsageError, match=r"--background: got none, but .* has no alpha"):
+        with pytest.raises(UsageError, match=r"background: got none, but .* has no alpha"):
             check(name, alpha=True)
 
 

@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.session import Interval, Session, Take
 from fapengine.files.profiles import load_profile
-from fapengine.mesh.head import build_head
+from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.targets import resolve
 
 RATE_HZ = 50.0
 SKULL = {
@@ -81,7 +82,7 @@ def make(standard, face_mm) -> Callable[..., Made]:
             phones = speech(rng)
             times = np.arange(round(phones.duration_s * RATE_HZ)) / RATE_HZ
             resolved, _ = resolve(phones, standard, context=False)
-            keys = place_keyframes(phones, resolved, standard.space.mode_count, phones.duration_s)
+            keys = place_keyframes(phones, resolved, standard.space.mode_count)
             moved = standard.space.to_points_mm(keys.sample(times))[:, columns]
             points = neutral + moved
             if skull:

@@ -1,11 +1,12 @@
-"""The whole chain on real speech (points of a video tracker, good to about 0.7 mm), with head motion and gaps added."""
+"""The whole chain on captured speech (good to about 0.7 mm), with head motion and gaps added."""
 
-import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.session import Interval, Session, Take
 from fapengine.laboratory.fit import FitOptions, fit_session
@@ -17,12 +18,11 @@ SKULL = np.array([[60, 95, 60], [-60, 95, 60], [0, 110, 75], [70, 60, 30], [-70,
 
 
 @pytest.fixture(scope="module")
-def session(shared) -> Session:
+def session(shared: Path) -> Session:
     data = np.load(shared / "data" / "speech_train.npz")
-    with (shared / "data" / "markers.csv").open() as file:
-        points = {int(row["mediapipe"]): row["marker"] for row in csv.DictReader(file) if row["layout"] == "mpeg4"}
-    columns = [index for index, number in enumerate(data["marker_mediapipe"]) if int(number) in points]
-    labels = (*(points[int(data["marker_mediapipe"][index])] for index in columns), *(f"H{n}" for n in range(5)))
+    columns = [index for index, number in enumerate(data["marker_mediapipe"]) if int(number) in FEATURE_POINTS]
+    named = [FEATURE_POINTS[int(data["marker_mediapipe"][index])] for index in columns]
+    labels = (*named, *(f"H{n}" for n in range(5)))
     steps = data["marker_delta"].T.astype(np.int32)
     rng = np.random.default_rng(0)
     takes = []

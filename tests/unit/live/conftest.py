@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fapengine.files.heads import HeadInfo, save_head
-from fapengine.mesh.head import build_head
+from fapengine.files.heads.folder import HeadInfo, save_head
+from fapengine.mesh.default_head.head import build_head
 
 
 @pytest.fixture(scope="session")

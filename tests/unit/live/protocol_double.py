@@ -1,18 +1,18 @@
 """An engine that only writes down what it is told."""
 
 from fapengine.errors import UsageError
-from fapengine.live import osc
 from fapengine.live.engine.commands import Begin
 from fapengine.live.engine.session import Event
 from fapengine.live.engine.utterance import StreamClock, Utterance
-from fapengine.live.protocol import schema, wire
-from fapengine.live.protocol.receiver import OscReceiver
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.live.wire.speech_osc.receiver import OscReceiver
 
 WALL_S = 1_790_000_000.0
 
 
 class Recorder:
-    """Takes the commands of :class:`fapengine.live.protocol.faces.Faces`."""
+    """Takes the commands of :class:`fapengine.live.engine.port.Faces`."""
 
     def __init__(self, most: int = 4):
         self.most = most
@@ -81,7 +81,7 @@ class Wire:
         self.now_s = self.now_s if at_s is None else at_s
         answers = []
         for one in told:
-            packet = one if isinstance(one, bytes) else wire.encode(one)
+            packet = one if isinstance(one, bytes) else codec.encode(one)
             if tag is not None:
                 packet = b"#bundle\0" + tag.to_bytes(8, "big") + len(packet).to_bytes(4, "big") + packet
             answers += self.receiver.receive(packet, peer, self.now_s, WALL_S + self.now_s)
@@ -98,7 +98,7 @@ class Wire:
         read = []
         for peer, packet in answers:
             (message,) = osc.parse_packet(packet)
-            read.append((peer, wire.parse(schema.FROM_ENGINE[message.address], message)))
+            read.append((peer, codec.parse(schema.FROM_ENGINE[message.address], message)))
         return read
 
     @property

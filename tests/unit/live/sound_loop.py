@@ -10,7 +10,7 @@ import time
 import numpy as np
 import sounddevice
 
-from fapengine.live.sound import Player, devices
+from fapengine.live.audio.device import Player, devices
 
 RATE_HZ = 22_050
 

@@ -12,7 +12,7 @@ import pytest
 from fapengine.cli import _doctor_live as doctor
 from fapengine.cli._doctor_live import LackError
 from fapengine.errors import ResourceError
-from fapengine.live import sound
+from fapengine.live.audio import device
 
 NULL_DEVICE = "</usr/share/alsa/alsa.conf>\npcm.!default { type null }\n"
 
@@ -79,7 +79,7 @@ class Device:
 
 
 def test_no_device_and_one_that_does_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sound, "devices", list)
+    monkeypatch.setattr(device, "devices", list)
     with pytest.raises(LackError) as lack:
         doctor.sound()
     assert lack.value.args[0] == "PortAudio works, but has no output device"
@@ -87,8 +87,8 @@ def test_no_device_and_one_that_does_not_open(monkeypatch: pytest.MonkeyPatch) -
     def refuse(rate_hz: int) -> None:
         raise ResourceError("sound: Device unavailable")
 
-    monkeypatch.setattr(sound, "devices", lambda: [Device()] * 5)
-    monkeypatch.setattr(sound, "Player", refuse)
+    monkeypatch.setattr(device, "devices", lambda: [Device()] * 5)
+    monkeypatch.setattr(device, "Player", refuse)
     with pytest.raises(LackError) as lack:
         doctor.sound()
     assert lack.value.args[0] == "Card, Card, Card and 2 more; sound: Device unavailable"
@@ -97,7 +97,7 @@ def test_no_device_and_one_that_does_not_open(monkeypatch: pytest.MonkeyPatch) -
 def test_a_device_that_opens_and_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     class Stuck:
         description = "Card, 22050 Hz"
-        clock = sound.PlaybackClock(22_050)
+        clock = device.PlaybackClock(22_050)
 
         def __init__(self, rate_hz: int) -> None:
             pass
@@ -111,8 +111,8 @@ def test_a_device_that_opens_and_does_not_play(monkeypatch: pytest.MonkeyPatch) 
         def is_settled(self, now_s: float) -> bool:
             return False
 
-    monkeypatch.setattr(sound, "devices", lambda: [Device()])
-    monkeypatch.setattr(sound, "Player", Stuck)
+    monkeypatch.setattr(device, "devices", lambda: [Device()])
+    monkeypatch.setattr(device, "Player", Stuck)
     monkeypatch.setattr(doctor, "SETTLE_S", 0.05)
     with pytest.raises(LackError) as lack:
         doctor.sound()

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import (
     Append,
@@ -20,25 +19,24 @@ from fapengine.live.engine.commands import (
     End,
     Express,
     Look,
-    Manner,
     Pause,
     Resume,
     Seek,
+    SetParameter,
     TurnHead,
 )
 from fapengine.live.engine.engine import Engine
-from fapengine.live.engine.ramps import MOST_WISHES, Ramps
 from fapengine.live.engine.session import Limits
 from fapengine.live.engine.utterance import gaps
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
+from fapengine.trajectory.ramps import MAX_WAITING, Ramp, Ramps
 from fapengine.trajectory.style import Style
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 RATE_HZ = 50.0
 STILL = Style.still()
 LIPS = [fap.column(4), fap.column(5)]
@@ -50,7 +48,7 @@ def sentence(labels=SENTENCE, each_s=0.1, lead_s=0.3):
 
 
 def engine(style=STILL, seed=1, **limits):
-    made = Engine(PROFILE, rng=np.random.default_rng(seed), style=style, limits=Limits(**limits))
+    made = Engine(english(), rng=np.random.default_rng(seed), style=style, limits=Limits(**limits))
     made.open("anna", 0.0)
     return made
 
@@ -80,7 +78,7 @@ def test_speech_is_what_the_offline_plan_says():
     say(face, sentence())
     seen = frames(face, 0.0, 2.0)
     track = PhoneTrack.of(list(sentence()))
-    planned = plan(track, PROFILE, rng=np.random.default_rng(0), rate_hz=RATE_HZ, style=STILL, duration_s=2.0)
+    planned = plan(track, english(), rng=np.random.default_rng(0), rate_hz=RATE_HZ, style=STILL, duration_s=2.0)
     assert np.abs(seen - planned.track.values).max() <= 1
     assert seen[:, LIPS].any()
 
@@ -92,7 +90,7 @@ def test_chunks_that_come_early_are_planned_together_and_show_the_same(monkeypat
     say(whole, phones)
     fed = []
     monkeypatch.setattr(
-        chunks._bank, "feed", lambda *args: fed.append(args) or type(chunks._bank).feed(chunks._bank, *args)
+        chunks._batch, "feed", lambda *args: fed.append(args) or type(chunks._batch).feed(chunks._batch, *args)
     )
     chunks.apply("anna", Begin(1), 0.0)
     sent = 0
@@ -226,11 +224,11 @@ def test_events_tell_where_the_utterance_was():
 def test_what_is_wished_for_the_future_has_a_limit():
     ramps = Ramps(np.zeros(1))
     row = ramps.open()
-    for number in reversed(range(2 * MOST_WISHES)):
-        ramps.send(row, 0, 10.0 + number, float(number), 0.5)
+    for number in reversed(range(2 * MAX_WAITING)):
+        ramps.send(row, [Ramp(10.0 + number, 0, float(number), 0.5)])
     assert ramps.values(10.5)[0, row] == pytest.approx(0.0)
     assert ramps.values(15.6)[0, row] == pytest.approx(5.0)  # what is near is kept
-    assert ramps.values(1e6)[0, row] == pytest.approx(MOST_WISHES - 1)
+    assert ramps.values(1e6)[0, row] == pytest.approx(MAX_WAITING - 1)
 
 
 def test_cancel_closes_the_mouth_and_is_idempotent():
@@ -339,6 +337,34 @@ def test_the_face_jumps_to_a_sound_that_is_far_off_and_stands_with_it():
     assert face.utterance("anna", 1).position_s(2.0) == pytest.approx(1.4)
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize(("off_s", "jumps"), [(0.075, 0), (0.085, 1)])
+def test_the_face_jumps_only_from_80_ms_on(off_s, jumps, sign):
+    """As docs/osc.md promises; below that it slews, by 2 % at most."""
+    face = engine()
+    say(face, sentence(["a", "m"] * 20))
+    frames(face, 0.0, 0.5)
+    face.apply("anna", Audio(1, 0.5, 0.5 + sign * off_s), 0.5)
+    assert face.counters("anna").jumps == jumps
+    apart_s = face.utterance("anna", 1).position_s(0.5) - 0.5
+    assert apart_s == pytest.approx(sign * off_s * jumps)
+    frames(face, 0.5, 1.0)
+    assert abs(face.utterance("anna", 1).position_s(1.0) - 1.0) == pytest.approx(off_s if jumps else 0.01, rel=0.1)
+
+
+def test_rest_brings_all_gestures_to_rest_for_good():
+    face = engine(Style())
+    say(face, (Phone("a", 1.5, 1.9, stress=1),))
+    face.rest("anna", 2.0, 0.5)
+    seen = frames(face, 0.0, 12.0)
+    assert seen[:95].any()
+    assert not seen[102:].any()
+    face.apply("anna", SetParameter("idle", 1.0), 12.0)
+    assert not frames(face, 12.0, 15.0).any()
+    with pytest.raises(UsageError, match="not open"):
+        face.rest("zoe", 1.0, 0.0)
+
+
 def test_a_revision_replaces_what_is_still_to_come():
     face = engine()
     say(face, sentence(["a"] * 12))
@@ -402,7 +428,11 @@ def test_expressions_come_hold_and_go_in_a_smooth_curve():
     assert smile[42:59].min() == smile.max() > 20
     moods = {Expression.JOY: 0.8}
     held = plan(
-        PhoneTrack.of([Phone("_", 0.0, 3.0)]), PROFILE, rng=np.random.default_rng(0), expressions=moods, style=STILL
+        PhoneTrack.of([Phone("_", 0.0, 3.0)]),
+        english(),
+        rng=np.random.default_rng(0),
+        expressions=moods,
+        style=STILL,
     )
     assert np.abs(held.track.values[45] - seen[50]).max() <= 1
 
@@ -421,7 +451,7 @@ def test_an_expression_takes_over_from_where_the_last_one_is():
 def test_looks_turns_and_blinks_reach_their_faps():
     face = engine()
     face.apply("anna", Look(0.2, -0.1), 0.0)
-    face.apply("anna", TurnHead(0.05, -0.1, 0.02, over_s=0.2), 0.0)
+    face.apply("anna", TurnHead(pitch_rad=0.05, yaw_rad=-0.1, roll_rad=0.02, over_s=0.2), 0.0)
     face.apply("anna", Blink(), 0.0)
     seen = frames(face, 0.0, 0.6)
     rad = seen[-1] * AU_RAD
@@ -460,8 +490,8 @@ def test_manner_changes_a_session_smoothly_and_no_other():
     for name in ("anna", "bert"):
         say(face, sentence(["a"] * 30), session=name)
     frames(face, 0.0, 0.8)
-    face.apply("anna", Manner("jaw", 0.0), 0.8)
-    face.apply("anna", Manner("lips", 0.0), 0.8)
+    face.apply("anna", SetParameter("jaw", 0.0), 0.8)
+    face.apply("anna", SetParameter("lips", 0.0), 0.8)
     seen = np.array([face.frame(n / RATE_HZ).faps for n in range(40, 80)])
     assert not seen[-1, 0].any()
     assert opening(seen[-1, 1]) > 100
@@ -472,7 +502,7 @@ def test_manner_changes_a_session_smoothly_and_no_other():
 def test_generators_are_switched():
     face = engine(Style())
     for setting in ("blinks", "head_motion", "gaze", "idle", "emphasis"):
-        face.apply("anna", Manner(setting, 0), 0.0)
+        face.apply("anna", SetParameter(setting, 0), 0.0)
     assert not frames(face, 0.0, 8.0)[50:].any()
 
 
@@ -480,7 +510,8 @@ def test_generators_are_switched():
     "command",
     [
         Express(Expression.JOY, 3.0), Express(Expression.JOY, float("nan")), Express(Expression.NEUTRAL),
-        Look(2.0, 0.0), TurnHead(0.0, float("nan"), 0.0), Manner("colour", 1.0), Manner("jaw", 99.0),
+        Look(2.0, 0.0), TurnHead(pitch_rad=0.0, yaw_rad=float("nan"), roll_rad=0.0),
+        SetParameter("colour", 1.0), SetParameter("jaw", 99.0),
         Append(1, -1, sentence()), Append(1, 19_990, sentence()), Append(1, 0, ()),
         Append(1, 0, (Phone("a", 0.0, 601.0),)), End(1, 10**6, 1.0), End(1, 1, inf),
     ],
@@ -598,8 +629,8 @@ def test_many_clauses_at_once_are_planned_over_several_frames_and_in_time(monkey
     face, fed = engine(), []
     for n in range(40):
         face.open(f"s{n}", 0.0)
-    feed = face._bank.feed
-    monkeypatch.setattr(face._bank, "feed", lambda *args: fed.append(args) or feed(*args))
+    feed = face._batch.feed
+    monkeypatch.setattr(face._batch, "feed", lambda *args: fed.append(args) or feed(*args))
     for n in range(40):
         say(face, sentence(lead_s=0.8), session=f"s{n}")
     counts = []

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pythonosc.osc_packet import OscPacket
 
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.live import fap_osc, osc
-from fapengine.live.fap_osc import (
+from fapengine.live.wire import fap_osc, osc
+from fapengine.live.wire.fap_osc import (
     FapFrame,
     SessionFrames,
     decode_frame,
@@ -227,7 +227,7 @@ def test_named_types_are_checked_and_surplus_ignored() -> None:
 
 
 def test_the_documented_example_is_the_one_tested() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "osc.md").read_text().split("## Out\n")[1]
+    page = (Path(__file__).parents[3] / "docs" / "frames-out.md").read_text()
     block = page.split("```\n2f666170", 1)[1].split("```")[0]
     words = [line.split("  ")[0] for line in ("2f666170" + block).strip().splitlines()]
     assert h("".join(words)) == EXAMPLE_BYTES

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.live.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
+from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 
 h = bytes.fromhex
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
-from fapengine.live.livelink import Face, Subject, decode_packet, encode_face, keep_alive, livelink_values
+from fapengine.live.wire.livelink import Face, Subject, decode_packet, encode_face, keep_alive, livelink_values
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
 

@@ -12,7 +12,9 @@ from pythonosc.osc_message_builder import BuildError, OscMessageBuilder
 from pythonosc.osc_packet import OscPacket
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
-from fapengine.live import osc
+from fapengine.live.wire import osc
+
+pytestmark = pytest.mark.conformance
 
 h = bytes.fromhex
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fapengine.live.protocol.clock import EngineClock, SenderClock
-from fapengine.live.protocol.tags import TagClock, time_tag, unix_s
+from fapengine.live.wire.speech_osc.clock import EngineClock, SenderClock
+from fapengine.live.wire.speech_osc.time_tags import TagClock, time_tag, unix_s
 
 OFFSET_S, SKEW = 1234.5, 200e-6
 

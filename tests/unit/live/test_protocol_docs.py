@@ -2,31 +2,30 @@
 
 import re
 import time
-from dataclasses import fields
 from pathlib import Path
 from typing import get_args
 
 import pytest
-from test_client import MAMA, SOON_S, Place
+from test_sender_client import MAMA, SOON_S, Place
 
-from fapengine.live.protocol import schema, wire
-from fapengine.live.protocol.simple_mode import ADDRESSES, NAMELESS
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.live.wire.speech_osc.one_shot_messages import ADDRESSES, nameless
 
 PAGE = (Path(__file__).parents[3] / "docs" / "osc.md").read_text(encoding="utf-8")
-IN = PAGE[PAGE.index("## In\n") : PAGE.index("## Out\n")]
-ROWS = re.findall(r"^\| `(/fap/1/[a-z/]+)` \| `([a-z\[\]]+)` \| ([^|]+) \|", IN, flags=re.M)
-BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", IN, flags=re.S | re.M)
-KINDS = [*get_args(schema.FromSender), *get_args(schema.FromEngine)]
+ROWS = re.findall(r"^\| `(/fap/1/[a-z/]+)` \| `([a-z\[\]]+)` \| ([^|]+) \|", PAGE, flags=re.M)
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, flags=re.S | re.M)
+KINDS = [*schema.from_sender().values(), *get_args(schema.FromEngine)]
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_every_message_is_documented_as_it_is(kind):
-    rows = [row for row in ROWS if row[0] == kind.ADDRESS]
+    layout = codec.layout(kind)
+    rows = [row for row in ROWS if row[0] == layout.address]
     assert len(rows) == 1
     _, types, arguments = rows[0]
-    needed, others = kind.TAGS[: kind.REQUIRED], kind.TAGS[kind.REQUIRED :]
+    needed, others = layout.tags[: layout.required], layout.tags[layout.required :]
     assert types == (f"{needed}[{others}]" if others else needed)
-    names = [field.name for field in fields(kind)]
+    names = list(layout.names)
     if kind is schema.Phones:
         assert names.pop() == "revision"
     assert arguments.split(", ") == names
@@ -34,15 +33,15 @@ def test_every_message_is_documented_as_it_is(kind):
 
 def test_nothing_else_is_documented():
     assert len(ROWS) == len(KINDS)
-    simple = set(re.findall(r"`(/[a-z/]+)", IN[: IN.index("### Every phone")]))
-    assert simple - {"/fap/"} == {*ADDRESSES, *NAMELESS}
+    simple = set(re.findall(r"`(/[a-z/]+)", PAGE[: PAGE.index("\n## Every phone")]))
+    assert simple - {"/fap/"} == {*ADDRESSES, *nameless()}
 
 
 def test_the_bytes_are_those_of_the_encoder():
     (block,) = [text for language, text in BLOCKS if not language]
     spelled = "".join(re.match(r"((?:[0-9a-f]{8} ?)+)", line)[1] for line in block.strip().splitlines())
     phones = (schema.WirePhone("m", 0, 80_000, 1), schema.WirePhone("aɪ", 80_000, 120_000))
-    assert bytes.fromhex(spelled) == wire.encode(schema.Phones("anna", 7, 3, 16, phones))
+    assert bytes.fromhex(spelled) == codec.encode(schema.Phones("anna", 7, 3, 16, phones))
 
 
 @pytest.mark.parametrize("number", [0, 1])
@@ -65,6 +64,6 @@ def test_the_python_examples_speak(number):
 
 def test_the_page_names_all_kinds_of_events_and_the_limits():
     for kind in ("started", "underrun", "late", "concealed", "finished", "cancelled", "error", "unknown"):
-        assert f"`{kind}`" in IN
-    assert f"{schema.TEXT_BYTES} bytes" in IN
-    assert f"1 to {schema.SESSION_BYTES} bytes, labels up to {schema.LABEL_BYTES}" in IN
+        assert f"`{kind}`" in PAGE
+    assert f"{schema.TEXT_BYTES} bytes" in PAGE
+    assert f"1 to {schema.SESSION_BYTES} bytes, labels up to {schema.LABEL_BYTES}" in PAGE

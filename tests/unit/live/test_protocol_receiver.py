@@ -1,12 +1,10 @@
 """The robust mode: what the engine is told, and what senders are answered."""
 
-from math import inf
+from math import inf, pi, radians
 
 import numpy as np
 import pytest
-from protocol_double import Wire, phones
 
-from fapengine.live import osc
 from fapengine.live.engine.commands import (
     VOICE_UTTERANCES,
     Append,
@@ -17,16 +15,17 @@ from fapengine.live.engine.commands import (
     End,
     Express,
     Look,
-    Manner,
     Pause,
     Resume,
     Seek,
+    SetParameter,
     TurnHead,
 )
 from fapengine.live.engine.session import Limits
-from fapengine.live.protocol import schema
-from fapengine.live.protocol.counts import WireLimits
-from fapengine.live.protocol.schema import (
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import schema
+from fapengine.live.wire.speech_osc.counts import WireLimits
+from fapengine.live.wire.speech_osc.schema import (
     Ack,
     AudioPosition,
     BeginUtterance,
@@ -40,10 +39,15 @@ from fapengine.live.protocol.schema import (
 )
 from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone
+from tests.unit.live.protocol_double import Wire, phones
 
 HELLO = Hello("anna", flags=schema.WANT_ACK, instance=5)
 FOUR = phones()
 WHOLE = EndUtterance("anna", 1, 4, 450_000, schema.checksum(FOUR))
+
+
+def anna(command):
+    return schema.SessionCommand("anna", command)
 
 
 def four(first=0, stop=4, sequence=0, revision=None):
@@ -92,7 +96,7 @@ def test_a_hello_that_is_refused_says_why(hello, reason):
 
 def test_without_the_token_nothing_is_heard_but_hello_and_ping():
     one = Wire(token="key")
-    assert one.send(BeginUtterance("anna", 1), four(), schema.BlinkOnce("anna")) == []
+    assert one.send(BeginUtterance("anna", 1), four(), anna(Blink())) == []
     one.say("/phoneme", "s", "m")
     assert one.faces.told == []
     assert one.counts.refused == 4
@@ -100,14 +104,19 @@ def test_without_the_token_nothing_is_heard_but_hello_and_ping():
     one.send(Hello("anna", token="key"), BeginUtterance("anna", 1))
     one.say("/phoneme", "s", "m")
     assert len(one.faces.commands(Begin)) == 2
-    one.send(schema.BlinkOnce("anna"), peer="another")
+    one.send(anna(Blink()), peer="another")
     assert one.faces.commands(Blink) == []
 
 
 def test_sessions_have_a_limit_that_is_told():
     one = Wire(most=1)
     one.send(HELLO)
-    for message in (Hello("b"), BeginUtterance("b", 1), schema.BlinkOnce("b"), AudioPosition("anna", 0, 0, 0)):
+    for message in (
+        Hello("b"),
+        BeginUtterance("b", 1),
+        schema.SessionCommand("b", Blink()),
+        AudioPosition("anna", 0, 0, 0),
+    ):
         answers = one.send(message)
         assert answers[0][1].kind in ("error", "unknown")
     assert one.counts.refused == 4
@@ -410,7 +419,12 @@ def test_a_cancel_of_all_at_a_place_stops_nothing_at_once():
 
 def test_pause_resume_and_seek():
     one = Wire()
-    one.send(HELLO, BeginUtterance("anna", 1), schema.PauseUtterance("anna", 150), schema.ResumeUtterance("anna"))
+    one.send(
+        HELLO,
+        BeginUtterance("anna", 1),
+        anna(Pause(0.15)),
+        anna(Resume()),
+    )
     one.send(schema.SeekUtterance("anna", 1, 2_000_000))
     assert one.faces.commands()[1:] == [Pause(0.15), Resume(), Seek(0, 2.0)]
     one.send(schema.SeekUtterance("anna", 1, -1), schema.SeekUtterance("anna", 9, 1))
@@ -432,6 +446,21 @@ def test_positions_of_the_sound():
     assert len(one.faces.commands(Audio)) == 2
 
 
+def test_a_report_of_the_sound_outranks_the_clock_for_two_seconds():
+    one = Wire()
+    one.send(HELLO, Ping(1, 0, 50_000_000, 0.0, 100), BeginUtterance("anna", 1, 0, "at", 500_000), at_s=50.0)
+    one.faces.settle("anna", 0, 50.5)
+    one.tick(51.6)
+    one.send(Ping(2, 2_000_000, 49_990_000, 0.0, 100), AudioPosition("anna", 1, 2_610_000, 2_100_000), at_s=52.6)
+    reported = Audio(0, pytest.approx(52.6), pytest.approx(2.1))
+    assert one.faces.commands(Audio) == [reported]
+    for at_s in (52.7, 53.8):  # the clock says 10 ms more, but the sound was heard where it was reported
+        one.tick(at_s)
+    assert one.faces.commands(Audio) == [reported]
+    one.tick(54.9)  # no report for 2 s
+    assert one.faces.commands(Audio) == [reported, Audio(0, 54.9, pytest.approx(4.41))]
+
+
 def test_an_utterance_at_a_time_follows_the_senders_clock_until_it_is_moved_by_hand():
     one = Wire()
     one.send(HELLO, Ping(1, 0, 50_000_000, 0.0, 100), BeginUtterance("anna", 1, 0, "at", 500_000), at_s=50.0)
@@ -442,7 +471,7 @@ def test_an_utterance_at_a_time_follows_the_senders_clock_until_it_is_moved_by_h
     one.tick(52.7)
     (audio,) = one.faces.commands(Audio)
     assert audio == Audio(0, 52.7, pytest.approx(2.21))
-    one.send(schema.PauseUtterance("anna"))
+    one.send(anna(Pause()))
     one.tick(54.0)
     assert len(one.faces.commands(Audio)) == 1
 
@@ -581,7 +610,7 @@ def test_so_many_closed_sessions_are_remembered():
 def test_a_peer_whose_connection_ends_hears_no_more():
     one = Wire()
     one.send(HELLO, BeginUtterance("anna", 1))
-    one.send(schema.BlinkOnce("anna"), peer="stranger")
+    one.send(anna(Blink()), peer="stranger")
     for name in ("a", "stranger", "nobody"):
         one.receiver.forget(name)
     one.faces.happen("anna", 0, "finished", 51.0)
@@ -592,7 +621,7 @@ def test_a_peer_whose_connection_ends_hears_no_more():
 def test_a_session_has_at_most_eight_listeners_and_a_receiver_so_many_peers():
     one = Wire(limits=WireLimits(peers=12))
     for number in range(30):
-        one.send(HELLO if number % 2 else schema.BlinkOnce("anna"), peer=number)
+        one.send(HELLO if number % 2 else anna(Blink()), peer=number)
     assert 20 < len(one.receiver.peers) <= 24
     one.send(BeginUtterance("anna", 1), peer=29)
     one.faces.happen("anna", 0, "started", 50.1)
@@ -645,18 +674,20 @@ def test_a_sender_whose_clock_was_set_is_not_followed():
 
 def test_gestures():
     one = Wire()
-    one.send(schema.SetExpression("anna", " Happy ", 0.5, 250_000, 1, 2_000_000, 3), at_s=50.0)
-    one.send(schema.SetExpression("anna", "fear"))
+    one.send(anna(Express(Expression.JOY, 0.5, 0.25, 1e-6, 2.0, 3e-6)), at_s=50.0)
+    one.send(anna(Express(Expression.FEAR)))
     one.send(
-        schema.Gaze("anna", 180.0, -90.0, 200_000), schema.BlinkOnce("anna"), schema.SetParameter("anna", "jaw", 2)
+        anna(Look(pi, -pi / 2, 0.2)),
+        anna(Blink()),
+        anna(SetParameter("jaw", 2.0)),
     )
-    one.send(schema.HeadTurn("anna", 1.0, 2.0, 180.0, 300_000))
+    one.send(anna(TurnHead(roll_rad=radians(1), pitch_rad=radians(2), yaw_rad=pi, over_s=0.3)))
     joy, fear, look, blink, jaw, turn = one.faces.commands()
     assert joy == Express(Expression.JOY, 0.5, 50.25, 1e-6, 2.0, pytest.approx(3e-6))
     assert fear == Express(Expression.FEAR, 1.0, None, 0.35, inf, 0.5)
     assert look == Look(pytest.approx(3.14159, abs=1e-5), pytest.approx(-1.5708, abs=1e-5), 0.2)
     assert blink == Blink()
-    assert jaw == Manner("jaw", 2.0)
+    assert jaw == SetParameter("jaw", 2.0)
     angles = (turn.pitch_rad, turn.yaw_rad, turn.roll_rad)
     assert isinstance(turn, TurnHead)
     assert angles == pytest.approx((0.0349, 3.1416, 0.01745), abs=1e-4)
@@ -665,7 +696,7 @@ def test_gestures():
 
 def test_neutral_takes_all_expressions_away():
     one = Wire()
-    one.send(schema.SetExpression("anna", "neutral", attack_us=200_000))
+    one.send(anna(Express(Expression.NEUTRAL, attack_s=0.2)))
     assert {(wish.expression, wish.level, wish.attack_s) for wish in one.faces.commands(Express)} == {
         (expression, 0.0, 0.2) for expression in Expression if expression
     }
@@ -673,7 +704,9 @@ def test_neutral_takes_all_expressions_away():
 
 def test_names_that_there_are_not_are_counted():
     one = Wire()
-    one.send(schema.SetExpression("anna", "hungry"), schema.SetParameter("anna", "colour", 1.0))
+    one.send(
+        osc.message("/fap/1/expr", "ss", "anna", "hungry"), osc.message("/fap/1/param", "ssf", "anna", "colour", 1.0)
+    )
     assert one.faces.told == []
     assert one.counts.malformed == 2
 

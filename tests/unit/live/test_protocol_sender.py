@@ -5,10 +5,10 @@ from itertools import pairwise
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.live import osc
-from fapengine.live.protocol import schema, wire
-from fapengine.live.protocol.outgoing import CANCEL_TRIES
-from fapengine.live.protocol.schema import (
+from fapengine.live.engine.commands import Blink, Express
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.live.wire.speech_osc.schema import (
     Ack,
     BeginUtterance,
     CancelUtterance,
@@ -22,12 +22,18 @@ from fapengine.live.protocol.schema import (
     Welcome,
     WirePhone,
 )
-from fapengine.live.protocol.sender import OscSender
+from fapengine.live.wire.speech_osc.send_window import CANCEL_TRIES
+from fapengine.live.wire.speech_osc.sender import OscSender
+from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone
 
 
+def anna(command):
+    return schema.SessionCommand("anna", command)
+
+
 def read(packet: bytes) -> list[schema.Wire]:
-    return [wire.parse(schema.FROM_SENDER[one.address], one) for one in osc.parse_packet(packet)]
+    return [codec.parse(schema.from_sender()[one.address], one) for one in osc.parse_packet(packet)]
 
 
 class Desk:
@@ -49,7 +55,7 @@ class Desk:
         return sent
 
     def hear(self, *told):
-        return [one for each in told for one in self.sender.receive(wire.encode(each), self.now_s)]
+        return [one for each in told for one in self.sender.receive(codec.encode(each), self.now_s)]
 
     def ready(self, **welcome):
         """Welcomed, with an engine whose clock is 100 s ahead."""
@@ -215,7 +221,7 @@ def test_an_end_goes_until_it_is_known():
     assert ends == [0.01, 0.07]
     end = next(told for _, told in sent if isinstance(told, EndUtterance))
     assert (end.phone_count, end.duration_us, end.revision) == (4, 500_000, 0)
-    assert end.checksum == schema.checksum(one.sender._utterances[number].phones)
+    assert end.checksum == schema.checksum(one.sender._windows[number].phones)
     assert [len(told.phones) for when, told in sent if isinstance(told, Phones) and when == 0.07] == [4]
     assert one.until(1.0, EndUtterance)
     one.hear(Ack("anna", number, 4, 0, is_ended=1))
@@ -231,21 +237,25 @@ def test_over_tcp_everything_goes_once():
     one.sender.append(number, phones(40))
     one.sender.end(number)
     one.sender.cancel(one.now_s + 1.0, utterance=77)
-    one.sender.tell(schema.SetExpression("anna", "joy"), one.now_s, repeats=True)
+    one.sender.tell(anna(Express(Expression.JOY)), one.now_s, repeats=True)
     sent = one.until(3.0)
     assert [len(told.phones) for _, told in sent if isinstance(told, Phones)] == [8] * 5
-    for kind in (EndUtterance, CancelUtterance, schema.SetExpression):
+    for kind in (EndUtterance, CancelUtterance, schema.SessionCommand):
         assert len([told for _, told in sent if isinstance(told, kind)]) == 1
 
 
 def test_what_may_be_repeated_is():
     one = Desk().ready()
-    one.sender.tell(schema.SetExpression("anna", "joy"), one.now_s, repeats=True)
-    one.sender.tell(schema.BlinkOnce("anna"), one.now_s)
+    one.sender.tell(anna(Express(Expression.JOY)), one.now_s, repeats=True)
+    one.sender.tell(anna(Blink()), one.now_s)
     assert not one.sender.is_settled()
     sent = one.until(1.0)
-    assert [when for when, told in sent if isinstance(told, schema.SetExpression)] == [0.01, 0.03, 0.07]
-    assert len([when for when, told in sent if isinstance(told, schema.BlinkOnce)]) == 1
+    assert [when for when, told in sent if told == anna(Express(Expression.JOY))] == [
+        0.01,
+        0.03,
+        0.07,
+    ]
+    assert len([when for when, told in sent if told == anna(Blink())]) == 1
     assert one.sender.is_settled()
 
 
@@ -384,7 +394,7 @@ def test_what_is_for_others_or_no_message_is_left():
     one = Desk()
     assert one.hear(Welcome("berta", 5)) == []
     assert one.sender.welcome is None
-    for packet in (b"", b"zz", osc.message("/fap/1/ack", "s", "anna"), osc.message("/x"), wire.encode(Hello("anna"))):
+    for packet in (b"", b"zz", osc.message("/fap/1/ack", "s", "anna"), osc.message("/x"), codec.encode(Hello("anna"))):
         assert one.sender.receive(packet, 0.0) == []
 
 

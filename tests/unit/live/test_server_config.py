@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fapengine.errors import DataError
-from fapengine.live.config import EXAMPLE, ServeConfig, parse_config
+from fapengine.errors import DataError, UsageError
+from fapengine.live.server.config import EXAMPLE, Face, Listen, ServeConfig, overridden, parse_config
 
 
 def test_nothing_told_is_all_by_default() -> None:
@@ -29,7 +29,7 @@ def test_the_documented_example_has_every_key() -> None:
 
 
 def test_the_page_about_the_server_shows_the_example() -> None:
-    page = Path(__file__).resolve().parents[3] / "docs" / "live.md"
+    page = Path(__file__).resolve().parents[3] / "docs" / "reference" / "configuration.md"
     assert f"```toml\n{EXAMPLE}```" in page.read_text(encoding="utf-8")
 
 
@@ -95,28 +95,38 @@ def test_every_key_is_taken() -> None:
         ("x", "a.toml", "is not TOML"),
         ("[listn]", "a.toml, listn", "'listn' is unknown"),
         ("[listen]\nprot = 1", "a.toml, listen.prot", "'prot' is unknown"),
-        ("[listen]\nport = 70000", "a.toml, listen.port", "got 70000, expected 0..65535"),
-        ("[listen]\nport = true", "a.toml, listen.port", "expected a int"),
+        ("[listen]\nport = 70000", "a.toml, listen.port", "got 70000, expected a whole number of 0..65535"),
+        ("[listen]\nport = true", "a.toml, listen.port", "expected a whole number of 0..65535"),
         ("[listen]\nweb_port = -1", "a.toml, listen.web_port", "got -1"),
-        ("[listen]\nmetrics_port = 'x'", "a.toml, listen.metrics_port", "expected a int"),
-        ("[face]\nrate_hz = 0", "a.toml, face.rate_hz", "expected 1..240"),
-        ("[face]\nrate_hz = nan", "a.toml, face.rate_hz", "expected 1..240"),
+        ("[listen]\nmetrics_port = 'x'", "a.toml, listen.metrics_port", "expected a whole number of 0..65535"),
+        ("[face]\nrate_hz = 0", "a.toml, face.rate_hz", "expected a number of 1..240"),
+        ("[face]\nrate_hz = nan", "a.toml, face.rate_hz", "expected a number of 1..240"),
         ("[face]\nfps = 30", "a.toml, face.fps", "unknown"),
         ("[style]\njaw = 9", "a.toml, style.jaw", "got 9.0, expected 0..3"),
-        ("[style]\nblinks = 1", "a.toml, style.blinks", "expected a bool"),
+        ("[style]\nblinks = 1", "a.toml, style.blinks", "got 1, expected true or false"),
         ("[style]\nteeth = 1", "a.toml, style.teeth", "unknown"),
-        ("[voice]\nrate_wpm = 1", "a.toml, voice.rate_wpm", "expected 80..450"),
+        ("[voice]\nrate_wpm = 1", "a.toml, voice.rate_wpm", "got 1, expected a whole number of 80..450"),
         ("[voice]\nx = 1", "a.toml, voice.x", "unknown"),
-        ("[limits]\nsessions = 0", "a.toml, limits.sessions", "expected 1..100000"),
+        ("[limits]\nsessions = 0", "a.toml, limits.sessions", "got 0, expected a whole number of 1..100000"),
         ("[limits]\nx = 0", "a.toml, limits.x", "unknown"),
         ("[log]\nlevel = 'loud'", "a.toml, log.level", "expected one of debug, info"),
         ("[log]\nx = 'loud'", "a.toml, log.x", "unknown"),
-        ("[[sink]]\nurl = 1", "a.toml, sink[0].url", "expected a str"),
+        ("[[sink]]\nurl = 1", "a.toml, sink[0].url", "got 1, expected a string"),
         ("[[sink]]\nurl = 'osc://a:1'\nx = 1", "a.toml, sink[0].x", "unknown"),
-        ("[sink]\nurl = 'osc://a:1'", "a.toml, sink", "expected a list"),
+        ("[[sink]]\nurl = 'vmc:/x'", "a.toml, sink[0]", "sink: got 'vmc:/x'"),
+        (f"[sound]\nsession = '{33 * 'x'}'", "a.toml, sound.session", "got 'xxx"),
+        ("[sink]\nurl = 'osc://a:1'", "a.toml, sink", "got {'url': 'osc://a:1'}, expected a list"),
     ],
 )
 def test_what_is_wrong_is_named(text: str, where: str, what: str) -> None:
     with pytest.raises(DataError, match=re.escape(what)) as caught:
         parse_config(text.encode(), "a.toml")
     assert caught.value.where == where
+
+
+def test_a_configuration_made_in_python_is_checked_too() -> None:
+    with pytest.raises(UsageError, match=r"^rate_hz: got 1000\.0, expected a number of 1\.\.240$"):
+        Face(rate_hz=1000.0)
+    with pytest.raises(UsageError, match=r"^port: got '9', expected a whole number of"):
+        overridden(Listen(), port="9")
+    assert overridden(Listen(), port=None, token="") == Listen()

@@ -7,21 +7,19 @@ import time
 import numpy as np
 import pytest
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express, Pause
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
-from fapengine.live.server import hub as hubs
-from fapengine.live.server.hub import Hub
+from fapengine.live.hub import hub as hubs
+from fapengine.live.hub.hub import Hub
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.style import Style
 from fapengine.voices.protocol import Speech
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 JAW = fap.column(3)
 PHONES = tuple(Phone(label, 0.1 + 0.15 * n, 0.25 + 0.15 * n) for n, label in enumerate(["m", "ɑː", "b", "ɑː", "p"]))
 
@@ -38,7 +36,7 @@ class Clock:
 
 def hub_of(**limits: object) -> tuple[Hub, Clock]:
     clock = Clock()
-    engine = Engine(PROFILE, rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.still())
     return Hub(engine, clock=clock, idle_close_s=10.0), clock
 
 
@@ -348,7 +346,7 @@ def test_a_real_voice_speaks() -> None:
 
 
 def test_it_runs_at_its_rate_until_stopped() -> None:
-    engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
     hub = Hub(engine, rate_hz=200.0)
     hub.open("a")
     before, after, numbers = [], [], []

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
-from fapengine.live.server.fairness import FairQueue
-from fapengine.live.server.pacer import FramePacer
+from fapengine.live.hub.pacer import FramePacer
+from fapengine.live.server.fair_queue import FairQueue
 
 
 def test_every_frame_is_due_once_and_lateness_does_not_add_up() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fapengine._resources import profile_files
-from fapengine.live.shapes import ArkitFollower, arkit_weights
+from fapengine.live.wire.shapes import ArkitFollower, arkit_weights
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
@@ -29,7 +29,7 @@ def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
 
 
 def test_presets_of_a_face_are_followed_exactly() -> None:
-    from fapengine.live.shapes import PresetFollower
+    from fapengine.live.wire.shapes import PresetFollower
     from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets
 
     faps = np.zeros((30, 68))

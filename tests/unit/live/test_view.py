@@ -18,6 +18,7 @@ from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.budget import Quality
+from fapengine.render.drawing import Drawing
 from fapengine.render.panel import Event, Panel, Pressed
 
 
@@ -51,7 +52,7 @@ class FakeWindow:
 
     made: "list[FakeWindow]"
 
-    def __init__(self, mesh: object, *, panel: Panel | None = None, **options: object) -> None:
+    def __init__(self, mesh: object, drawing: Drawing, *, panel: Panel | None = None, **options: object) -> None:
         self.panel, self.options = panel or Panel(), options
         self.shown: list[np.ndarray] = []
         self.events: list[list[Event]] = []
@@ -91,10 +92,10 @@ class FakeWindow:
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
     FakeWindow.made = []
-    for place in ("fapengine.cli._view_window", "fapengine.cli._say_live"):
+    for place in ("fapengine.app.view", "fapengine.app.say_live"):
         monkeypatch.setattr(f"{place}.FaceWindow", FakeWindow)
-    monkeypatch.setattr("fapengine.files.heads.load_levels", lambda name: [None])
-    monkeypatch.setattr("fapengine.cli._say_live.load_levels", lambda name: [None])
+    monkeypatch.setattr("fapengine.files.heads.folder.load_levels", lambda name: [None])
+    monkeypatch.setattr("fapengine.app.say_live.load_levels", lambda name: [None])
     return FakeWindow.made
 
 
@@ -166,7 +167,7 @@ def call(*arguments: object) -> None:
         (("http://127.0.0.1:1/", "--audio", "a.wav"), "--audio: got"),
         (("--for", "-1"), "--for: got -1.0 s"),
         (("--size", "big"), "--size: got 'big'"),
-        (("--camera", "behind"), "camera: got 'behind'"),
+        (("--camera", "behind"), "--camera: got 'behind'"),
     ],
 )
 def test_refuses(arguments: tuple[str, ...], message: str) -> None:
@@ -175,17 +176,17 @@ def test_refuses(arguments: tuple[str, ...], message: str) -> None:
 
 
 def test_refuses_what_is_no_source(tmp_path: Path) -> None:
-    from fapengine.cli.view import _elsewhere, _file
+    from fapengine.app.view_sources import open_file, open_url
 
     for url, message in (
         ("osc://127.0.0.1", "expected osc://HOST:PORT"),
         ("osc://127.0.0.1:x", "expected osc://HOST:PORT"),
     ):
         with pytest.raises(UsageError, match=message):
-            _elsewhere(url, None, "en-us", None, True)
+            open_url(url, silent=True)
     save_fap(tmp_path / "none.fap", FapTrack.of(np.zeros((0, 68), int), rate_hz=30.0))
     with pytest.raises(DataError, match="got no frame"):
-        _file(tmp_path / "none.fap", None, None, True)
+        open_file(tmp_path / "none.fap", silent=True)
 
 
 @pytest.mark.parametrize("source", [(), ("http://127.0.0.1:9/",), ("a.fap", "--audio", "a.wav")])
@@ -204,7 +205,7 @@ def test_a_window_that_is_wished_for_must_open(monkeypatch: pytest.MonkeyPatch) 
     def refuse(*_: object, **__: object) -> None:
         raise ResourceError("window: no display")
 
-    monkeypatch.setattr("fapengine.cli._say_live.FaceWindow", refuse)
+    monkeypatch.setattr("fapengine.app.say_live.FaceWindow", refuse)
     with pytest.raises(ResourceError, match="no display"):
         call("say", "Hi.", "--live", "--window", "--silent")
 
@@ -219,7 +220,7 @@ def test_ctrl_c_ends_the_speech_with_a_mouth_that_is_shut(
                 raise KeyboardInterrupt
             return []
 
-    monkeypatch.setattr("fapengine.cli._say_live.FaceWindow", Interrupted)
+    monkeypatch.setattr("fapengine.app.say_live.FaceWindow", Interrupted)
     text = "This is a sentence that is interrupted in its midst by somebody."
     call("say", text, "--live", "--window", "--silent", "--without", "all")
     opened = [-(faps[fap.column(51)] + faps[fap.column(52)]) for faps in windows[0].shown]

@@ -8,8 +8,8 @@ from pythonosc.osc_packet import OscPacket
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import UsageError
-from fapengine.live import osc, vmc
-from fapengine.live.shapes import arkit_weights
+from fapengine.live.wire import osc, vmc
+from fapengine.live.wire.shapes import arkit_weights
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
 

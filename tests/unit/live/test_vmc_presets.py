@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fapengine.live import osc
-from fapengine.live.server.faces import vmc_face
-from fapengine.live.server.hub import HubFrames
-from fapengine.live.vmc import VRM0_SHOWN, VRM1_SHOWN
+from fapengine.live.hub.messages import HubFrames
+from fapengine.live.server.frame_encoders import vmc_face
+from fapengine.live.wire import osc
+from fapengine.live.wire.vmc import VRM0_SHOWN, VRM1_SHOWN
 from fapengine.mpeg4 import fap
 
 

@@ -5,7 +5,7 @@ import pytest
 from pythonosc.osc_packet import OscPacket
 
 from fapengine.errors import UsageError
-from fapengine.live import vrchat
+from fapengine.live.wire import vrchat
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
 

@@ -10,21 +10,19 @@ import pytest
 from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError, web
 from aiohttp.test_utils import TestClient, TestServer
 
-from fapengine._resources import profile_files
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
-from fapengine.live.server.hub import Hub
+from fapengine.live.hub.hub import Hub
 from fapengine.live.web import app as web_app
 from fapengine.live.web import connection as connections
 from fapengine.live.web.app import COUNTS, make_app
-from fapengine.live.web.wire import FRAME
+from fapengine.live.web.messages import FRAME
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
 from fapengine.trajectory.style import Style
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 LIMIT_S = 20.0
 Use = Callable[[TestClient, Hub], Awaitable[None]]
 
@@ -38,7 +36,7 @@ def serve(head: FaceMesh, use: Use, *, token: str | None = None, sessions: int =
     """Run a server, and a client against it."""
 
     async def run() -> None:
-        engine = Engine(PROFILE, rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
+        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
         hub = Hub(engine, rate_hz=100.0)
         app = make_app(hub, head, token=token, profile="grid_s1_en")
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
@@ -200,7 +198,7 @@ def test_what_cannot_be_done_is_answered(head: FaceMesh, sent: dict, complaint: 
 def test_one_page_is_not_spoken_for_without_end(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws") as socket:
-            for _ in range(connections.MOST_VOICES + 1):
+            for _ in range(connections.MAX_VOICES + 1):
                 await socket.send_json({"type": "say", "text": "One sentence after the other. " * 20})
             assert "busy" in (await text_from(socket, "error"))["message"]
 
@@ -210,7 +208,7 @@ def test_one_page_is_not_spoken_for_without_end(head: FaceMesh) -> None:
 def test_bytes_and_nonsense_are_counted_and_too_much_of_it_ends_the_connection(
     head: FaceMesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "MOST_REFUSED", 300)
+    monkeypatch.setattr(connections, "MAX_REFUSED", 300)
 
     async def use(client: TestClient, hub: Hub) -> None:
         counts = client.app[COUNTS]
@@ -310,7 +308,7 @@ def test_names_are_enough_with_a_token(head: FaceMesh) -> None:
 
 
 def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_app, "MOST_PAGES", 3)
+    monkeypatch.setattr(web_app, "MAX_PAGES", 3)
 
     async def use(client: TestClient, hub: Hub) -> None:
         async def refused(path: str) -> None:
@@ -349,7 +347,7 @@ def test_whoever_does_not_come_in_leaves_no_session_behind(head: FaceMesh, monke
             with pytest.raises(ClientError):
                 await client.ws_connect("/ws?session=a")
         assert "a" not in hub.engine
-        assert not client.app[web_app.SERVER].rooms
+        assert not client.app[web_app.SERVER].views
 
     serve(head, use)
 

@@ -2,21 +2,24 @@
 
 import io
 import json
+import re
 import struct
 import wave
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fapengine.live.web import outbox
-from fapengine.live.web.head_binary import head_binary
-from fapengine.live.web.outbox import Allowance, Outbox
-from fapengine.live.web.setup import setup
-from fapengine.live.web.sounds import SoundShelf
-from fapengine.mesh.head import build_head
+from fapengine.live.web import send_queue
+from fapengine.live.web.head_binary import MAGIC, head_binary
+from fapengine.live.web.page_config import setup
+from fapengine.live.web.send_queue import SendQueue, TokenBucket
+from fapengine.live.web.sounds import SoundCache
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
+from fapengine.render.camera import FAR_MM, NEAR_MM
 from fapengine.render.packing import pack
-from fapengine.render.programs import ES_HEADER, STAGES
+from fapengine.render.programs import ES_HEADER, MAX_CHANNELS, STAGES
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.voices.protocol import Speech
 
@@ -28,7 +31,7 @@ def spoken(length: int, rate_hz: int = 16_000) -> Speech:
 
 
 def test_texts_go_before_frames_and_all_go() -> None:
-    box = Outbox()
+    box = SendQueue()
     box.put_frame(b"1")
     box.put_text("a")
     box.put_text("b")
@@ -36,7 +39,7 @@ def test_texts_go_before_frames_and_all_go() -> None:
 
 
 def test_a_slow_page_gets_the_newest_frames() -> None:
-    box = Outbox()
+    box = SendQueue()
     for number in range(10):
         box.put_frame(bytes([number]))
     assert [box.take() for _ in range(4)] == [b"\7", b"\10", b"\11", None]
@@ -44,8 +47,8 @@ def test_a_slow_page_gets_the_newest_frames() -> None:
 
 
 def test_too_many_texts_are_told_not_kept() -> None:
-    box = Outbox()
-    for _ in range(outbox.MOST_TEXTS):
+    box = SendQueue()
+    for _ in range(send_queue.MAX_TEXTS):
         box.put_text("a")
     assert not box.overflowed
     box.put_text("one more")
@@ -53,14 +56,14 @@ def test_too_many_texts_are_told_not_kept() -> None:
 
 
 def test_an_allowance_comes_back_with_time_up_to_the_burst() -> None:
-    allowance = Allowance(rate_hz=10.0, burst=5)
+    allowance = TokenBucket(rate_hz=10.0, burst=5)
     assert [allowance.take(100.0) for _ in range(6)] == [True] * 5 + [False]
     assert [allowance.take(100.2) for _ in range(3)] == [True, True, False]
     assert [allowance.take(200.0) for _ in range(6)] == [True] * 5 + [False]
 
 
 def test_a_sound_is_a_wav_file() -> None:
-    shelf = SoundShelf()
+    shelf = SoundCache()
     shelf.put("anna", 5, spoken(300))
     data = shelf.wav("anna", 5)
     assert data is not None
@@ -72,7 +75,7 @@ def test_a_sound_is_a_wav_file() -> None:
 
 
 def test_old_sounds_make_room_for_new_ones() -> None:
-    shelf = SoundShelf(most_bytes=1000)
+    shelf = SoundCache(most_bytes=1000)
     for number in range(5):
         shelf.put("anna", number, spoken(200))
     assert [shelf.wav("anna", number) is not None for number in range(5)] == [False, False, False, True, True]
@@ -89,7 +92,9 @@ def test_the_head_file_holds_what_the_desktop_uploads() -> None:
     assert data[:8] == b"FAPHEAD1"
     (length,) = struct.unpack_from("<I", data, 8)
     about = json.loads(data[12 : 12 + length])
-    expected = {"vertices": packed.vertices, "moves": packed.moves, "turns": packed.turns}
+    expected = {
+        "vertices": packed.vertices, "displacements": packed.displacements, "normal_deltas": packed.normal_deltas,
+    }  # fmt: skip
     assert packed.skin is not None
     expected["skin"] = packed.skin
     expected |= {f"part.{name}": triangles for name, triangles in packed.parts.items()}
@@ -121,5 +126,28 @@ def test_the_page_is_told_every_fap_once_and_every_program() -> None:
     assert {name.split()[0] for name in used} < set(STAGES)
     for stages in told["programs"].values():
         assert all(stages[kind].startswith(ES_HEADER) for kind in ("vertex", "fragment"))
+    assert [(angle["name"], angle["reach"]) for angle in told["head"]] == [("yaw", 45), ("pitch", 30), ("roll", 30)]
+    assert told["head"][0]["positive"] == "to the subject's left"
+    assert told["ranges"]["look"]["yaw"] == {"low": -1.5, "high": 1.5}
+    assert told["ranges"]["blink"] == {}
+    assert {name: part["program"] for name, part in told["parts"].items()} == {
+        "face": "face", "cutout": "face", "eyeball": "face", "eye": "eye",
+    }  # fmt: skip
+    assert told["parts"]["cutout"] == {
+        "program": "face", "definitions": ["CUT_OUT"], "may_be_lit_at_vertices": True,
+    }  # fmt: skip
+    assert (told["max_fine_edge_px"], told["skin_level_bias"], told["fine_samples"]) == (12.0, 0.3, 4)
     assert told["expressions"] == ["joy", "sadness", "anger", "fear", "disgust", "surprise"]
     assert told["cameras"]["front"]["distance"] == pytest.approx(900.0)
+
+
+def test_numbers_that_the_page_repeats_are_pythons() -> None:
+    page = Path(__file__).resolve().parents[3] / "web-page"
+    repeated = {
+        ("camera.js", "NEAR"): NEAR_MM, ("camera.js", "FAR"): FAR_MM, ("deform.js", "MAX_CHANNELS"): MAX_CHANNELS,
+        ("head.js", "MAGIC"): MAGIC.decode(),
+    }  # fmt: skip
+    for (file, name), value in repeated.items():
+        stated = re.search(rf"^const {name} = (.+);$", (page / file).read_text(encoding="utf-8"), re.MULTILINE)
+        assert stated is not None, name
+        assert json.loads(stated[1]) == value, name

@@ -1,13 +1,15 @@
 """Our own head as a stranger would bring it: its surface, and ARKit's shapes that our own basis makes of it."""
 
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
 
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
-from fapengine.mesh.head import build_head
-from fapengine.mesh.morphs import MorphMesh, Shape
+from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
+from fapengine.mesh.rig.import_head import ImportedHead, import_head
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 
 PARTS = {
@@ -16,14 +18,14 @@ PARTS = {
 }  # fmt: skip
 
 
-def shape_of(head: FaceMesh, faps: np.ndarray) -> Shape:
+def shape_of(head: FaceMesh, faps: np.ndarray) -> Blendshape:
     moves = deform(head, faps) - head.vertices_mm
     kept = np.flatnonzero(np.abs(moves).max(axis=1) > 1e-3)
-    return Shape(kept, moves[kept])
+    return Blendshape(kept, moves[kept])
 
 
 @cache
-def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> MorphMesh:
+def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> BlendshapeMesh:
     """In mm, on the standard's axes."""
     head = build_head()
     shapes = arkit_map()
@@ -32,10 +34,10 @@ def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> MorphMesh:
     for number, kind in enumerate(kinds):
         if kind is not None:
             surface[head.material == kind] = number
-    return MorphMesh(
+    return BlendshapeMesh(
         vertices=head.vertices_mm,
         triangles=head.triangles,
-        shapes={name: shape_of(head, shapes.faps[shapes.names.index(name)]) for name in names},
+        blendshapes={name: shape_of(head, shapes.faps[shapes.names.index(name)]) for name in names},
         albedo=head.albedo,
         surfaces=("Skin", *PARTS.values()),
         surface=surface,
@@ -44,3 +46,15 @@ def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> MorphMesh:
 
 def skin_of(head: FaceMesh) -> np.ndarray:
     return np.flatnonzero(np.isin(head.material, (Material.SKIN, Material.LIP)) & (head.bone != Bone.LEFT_EYE))
+
+
+def import_plain(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    points: Mapping[str, int],
+    standard: FaceMesh,
+    albedo: np.ndarray | None = None,
+) -> ImportedHead:
+    """Make a head of a mesh that has nothing but feature points."""
+    mesh = BlendshapeMesh(vertices=vertices, triangles=triangles, blendshapes={}, albedo=albedo)
+    return import_head(mesh, (), points, standard)

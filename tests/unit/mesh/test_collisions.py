@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine._resources import profile_files
-from fapengine.mesh import eyes, mouth
+from fapengine.mesh.default_head import eyes, mouth
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.trajectory.closures import close_lips

@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
+from fapengine.mesh.default_head import head as head_builder
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import HEAD, bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
-from fapengine.mesh.head import build_head
-from fapengine.mesh.style import HeadStyle
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS, Side
 
@@ -32,7 +33,10 @@ def frame(**values: float) -> NDArray[np.float64]:
 
 def test_size_and_determinism(head: FaceMesh) -> None:
     assert 8_000 <= len(head.vertices_mm) <= 15_000
+    head_builder._built.cache_clear()
     again = build_head()
+    assert again is not head
+    assert build_head(HeadStyle(), level="normal") is again  # remembered; its arrays are read-only
     assert np.array_equal(head.vertices_mm, again.vertices_mm)
     assert np.array_equal(head.triangles, again.triangles)
     assert {Material(kind) for kind in np.unique(head.material)} == set(Material) - {Material.BALL}

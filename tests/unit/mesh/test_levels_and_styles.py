@@ -8,12 +8,12 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.mesh import atlas, hair, painting
-from fapengine.mesh.colours import Palette
+from fapengine.mesh.colours import HAIR_COLOURS
+from fapengine.mesh.default_head import atlas, hair, painting
+from fapengine.mesh.default_head.head import LEVELS, build_head
+from fapengine.mesh.default_head.style import HeadStyle, palette_of, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.head import LEVELS, build_head
-from fapengine.mesh.style import HAIR_COLOURS, HeadStyle, parse_look
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
@@ -27,7 +27,7 @@ MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit 
 @pytest.fixture(scope="module")
 def heads() -> dict[str, FaceMesh]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fapengine.mesh.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
+        patch.setattr("fapengine.mesh.default_head.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
         return {level: build_head(level=level) for level in LEVELS}
 
 
@@ -74,7 +74,7 @@ STYLES = {
 @pytest.fixture
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Painting takes longer than a coarse head."""
-    monkeypatch.setattr("fapengine.mesh.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
+    monkeypatch.setattr("fapengine.mesh.default_head.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
 
 
 def width(head: FaceMesh, one: str, other: str) -> float:
@@ -110,7 +110,7 @@ def test_a_style_changes_what_it_names(heads: dict[str, FaceMesh], name: str) ->
 
 @pytest.mark.usefixtures("unpainted")
 def test_skin_and_hair_have_their_colours() -> None:
-    light, dark = (Palette.of(HeadStyle(skin_tone=tone)).base for tone in (0.0, 1.0))
+    light, dark = (palette_of(HeadStyle(skin_tone=tone)).base for tone in (0.0, 1.0))
     assert (light > 3 * dark).all()
     grey = build_head(HeadStyle(hair_colour="grey"), level="coarse")
     brown = build_head(level="coarse")

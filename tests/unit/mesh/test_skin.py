@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fapengine.mesh.head import build_head
-from fapengine.mesh.skin import FAPS, MIRRORED, TWINS, skin_fields
-from fapengine.mesh.skin_table import ANCHORS_MM, MOVES
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.skin import FAPS, MIRRORED, TWINS, skin_fields
+from fapengine.mesh.default_head.skin_table import ANCHORS_MM, MOVES
 from fapengine.mpeg4 import fap
 
 PLACES = np.array([place for place, _ in MOVES])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.mesh.head import build_head
+from fapengine.mesh.default_head.head import build_head
 
 
 def test_a_texture_is_kept_read_only() -> None:

@@ -1,9 +1,6 @@
-"""Paper 003, section 4, on a dense face of 14,062 vertices whose truth is known: 15 held postures."""
-
-import csv
+"""Paper 003, section 4, on a dense face whose truth is known, with speech made and captured: 15 held postures."""
 
 import numpy as np
-import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -14,20 +11,15 @@ from fapengine.models.missing import fit_gaps
 from fapengine.models.scan_fit import fit_scan
 
 HELD = ("sil", "AY", "IY", "UW", "OW", "B", "F", "EH", "AE", "AO", "R", "S", "TH", "W", "L")
-SIZE = 14062
 
 
-@pytest.mark.shared
-def test_fifteen_postures_animate_the_dense_face(speech, shared):
-    data = np.load(shared / "data" / "dense_face.npz")
-    rest, fields = data["vertices"][:SIZE].astype(np.float64), data["expr"][:, :SIZE].astype(np.float64)
-    triangles = data["triangles"][(data["triangles"] < SIZE).all(axis=1)]
-    with (shared / "data" / "markers.csv").open() as file:
-        marked = np.array([int(row["vertex"]) for row in csv.DictReader(file) if row["layout"] == "berger209"])
+def test_fifteen_postures_animate_the_dense_face(speech):
+    rest, fields, triangles = speech.dense.vertices_mm, speech.dense.fields_mm, speech.dense.triangles
+    marked = speech.dense.marked["berger209"]
     frames = np.flatnonzero(speech.training)[::5]
     sparse = rest[marked] + np.tensordot(speech.weights[frames], fields[:, marked], axes=1)
     model = fit_gaps(sparse, np.ones(sparse.shape[:2], bool), 7)
-    weights = np.stack([held(speech, label) for label in HELD])
+    weights = np.stack([speech.weights[speech.held(label)].mean(axis=0) for label in HELD])
     truth = rest + np.tensordot(weights, fields, axes=1)
 
     # Two of the scans in unknown poses: the sparse model finds them, and the second gets the vertices of the first.
@@ -70,11 +62,3 @@ ANCHORS_MM = np.array(
         [40, -60, 80],
     ]
 )
-
-
-def held(speech, label):
-    """Mean weights at 30 % of a phone's tokens."""
-    tokens = speech.phones[speech.phones[:, 3] == speech.labels.index(label)]
-    tokens = tokens[~np.isin(tokens[:, 0], speech.held_out)]
-    frames = 75 * tokens[:, 0] + np.minimum(np.round((0.7 * tokens[:, 1] + 0.3 * tokens[:, 2]) * 25), 74)
-    return speech.weights[frames.astype(int)].mean(axis=0)

@@ -6,6 +6,8 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.aliases import BIFS_NAMES, bifs_name, number_of_bifs
 
+pytestmark = pytest.mark.conformance
+
 
 def test_every_name_comes_back() -> None:
     assert [number_of_bifs(bifs_name(row.number)) for row in fap.FAPS] == list(range(3, 69))

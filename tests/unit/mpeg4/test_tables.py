@@ -13,6 +13,8 @@ from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS, 
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import VISEMES
 
+pytestmark = pytest.mark.conformance
+
 VECTORS = Path(__file__).parent.parent.parent / "vectors"
 ROWS = list(csv.DictReader((VECTORS / "fap_table.csv").read_text(encoding="utf-8").splitlines()))
 FACE = Fapu(irisd0_mm=10.24, es0_mm=61.44, ens0_mm=51.2, mns0_mm=20.48, mw0_mm=51.2)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from bench.finer import finer, only_faps
-from bench.render import PARTS, REFERENCE, Draw, cases, growth, interleaved, spread
+from bench.render import PARTS, Draw, cases, growth, interleaved, spread
+from bench.render_goals import REFERENCE
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 
 
@@ -54,9 +55,9 @@ def test_every_case_is_on_its_curve(head: FaceMesh) -> None:
     assert {kind: len(points) for kind, points in curves.items()} == {"vertices": 6, "faps": 7, "pixels": 7}
     assert [count for count, _ in curves["vertices"]][-1] == 71_000
     assert curves["faps"][0][0] == 0
-    manners = sum(bool(case.manner) or case.mesh.texture is None for case in made.values())
-    assert manners == len(PARTS) - 1
-    assert sum(map(len, curves.values())) == len(made) - manners + 2  # the default head is on all three
+    unusual = sum(not case.is_usual for case in made.values())
+    assert unusual == len(PARTS) - 1
+    assert sum(map(len, curves.values())) == len(made) - unusual + 2  # the default head is on all three
 
 
 def test_a_busy_machine_slows_both_sides_of_a_ratio() -> None:

@@ -1,4 +1,4 @@
-"""What is uploaded: the bytes' layout, runs of entries, turns of normals, and a frame's uniforms."""
+"""What is uploaded: the bytes' layout, runs of entries, changes of normals, and a frame's uniforms."""
 
 import subprocess
 import sys
@@ -8,12 +8,20 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Material
-from fapengine.mesh.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.render import packing
-from fapengine.render.packing import ATTRIBUTE_SIZES, PackedMesh, frame_uniforms, halved, normal_turns, pack, wire_edges
+from fapengine.render.packing import (
+    ATTRIBUTE_SIZES,
+    PackedMesh,
+    frame_uniforms,
+    halved,
+    normal_deltas,
+    pack,
+    wire_edges,
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,15 +78,15 @@ def test_a_vertex_finds_its_own_entries(head: FaceMesh, packed: PackedMesh) -> N
     for number, value in {4: -100, 5: 300, 19: 700, 31: 150, 53: 120}.items():
         faps[fap.column(number)] = value
     weights = frame_uniforms(head, faps).channels
-    moves = packed.moves.reshape(-1, 4)
+    displacements = packed.displacements.reshape(-1, 4)
     expected = deform(head, faps)  # no bone turns in this frame
     for vertex in range(0, len(head.vertices_mm), 37):
         first, count = attribute(packed, "a_entries")[vertex].astype(int)
-        run = moves[first : first + count]
+        run = displacements[first : first + count]
         moved = head.vertices_mm[vertex] + weights[run[:, 3].astype(int)] @ run[:, :3]
         assert moved == pytest.approx(expected[vertex], abs=1e-3)  # mm; a thousandth cannot be seen
-    assert packed.turns.shape == packed.moves.shape
-    assert np.array_equal(packed.turns.reshape(-1, 4)[: len(head.basis.entry_mm), :3], normal_turns(head))
+    assert packed.normal_deltas.shape == packed.displacements.shape
+    assert np.array_equal(packed.normal_deltas.reshape(-1, 4)[: len(head.basis.entry_mm), :3], normal_deltas(head))
 
 
 def test_a_mesh_that_does_not_move_has_one_row_of_nothing(head: FaceMesh) -> None:
@@ -89,8 +97,8 @@ def test_a_mesh_that_does_not_move_has_one_row_of_nothing(head: FaceMesh) -> Non
         entry_mm=np.zeros((0, 3), dtype=np.float32),
     )
     packed = pack(replace(head, basis=still))
-    assert packed.moves.shape == (1, packing.TEXTURE_WIDTH, 4)
-    assert not packed.moves.any()
+    assert packed.displacements.shape == (1, packing.TEXTURE_WIDTH, 4)
+    assert not packed.displacements.any()
     assert not attribute(packed, "a_entries").any()
 
 
@@ -122,9 +130,9 @@ def test_a_seam_turns_as_one(head: FaceMesh) -> None:
             entry_mm=basis.entry_mm[names],
         ),
     )
-    whole = normal_turns(head)
+    whole = normal_deltas(head)
     assert np.abs(whole).max() > 1e-4
-    assert normal_turns(seamed) == pytest.approx(whole[names], abs=1e-9)
+    assert normal_deltas(seamed) == pytest.approx(whole[names], abs=1e-9)
 
 
 def test_uniforms_of_one_frame_and_of_many(head: FaceMesh) -> None:
@@ -182,13 +190,13 @@ def test_median_edge(head: FaceMesh) -> None:
     assert pack(only(head, head.triangles[:0])).edge_mm == 0
 
 
-def test_triangles_over_holes_are_cards(head: FaceMesh) -> None:
+def test_triangles_over_holes_are_cutouts(head: FaceMesh) -> None:
     picture = np.full((64, 64, 4), 255, dtype=np.uint8)
     picture[10, 20, 3] = 127
     uv = np.clip(head.vertices_mm[:, :2] / 300 + 0.5, 0.02, 0.98)
     parts = pack(replace(head, uv=uv, texture=picture)).parts
     assert len(np.concatenate(list(parts.values()))) == len(head.triangles)
-    boxes = uv[parts["card"]] * 64
+    boxes = uv[parts["cutout"]] * 64
     low, high = boxes.min(axis=1), boxes.max(axis=1)
     # Half a texel further on each side is where a bilinear filter still reads the hole.
     assert len(low) > 0
@@ -203,7 +211,7 @@ def test_a_painting_that_repeats_over_holes(head: FaceMesh) -> None:
     picture = np.full((64, 64, 4), 255, dtype=np.uint8)
     picture[:, 0, 3] = 0
     parts = pack(replace(head, uv=head.uv * 0.1 + 3.5, texture=picture)).parts
-    assert set(parts) == {"card", "eye"}
+    assert set(parts) == {"cutout", "eye"}
 
 
 def test_halving() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.render.panel import MARGIN, MOST_TEXT, WIDTH, Moved, Panel, Pressed, Said, Slider
+from fapengine.render.panel import MARGIN, MAX_TEXT, WIDTH, Moved, Panel, Pressed, Said, Slider
 
 
 def panel(**changes: object) -> Panel:
@@ -82,9 +82,9 @@ def test_text_is_typed_only_where_it_is_wanted() -> None:
     one.erase()
     assert one.enter() == [Said("Hi there")]
     assert one.enter() == []
-    for _ in range(MOST_TEXT + 5):
+    for _ in range(MAX_TEXT + 5):
         one.type("a")
-    assert len(one.text) == MOST_TEXT
+    assert len(one.text) == MAX_TEXT
     one.press(5, 5)
     assert not one.is_typing
     mute = panel(has_text=False)

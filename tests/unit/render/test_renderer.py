@@ -9,17 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.head import build_head
-from fapengine.mesh.patch import vertex_normals
+from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.mpeg4 import fap
 from fapengine.render import context as context_module
 from fapengine.render import programs
 from fapengine.render.camera import PRESETS, Camera, preset, turned
 from fapengine.render.context import create_context
-from fapengine.render.model import Shading
-from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_turns
+from fapengine.render.drawing import Drawing, Shading
+from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_deltas
 from fapengine.render.renderer import FaceRenderer
 
 SIZE = (192, 192)
@@ -41,7 +41,7 @@ def head() -> FaceMesh:
 
 @pytest.fixture(scope="module")
 def renderer(head: FaceMesh) -> Iterator[FaceRenderer]:
-    with FaceRenderer(head, size=SIZE) as made:
+    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as made:
         yield made
 
 
@@ -52,7 +52,7 @@ def _positions(renderer: FaceRenderer, capture: moderngl.Program, faps: NDArray[
     values = {"u_channels": uniforms.channels, "u_bones": uniforms.bones}
     for name, value in values.items():
         capture[name].write(value)  # type: ignore[union-attr]
-    model._moves.use(0)
+    model._displacements.use(0)
     used = [name for name in programs.FACE_ATTRIBUTES if name in capture]
     layout = " ".join(
         form if name in used else f"{4 * ATTRIBUTE_SIZES[name]}x" for name, form in programs.FACE_ATTRIBUTES.items()
@@ -66,7 +66,7 @@ def _positions(renderer: FaceRenderer, capture: moderngl.Program, faps: NDArray[
 def test_the_gpu_moves_vertices_as_the_reference_does(head: FaceMesh) -> None:
     """Run the vertex shader with transform feedback over frames that use every FAP."""
     rng = np.random.default_rng(8)
-    with FaceRenderer(head, size=(16, 16)) as renderer:
+    with FaceRenderer(head, Drawing(size=(16, 16), samples=0)) as renderer:
         context = renderer._context
         source = programs.stage_source(("face.vert",))
         with context:
@@ -89,7 +89,7 @@ def test_normals_turn_with_the_surface(head: FaceMesh) -> None:
 
     vertex = np.repeat(np.arange(len(head.vertices_mm)), np.diff(basis.offsets))
     turned = head.normals.astype(float)
-    np.add.at(turned, vertex, channel_weights(basis, faps)[basis.entry_channels, None] * normal_turns(head))
+    np.add.at(turned, vertex, channel_weights(basis, faps)[basis.entry_channels, None] * normal_deltas(head))
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     true = vertex_normals(deform(head, faps), head.triangles)
     moved = np.linalg.norm(deform(head, faps) - head.vertices_mm, axis=1) > 0.5
@@ -102,7 +102,7 @@ def test_normals_turn_with_the_surface(head: FaceMesh) -> None:
 def test_the_face_fills_its_place(renderer: FaceRenderer, head: FaceMesh) -> None:
     picture = renderer.draw(np.zeros(68))
     assert picture.shape == (*SIZE[::-1], 3)
-    x, y = renderer.camera.project(head.point_mm("9.3"), SIZE).astype(int)
+    x, y = renderer.drawing.camera.project(head.point_mm("9.3"), SIZE).astype(int)
     nose, corner = picture[y, x].astype(int), picture[3, 3].astype(int)
     assert nose[0] > nose[2] + 30  # skin is warm
     assert corner[2] > corner[0]  # the wall is cool
@@ -120,12 +120,12 @@ def mouth_darkness(picture: NDArray[np.uint8], head: FaceMesh, camera: Camera) -
 
 def test_an_open_mouth_shows_its_inside(renderer: FaceRenderer, head: FaceMesh) -> None:
     closed, opened = renderer.draw(np.zeros(68)), renderer.draw(frame(WIDE_OPEN))
-    assert mouth_darkness(closed, head, renderer.camera) <= 8
-    assert mouth_darkness(opened, head, renderer.camera) > 100
+    assert mouth_darkness(closed, head, renderer.drawing.camera) <= 8
+    assert mouth_darkness(opened, head, renderer.drawing.camera) > 100
 
 
 def test_closed_lids_hide_the_iris(renderer: FaceRenderer, head: FaceMesh) -> None:
-    x, y = renderer.camera.project(head.point_mm("3.5"), SIZE).astype(int)
+    x, y = renderer.drawing.camera.project(head.point_mm("3.5"), SIZE).astype(int)
     awake, asleep = (renderer.draw(frame(values))[y, x].astype(int) for values in ({}, {19: 1024, 20: 1024}))
     assert awake.max() < 110
     assert asleep[0] > 110
@@ -134,7 +134,7 @@ def test_closed_lids_hide_the_iris(renderer: FaceRenderer, head: FaceMesh) -> No
 def test_gaze_moves_the_iris(renderer: FaceRenderer, head: FaceMesh) -> None:
     left = renderer.draw(frame({23: 40_000, 24: 40_000})).astype(int)
     right = renderer.draw(frame({23: -40_000, 24: -40_000})).astype(int)
-    x, y = renderer.camera.project(head.point_mm("3.5"), SIZE).astype(int)
+    x, y = renderer.drawing.camera.project(head.point_mm("3.5"), SIZE).astype(int)
     row_left, row_right = left[y, x - 9 : x + 10].sum(axis=-1), right[y, x - 9 : x + 10].sum(axis=-1)
     assert row_left.argmin() > row_right.argmin()  # the subject's left is the viewer's right
 
@@ -150,7 +150,7 @@ def test_frames_equal_single_draws_in_order(renderer: FaceRenderer) -> None:
 
 
 def test_transparent_pictures_have_alpha(head: FaceMesh) -> None:
-    with FaceRenderer(head, size=SIZE, transparent=True) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, background="transparent", samples=0)) as renderer:
         picture = renderer.draw(np.zeros(68))
     assert picture.shape[-1] == 4
     assert picture[2, 2, 3] == 0
@@ -158,7 +158,7 @@ def test_transparent_pictures_have_alpha(head: FaceMesh) -> None:
 
 
 def test_multisampling_softens_edges_too(head: FaceMesh) -> None:
-    with FaceRenderer(head, size=SIZE, samples=4) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, samples=4)) as renderer:
         picture = renderer.draw(np.zeros(68))
     assert picture[SIZE[1] // 2, SIZE[0] // 2, 0] > 100
 
@@ -179,9 +179,9 @@ def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shad
     picture = np.full((256, 256, 3), 255, dtype=np.uint8)
     picture[:128, 128:, 1:] = 0  # below, the subject's left: red
     picture[128:, :128, :2] = 0  # above, the right: blue
-    with FaceRenderer(painted(head, picture), size=SIZE, shading=shading) as renderer:
+    with FaceRenderer(painted(head, picture), Drawing(size=SIZE, shading=shading, samples=0)) as renderer:
         seen = renderer.draw(np.zeros(68)).astype(int)
-        camera = renderer.camera
+        camera = renderer.drawing.camera
 
     def at(x_mm: float, y_mm: float) -> NDArray[np.int_]:
         x, y = camera.project(np.array([x_mm, y_mm, 60.0]), SIZE).astype(int)
@@ -201,7 +201,7 @@ def test_paint_tints_the_surface(head: FaceMesh, renderer: FaceRenderer, grey: i
     plain = replace(head, texture=None, albedo=np.where(is_eye(head)[:, None], 1, (grey / 255) ** 2) * head.albedo)
     pictures = []
     for mesh in (plain, painted(head, np.full((2, 2, 3), grey, dtype=np.uint8))):
-        with FaceRenderer(mesh, size=SIZE, context=renderer._context) as other:
+        with FaceRenderer(mesh, Drawing(size=SIZE, samples=0), context=renderer._context) as other:
             pictures.append(other.draw(np.zeros(68)).astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 1
 
@@ -211,10 +211,10 @@ def test_holes_in_the_painting_are_seen_through(head: FaceMesh, shading: Shading
     picture = np.full((128, 128, 4), 255, dtype=np.uint8)
     picture[100:, :, 3] = 0
     mesh = painted(head, picture)
-    with FaceRenderer(mesh, size=SIZE, transparent=True, shading=shading) as renderer:
-        assert set(renderer._model.packed.parts) == {"face", "card", "eye"}
+    with FaceRenderer(mesh, Drawing(size=SIZE, background="transparent", shading=shading, samples=0)) as renderer:
+        assert set(renderer._model.packed.parts) == {"face", "cutout", "eye"}
         alpha = renderer.draw(np.zeros(68))[..., 3]
-        y = int(renderer.camera.project(np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
+        y = int(renderer.drawing.camera.project(np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
     # The back of the head is culled, so through the hole in its front nothing is seen.
     assert (alpha[: y - 6] == 0).all()
     assert (alpha[y + 6, SIZE[0] // 2 - 30 : SIZE[0] // 2 + 30] == 255).all()
@@ -224,10 +224,10 @@ def test_a_painting_is_taken_in_the_pictures_resolution(head: FaceMesh) -> None:
     """A chequered picture finer than the pixels: without a coarser level it would be noise."""
     squares = (255 * (np.indices((2048, 2048)).sum(axis=0) % 2)).astype(np.uint8)
     mesh = painted(head, np.repeat(squares[..., None], 3, axis=2))
-    with FaceRenderer(mesh, size=SIZE) as renderer:
+    with FaceRenderer(mesh, Drawing(size=SIZE, samples=0)) as renderer:
         far = renderer.draw(np.zeros(68)).astype(int)
         assert list(renderer._model._skins) == [3]  # 2048 texels over 300 mm, 0.66 pixels a mm
-        renderer.camera = preset("mouth")
+        renderer.drawing = replace(renderer.drawing, camera=preset("mouth"))
         renderer.draw(np.zeros(68))
         assert sorted(renderer._model._skins) == [1, 3]
     cheek = far[105:112, 70:77]
@@ -237,10 +237,10 @@ def test_a_painting_is_taken_in_the_pictures_resolution(head: FaceMesh) -> None:
 def test_light_at_vertices_is_nearly_light_at_pixels(head: FaceMesh) -> None:
     rng = np.random.default_rng(3)
     faps = rng.normal(0, 60, 68)
-    with FaceRenderer(head, size=SIZE) as renderer:
-        renderer.shading = "pixels"
+    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
+        renderer.drawing = replace(renderer.drawing, shading="pixels")
         fine = renderer.draw(faps).astype(int)
-        renderer.shading = "vertices"
+        renderer.drawing = replace(renderer.drawing, shading="vertices")
         change = np.abs(renderer.draw(faps) - fine)
     assert change.mean() < 0.4
     assert np.quantile(change, 0.99) <= 5
@@ -258,13 +258,13 @@ def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> N
 
 def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
     context = renderer._context
-    with FaceRenderer(head, size=SIZE, background=(12, 200, 90), context=context) as flat:
+    with FaceRenderer(head, Drawing(size=SIZE, background=(12, 200, 90), samples=0), context=context) as flat:
         picture = flat.draw(np.zeros(68)).astype(int)
     assert np.abs(picture[:8, :8] - (12, 200, 90)).max() <= 1
     behind = np.zeros((100, 400, 3), dtype=np.uint8)
     behind[:, 150:250] = (200, 30, 60)
     behind[:50, 150:250, 2] = 0
-    with FaceRenderer(head, size=SIZE, background=behind, context=context) as framed:
+    with FaceRenderer(head, Drawing(size=SIZE, background=behind, samples=0), context=context) as framed:
         picture = framed.draw(np.zeros(68)).astype(int)
     assert np.abs(picture[2, [2, -3]] - (200, 30, 0)).max() <= 1  # its middle square, upright
     assert np.abs(picture[60, [2, -3], 2] - 0).max() <= 1
@@ -272,38 +272,38 @@ def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
 
 
 def test_the_wire_mesh_lies_over_the_face(head: FaceMesh) -> None:
-    with FaceRenderer(head, size=(512, 512), camera=preset("mouth")) as renderer:
+    with FaceRenderer(head, Drawing(size=(512, 512), camera=preset("mouth"), samples=0)) as renderer:
         bare = renderer.draw(np.zeros(68)).astype(int)
-        renderer.wire = True
+        renderer.drawing = replace(renderer.drawing, wire=True)
         wired = renderer.draw(np.zeros(68)).astype(int)
-        renderer.wire = False
+        renderer.drawing = replace(renderer.drawing, wire=False)
         assert np.array_equal(renderer.draw(np.zeros(68)), bare)
     darker = (wired.sum(axis=-1) < bare.sum(axis=-1) - 60).mean()
     assert 0.1 < darker < 0.6
 
 
 def test_a_smaller_drawing_is_enlarged(head: FaceMesh) -> None:
-    with FaceRenderer(head, size=SIZE) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
         full = renderer.draw(np.zeros(68)).astype(int)
-        renderer.scale = 0.5
+        renderer.drawing = replace(renderer.drawing, scale=0.5)
         assert renderer._canvas.drawn == (SIZE[0] // 2, SIZE[1] // 2)
         half = renderer.draw(np.zeros(68)).astype(int)
         assert half.shape == full.shape
         change = np.abs(half - full)
         assert 0.1 < change.mean() < 4
-        renderer.scale = 1.0
+        renderer.drawing = replace(renderer.drawing, scale=1.0)
         assert np.array_equal(renderer.draw(np.zeros(68)), full)
         with pytest.raises(UsageError, match=r"scale: got 1\.5, expected 0\.1 to 1"):
-            renderer.scale = 1.5
+            renderer.drawing = replace(renderer.drawing, scale=1.5)
 
 
 def test_stairs_may_stay(head: FaceMesh) -> None:
-    with FaceRenderer(head, size=SIZE) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
         soft = renderer.draw(np.zeros(68)).astype(int)
-        assert renderer.samples == 0
-        renderer.samples = 1
+        assert renderer.drawing.samples == 0
+        renderer.drawing = replace(renderer.drawing, samples=1)
         hard = renderer.draw(np.zeros(68))
-    with FaceRenderer(head, size=SIZE, samples=1) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, samples=1)) as renderer:
         assert np.array_equal(renderer.draw(np.zeros(68)), hard)
     assert np.abs(soft - hard).max() > 20
 
@@ -311,13 +311,13 @@ def test_stairs_may_stay(head: FaceMesh) -> None:
 def test_thin_things_are_whole_by_multisampling(head: FaceMesh) -> None:
     """Lashes are thinner than pixels: with one sample a pixel they are rows of dots, with four nearly what they are."""
     view = Camera(target_mm=(32.0, 30.0, 80.0), distance_mm=600.0, field_deg=6.0)
-    with FaceRenderer(head, size=(768, 768), camera=view, shading="pixels") as renderer:
+    with FaceRenderer(head, Drawing(size=(768, 768), camera=view, shading="pixels", samples=0)) as renderer:
         large = renderer.draw(np.zeros(68)).astype(float)
     truth = large.reshape(192, 4, 192, 4, 3).mean(axis=(1, 3))
-    with FaceRenderer(head, size=(192, 192), camera=view, shading="pixels") as renderer:
+    with FaceRenderer(head, Drawing(size=(192, 192), camera=view, shading="pixels", samples=0)) as renderer:
         error = []
         for samples in (4, 0, 1):
-            renderer.samples = samples
+            renderer.drawing = replace(renderer.drawing, samples=samples)
             error.append(np.sqrt(((renderer.draw(np.zeros(68)) - truth) ** 2).mean()))
     assert error[0] < 0.75 * error[1]
     assert error[0] < 0.6 * error[2]
@@ -351,14 +351,14 @@ def test_softening_changes_edges_alone(renderer: FaceRenderer) -> None:
 
 def test_every_preset_shows_the_head(renderer: FaceRenderer) -> None:
     assert len(PRESETS) >= 4
-    before = renderer.camera
+    before = renderer.drawing.camera
     seen = []
     for name in PRESETS:
-        renderer.camera = preset(name)
+        renderer.drawing = replace(renderer.drawing, camera=preset(name))
         seen.append(renderer.draw(np.zeros(68)).astype(int))
         warm = (seen[-1][..., 0] > seen[-1][..., 2] + 20).mean()
         assert warm > 0.1, name
-    renderer.camera = before
+    renderer.drawing = replace(renderer.drawing, camera=before)
     assert all(np.abs(seen[0] - other).max() > 50 for other in seen[1:])
 
 
@@ -384,8 +384,6 @@ def test_no_context_is_a_resource_error_that_says_what_to_install(monkeypatch: p
 
 
 def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match="8x192"):
-        FaceRenderer(head, size=(8, 192))
     for wrong in ("behind", "1,2,3", "1,x"):
         with pytest.raises(UsageError, match=f"camera: got '{wrong}', expected one of front, .* or YAW,PITCH"):
             preset(wrong)
@@ -394,15 +392,24 @@ def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
             preset(wrong)
     with pytest.raises(UsageError, match="distance"):
         Camera(distance_mm=5.0)
-    with pytest.raises(UsageError, match="shading: got 'flat', expected one of auto, pixels, vertices"):
-        FaceRenderer(head, shading="flat")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="samples: got 3"):
-        FaceRenderer(head, samples=3)
-    for wrong in ((1, 2), (0, 0, 256), "blue"):
-        with pytest.raises(UsageError, match=r"background: got .* expected 'studio' or three numbers"):
-            FaceRenderer(head, background=wrong)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match=r"background: got float64 of shape \(2, 2, 3\)"):
-        FaceRenderer(head, background=np.zeros((2, 2, 3)))  # type: ignore[arg-type]
     monkeypatch.setattr("fapengine.render.packing.MAX_CHANNELS", 3)
     with pytest.raises(UsageError, match="at most 3"):
         FaceRenderer(head)
+
+
+def test_a_new_drawing_is_as_a_new_renderer(head: FaceMesh, renderer: FaceRenderer) -> None:
+    """Size, background, edges, scale and camera, one after the other; and back to the first."""
+    first, faps = renderer.drawing, np.zeros(68)
+    before = renderer.draw(faps).copy()
+    changes: list[dict[str, object]] = [
+        {"size": (160, 120)}, {"background": (200, 30, 60)}, {"background": "transparent"}, {"samples": 4},
+        {"scale": 0.5}, {"camera": preset("mouth"), "background": "studio", "shading": "pixels"},
+    ]  # fmt: skip
+    try:
+        for change in changes:
+            renderer.drawing = replace(renderer.drawing, **change)  # type: ignore[arg-type]
+            with FaceRenderer(head, renderer.drawing, context=renderer._context) as fresh:
+                assert np.array_equal(renderer.draw(faps), fresh.draw(faps)), change
+    finally:
+        renderer.drawing = first
+    assert np.array_equal(renderer.draw(faps), before)

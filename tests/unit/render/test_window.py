@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.mesh.head import build_head
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
 from fapengine.render.desktop import start_glfw, try_window
+from fapengine.render.drawing import Drawing
 from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
 from fapengine.render.renderer import FaceRenderer
 from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted
@@ -41,12 +43,15 @@ def display() -> Iterator[None]:
 @pytest.fixture
 def window(display: None) -> Iterator[FaceWindow]:
     panel = Panel([Slider("joy", "Joy")], ("Pause",), has_text=True)
-    with FaceWindow(MESH, size=SIZE, panel=panel, keys={" ": "Pause"}, vsync=False) as opened:
+    with FaceWindow(mesh(), Drawing(size=SIZE), panel=panel, keys={" ": "Pause"}, vsync=False) as opened:
         yield opened
 
 
-MESH = build_head(level="coarse")
 REST = np.zeros(68)
+
+
+def mesh() -> FaceMesh:
+    return build_head(level="coarse")
 
 
 def speaking() -> np.ndarray:
@@ -56,7 +61,7 @@ def speaking() -> np.ndarray:
 
 
 def test_it_gives_quality_up_for_a_rate(display: None) -> None:
-    with FaceWindow(build_head(), coarser=[MESH], size=SIZE, vsync=False, hold_hz=1000.0) as hasty:
+    with FaceWindow(build_head(), Drawing(size=SIZE), coarser=[mesh()], vsync=False, hold_hz=1000.0) as hasty:
         hasty.show(REST)
         assert (hasty.quality.level, hasty.quality.scale) == (0, 1)
         for _ in range(300):
@@ -67,7 +72,7 @@ def test_it_gives_quality_up_for_a_rate(display: None) -> None:
         assert hasty.quality.scale < 0.5
         hasty.show(REST)
         rough = hasty.picture().astype(int)
-    with FaceWindow(MESH, size=SIZE, vsync=False) as calm:
+    with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as calm:
         calm.show(REST)
         assert str(calm.quality) == "every pixel, the finest head"
         assert 0.2 < np.abs(calm.picture() - rough).mean() < 10
@@ -77,7 +82,7 @@ def test_it_shows_what_the_renderer_draws_beside_the_panel(window: FaceWindow) -
     window.show(REST)
     picture = window.picture()
     assert picture.shape == (SIZE[1], SIZE[0], 3)
-    with FaceRenderer(MESH, size=(RIGHT, SIZE[1])) as renderer:
+    with FaceRenderer(mesh(), Drawing(size=(RIGHT, SIZE[1]))) as renderer:
         drawn = renderer.draw(REST)
     np.testing.assert_allclose(picture[:, :RIGHT].astype(int), drawn.astype(int), atol=1)
     np.testing.assert_array_equal(picture[:, RIGHT:], window.panel.picture()[0][..., :3])
@@ -216,16 +221,16 @@ def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
         window.show(REST)
     window.show(REST)
     if window._renderer is before:  # while it is pulled, the old picture is fitted in, not squeezed
-        assert window._renderer.size == (RIGHT, SIZE[1])
+        assert window._renderer.drawing.size == (RIGHT, SIZE[1])
         edge = window.picture()[200, 5]
         np.testing.assert_allclose(edge, [255 * part for part in BORDER], atol=1)
     while window._renderer is before:
         window.show(REST)
     assert window._renderer is not None
-    assert window._renderer.size == (700 - WIDTH, 400)
+    assert window._renderer.drawing.size == (700 - WIDTH, 400)
     assert window.picture().shape == (400, 700, 3)
     window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
-    while window._renderer.size != (700, 400):
+    while window._renderer.drawing.size != (700, 400):
         window.show(REST)
     assert np.ptp(window.picture()[:, -20:].astype(int), axis=(0, 1)).max() < 120  # wall, no panel
 
@@ -238,9 +243,9 @@ def test_a_picture_keeps_its_proportions() -> None:
 
 def test_other_renderers_may_draw_before_and_between(display: None) -> None:
     """X ends a process that makes a window's context current while EGL's is."""
-    with FaceRenderer(MESH, size=(64, 64)) as other:
+    with FaceRenderer(mesh(), Drawing(size=(64, 64), samples=0)) as other:
         before = other.draw(REST)
-        with FaceWindow(MESH, size=SIZE, vsync=False) as window:
+        with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as window:
             window.show(REST)
             seen = window.picture()
             np.testing.assert_array_equal(other.draw(REST), before)
@@ -252,10 +257,8 @@ def test_other_renderers_may_draw_before_and_between(display: None) -> None:
 
 def test_refuses(display: None) -> None:
     with pytest.raises(UsageError, match="size: got 50x50"):
-        FaceWindow(MESH, size=(50, 50))
-    with pytest.raises(UsageError, match="camera: got 'behind', expected one of front"):
-        FaceWindow(MESH, camera="behind")
-    window = FaceWindow(MESH, size=SIZE)
+        FaceWindow(mesh(), Drawing(size=(50, 50)))
+    window = FaceWindow(mesh(), Drawing(size=SIZE))
     window.close()
     window.close()
     assert not window.is_open
@@ -285,4 +288,4 @@ def test_no_opengl_is_said_plainly(display: None, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(glfw, "create_window", refuse)
     with pytest.raises(ResourceError, match=r"no OpenGL 3\.3 on this display .*GLX"):
-        FaceWindow(MESH, size=SIZE)
+        FaceWindow(mesh(), Drawing(size=SIZE))

@@ -1,6 +1,7 @@
 """FAPs to blend shapes and back."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 
 ARKIT = arkit_map()
+VECTORS = Path(__file__).resolve().parents[2] / "vectors"
 
 
 def shape(**weights: float) -> np.ndarray:
@@ -32,10 +34,12 @@ def speech() -> np.ndarray:
     return plan(phones, profile, rng=np.random.default_rng(0), rate_hz=30).track.values
 
 
+@pytest.mark.conformance
 def test_the_52_names_are_in_the_order_of_live_link_face() -> None:
     assert len(ARKIT_NAMES) == len(set(ARKIT_NAMES)) == 52
     assert (ARKIT_NAMES[0], ARKIT_NAMES[17], ARKIT_NAMES[51]) == ("eyeBlinkLeft", "jawOpen", "tongueOut")
     assert ARKIT_NAMES.index("mouthSmileLeft") == 23
+    assert (VECTORS / "arkit_names.txt").read_text().split() == list(ARKIT_NAMES)
 
 
 @pytest.mark.shared

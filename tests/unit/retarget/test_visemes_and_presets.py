@@ -5,12 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fapengine._resources import profile_files
 from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import VISEMES, Expression
-from fapengine.profiles import parse_profile
 from fapengine.retarget import oculus, vrm
 from fapengine.retarget.blend import BlendMap, weights_mm
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
@@ -22,8 +20,8 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 SENTENCE = "b ɹ aɪ t s ʌ n ʃ aɪ n ʃ ɪ m ə z ɑ n ð ə oʊ ʃ ə n f ɔ v uː p"
 RATE_HZ = 50.0
 
@@ -33,7 +31,7 @@ def spoken(mood: Expression | None = None, strength: float = 0.0, *, alive: bool
     phones = [Phone(label, 0.3 + 0.1 * n, 0.4 + 0.1 * n) for n, label in enumerate(SENTENCE.split())]
     phones.append(Phone("_", phones[-1].end_s, phones[-1].end_s + 0.4))
     return plan(
-        PhoneTrack.of(phones), PROFILE, rng=np.random.default_rng(1), rate_hz=RATE_HZ,
+        PhoneTrack.of(phones), english(), rng=np.random.default_rng(1), rate_hz=RATE_HZ,
         expressions=[] if mood is None else [Mood(mood, strength)],
         style=Style() if alive else Style.still(method="context"),
     ).track.values.astype(float)  # fmt: skip

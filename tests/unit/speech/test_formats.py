@@ -10,7 +10,7 @@ from fapengine.files.sessions import _phones
 from fapengine.files.timings import load_timings
 from fapengine.speech import alphabets, ipa
 from fapengine.speech.documents import MAX_BYTES, parse_document
-from fapengine.speech.formats import FORMATS, Wishes, guess_format, parse_timings
+from fapengine.speech.formats import FORMATS, ParseOptions, guess_format, parse_timings
 from fapengine.speech.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, PhoneTrack
 
@@ -53,11 +53,29 @@ def told(track: PhoneTrack) -> list[tuple[str, float, float]]:
     return [(phone.label, round(phone.start_s, 6), round(phone.end_s, 6)) for phone in track.phones]
 
 
+@pytest.mark.parametrize(("fixed_s", "pause_s"), [({}, 0.3), ({"pauseLength": 0.2}, 0.2)])
+def test_pauses_of_voicevox_are_scaled(fixed_s: dict[str, float], pause_s: float) -> None:
+    mora = {"vowel": "a", "vowel_length": 0.4}
+    query = {
+        "accent_phrases": [{"moras": [mora], "pause_mora": {"vowel": "pau", "vowel_length": 0.3}}, {"moras": [mora]}]
+    }
+    for scale in (1.0, 0.5, 3.0):
+        scaled = json.dumps({**query, **fixed_s, "speedScale": 2, "pauseLengthScale": scale}).encode()
+        middle = 0.2 + pause_s * scale / 2
+        assert told(parse_timings(scaled)) == [
+            ("a", 0.0, 0.2),
+            ("_", 0.2, pytest.approx(middle)),
+            ("a", pytest.approx(middle), pytest.approx(middle + 0.2)),
+        ]
+
+
+@pytest.mark.conformance
 def test_every_format_has_a_sample() -> None:
     assert {name.split()[0] for name in SAMPLES} == set(FORMATS)
     assert len(FORMATS) >= 21
 
 
+@pytest.mark.conformance
 @pytest.mark.parametrize("name", SAMPLES)
 def test_format_is_found_and_read(name: str) -> None:
     data = SAMPLES[name].encode()
@@ -96,7 +114,7 @@ TELLING = [  # sample, what is replaced, by what, error, message
     ("mfa-json", "0.4", 5000 * "1", DataError, "too long"),
     ("mfa-json", '"start": 0', '"start"', DataError, "line 1, column"),
     ("mfa-csv", "0,0.4,M,phones,A", "0,x,M,phones,A", DataError, "got 'x', expected a number.*line 3"),
-    ("mfa-csv", "0,0.4,M,phones,A", "0,0.4,M,phones,B", DataError, r"speakers \['A', 'B'\].*--tier"),
+    ("mfa-csv", "0,0.4,M,phones,A", "0,0.4,M,phones,B", DataError, r"speakers \['A', 'B'\].*tier=NAME"),
     ("mfa-csv", "phones,A", "words,A", DataError, "no timed label"),
     ("espeak-json", '"samplerate": 1000', '"samplerate": 0', DataError, "samplerate: got 0"),
     ("espeak-json", '"phoneme": "m"', '"name": "m"', DataError, r"expected an object with 'phoneme' \(at events\[1\]"),
@@ -148,20 +166,20 @@ def test_refusals_say_what_and_where(name: str, old: str, new: str, error: type[
         ("cartesia", "[]", DataError, "no message with phoneme_timestamps"),
         ("cartesia", lines({"a": 1}, {"b": 2}), DataError, "no message with"),
         ("polly", '{"a": 1}\n{"b"}', DataError, "line 2"),
-        ("htk", "0 1 a", UsageError, "--tier"),
-        (None, "once upon a time", DataError, "no format that is known; --format"),
+        ("htk", "0 1 a", UsageError, "tier: got"),
+        (None, "once upon a time", DataError, "no format that is known; file_format=NAME"),
         ("docx", "", UsageError, "expected one of textgrid"),
     ],
 )  # fmt: skip
 def test_refusals_of_the_whole(file_format: str | None, data: str, error: type[Exception], message: str) -> None:
-    wishes = Wishes(tier="phones") if message == "--tier" else None
+    wishes = ParseOptions(tier="phones") if message == "tier: got" else None
     with pytest.raises(error, match=message):
         parse_timings(data.encode(), file_format=file_format, wishes=wishes)
 
 
 def test_a_speaker_is_chosen() -> None:
     two = SAMPLES["mfa-csv"] + "0,0.5,OW1,phones,B\n"
-    assert told(parse_timings(two.encode(), wishes=Wishes(tier="B"))) == [("oʊ", 0.0, 0.5)]
+    assert told(parse_timings(two.encode(), wishes=ParseOptions(tier="B"))) == [("oʊ", 0.0, 0.5)]
 
 
 def test_far_too_long_a_document() -> None:
@@ -170,10 +188,10 @@ def test_far_too_long_a_document() -> None:
 
 
 def test_the_alphabet_can_be_said() -> None:
-    track = parse_timings(b"0 4000000 zh\n4000000 9000000 ong1\n", wishes=Wishes(alphabet="pinyin"))
+    track = parse_timings(b"0 4000000 zh\n4000000 9000000 ong1\n", wishes=ParseOptions(alphabet="pinyin"))
     assert [phone.label for phone in track.phones] == ["ʈʂ", "ʊŋ"]
     with pytest.raises(UsageError, match="alphabet: got 'runes'"):
-        parse_timings(b"0 4000000 zh\n", wishes=Wishes(alphabet="runes"))
+        parse_timings(b"0 4000000 zh\n", wishes=ParseOptions(alphabet="runes"))
 
 
 def test_the_name_decides_where_the_content_does_not(tmp_path: Path) -> None:

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
-from fapengine.profiles import ContextModel, parse_profile
+from fapengine.profiles import ContextModel
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, features, fit_context, targets, tokens_of
-
-PROFILE = parse_profile(profile_files("grid_s1_en"))
-KNOWN = PROFILE.phones
+from tests.english import english
 
 
 def track(spelling: str, *, each_s: float = 0.1, lead_s: float = 0.3) -> PhoneTrack:
@@ -21,20 +18,20 @@ def track(spelling: str, *, each_s: float = 0.1, lead_s: float = 0.3) -> PhoneTr
 
 def look(spelling: str, index: int) -> np.ndarray:
     """Weights of one phone at its first key."""
-    tokens, _ = tokens_of(track(spelling), KNOWN)
-    return targets(tokens, PROFILE.context)[index + 1, 0]
+    tokens, _ = tokens_of(track(spelling), english().phones)
+    return targets(tokens, english().context)[index + 1, 0]
 
 
 def width(weights: np.ndarray) -> float:
-    points = dict(zip(PROFILE.space.points, PROFILE.space.to_points_mm(weights), strict=True))
+    points = dict(zip(english().space.points, english().space.to_points_mm(weights), strict=True))
     return float(points["8.3"][0] - points["8.4"][0])
 
 
 def test_targets_are_the_sum_of_the_features() -> None:
     """What is summed beforehand for each kind of token is what the features say one by one."""
-    model = PROFILE.context
+    model = english().context
     for spelling in ("b aɪ m", "s _ ŋ ɔɪ _ _ tʃ", "ʁ", "_", "p b p b p b p"):
-        tokens, _ = tokens_of(track(spelling, each_s=0.07), KNOWN)
+        tokens, _ = tokens_of(track(spelling, each_s=0.07), english().phones)
         for token, found in zip(tokens, targets(tokens, model), strict=True):
             named = features(tokens, tokens.index(token)) if token.name != SILENCE else {}
             known = {name: value for name, value in named.items() if name in model.rows}
@@ -57,22 +54,22 @@ def test_phones_that_were_never_heard_look_like_their_likes() -> None:
     assert apart("ŋ", "n") < apart("ŋ", "w")
     assert apart("ʊ", "u") < apart("ʊ", "æ")
     for label in ("ɹ̩", "ʁ", "y", "ɓ", "ɔɪ"):
-        tokens, _ = tokens_of(track(f"t {label} t"), KNOWN)
-        found = targets(tokens, PROFILE.context)
-        reach = np.stack([phone.targets[0] for phone in KNOWN.values()])
+        tokens, _ = tokens_of(track(f"t {label} t"), english().phones)
+        found = targets(tokens, english().context)
+        reach = np.stack([phone.targets[0] for phone in english().phones.values()])
         room = 0.6 * np.ptp(reach, axis=0).max()
         assert (found >= reach.min(axis=0) - room).all()
         assert (found <= reach.max(axis=0) + room).all()
 
 
 def test_silence_has_no_target_and_its_length_no_effect() -> None:
-    short, long = (tokens_of(track("b aɪ", lead_s=lead), KNOWN)[0] for lead in (0.2, 3.0))
-    np.testing.assert_allclose(targets(short, PROFILE.context), targets(long, PROFILE.context), atol=1e-9)
-    assert not targets(short, PROFILE.context)[0].any()
+    short, long = (tokens_of(track("b aɪ", lead_s=lead), english().phones)[0] for lead in (0.2, 3.0))
+    np.testing.assert_allclose(targets(short, english().context), targets(long, english().context), atol=1e-9)
+    assert not targets(short, english().context)[0].any()
 
 
 def test_tokens_share_a_strange_labels_time() -> None:
-    tokens, strange = tokens_of(track("ɔɪ %"), KNOWN)
+    tokens, strange = tokens_of(track("ɔɪ %"), english().phones)
     assert [token.name for token in tokens] == [SILENCE, "ɔ", "ɪ", "ə"]
     assert [token.start_s for token in tokens] == pytest.approx([0.0, 0.3, 0.35, 0.4])
     assert strange == ["%"]
@@ -80,7 +77,7 @@ def test_tokens_share_a_strange_labels_time() -> None:
 
 
 def test_features_say_who_stands_where() -> None:
-    tokens, _ = tokens_of(track("b aɪ m"), KNOWN)
+    tokens, _ = tokens_of(track("b aɪ m"), english().phones)
     found = features(tokens, 2)
     assert found["phone aɪ"] == found["beside -1 b"] == found["beside 1 m"] == found["pair b aɪ"] == 1.0
     assert found["beside 2 _"] == found["way 2 silent"] == 1.0
@@ -91,12 +88,12 @@ def test_features_say_who_stands_where() -> None:
 def test_what_follows_rules_is_learned() -> None:
     """Weights made from identity and the vowel ahead come back, on sentences that were not shown."""
     rng = np.random.default_rng(0)
-    own = {name: rng.normal(0, 3, 2) for name in KNOWN}
-    ahead = {name: rng.normal(0, 1, 2) for name in (*KNOWN, SILENCE)}
-    names = [name for name in KNOWN if len(name) == 1]
+    own = {name: rng.normal(0, 3, 2) for name in english().phones}
+    ahead = {name: rng.normal(0, 1, 2) for name in (*english().phones, SILENCE)}
+    names = [name for name in english().phones if len(name) == 1]
 
     def sentence() -> tuple[list, np.ndarray]:
-        tokens, _ = tokens_of(track(" ".join(rng.choice(names, 9))), KNOWN)
+        tokens, _ = tokens_of(track(" ".join(rng.choice(names, 9))), english().phones)
         following = [*(token.name for token in tokens[1:]), SILENCE]
         weights = [
             own.get(token.name, np.zeros(2)) + ahead[after] for token, after in zip(tokens, following, strict=True)
@@ -112,7 +109,7 @@ def test_what_follows_rules_is_learned() -> None:
 
 
 def test_nothing_said_is_nothing_learned() -> None:
-    tokens, _ = tokens_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]), KNOWN)
+    tokens, _ = tokens_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]), english().phones)
     with pytest.raises(UsageError, match="no spoken phone"):
         fit_context([tokens], [np.zeros((1, 2, 3))])
 

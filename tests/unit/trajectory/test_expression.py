@@ -3,15 +3,23 @@
 import numpy as np
 import pytest
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.expression import ATTACK_S, RELEASE_S, Mood, blend, during_word
+from fapengine.trajectory.expression import (
+    ATTACK_S,
+    EXPRESSIONS,
+    MAX_WEIGHT,
+    RELEASE_S,
+    Mood,
+    during_word,
+    expression_faps,
+    mood_ramps,
+)
 from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.ramps import sample_ramps
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 TIMES = np.arange(0, 4, 0.01)
 PHONES = PhoneTrack.of(
     [
@@ -21,33 +29,48 @@ PHONES = PhoneTrack.of(
 )  # fmt: skip
 
 
-def test_an_envelope_comes_holds_and_goes_smoothly() -> None:
-    envelope = Mood(Expression.JOY, 0.5, 1.0, 3.0, attack_s=0.2, release_s=0.8).envelope(TIMES, 4.0)
-    assert envelope[TIMES <= 1.0] == pytest.approx(0)
-    assert envelope[(TIMES >= 1.21) & (TIMES <= 2.19)] == pytest.approx(1)
-    assert envelope[TIMES >= 3.0] == pytest.approx(0)
-    assert np.abs(np.diff(envelope, 2)).max() < 6 * 0.01**2 / 0.2**2
+def levels(moods: list[Mood], end_s: float = 4.0, times: np.ndarray = TIMES) -> np.ndarray:
+    """(6, T): of every expression."""
+    return sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, english(), end_s), times)
+
+
+def level(mood: Mood, end_s: float = 4.0, times: np.ndarray = TIMES) -> np.ndarray:
+    return levels([mood], end_s, times)[EXPRESSIONS.index(mood.expression)]
+
+
+def test_an_expression_comes_holds_and_goes_smoothly() -> None:
+    joy = level(Mood(Expression.JOY, 0.5, 1.0, 3.0, attack_s=0.2, release_s=0.8))
+    assert joy[TIMES <= 1.0] == pytest.approx(0)
+    assert joy[(TIMES >= 1.21) & (TIMES <= 2.19)] == pytest.approx(0.5)
+    assert joy[TIMES >= 3.0] == pytest.approx(0)
+    assert np.abs(np.diff(joy, 2)).max() < 6 * 0.5 * 0.01**2 / 0.2**2
 
 
 @pytest.mark.parametrize(
     ("start_s", "stop_s", "end_s"), [(0.0, 4.0, 1.5), (1.0, 1.2, 4.0), (0.0, 9.0, 0.1), (3.0, 4.0, 2.0)]
 )
-def test_an_envelope_is_over_in_time_however_short(start_s: float, stop_s: float, end_s: float) -> None:
-    mood = Mood(Expression.JOY, 1.0, start_s, stop_s)
+def test_an_expression_is_over_in_time_however_short(start_s: float, stop_s: float, end_s: float) -> None:
     times = np.arange(0, 12, 0.01)
-    envelope = mood.envelope(times, end_s)
-    assert envelope[times < start_s] == pytest.approx(0)
-    assert envelope.max() <= 1 + 1e-12
-    assert envelope[times > max(min(stop_s, end_s), start_s + ATTACK_S + RELEASE_S)] == pytest.approx(0)
+    joy = level(Mood(Expression.JOY, 1.0, start_s, stop_s), end_s, times)
+    assert joy[times < start_s] == pytest.approx(0)
+    assert joy.max() <= 1 + 1e-12
+    assert joy[times > max(min(stop_s, end_s), start_s + ATTACK_S + RELEASE_S)] == pytest.approx(0)
 
 
-def test_moods_add_up() -> None:
+def test_different_expressions_add_up() -> None:
     joy, anger = Mood(Expression.JOY, 0.5), Mood(Expression.ANGER, 0.3, 1.0, 2.0)
-    both, parts = blend([joy, anger], PROFILE, TIMES, 4.0), [blend([one], PROFILE, TIMES, 4.0) for one in (joy, anger)]
-    for whole, one, other in zip(both, *parts, strict=True):
-        np.testing.assert_allclose(whole, one + other)
-        assert one.any()
-    assert blend([], PROFILE, TIMES, 4.0)[0].shape == (400, PROFILE.space.mode_count)
+    both = expression_faps(english()) @ levels([joy, anger])
+    parts = [expression_faps(english()) @ levels([mood]) for mood in (joy, anger)]
+    np.testing.assert_allclose(both, parts[0] + parts[1])
+    assert all(part.any() for part in parts)
+    assert not levels([]).any()
+
+
+def test_moods_of_one_expression_add_up_to_a_limit() -> None:
+    both = levels([Mood(Expression.JOY, 0.5), Mood(Expression.JOY, 0.75, 1.0, 2.5)])[0]
+    assert both[[90, 150, 198, 260]] == pytest.approx([0.5, 1.25, 1.25, 0.5])
+    assert level(Mood(Expression.JOY, 0.5)).max() == pytest.approx(0.5)
+    assert levels([Mood(Expression.JOY, 1.5), Mood(Expression.JOY, 1.5)]).max() == pytest.approx(MAX_WEIGHT)
 
 
 def test_a_word_brings_its_expression_each_time() -> None:
@@ -57,14 +80,14 @@ def test_a_word_brings_its_expression_each_time() -> None:
     ]  # fmt: skip
     for mood in moods:
         during = (mood.start_s + ATTACK_S + 0.01 <= TIMES) & (mood.stop_s - RELEASE_S - 0.01 >= TIMES)
-        assert mood.envelope(TIMES, 4.0)[during] == pytest.approx(1)
+        assert level(mood)[during] == pytest.approx(0.8)
     assert during_word(Expression.JOY, 1.0, "THERE", PHONES, attack_s=2.0)[0].start_s == 0
 
 
 def test_plan_takes_moods_as_well_as_strengths() -> None:
     def values(expressions: object) -> np.ndarray:
         return plan(
-            PHONES, PROFILE, rng=np.random.default_rng(1), style=Style.still(), expressions=expressions
+            PHONES, english(), rng=np.random.default_rng(1), style=Style.still(), expressions=expressions
         ).track.values  # type: ignore[arg-type]
 
     np.testing.assert_array_equal(values({Expression.JOY: 0.5}), values([Mood(Expression.JOY, 0.5)]))
@@ -94,4 +117,4 @@ def test_refuses_words_that_are_not_spoken() -> None:
     with pytest.raises(UsageError, match="no words at all"):
         during_word(Expression.JOY, 1.0, "bye", PhoneTrack.of([Phone("a", 0.0, 1.0)]))
     with pytest.raises(UsageError, match="does not have it"):
-        blend([Mood(Expression.NEUTRAL)], PROFILE, TIMES, 4.0)
+        mood_ramps([Mood(Expression.NEUTRAL)], english(), 4.0)

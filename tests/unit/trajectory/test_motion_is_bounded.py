@@ -6,24 +6,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fapengine._resources import profile_files
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import APART_S, REST_MARGIN_S, place_keyframes, resolve
-from fapengine.trajectory.planner import FASTEST_MM_S, SHARPEST_MM_S2, Style, plan, sharpest_multiple
+from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
+from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.targets import APART_S, resolve
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
-MM = PROFILE.fapu.unit(fap.FapUnit.MNS)
 STEP_S = 0.001
+CAPTURED_MM_S, CAPTURED_MM_S2 = 349.0, 9270.0
+"""Speed and acceleration of the opening between captured inner lips, 99.9th percentile of 520 sentences at 25 frames a
+second (``design/lip_speed.py``); frames so far apart hide the true peaks. docs/trajectories.md promises multiples."""
 
 SPEECH = st.lists(
-    st.tuples(st.sampled_from(sorted(PROFILE.phones)), st.floats(0.05, 0.25)), min_size=1, max_size=11
-)  # fmt: skip
+    st.tuples(st.deferred(lambda: st.sampled_from(sorted(english().phones))), st.floats(0.05, 0.25)),
+    min_size=1,
+    max_size=11,
+)
 RATE = st.floats(0.5, 3.0)
 
 
@@ -36,13 +39,13 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
 
 def opening_mm(phones: PhoneTrack, step_s: float = STEP_S) -> NDArray[np.float64]:
     """Of the lips' middle, every millisecond, not rounded."""
-    resolved, _ = resolve(phones, PROFILE)
-    keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
+    resolved, _ = resolve(phones, english())
+    keys = place_keyframes(phones, resolved, english().space.mode_count)
     times = np.arange(0, phones.duration_s, step_s)
-    moved = PROFILE.space.to_points_mm(keys.sample(times))
-    faps = displacements_to_faps(moved, PROFILE.space.points, PROFILE.fapu)
+    moved = english().space.to_points_mm(keys.sample(times))
+    faps = displacements_to_faps(moved, english().space.points, english().fapu)
     faps = close_lips(faps, times, holds_of(resolved))
-    gap: NDArray[np.float64] = -MM * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
+    gap: NDArray[np.float64] = -english().fapu.unit(fap.FapUnit.MNS) * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
     return gap
 
 
@@ -50,8 +53,8 @@ def opening_mm(phones: PhoneTrack, step_s: float = STEP_S) -> NDArray[np.float64
 def test_speed_and_acceleration_stay_near_what_was_captured(speech: list[tuple[str, float]], rate: float) -> None:
     gap = opening_mm(spoken(speech, rate))
     speed = np.gradient(gap, STEP_S)
-    assert np.abs(speed).max() <= 2.5 * FASTEST_MM_S
-    assert np.abs(np.gradient(speed, STEP_S)).max() <= sharpest_multiple(rate) * SHARPEST_MM_S2
+    assert np.abs(speed).max() <= 2.5 * CAPTURED_MM_S
+    assert np.abs(np.gradient(speed, STEP_S)).max() <= 11.0 * max(1.0, rate) * CAPTURED_MM_S2
 
 
 @pytest.mark.parametrize("each_s", [0.02, 0.045, 0.0625, 0.1])
@@ -65,7 +68,7 @@ def test_acceleration_has_no_steps_where_closures_meet(each_s: float) -> None:
 
 def test_lips_are_as_fast_as_people_s() -> None:
     gap = opening_mm(spoken([(label, 0.1) for label in ("b", "aɪ", "p", "ɑ", "m", "aɪ", "b", "i")], 1.0))
-    assert np.abs(np.gradient(gap, STEP_S)).max() > 0.5 * FASTEST_MM_S
+    assert np.abs(np.gradient(gap, STEP_S)).max() > 0.5 * CAPTURED_MM_S
 
 
 KEYS = st.lists(st.tuples(st.floats(0.012, 0.4), st.floats(-5, 5)), min_size=2, max_size=9)
@@ -101,9 +104,9 @@ def test_rest_is_reached_in_an_eighth_of_a_second(
     phones = spoken(speech, rate)
     wish = {expression: 0.7} if expression else {}
     values = plan(
-        phones, PROFILE, rng=np.random.default_rng(1), rate_hz=100.0, style=STILL, expressions=wish
+        phones, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=STILL, expressions=wish
     ).track.values
-    alone = plan(PhoneTrack.of([Phone("_", 0.0, phones.duration_s)]), PROFILE, rng=np.random.default_rng(1),
+    alone = plan(PhoneTrack.of([Phone("_", 0.0, phones.duration_s)]), english(), rng=np.random.default_rng(1),
                  rate_hz=100.0, style=STILL, expressions=wish).track.values  # fmt: skip
     last_s = phones.phones[-2].end_s
     behind = int(np.ceil((last_s + REST_MARGIN_S) * 100 + 1e-6))
@@ -117,6 +120,6 @@ STILL = Style.still()
 def test_short_phones_have_one_keyframe_between_their_two() -> None:
     seconds = 2 * APART_S
     for length, count in ((seconds * 1.01, 2), (seconds * 0.99, 1)):
-        (one,), _ = resolve(PhoneTrack.of([Phone("s", 0.0, length)]), PROFILE)
+        (one,), _ = resolve(PhoneTrack.of([Phone("s", 0.0, length)]), english())
         assert len(one.times_s) == len(one.targets) == count
         assert np.mean(one.times_s) == pytest.approx(0.45 * length)

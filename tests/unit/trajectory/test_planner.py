@@ -8,22 +8,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import parse_profile
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
-from fapengine.trajectory.keyframes import place_keyframes, resolve
-from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
+from fapengine.trajectory.planner import Style, plan, rest_s
+from fapengine.trajectory.targets import resolve
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 STILL = Style.still()
 RATE_HZ = 100.0
-OPENING_OF_03_MM = 0.3 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+
+
+def opening_of_03_mm() -> float:
+    return 0.3 / english().fapu.unit(fap.FapUnit.MNS)
 
 
 def track(spelling: str, *, each_s: float = 0.12, lead_s: float = 0.3, tail_s: float = 0.5) -> PhoneTrack:
@@ -35,7 +37,7 @@ def track(spelling: str, *, each_s: float = 0.12, lead_s: float = 0.3, tail_s: f
 
 def values_of(phones: PhoneTrack, **options: object) -> NDArray[np.int32]:
     settings = {"style": STILL, "rate_hz": RATE_HZ, "rng": np.random.default_rng(1), **options}
-    return plan(phones, PROFILE, **settings).track.values  # type: ignore[arg-type]
+    return plan(phones, english(), **settings).track.values  # type: ignore[arg-type]
 
 
 def opening(values: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -59,23 +61,23 @@ def test_every_bilabial_closes_the_lips_under_any_expression(
         if phone.label in "pbm":
             inside = gap[int(np.ceil(phone.start_s * RATE_HZ)) : int(phone.end_s * RATE_HZ) + 1]
             needed = min(4, len(inside) - 1)  # 40 ms, or the phone if shorter
-            assert (inside <= OPENING_OF_03_MM).sum() >= needed
+            assert (inside <= opening_of_03_mm()).sum() >= needed
 
 
 def test_without_the_closure_step_lips_stay_open() -> None:
     phones = track("ɑː b ɑː b ɑː", each_s=0.08)
-    resolved, _ = resolve(phones, PROFILE, context=False)
+    resolved, _ = resolve(phones, english(), context=False)
     times = np.arange(0, phones.duration_s, 0.01)
-    path = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s).sample(times)
-    faps = displacements_to_faps(PROFILE.space.to_points_mm(path), PROFILE.space.points, PROFILE.fapu)
+    path = place_keyframes(phones, resolved, english().space.mode_count).sample(times)
+    faps = displacements_to_faps(english().space.to_points_mm(path), english().space.points, english().fapu)
     gap = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
     during = (times > 0.388) & (times < 0.44)
-    assert gap[during].min() > OPENING_OF_03_MM or gap.min() < -2
+    assert gap[during].min() > opening_of_03_mm() or gap.min() < -2
 
 
 def test_open_vowels_open() -> None:
     gap = opening(values_of(track("m aɪ m")))
-    assert gap.max() > 8.0 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+    assert gap.max() > 8.0 / english().fapu.unit(fap.FapUnit.MNS)
 
 
 def test_rest_at_both_ends() -> None:
@@ -92,7 +94,7 @@ def test_speech_at_the_very_edges_still_starts_and_ends_at_rest() -> None:
 
 def test_nothing_jumps() -> None:
     values = values_of(track("b ɹ aɪ t s ʌ n ʃ aɪ n m ɑː p ə"), style=Style(), expressions={Expression.JOY: 0.5})
-    lips = values[:, fap.column(3) : fap.column(19)] * PROFILE.fapu.unit(fap.FapUnit.MNS)
+    lips = values[:, fap.column(3) : fap.column(19)] * english().fapu.unit(fap.FapUnit.MNS)
     speed_mm_s = np.abs(np.diff(lips, axis=0)) * RATE_HZ
     assert speed_mm_s.max() < 700
     assert np.abs(np.diff(values[:, fap.column(48) : fap.column(51)], axis=0)).max() < 400  # AU in 10 ms
@@ -100,11 +102,11 @@ def test_nothing_jumps() -> None:
 
 def test_keyframes_stand_at_30_percent_and_the_spline_passes_them() -> None:
     phones = track("s ɑ")
-    resolved, _ = resolve(phones, PROFILE, context=False)
+    resolved, _ = resolve(phones, english(), context=False)
     assert [time for one in resolved for time in one.times_s] == pytest.approx([0.336, 0.456])
-    keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
-    assert keys.sample([0.336])[0] == pytest.approx(PROFILE.phones["s"].targets[0])
-    assert keys.sample([0.456])[0] == pytest.approx(PROFILE.phones["ɑ"].targets[0])
+    keys = place_keyframes(phones, resolved, english().space.mode_count)
+    assert keys.sample([0.336])[0] == pytest.approx(english().phones["s"].targets[0])
+    assert keys.sample([0.456])[0] == pytest.approx(english().phones["ɑ"].targets[0])
     assert keys.sample([0.0, 0.18, phones.duration_s]) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -118,8 +120,8 @@ def test_a_time_shift_of_any_size_shifts_the_path_exactly(labels: list[str], eac
     paths = []
     for lead_s in (0.3, 0.3 + shift_s):
         phones = track(" ".join(labels), each_s=each_s, lead_s=lead_s)
-        resolved, _ = resolve(phones, PROFILE)
-        keys = place_keyframes(phones, resolved, PROFILE.space.mode_count, phones.duration_s)
+        resolved, _ = resolve(phones, english())
+        keys = place_keyframes(phones, resolved, english().space.mode_count)
         paths.append(keys.sample(np.linspace(0.1, 2.0, 60) + lead_s - 0.3))
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-8 * max(1.0, np.abs(paths[0]).max()))
 
@@ -133,13 +135,13 @@ def test_a_mirrored_face_moves_mirrored() -> None:
     left = ("8.3", "8.5", "8.7", "5.1", "5.3", "2.4", "2.6", "2.8")
     twins = {point: f"{point[:2]}{int(point[2:]) + 1}" for point in left}
     twins |= {right: left for left, right in twins.items()}
-    space = PROFILE.space
+    space = english().space
     order = [space.points.index(twins.get(point, point)) for point in space.points]
-    mirrored = replace(PROFILE, space=replace(space, modes_mm=space.modes_mm[:, order] * [-1.0, 1.0, 1.0]))
+    mirrored = replace(english(), space=replace(space, modes_mm=space.modes_mm[:, order] * [-1.0, 1.0, 1.0]))
     phones = track("b aɪ t ʃ uː m ɑː")
     one, other = (
         plan(phones, profile, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(1)).track.values
-        for profile in (PROFILE, mirrored)
+        for profile in (english(), mirrored)
     )
     for row in fap.FAPS:
         if row.number in DETERMINED and row.point in twins:
@@ -155,6 +157,33 @@ def test_a_long_pause_rests_and_a_short_one_does_not() -> None:
     assert gap[40:60].min() > 100
 
 
+@pytest.mark.parametrize(("pause_s", "rests"), [(0.085, False), (0.105, True), (0.2, True), (0.29, True)])
+def test_a_pause_from_a_tenth_of_a_second_on_passes_through_rest(pause_s: float, rests: bool) -> None:
+    vowels = [Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.5 + pause_s), Phone("ɑ", 0.5 + pause_s, 0.8 + pause_s)]
+    values = values_of(PhoneTrack.of([*vowels, Phone(SILENCE, 0.8 + pause_s, 1.5)]), rate_hz=200.0)
+    middle = values[round((0.5 + pause_s / 2) * 200)]
+    assert (np.abs(middle).max() <= 2) == rests
+
+
+def test_a_pause_of_three_tenths_of_a_second_holds_rest() -> None:
+    phones = PhoneTrack.of([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.81), Phone("ɑ", 0.81, 1.0)])
+    held = values_of(phones, rate_hz=200.0)[124:139]  # from 0.12 s behind one to 0.12 s before the other
+    assert np.abs(held).max() <= 8
+
+
+def test_a_track_lasts_until_the_face_is_at_rest_however_soon_its_phones_end() -> None:
+    spoken = [Phone("ɑ", 0.3, 0.5)]
+    for phones in (PhoneTrack.of(spoken), PhoneTrack.of([*spoken, Phone(SILENCE, 0.5, 0.51)])):
+        assert rest_s(phones) == rest_s(phones, 0.4) == pytest.approx(0.5 + REST_MARGIN_S)
+        values = values_of(phones)
+        assert len(values) == 62
+        assert np.abs(np.diff(opening(values))).max() < 150  # closes as gently as anywhere else
+        assert opening(values)[-1] <= 10
+    assert rest_s(phones, 2.0) == 2.0
+    assert rest_s(PhoneTrack(())) == 0.0
+    assert len(values_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]))) == 100
+
+
 def test_silence_alone_is_a_still_face() -> None:
     phones = PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)])
     assert not values_of(phones).any()
@@ -162,25 +191,25 @@ def test_silence_alone_is_a_still_face() -> None:
 
 
 def test_a_label_that_is_no_ipa_is_counted() -> None:
-    planned = plan(track("m %% m %%"), PROFILE, rng=np.random.default_rng(1))
+    planned = plan(track("m %% m %%"), english(), rng=np.random.default_rng(1))
     assert planned.unknown == {"%%": 2}
 
 
 @pytest.mark.parametrize("letter", sorted(ipa.SOUNDS))
 def test_every_ipa_letter_has_a_target(letter: str) -> None:
-    resolved, unknown = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), PROFILE)
+    resolved, unknown = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
     assert not unknown
     assert len(resolved[0].targets) >= 1
 
 
 @pytest.mark.parametrize("letter", "pbmɸβ")
 def test_what_sounds_like_a_bilabial_closes(letter: str) -> None:
-    resolved, _ = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), PROFILE)
+    resolved, _ = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
     assert resolved[0].contact == "lips"
 
 
 def test_parts_of_a_strange_diphthong_share_its_time() -> None:
-    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), PROFILE, context=False)
+    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), english(), context=False)
     assert resolved[0].times_s == pytest.approx((1.03, 1.13))
 
 
@@ -198,12 +227,12 @@ def test_articulation_scales_speech() -> None:
 
 
 def test_determined_faps_are_measured_by_unit_and_direction() -> None:
-    points = PROFILE.space.points
+    points = english().space.points
     moved = np.zeros((1, len(points), 3))
     moved[0, points.index("8.3")] = [5.0, 2.0, 0.0]  # the left corner goes left and up
     moved[0, points.index("2.1")] = [-1.0, -8.0, 0.5]  # the chin goes right and down
-    faps = displacements_to_faps(moved, points, PROFILE.fapu)[0]
-    unit = PROFILE.fapu.unit
+    faps = displacements_to_faps(moved, points, english().fapu)[0]
+    unit = english().fapu.unit
     assert faps[fap.column(53)] == pytest.approx(5.0 / unit(fap.FapUnit.MW))
     assert faps[fap.column(59)] == pytest.approx(2.0 / unit(fap.FapUnit.MNS))
     assert faps[fap.column(3)] == pytest.approx(8.0 / unit(fap.FapUnit.MNS))
@@ -223,8 +252,8 @@ def test_codable_values_are_rounded_and_in_range() -> None:
 
 def test_refuses() -> None:
     with pytest.raises(UsageError, match="rate_hz"):
-        plan(track("m"), PROFILE, rng=np.random.default_rng(1), rate_hz=0.0)
+        plan(track("m"), english(), rng=np.random.default_rng(1), rate_hz=0.0)
     with pytest.raises(UsageError, match="strength 5"):
-        plan(track("m"), PROFILE, rng=np.random.default_rng(1), expressions={Expression.JOY: 5})
+        plan(track("m"), english(), rng=np.random.default_rng(1), expressions={Expression.JOY: 5})
     with pytest.raises(UsageError, match="does not have it"):
-        plan(track("m"), PROFILE, rng=np.random.default_rng(1), expressions={Expression.NEUTRAL: 0.5})
+        plan(track("m"), english(), rng=np.random.default_rng(1), expressions={Expression.NEUTRAL: 0.5})

@@ -7,25 +7,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import RAMP_S, SHORTEST_HOLD_S
-from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S
+from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.stream import AHEAD_PHONES, StreamingPlanner
+from fapengine.trajectory.targets import resolve
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 STILL = Style.still()
 RATE_HZ = 100.0
 LABELS = st.lists(
     st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n"]), min_size=3, max_size=14
 )
 LENGTHS = st.floats(0.05, 0.22)
-CLOSED = 0.3 / PROFILE.fapu.unit(fap.FapUnit.MNS)
+
+
+def closed() -> float:
+    return 0.3 / english().fapu.unit(fap.FapUnit.MNS)
 
 
 def phones(labels: list[str], each_s: float, lead_s: float = 0.4) -> list[Phone]:
@@ -39,8 +41,8 @@ def times_until(end_s: float) -> np.ndarray:
 
 def offline(spoken: list[Phone], times: np.ndarray) -> np.ndarray:
     track = PhoneTrack.of(spoken)
-    resolved, _ = resolve(track, PROFILE)
-    return place_keyframes(track, resolved, PROFILE.space.mode_count, np.inf).sample(times)
+    resolved, _ = resolve(track, english())
+    return place_keyframes(track, resolved, english().space.mode_count).sample(times)
 
 
 def opening(values: np.ndarray) -> np.ndarray:
@@ -51,7 +53,7 @@ def opening(values: np.ndarray) -> np.ndarray:
 def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, seed):
     spoken = phones(labels, each_s)
     end_s = spoken[-1].end_s + 0.4
-    planner, rng, path = StreamingPlanner(PROFILE), np.random.default_rng(seed), []
+    planner, rng, path = StreamingPlanner(english()), np.random.default_rng(seed), []
     waiting = list(rng.permutation(AHEAD_PHONES + 1))  # the first ones in any order
     planner.feed([spoken[index] for index in waiting if index < len(spoken)])
     known = AHEAD_PHONES + 1
@@ -68,8 +70,8 @@ def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, see
 def test_its_faps_are_the_planners():
     spoken = phones(["b", "aɪ", "m", "s", "uː", "p"], 0.12)
     track = PhoneTrack.of([*spoken, Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.5)])
-    whole = plan(track, PROFILE, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(0)).track.values
-    planner = StreamingPlanner(PROFILE)
+    whole = plan(track, english(), style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(0)).track.values
+    planner = StreamingPlanner(english())
     planner.feed(spoken)
     np.testing.assert_array_equal(planner.frames(times_until(track.duration_s)), whole)
 
@@ -77,7 +79,7 @@ def test_its_faps_are_the_planners():
 @given(LABELS, LABELS, LENGTHS, st.floats(0.0, 1.0), st.sampled_from(["revise", "cancel", "late"]))
 def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
     """Value, velocity and acceleration are continuous at the moment of a change."""
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     spoken = phones(labels, each_s)
     planner.feed(spoken)
     at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
@@ -99,13 +101,13 @@ def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
 
 @given(LABELS, LENGTHS, st.floats(0.0, 1.0), st.floats(0.08, 0.5))
 def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fade_s):
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     spoken = phones(labels, each_s)
     planner.feed(spoken)
     at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
     planner.frames([at_s])
     planner.cancel(at_s, fade_s=fade_s)
-    settled = at_s + max(fade_s, 2 * RAMP_S + SHORTEST_HOLD_S + each_s)
+    settled = at_s + max(fade_s, 2 * RAMP_S + MIN_HOLD_S + each_s)
     assert np.abs(planner.path(np.linspace(at_s + fade_s, at_s + 3, 50))).max() < 1e-9
     assert not planner.frames([settled + 0.1]).any()
     planner.feed(phones(labels, each_s, lead_s=at_s + 2.0))
@@ -115,7 +117,7 @@ def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fa
 def test_what_stands_before_a_coming_cancel_is_still_said():
     """Also when new phones are fed before that moment."""
     labels = ["b", "aɪ", "t", "s", "ʌ", "n"]
-    undisturbed, planner = StreamingPlanner(PROFILE), StreamingPlanner(PROFILE)
+    undisturbed, planner = StreamingPlanner(english()), StreamingPlanner(english())
     for one in (undisturbed, planner):
         one.feed(phones(labels, 0.12))
         one.frames([0.45])
@@ -129,7 +131,7 @@ def test_what_stands_before_a_coming_cancel_is_still_said():
 
 
 def test_every_unknown_phone_is_counted():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     for second in range(5):
         planner.feed([Phone("%", second + 0.1, second + 0.3), Phone("ɑ", second + 0.3, second + 0.5)])
         planner.frames([second + 0.9])
@@ -138,29 +140,29 @@ def test_every_unknown_phone_is_counted():
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, 0.09, 0.15])
 def test_a_late_bilabial_still_closes_the_lips(late_s):
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("ɑ", 0.68, 1.2)])
     shown = planner.frames(times_until(0.6 + late_s))
     planner.feed([Phone("m", 0.6, 0.68)])
     rest = planner.frames(np.arange(0.6 + late_s, 1.2, 0.01))
     gap = opening(np.concatenate([shown, rest]))
-    assert (opening(rest) <= CLOSED).sum() >= 4  # 40 ms
+    assert (opening(rest) <= closed()).sum() >= 4  # 40 ms
     assert np.abs(np.diff(gap)).max() < 200  # 4 mm in 10 ms would be a jump
     assert planner.counts.late + planner.counts.dropped == 1
 
 
 def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.7), Phone("ɑ", 0.7, 1.0)])
     planner.frames(times_until(0.6))
     planner.feed([Phone("s", 0.6, 0.7)])
     gap = opening(planner.frames(np.arange(0.6, 1.0, 0.01)))
-    assert gap.min() <= CLOSED
+    assert gap.min() <= closed()
     assert planner.counts.revised == 1
 
 
 def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.8)])
     planner.frames(times_until(0.64))
     until_s = max(hold.stop_s for hold in planner.holds if hold.contact == "lips")
@@ -170,7 +172,7 @@ def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
 
 
 def test_of_phones_that_come_together_the_last_word_counts():
-    together, apart = StreamingPlanner(PROFILE), StreamingPlanner(PROFILE)
+    together, apart = StreamingPlanner(english()), StreamingPlanner(english())
     told = [Phone("ɑ", 0.1, 0.24), Phone("ɑ", 0.24, 0.38), Phone("b", 0.23, 0.37)]
     together.feed(told)
     for phone in told:
@@ -179,7 +181,7 @@ def test_of_phones_that_come_together_the_last_word_counts():
 
 
 def test_phones_that_stop_coming_leave_a_mouth_at_rest():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     planner.feed(phones(["ɑ", "ɑ"], 0.2))
     values = planner.frames(times_until(2.0))
     assert opening(values)[70] > 100
@@ -187,14 +189,14 @@ def test_phones_that_stop_coming_leave_a_mouth_at_rest():
 
 
 def test_silence_takes_away_what_stood_there():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     planner.feed(phones(["ɑ", "ɑ", "ɑ"], 0.2))
     planner.feed([Phone(SILENCE, 0.6, 1.0)])
     assert not planner.frames(times_until(2.0))[78:].any()
 
 
 def test_old_news_is_counted():
-    planner = StreamingPlanner(PROFILE, horizon_s=0.1)
+    planner = StreamingPlanner(english(), horizon_s=0.1)
     planner.frames([2.0])
     assert planner.edge_s == pytest.approx(2.1)
     planner.feed([Phone("a", 1.0, 1.2), Phone("%", 2.0, 2.3)])
@@ -202,7 +204,7 @@ def test_old_news_is_counted():
 
 
 def test_memory_does_not_grow_with_time():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     for second in range(60):
         planner.feed(phones(["b", "ɑ", "s"], 0.2, lead_s=second + 0.2))
         planner.frames(np.arange(second, second + 1, 0.05))
@@ -212,7 +214,7 @@ def test_memory_does_not_grow_with_time():
 
 
 def test_refuses():
-    planner = StreamingPlanner(PROFILE)
+    planner = StreamingPlanner(english())
     assert planner.frames([]).shape == (0, 68)
     planner.frames([1.0, 1.1])
     with pytest.raises(UsageError, match=r"expected rising times from 1\.1 s"):
@@ -222,7 +224,7 @@ def test_refuses():
     with pytest.raises(UsageError, match="fade_s: got 0"):
         planner.cancel(3.0, fade_s=0)
     with pytest.raises(UsageError, match="horizon_s: got -1"):
-        StreamingPlanner(PROFILE, horizon_s=-1)
+        StreamingPlanner(english(), horizon_s=-1)
 
 
 @given(st.integers(2, 8), st.integers(0, 2**32 - 1))

@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.dominance import dominance
-from fapengine.trajectory.keyframes import place_keyframes, resolve
+from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.methods import METHODS, sample_path
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import METHOD_NAMES, Style
+from fapengine.trajectory.targets import resolve
+from tests.english import english
 
-PROFILE = parse_profile(profile_files("grid_s1_en"))
 PHONES = PhoneTrack.of(
     [Phone(label, 0.3 + 0.12 * n, 0.42 + 0.12 * n) for n, label in enumerate(["m", "ɑ", "s", "uː", "f", "aɪ", "p"])]
     + [Phone("_", 0.3 + 0.12 * 7, 1.6)]
@@ -23,7 +22,7 @@ PHONES = PhoneTrack.of(
 
 
 def values(style: Style) -> NDArray[np.int32]:
-    return plan(PHONES, PROFILE, rng=np.random.default_rng(1), rate_hz=100.0, style=style).track.values
+    return plan(PHONES, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=style).track.values
 
 
 def still(**options: object) -> Style:
@@ -32,24 +31,24 @@ def still(**options: object) -> Style:
 
 
 def test_gains_of_one_change_nothing() -> None:
-    np.testing.assert_allclose(Style().gains(PROFILE), np.eye(PROFILE.space.mode_count), atol=1e-15)
-    np.testing.assert_allclose(Style(1.7).gains(PROFILE), 1.7 * np.eye(PROFILE.space.mode_count), atol=1e-12)
+    np.testing.assert_allclose(Style().gains(english()), np.eye(english().space.mode_count), atol=1e-15)
+    np.testing.assert_allclose(Style(1.7).gains(english()), 1.7 * np.eye(english().space.mode_count), atol=1e-12)
 
 
 def test_the_jaw_gain_scales_the_drop_of_the_chin_and_leaves_the_lips_their_part() -> None:
-    chin = PROFILE.space.points.index("2.1")
-    poses = np.random.default_rng(3).normal(size=(20, PROFILE.space.mode_count))
-    plain = PROFILE.space.to_points_mm(poses)
+    chin = english().space.points.index("2.1")
+    poses = np.random.default_rng(3).normal(size=(20, english().space.mode_count))
+    plain = english().space.to_points_mm(poses)
     for style, jaw in (
         (Style(jaw=0.5), 0.5),
         (Style(jaw=2.0), 2.0),
         (Style(lips=0.3), 1.0),
         (Style(loudness_db=12), 2.0),
     ):
-        moved = PROFILE.space.to_points_mm(poses @ style.gains(PROFILE))
+        moved = english().space.to_points_mm(poses @ style.gains(english()))
         np.testing.assert_allclose(moved[:, chin, 1], jaw * plain[:, chin, 1], atol=1e-9)
-    stiff = PROFILE.space.to_points_mm(poses @ Style(jaw=0.0, lips=1.0).gains(PROFILE))
-    slack = PROFILE.space.to_points_mm(poses @ Style(jaw=1.0, lips=0.0).gains(PROFILE))
+    stiff = english().space.to_points_mm(poses @ Style(jaw=0.0, lips=1.0).gains(english()))
+    slack = english().space.to_points_mm(poses @ Style(jaw=1.0, lips=0.0).gains(english()))
     np.testing.assert_allclose(stiff + slack, plain, atol=1e-9)
     assert np.abs(stiff).max() > 1
 
@@ -99,21 +98,21 @@ def test_methods_differ_and_pass_their_keys() -> None:
     times = np.arange(0, 1.6, 0.01)
     paths = {}
     for method in METHODS:
-        resolved, _ = resolve(PHONES, PROFILE, context=method == "context")
-        keys = place_keyframes(PHONES, resolved, PROFILE.space.mode_count, PHONES.duration_s)
+        resolved, _ = resolve(PHONES, english(), context=method == "context")
+        keys = place_keyframes(PHONES, resolved, english().space.mode_count)
         paths[method] = sample_path(method, resolved, keys, times)
         if method != "dominance":
             np.testing.assert_allclose(sample_path(method, resolved, keys, keys.times_s), keys.weights, atol=1e-9)
     assert len(METHODS) == len(METHOD_NAMES) == 4
     assert all(np.abs(paths[a] - paths[b]).max() > 0.05 for a in paths for b in paths if a != b)
-    nothing, _ = resolve(PhoneTrack(()), PROFILE)
-    empty = place_keyframes(PhoneTrack(()), nothing, PROFILE.space.mode_count, 1.0)
+    nothing, _ = resolve(PhoneTrack(()), english())
+    empty = place_keyframes(PhoneTrack(()), nothing, english().space.mode_count)
     assert not sample_path("minimum-jerk", nothing, empty, times).any()
 
 
 def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
-    resolved, _ = resolve(PHONES, PROFILE, context=False)
-    keys = place_keyframes(PHONES, resolved, PROFILE.space.mode_count, PHONES.duration_s)
+    resolved, _ = resolve(PHONES, english(), context=False)
+    keys = place_keyframes(PHONES, resolved, english().space.mode_count)
     times = np.arange(keys.times_s[0], keys.times_s[-1], 0.001)
     jerk = [
         (np.diff(sample_path(method, resolved, keys, times), 3, axis=0) ** 2).sum()
@@ -124,7 +123,7 @@ def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
 
 def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
     phones = PhoneTrack.of([Phone("s", 5.0, 5.2), Phone("uː", 5.2, 5.4)])
-    resolved, _ = resolve(phones, PROFILE, context=False)
+    resolved, _ = resolve(phones, english(), context=False)
     halfway = dominance(resolved, np.array([5.2]), rate_hz=60.0)[0]
     middle = (resolved[0].targets[0] + resolved[1].targets[0]) / 2
     np.testing.assert_allclose(halfway, middle, atol=0.02 * np.abs(middle).max())

@@ -1,0 +1,15 @@
+"""Goals of the renderer's speed, and the names of its cases and peers: shared by bench/render and its page."""
+
+REFERENCE = "default head"
+"""Name of the case that all others are compared with."""
+GOALS_FPS = {REFERENCE: 60, "26,000 vertices": 40, "71,000 vertices": 20, "720p": 30}
+"""Case to the frames a second that it must reach."""
+MAX_DEFORMING = 1.3
+"""Time of a frame to that of an undeformed mesh."""
+PEERS = ("PyVista", "PyVista, bare", "pygfx", "pygfx, as it comes", "pygfx, bare", "vispy, bare", "pyrender")
+BROWSER_PEERS = ("three.js", "three.js, bare", "three.js, morphs", "our page")
+"""In headless Chromium: :mod:`bench.browser_peers`, run by this interpreter."""
+MIN_PEER_RATIO = 6.0
+"""Time of a peer's frame to ours."""
+MIN_PEER_RATIOS = {"three.js": 2.0, "three.js, bare": None, "three.js, morphs": None, "our page": None}
+"""Peer to such a ratio where it is not :data:`MIN_PEER_RATIO`; None: there is no goal."""

@@ -1,0 +1,64 @@
+"""Hooks of mkdocs.yml: the page of the command line, from each verb's options, and the list of decisions."""
+
+from pathlib import Path
+from typing import Any
+
+import typer
+from mkdocs.structure.files import File, Files
+
+from fapengine.cli.main import app
+
+
+def on_config(config: Any) -> None:
+    """List every decision in the navigation."""
+    docs = Path(config.docs_dir)
+    decisions = [path.relative_to(docs).as_posix() for path in sorted(docs.glob("adr/0*.md"))]
+    (explanation,) = [section["Explanation"] for section in config.nav if "Explanation" in section]
+    explanation.append({"Decisions": ["adr/README.md", *decisions]})
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the page of the command line."""
+    files.append(File.generated(config, "reference/cli.md", content=cli_page()))
+    return files
+
+
+def cli_page() -> str:
+    """Write what ``--help`` says as Markdown."""
+    root = typer.main.get_command(app)
+    text = ["# Command line\n", "What `fapengine VERB --help` says, made when this site was built.\n"]
+    text.append(
+        "Exit codes: 0 done, 1 the data are wrong, 2 the call is wrong, 3 something of the machine is missing.\n"
+    )
+    for name, command in root.commands.items():  # type: ignore[attr-defined]
+        text += _command(f"fapengine {name}", command)
+    return "\n".join(text)
+
+
+def _command(name: str, command: Any) -> list[str]:
+    text = [f"## {name}\n", _paragraphs(command.help or ""), ""]
+    rows = [_row(option) for option in command.params if not getattr(option, "hidden", False)]
+    if rows:
+        text += ["| option | default | meaning |", "|---|---|---|", *rows, ""]
+    for inner_name, inner in getattr(command, "commands", {}).items():
+        text += ["#" + line if line.startswith("## ") else line for line in _command(f"{name} {inner_name}", inner)]
+    return text
+
+
+def _paragraphs(text: str) -> str:
+    """Click's marks of paragraphs that keep their lines become blocks of code."""
+    parts = []
+    for part in text.replace("\r", "").split("\n\n"):
+        kept = part.lstrip("\n")
+        parts.append(f"```text\n{kept[1:].strip(chr(10))}\n```" if kept.startswith("\b") else kept)
+    return "\n\n".join(parts)
+
+
+def _row(option: Any) -> str:
+    names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
+    if option.param_type_name == "argument":
+        names = f"`{option.metavar or option.name.upper()}`"
+    default = option.default
+    shown = "" if not default or default is True or callable(default) else f"`{default}`"
+    help_text = (getattr(option, "help", None) or "").replace("|", "\\|").replace("\n", " ")
+    return f"| {names} | {shown} | {help_text} |"

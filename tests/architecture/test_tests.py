@@ -1,0 +1,42 @@
+"""What tests must not do, and that their lists are true."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests import slow_tests
+
+TESTS = Path(__file__).resolve().parents[1]
+FILES = sorted(TESTS.rglob("*.py"))
+COSTLY = {"english", "parse_profile", "build_head", "load_head", "load_levels", "load_profile", "plan", "speak"}
+"""Functions that build or load heads, profiles and motion, each for a second and more."""
+
+
+def calls_at_import(node: ast.AST) -> Iterator[str]:
+    """Names of the functions that are called when a module is imported."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        if isinstance(child, ast.Call):
+            yield getattr(child.func, "id", "")
+        yield from calls_at_import(child)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))
+def test_no_test_file_builds_heads_or_profiles_when_it_is_imported(path: Path) -> None:
+    assert COSTLY.isdisjoint(calls_at_import(ast.parse(path.read_text())))
+
+
+def test_calls_at_import_are_seen() -> None:
+    source = "HEAD = build_head()\nclass A:\n    b = [f(c()) for _ in x]\ndef g():\n    return h()\nl = lambda: i()\n"
+    assert set(calls_at_import(ast.parse(source))) == {"build_head", "f", "c"}
+
+
+def test_slow_tests_are_there() -> None:
+    root = TESTS.parent
+    for name in slow_tests.listed():
+        path, _, function = name.partition("::")
+        assert (root / path).exists(), name
+        assert not function or f"def {function}(" in (root / path).read_text(), name

@@ -1,0 +1,72 @@
+"""A face in a program: speech, expressions, frames in their time, and an end. Its sound: test_view_sources."""
+
+import numpy as np
+import pytest
+
+import fapengine
+from fapengine.live.engine.commands import Blink
+from fapengine.mpeg4 import fap
+
+STILL = fapengine.Style.still()
+
+
+def opening(faps: np.ndarray) -> float:
+    return -float(faps[fap.column(51)] + faps[fap.column(52)])
+
+
+def test_frames_come_in_their_time_until_the_face_is_at_rest() -> None:
+    with fapengine.Face(style=STILL, silent=True, rate_hz=50.0) as face:
+        assert not face.is_speaking
+        assert face.say("Mama.") == face.say("Papa.") - 1
+        assert face.is_speaking
+        frames = list(face.frames())
+        assert not face.is_speaking
+        assert face.sound
+        assert face.off_s is None
+    openings = [opening(frame) for frame in frames]
+    assert max(openings) > 80
+    assert abs(openings[-1]) < 5
+    assert 40 < len(frames) < 250
+
+
+def test_what_was_spoken_before_is_said_again() -> None:
+    hello = fapengine.speak("Mama.", rate_hz=25.0)
+    with fapengine.Face(style=STILL, silent=True) as face:
+        face.say(hello, expressions={"joy": 1.0})
+        assert face.is_speaking
+        face.stop()
+        silent = fapengine.animate(hello.phones)
+        with pytest.raises(fapengine.UsageError, match="sound: got none"):
+            face.say(silent)
+        with pytest.raises(fapengine.UsageError, match="expressions: got 'glee'"):
+            face.say(hello, expressions=["glee"])
+
+
+def test_it_obeys_without_speaking() -> None:
+    with fapengine.Face(style=STILL, silent=True) as face:
+        face.hub.clock = iter(np.arange(0.0, 9.0, 0.5)).__next__
+        face.express("joy")
+        face.look(0.2, 0.1)
+        face.turn_head(yaw_rad=0.3)
+        face.set_parameter("articulation", 0.5)
+        face.tell(Blink())
+        face.pause()
+        face.resume()
+        for _ in range(4):
+            faps = face.frame()
+        assert faps.shape == (68,)
+        assert faps[fap.column(49)] == pytest.approx(0.3e5, rel=0.01)  # head_yaw, AU
+        assert faps[fap.column(23)] == pytest.approx(0.2e5, rel=0.01)  # yaw_l_eyeball
+        assert faps[fap.column(41)] > 20  # a cheek of joy
+        with pytest.raises(fapengine.UsageError, match="got 'glee', expected one of joy"):
+            face.express("glee")
+
+
+def test_what_cannot_be() -> None:
+    with pytest.raises(fapengine.UsageError, match=r"sinks: got 'fba\+tcp://127.0.0.1:1'"):
+        fapengine.Face(sinks=["fba+tcp://127.0.0.1:1"])
+    with pytest.raises(fapengine.UsageError, match="nobody"):
+        fapengine.Face("nobody")
+    face = fapengine.Face(silent=True, style=STILL)
+    face.close()
+    face.close()

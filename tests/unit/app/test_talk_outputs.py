@@ -1,0 +1,63 @@
+"""What say and animate write: by the name's kind, and what stands beside it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fapengine.app.manner import Manner
+from fapengine.app.performance import perform
+from fapengine.app.report import Report
+from fapengine.app.talk import check, write_talk
+from fapengine.cli.options import DrawingOptions
+from fapengine.errors import UsageError
+from fapengine.render.drawing import Drawing
+from fapengine.speech.phone_track import Phone, PhoneTrack
+
+PHONES = PhoneTrack.of([Phone("_", 0.0, 0.1), Phone("m", 0.1, 0.2), Phone("a", 0.2, 0.4), Phone("_", 0.4, 0.5)])
+RATE_HZ, FRAMES = 12.5, 6
+
+
+def written(out: Path, background: str = "studio") -> Report:
+    report = Report()
+    sound = np.zeros(8000, np.int16), 16_000
+    performance = perform(PHONES, sound, Manner(rate_hz=RATE_HZ), text="ma")
+    write_talk(performance, out, report, drawing=Drawing.parse(size="64", background=background))
+    assert all(path.exists() for path, _ in report.files if "%" not in path.name)
+    return report
+
+
+@pytest.mark.parametrize("name", ["a.webp", "a.gif", "a"])
+def test_animations_and_folders(tmp_path: Path, name: str) -> None:
+    report = written(tmp_path / name)
+    assert {path.name for path in tmp_path.iterdir()} == {name, "a.fap", "a.wav", "a.png"}
+    assert (tmp_path / name, "pictures") in report.files
+    if name == "a":
+        assert sorted(path.name for path in (tmp_path / "a").iterdir()) == [f"frame_{n:04d}.png" for n in range(FRAMES)]
+    else:
+        with Image.open(tmp_path / name) as image:
+            assert image.n_frames >= FRAMES - 1  # pictures that are alike may be joined
+
+
+def test_a_talking_head_over_nothing(tmp_path: Path) -> None:
+    written(tmp_path / "clear_%02d.png", background="none")
+    with Image.open(tmp_path / "clear_03.png") as image:
+        alpha = np.asarray(image)[..., 3]
+    assert alpha[2, 2] == 0
+    assert alpha[40, 32] == 255
+    assert (tmp_path.parent / f"{tmp_path.name}.wav").exists()  # beside the folder of the pictures
+
+
+def test_refuses_before_any_work(tmp_path: Path) -> None:
+    for name, rate_hz, drawing, message in (
+        ("a.mp4", 30.0, {"background": "none"}, "has no alpha"),
+        ("a.gif", 60.0, {}, "GIF: got 60 Hz"),
+        ("a.avi", 30.0, {}, r"a\.avi, expected .* or \.fap"),
+        ("a.mp4", 30.0, {"background": "pink"}, "background: got 'pink'"),
+        ("a.mp4", 30.0, {"camera": "91,91"}, "pitch"),
+        ("a.mp4", 30.0, {"edges": "hard"}, "edges: got 'hard', expected one of fine, soft"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            check(tmp_path / name, Manner(rate_hz=rate_hz), DrawingOptions(**drawing).value())
+    check(tmp_path / "a.fap", Manner(rate_hz=60.0), Drawing())

@@ -1,0 +1,71 @@
+"""What every verb gets: groups of options, and errors in the words of the command line."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from fapengine.cli._verb import verb, with_flags
+from fapengine.cli.main import app
+from fapengine.errors import DataError, ResourceError, UsageError
+
+
+@dataclass(frozen=True)
+class Pair:
+    size: Annotated[str, typer.Option("--size", "-s")] = "512"
+    sink: Annotated[list[str], typer.Option("--sink")] = field(default_factory=list)
+
+
+def invoke(function, *arguments: str) -> BaseException | None:
+    runner = typer.Typer(pretty_exceptions_enable=False)
+    runner.command()(verb(function))
+    result = CliRunner().invoke(runner, list(arguments))
+    return None if isinstance(result.exception, SystemExit) else result.exception
+
+
+def test_a_group_arrives_as_one_value() -> None:
+    taken: list[object] = []
+
+    def shout(text: str, pair: Pair, loud: Annotated[bool, typer.Option("--loud")] = False) -> None:
+        """Shout."""
+        taken.extend([text, pair, loud])
+
+    assert invoke(shout, "hi", "-s", "64", "--sink", "a", "--sink", "b", "--loud") is None
+    assert invoke(shout, "hi") is None
+    assert taken == ["hi", Pair("64", ["a", "b"]), True, "hi", Pair(), False]
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (UsageError("size: got 3, expected 4"), "--size: got 3, expected 4"),
+        (UsageError("sinks: got 3, expected 4"), "--sink: got 3, expected 4"),
+        (UsageError("text: got '', expected words"), "text: got '', expected words"),
+        (
+            DataError("size: got 3; name it with size=PIXELS", where="x"),
+            "size: got 3; name it with --size PIXELS (at x)",
+        ),
+        (ResourceError("size: too much, or loud=False"), "size: too much, or --quiet"),
+        (UsageError("level=fine is no option here"), "level=fine is no option here"),
+    ],
+)
+def test_errors_name_options(error: Exception, message: str) -> None:
+    def fail(text: str, pair: Pair, loud: Annotated[bool, typer.Option("--loud/--quiet")] = True) -> None:
+        raise error
+
+    raised = invoke(fail, "hi")
+    assert type(raised) is type(error)
+    assert str(raised) == message
+    assert raised.__cause__ is error
+
+
+def test_only_whole_names_are_replaced() -> None:
+    assert with_flags("up: got a size of 3, resize=BIG", {"size": "--size"}) == "up: got a size of 3, resize=BIG"
+
+
+def test_every_verb_is_one() -> None:
+    """Even those that have no group of options reword their errors."""
+    for command in (*app.registered_commands, *app.registered_groups[0].typer_instance.registered_commands):
+        assert command.callback.__code__.co_filename.endswith("_verb.py"), command.callback

@@ -1,0 +1,214 @@
+"""Many sessions at once: each row is what a planner of its own would show, FAP for FAP."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
+from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.trajectory import hermite
+from fapengine.trajectory.batch import FIRST_HOLDS, FIRST_ROWS, KNOTS, BatchPlanner
+from fapengine.trajectory.planner import Style
+from fapengine.trajectory.stream import StreamingPlanner, StreamPlan
+from tests.english import english
+
+LABELS = ["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "tʃ", "%", SILENCE]
+TICK_S = 1 / 60
+STYLES = [
+    Style.still(),
+    Style.still(articulation=1.7),
+    Style.still(articulation=0.4, method="paper"),
+    Style(jaw=0.3, lips=1.5, loudness_db=-6.0),
+]
+
+
+def phones(labels: list[str], each_s: float, lead_s: float = 0.3) -> list[Phone]:
+    times = lead_s + each_s * np.arange(len(labels) + 1)
+    return [Phone(label, float(a), float(b)) for label, a, b in zip(labels, times[:-1], times[1:], strict=True)]
+
+
+PHONES = st.builds(
+    phones, st.lists(st.sampled_from(LABELS), min_size=1, max_size=12), st.floats(0.02, 0.2), st.just(0.0)
+)
+EVENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("feed"), st.integers(0, 3), st.floats(-0.2, 0.6), PHONES),
+        st.tuples(st.just("cancel"), st.integers(0, 3), st.floats(-0.1, 0.3), st.floats(0.05, 0.4)),
+        st.tuples(st.just("open"), st.floats(-0.2, 0.1)),
+        st.tuples(st.just("close"), st.integers(0, 3)),
+        st.tuples(st.just("frames"), st.integers(1, 14)),
+    ),
+    min_size=4,
+    max_size=24,
+)
+
+
+class Pair:
+    """A bank, and a planner of its own for each of its sessions."""
+
+    def __init__(self, style: Style, horizon_s: float) -> None:
+        self.style, self.horizon_s = style, horizon_s
+        self.bank = BatchPlanner(english(), style, horizon_s=horizon_s)
+        self.planners: dict[int, tuple[float, StreamingPlanner]] = {}
+        self.now_s, self.shown = 5.0, 0
+
+    def open(self, begins_s: float) -> None:
+        self.planners[self.bank.open(begins_s)] = (
+            begins_s,
+            StreamingPlanner(english(), self.style, self.horizon_s),
+        )
+
+    def pick(self, index: int) -> int | None:
+        return sorted(self.planners)[index % len(self.planners)] if self.planners else None
+
+    def frames(self, count: int) -> None:
+        for _ in range(count):
+            self.now_s += TICK_S
+            found = self.bank.frames(self.now_s)
+            assert sorted(found.sessions.tolist()) == sorted(self.planners)
+            for session, row in zip(found.sessions.tolist(), found.faps, strict=True):
+                begins_s, planner = self.planners[session]
+                np.testing.assert_array_equal(row, planner.frames([self.now_s - begins_s])[0])
+                self.shown += bool(row.any())
+
+    def do(self, event: tuple) -> None:
+        kind, *rest = event
+        if kind == "open":
+            self.open(self.now_s + rest[0])
+        elif kind == "frames":
+            self.frames(rest[0])
+        elif (session := self.pick(rest[0])) is not None:
+            begins_s, planner = self.planners[session]
+            if kind == "close":
+                self.bank.close(session)
+                del self.planners[session]
+                return
+            at_s = self.now_s - begins_s + rest[1]
+            if kind == "cancel":
+                self.bank.cancel(session, at_s, fade_s=rest[2])
+                planner.cancel(at_s, fade_s=rest[2])
+            else:
+                shift = max(at_s, 0.0)
+                fed = [Phone(one.label, one.start_s + shift, one.end_s + shift) for one in rest[2]]
+                self.bank.feed(session, fed)
+                planner.feed(fed)
+            assert self.bank.counts(session) == planner.counts
+
+
+@settings(max_examples=40)
+@given(EVENTS, st.sampled_from([0.0, 0.0, 0.1]), st.sampled_from(STYLES))
+def test_every_row_is_what_a_planner_of_its_own_shows(events, horizon_s, style):
+    pair = Pair(style, horizon_s)
+    pair.open(5.0)
+    pair.open(4.9)
+    for event in events:
+        pair.do(event)
+    pair.frames(40)
+
+
+def test_long_texts_and_many_sessions_outgrow_the_first_room():
+    """More knots than a window holds, more holds and more rows than there was room for."""
+    pair = Pair(Style.still(), 0.0)
+    for _ in range(FIRST_ROWS + 3):
+        pair.open(5.0)
+    spoken = phones(["b", "ɑː", "m", "s", "p", "uː"] * 6, 0.05)
+    assert len(spoken) > KNOTS
+    for session, (_, planner) in pair.planners.items():
+        mine = spoken[session % 3 :]
+        pair.bank.feed(session, mine)
+        planner.feed(mine)
+    crowd = [Phone("m", 0.3 + 0.03 * n, 0.33 + 0.03 * n) for n in range(3 * FIRST_HOLDS)]
+    pair.bank.feed(2, crowd)
+    pair.planners[2][1].feed(crowd)
+    pair.frames(150)
+    assert pair.shown > 1500
+    assert not pair.bank.frames(pair.now_s).faps.any()  # all have come to rest
+
+
+def test_rows_say_whose_they_are_when_sessions_close():
+    bank = BatchPlanner(english())
+    first, second, third = (bank.open() for _ in range(3))
+    bank.feed(third, phones(["ɑː", "ɑː"], 0.2))
+    counts = bank.counts(third)
+    bank.close(first)
+    assert bank.counts(third) is counts
+    found = bank.frames(0.5)
+    assert sorted(found.sessions.tolist()) == [second, third]
+    assert len(bank) == 2
+    assert {int(session): bool(row.any()) for session, row in zip(found.sessions, found.faps, strict=True)} == {
+        second: False,
+        third: True,
+    }
+    assert bank.open() not in (first, second, third)
+    bank.close(third)
+    bank.close(second)
+    assert len(bank) == 1
+    assert BatchPlanner(english()).frames(0.0).points_mm.shape == (0, english().space.marker_count, 3)
+
+
+def test_points_are_where_the_faps_say():
+    """42 dimensions: the 14 points of the paper, in mm, whose FAPs are those of the same frame."""
+    bank = BatchPlanner(english())
+    session = bank.open()
+    bank.feed(session, phones(["b", "ɑː", "m", "f", "ɑː", "uː", "p"], 0.12))
+    names = english().space.points[: english().space.marker_count]
+    numbers = [number for number in range(51, 61) if fap.spec(number).point in names]
+    assert len(numbers) == 10
+    moved = 0.0
+    for time in np.arange(0.0, 1.4, TICK_S):
+        found = bank.frames(time)
+        assert found.points_mm.shape == (1, 14, 3)
+        for number in numbers:
+            row = fap.spec(number)
+            axis = np.array(fap.HEAD_AXES[row.positive])
+            steps = found.points_mm[0, names.index(row.point)] @ axis / english().fapu.unit(row.unit)
+            assert abs(steps - found.faps[0, fap.column(number)]) <= 0.5 + 1e-6  # rounding alone
+            moved = max(moved, abs(steps))
+    assert moved > 100
+
+
+def test_a_fade_is_a_quintic_to_rest():
+    rng = np.random.default_rng(3)
+    left_over, length = rng.normal(size=(3, 4)), 0.15
+    still = np.zeros(4)
+    s = np.linspace(0, 1, 9)
+    wanted = hermite.blend(s[:, None] * length, np.array(length), tuple(left_over), (still, still, still))[0]
+    parts = hermite.fading(s)
+    found = sum(part[:, None] * left * length**n for n, (part, left) in enumerate(zip(parts, left_over, strict=True)))
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_one_moment_of_a_path_is_what_many_are():
+    rng = np.random.default_rng(4)
+    times = np.cumsum(rng.uniform(0.02, 0.2, 7))
+    path = hermite.Path.through(times, rng.normal(0, 5, (7, 3)))
+    plan = StreamPlan(times[2] - 0.01, path, 0.15, rng.normal(0, 5, (3, 3)))
+    for moment in (0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0):
+        for one, many in ((path.jet_at(moment), path.jet), (plan.jet_at(moment), plan.jet)):
+            if moment >= plan.start_s or many == path.jet:
+                wanted = np.concatenate(many(np.array([moment])))
+                np.testing.assert_allclose(one, wanted, atol=1e-9 * max(1.0, np.abs(wanted).max()))
+    assert np.abs(path.jet_at(times[-1] + 1.0)[1:]).max() < 1e-9
+
+
+def test_refuses():
+    bank = BatchPlanner(english())
+    session = bank.open()
+    bank.frames(1.0)
+    with pytest.raises(UsageError, match=r"time_s: got 0\.5 s, expected rising times from 1 s"):
+        bank.frames(0.5)
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(UsageError, match="time_s"):
+            bank.frames(wrong)
+    with pytest.raises(UsageError, match="begins_s: got nan"):
+        bank.open(np.nan)
+    with pytest.raises(UsageError, match="horizon_s: got -1"):
+        BatchPlanner(english(), horizon_s=-1)
+    with pytest.raises(UsageError, match="fade_s: got 0"):
+        bank.cancel(session, 1.0, fade_s=0)
+    bank.close(session)
+    for call in (bank.close, bank.counts, lambda one: bank.feed(one, []), lambda one: bank.cancel(one, 1.0)):
+        with pytest.raises(UsageError, match="session: got 0, expected one of 0 that are open"):
+            call(session)
