@@ -5,28 +5,48 @@ VENV := .venv
 BIN := $(VENV)/bin
 # A run of fewer tests than this fails: raise it when tests are added.
 TESTS_AT_LEAST := 3100
+# Tests of conformance, which run in every clone.
+CONFORMANCE_AT_LEAST := 300
 # How long make fuzz searches.
 SECONDS := 600
 # How long make soak uses a server.
 MINUTES := 30
+CORE_TESTS := $(addprefix tests/unit/,capture codec floor0 geometry laboratory mesh models mpeg4 profiles retarget speech \
+    trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: detector help demo test check quick bench soak fuzz fresh-machine clean env dev
+.PHONY: conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+    clean docs env dev tools
 
 help:
 	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
 	@echo "make test   everything that CI runs"
-	@echo "make quick  the unit tests alone"
+	@echo "make conformance  the tests that the bytes and tables are the standard's; nothing but a clone is needed"
+	@echo "make quick  the unit tests, without the slow ones"
+	@echo "make coverage  branch coverage of the core by unit tests that need nothing but a clone, against its floor"
+	@echo "make matrix  the unit tests on every supported Python that this machine has"
+	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
+	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
 demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 
-test: check detector
+# The checks take one processor while the tests wait for clocks and sound cards.
+test: $(VENV)/.ready-dev detector
+	@$(MAKE) --no-print-directory -j 2 check tests
+	@$(MAKE) --no-print-directory -j 2 conformance fuzz SECONDS=15
+
+# The codec is compiled once, before two processes would both do it.
+tests: $(VENV)/.ready-dev detector
+	$(BIN)/python -c "from fapengine.codec.warmup import warm_up; warm_up()"
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
-	@$(MAKE) --no-print-directory fuzz SECONDS=15
+
+# As in a clone with nothing beside it: the measurement data are hidden.
+conformance: $(VENV)/.ready-dev
+	FAPENGINE_SHARED=/nonexistent $(BIN)/python -m pytest -q -m conformance --at-least $(CONFORMANCE_AT_LEAST) tests
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff format --check --quiet .
@@ -35,10 +55,21 @@ check: $(VENV)/.ready-dev
 	$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
 quick: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest -n 2 -q tests/unit
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not slow" tests/unit
+
+# Not a part of make test, which it would make longer; the hosted CI runs it.
+coverage: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not shared" \
+	    --cov --cov-report=term:skip-covered $(CORE_TESTS)
+
+matrix: $(VENV)/.ready-tools
+	$(BIN)/nox --session tests
+
+release-check: $(VENV)/.ready-tools
+	.ci/release-check $(BIN)/python
 
 bench: $(VENV)/.ready-dev
-	@failed=0; for name in say render codec models capture sessions live; do \
+	@failed=0; for name in say render codec models capture sessions osc live; do \
 	    echo "== $$name"; $(BIN)/python -m bench.$$name || failed=1; done; exit $$failed
 
 soak: $(VENV)/.ready-dev
@@ -50,11 +81,16 @@ fuzz: $(VENV)/.ready-dev
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	@grep 'stat::' out/fuzz.log
 
+# Links and cross references that lead nowhere are errors.
+docs: $(VENV)/.ready-docs
+	PYTHONPATH=. $(BIN)/mkdocs build --strict
+
 fresh-machine:
 	.ci/fresh-machine
 
 env: $(VENV)/.ready
 dev: $(VENV)/.ready-dev
+tools: $(VENV)/.ready-tools
 
 $(VENV)/.ready: pyproject.toml .ci/system-packages
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -80,5 +116,13 @@ $(VENV)/.ready-dev: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@
 
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --group docs
+	@touch $@
+
+$(VENV)/.ready-tools: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --group tools
+	@touch $@
+
 clean:
-	rm -rf $(VENV) out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .nox out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
