@@ -186,7 +186,7 @@ class VoiceOptions:
     """Options that choose a voice."""
 
     voice: VoiceName = "en-us"
-    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 450.", rich_help_panel=MANNER)] = 160
+    rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 449.", rich_help_panel=MANNER)] = 160
 
     def value(self) -> "VoiceChoice":
         """Return them as a voice that is not loaded yet."""

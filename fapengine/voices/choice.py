@@ -6,6 +6,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from fapengine._strict_toml import Checked
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM, EspeakVoice
 from fapengine.voices.protocol import Voice
 
 
@@ -13,10 +14,10 @@ from fapengine.voices.protocol import Voice
 class VoiceChoice(Checked):
     """A voice of espeak-ng that is not loaded yet."""
 
-    name: str = "en-us"
-    """Language code (BCP 47), such as en-gb, de or fr-fr."""
-    rate_wpm: Annotated[int, Meta(ge=80, le=450)] = 160
-    """Words a minute, 80..450."""
+    name: str = DEFAULT_VOICE
+    """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling."""
+    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = DEFAULT_RATE_WPM
+    """Words a minute, 80..449."""
 
     def load(self) -> Voice:
         """Load the voice.
@@ -28,6 +29,4 @@ class VoiceChoice(Checked):
         ResourceError
             If espeak-ng is not installed.
         """
-        from fapengine.voices.espeak import EspeakVoice
-
         return EspeakVoice(self.name, self.rate_wpm)

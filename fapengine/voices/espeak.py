@@ -11,8 +11,8 @@ import ctypes
 import re
 import threading
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,16 @@ from numpy.typing import NDArray
 from fapengine.errors import ResourceError, UsageError
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.protocol import Speech
 
 DEFAULT_VOICE = "en-us"
-RATES_WPM = (80, 450)
-"""Rates that espeak-ng accepts, words a minute (espeakRATE)."""
+RATES_WPM = (80, 449)
+"""Rates that espeak-ng speaks itself, words a minute (espeakRATE).
+
+From 450 it speeds up the finished sound, and the times of its events do not fit any more: they go back by up to 16 ms,
+and the last lies behind the sound (measured with 1.52).
+"""
 DEFAULT_RATE_WPM = 160
 
 # Numbers of speak_lib.h.
@@ -102,20 +107,51 @@ def sample_rate_hz() -> int:
 
 
 @cache
-def voices() -> dict[str, str]:
-    """All voices: language code (BCP 47) to name, for example ``{"en-us": "English (America)"}``."""
+def catalogue() -> Catalogue:
+    """All voices that can speak; a voice whose dictionary was not installed is left out, for it says nothing.
+
+    Raises
+    ------
+    ResourceError
+        If espeak-ng is not installed.
+    """
     with _lock:
         library, _ = _library()
         records = library.espeak_ListVoices(None)
-        by_code: dict[str, str] = {}
+        listed = []
         index = 0
         while records[index]:
             record = records[index].contents
-            # A priority byte, then the language code; more pairs may follow, the first is the voice's own.
-            code = ctypes.cast(ctypes.addressof(record.languages.contents) + 1, ctypes.c_char_p).value or b""
-            by_code.setdefault(code.decode(), record.name.decode())
+            listed.append((record.name.decode(), record.identifier.decode(), _codes(record)))
             index += 1
-    return dict(sorted(by_code.items()))
+    return Catalogue.of(entry for entry in listed if _has_dictionary(entry[1]))
+
+
+def _codes(record: _VoiceRecord) -> list[tuple[int, str]]:
+    """Language codes of a voice: a byte of priority and a text, again and again, until a zero byte."""
+    codes = []
+    address = ctypes.addressof(record.languages.contents)
+    while priority := ctypes.string_at(address, 1)[0]:
+        code = ctypes.string_at(address + 1)
+        codes.append((priority, code.decode()))
+        address += len(code) + 2
+    return codes
+
+
+def _has_dictionary(identifier: str) -> bool:
+    """Whether the dictionary is there that a voice's file asks for, by its line ``dictionary`` or by its language."""
+    import espeakng_loader
+
+    data = Path(espeakng_loader.get_data_path())
+    lines = [line.split() for line in (data / "lang" / identifier).read_text(encoding="utf-8").splitlines()]
+    named = {line[0]: line[1] for line in reversed(lines) if len(line) > 1}  # the first of each counts
+    language = named.get("language", "").partition("-")[0]
+    return (data / f"{named.get('dictionary', language)}_dict").is_file()
+
+
+def voices() -> dict[str, str]:
+    """All voices that can speak: language code (BCP 47) to name, for example ``{"en-us": "English (America)"}``."""
+    return {entry.code: entry.name for entry in catalogue().entries}
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,23 +173,27 @@ class EspeakVoice:
     """
 
     name: str = DEFAULT_VOICE
+    """Language code in any spelling: see :meth:`fapengine.voices.catalogue.Catalogue.find`."""
     rate_wpm: int = DEFAULT_RATE_WPM
 
     def __post_init__(self) -> None:
         if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:
             raise UsageError(f"rate: got {self.rate_wpm} words a minute, expected {RATES_WPM[0]}..{RATES_WPM[1]}")
-        if self.name not in voices():
-            near = get_close_matches(self.name, voices(), n=5, cutoff=0.3) or sorted(voices())[:10]
-            raise UsageError(f"voice: got {self.name!r}, expected a language code such as {', '.join(near)}")
+        catalogue().find(self.name)
+
+    @property
+    def entry(self) -> VoiceEntry:
+        """The voice that speaks."""
+        return catalogue().find(self.name)
 
     def speak(self, text: str) -> Speech:
         """Speak ``text``; see :class:`fapengine.voices.protocol.Voice`."""
         if not any(character.isalnum() for character in text):
             raise UsageError(f"text: got {text!r}, expected something to speak")
         events, samples, rate_hz = self._synthesise(text)
-        if not len(samples):
-            raise UsageError(f"text: voice {self.name!r} finds nothing to speak in {text!r}")
         phones = _phones(events, text, rate_hz, len(samples) / rate_hz)
+        if all(phone.is_silence for phone in phones.phones):
+            raise UsageError(f"text: voice {self.name!r} finds nothing to speak in {text!r}")
         return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
 
     def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
@@ -171,16 +211,23 @@ class EspeakVoice:
                 pieces.append(ctypes.string_at(wave, 2 * count))
             return 0
 
+        identifier = self.entry.identifier.encode()
+        encoded = text.encode()
         with _lock:
             library, rate_hz = _library()
             callback = _Callback(collect)
             library.espeak_SetSynthCallback(callback)
-            library.espeak_SetVoiceByName(self.name.encode())
-            library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0)
-            encoded = text.encode()
-            library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, _CHARS_UTF8, None, None)
-            library.espeak_Synchronize()
+            _succeed(library.espeak_SetVoiceByName(identifier), f"voice {self.name!r}")
+            _succeed(library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0), f"{self.rate_wpm} words a minute")
+            _succeed(library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, _CHARS_UTF8, None, None), "a text")
+            _succeed(library.espeak_Synchronize(), "a text")
         return events, np.frombuffer(b"".join(pieces), dtype=np.int16), rate_hz
+
+
+def _succeed(code: int, what: str) -> None:
+    """Look at the code that a function of the library returned (``espeak_ERROR`` of speak_lib.h; 0 is success)."""
+    if code != 0:
+        raise ResourceError(f"voice: espeak-ng refuses {what} (code {code}); its data may be damaged")
 
 
 def _phones(events: list[tuple[int, int, int, int, bytes]], text: str, rate_hz: int, duration_s: float) -> PhoneTrack:

@@ -6,7 +6,8 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE
-from fapengine.voices.espeak import EspeakVoice, voices
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.espeak import RATES_WPM, EspeakVoice, catalogue, voices
 from fapengine.voices.protocol import Speech
 
 SENTENCE = "Bright sunshine shimmers on the ocean."
@@ -67,10 +68,78 @@ def test_there_are_many_voices() -> None:
     assert voices()["en-us"] == "English (America)"
 
 
+def spoken(name: str, text: str, rate_wpm: int = 160) -> list[str]:
+    return [phone.label for phone in EspeakVoice(name, rate_wpm).speak(text).phones.phones if not phone.is_silence]
+
+
+def test_a_voice_speaks_its_own_language_whoever_spoke_before() -> None:
+    words = {"fr-fr": "Bonjour tout le monde.", "en-gb": "A car in the park.", "en-us": "A car in the park."}
+    alone = {name: spoken(name, text) for name, text in words.items()}
+    for before in ("de", "ru", "en-us"):
+        for name, text in words.items():
+            EspeakVoice(before).speak("1")
+            assert spoken(name, text) == alone[name]
+    assert "ʁ" in alone["fr-fr"]
+    assert "ɑːɹ" in alone["en-us"]
+    assert "ɑːɹ" not in alone["en-gb"]  # no r in park
+
+
+def test_a_voice_without_its_dictionary_is_none() -> None:
+    assert not {"fo", "kaa", "xex"} & voices().keys()  # espeakng-loader 0.2.4 has no dictionary of these
+    with pytest.raises(UsageError, match="got 'fo', expected a language code"):
+        EspeakVoice("fo")
+
+
+def test_every_voice_is_accepted_by_the_library_and_speaks() -> None:
+    silent = []
+    for name in voices():
+        try:
+            assert spoken(name, "a e i o u 1", 449)
+        except UsageError:
+            silent.append(name)
+    assert silent == []
+
+
+def test_a_text_without_a_phone_is_refused() -> None:
+    with pytest.raises(UsageError, match="finds nothing to speak"):
+        EspeakVoice("cv").speak("1")  # knows letters, but no numbers
+    assert spoken("cv", "а")
+
+
+@pytest.mark.parametrize("rate_wpm", RATES_WPM)
+@pytest.mark.parametrize("name", ["en-us", "de", "ru", "cmn"])
+def test_both_ends_of_the_rate(name: str, rate_wpm: int) -> None:
+    text = "1234567890. Mama, papa! 19 84, 21, 350; 17 18 19 20 30 40 50 60 70 80 90 100 1000."
+    speech = VoiceChoice(name, rate_wpm).load().speak(text)
+    assert speech.phones.duration_s == pytest.approx(speech.duration_s, abs=1e-9)
+    assert len(speech.phones.phones) > 100
+
+
+@pytest.mark.parametrize("rate_wpm", [RATES_WPM[0] - 1, RATES_WPM[1] + 1])
+def test_rates_beyond_the_ends_are_refused(rate_wpm: int) -> None:
+    for choose in (EspeakVoice, lambda name, rate: VoiceChoice(name, rate).load()):
+        with pytest.raises(UsageError, match=r"80\.\.449"):
+            choose("en-us", rate_wpm)
+
+
+def test_a_faster_rate_is_never_slower() -> None:
+    """From 450 on espeak-ng makes the sound longer again (66,903 samples for a paragraph, 60,583 at 449)."""
+    lengths = [EspeakVoice("en-us", rate).speak(SENTENCE).duration_s for rate in (80, 160, 300, 400, 449)]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+def test_every_code_of_every_voice_is_found() -> None:
+    for entry in catalogue().entries:
+        assert catalogue().find(entry.code) == entry
+        assert catalogue().find(entry.identifier) == entry
+        for _, code in entry.codes:
+            assert catalogue().find(code.upper().replace("-", "_")).codes
+
+
 def test_refuses() -> None:
-    with pytest.raises(UsageError, match=r"got 'en-xx'.*en-us"):
-        EspeakVoice("en-xx")
-    with pytest.raises(UsageError, match=r"80\.\.450"):
+    with pytest.raises(UsageError, match=r"got 'english'.*en-us"):
+        EspeakVoice("english")
+    with pytest.raises(UsageError, match=r"80\.\.449"):
         EspeakVoice("en-us", 20)
     with pytest.raises(UsageError, match="something to speak"):
         EspeakVoice("en-us").speak(" ... ")
