@@ -68,7 +68,8 @@ class Browser:
             preexec_fn=_end_with_parent,
         )
         self._session = aiohttp.ClientSession()
-        port = await asyncio.wait_for(self._port(), START_LIMIT_S)
+        async with asyncio.timeout(START_LIMIT_S):
+            port = await self._port()
         async with self._session.get(f"http://127.0.0.1:{port}/json") as answer:
             target = next(page for page in await answer.json() if page["type"] == "page")
         self._socket = await self._session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0)
@@ -92,7 +93,8 @@ class Browser:
         number = next(self._numbers)
         self._answers[number] = asyncio.get_running_loop().create_future()
         await self._socket.send_json({"id": number, "method": method, "params": params})
-        answer = await asyncio.wait_for(self._answers[number], CALL_LIMIT_S)
+        async with asyncio.timeout(CALL_LIMIT_S):
+            answer = await self._answers[number]
         assert "error" not in answer, f"{method}: {answer['error']}"
         return answer["result"]
 
@@ -111,9 +113,11 @@ class Browser:
 
     async def until(self, condition: str, limit_s: float = 10.0) -> None:
         """Wait until an expression is true in the page."""
-        async with asyncio.timeout(limit_s):
-            while not await self._holds(condition):
-                await asyncio.sleep(0.03)
+        loop = asyncio.get_running_loop()
+        stop_s = loop.time() + limit_s
+        while not await self._holds(condition):
+            assert loop.time() < stop_s, f"it never became so: {condition}; the page complains: {self.complaints}"
+            await asyncio.sleep(0.03)
 
     async def _holds(self, condition: str) -> bool:
         try:

@@ -90,7 +90,7 @@ class Page:
         self._runner.run(asyncio.sleep(seconds))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     if find_chromium() is None:
         pytest.skip(NO_BROWSER)
@@ -99,7 +99,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     made.kill()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def _browser(server: Server) -> Iterator[Page]:
     with asyncio.Runner() as runner:
         browser = Browser(SIZE)

@@ -476,9 +476,11 @@ def test_a_lost_graphics_context_comes_back_with_the_face(page: Page) -> None:
 
 
 def test_without_webgl_the_page_says_so(page: Page) -> None:
-    page.call("Page.addScriptToEvaluateOnNewDocument", source="HTMLCanvasElement.prototype.getContext = () => null")
+    no_webgl = "HTMLCanvasElement.prototype.getContext = () => null"
+    script = page.call("Page.addScriptToEvaluateOnNewDocument", source=no_webgl)["identifier"]
     page.go(page.server.url)
     page.until("!document.getElementById('notice').hidden")
+    page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)  # or the next page has none either
     assert "WebGL2" in page.run("document.getElementById('notice').textContent")
     assert len(page.complaints) == 1
     page.complaints.clear()

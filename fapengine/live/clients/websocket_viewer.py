@@ -254,7 +254,9 @@ class WebSocketViewer:
                 self._pings = {number: self._clock()}
                 await link.send_str(text_of("ping", number=number))
             try:
-                text = await asyncio.wait_for(self._queue.get(), timeout=max(next_s - self._clock(), 0.001))
+                # Not wait_for: until Python 3.12 it may lose a cancellation.
+                async with asyncio.timeout(max(next_s - self._clock(), 0.001)):
+                    text = await self._queue.get()
             except TimeoutError:
                 continue
             await link.send_str(text)
