@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fapengine.speech.unknown import UnknownPhone
+from fapengine.speech.reading import Reading, UnknownPhone
 
 
 @dataclass(slots=True)
@@ -28,6 +28,8 @@ class Report:
     """Units that the timings were given for: phones, words, characters."""
     unknown: tuple[UnknownPhone, ...] = ()
     """Phones that no set explains."""
+    reading: Reading | None = None
+    """Alphabet that the labels of a file were read in; None where they were IPA from the start, or are words."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -57,4 +59,7 @@ class Report:
                 {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
                 for each in self.unknown
             ],
+            "alphabet": self.reading.alphabet if self.reading else "",
+            "alphabet_guessed": bool(self.reading and self.reading.guessed),
+            "alphabet_could_be": list(self.reading.others) if self.reading else [],
         }

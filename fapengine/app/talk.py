@@ -44,13 +44,15 @@ def check(path: Path, manner: Manner, drawing: Drawing) -> None:
 
 
 def refuse_unknown(phones: PhoneTrack, where: str) -> None:
-    """Refuse a track with labels that are no IPA.
+    """Refuse a track with labels that are no IPA, that are doubtful, or that two alphabets read otherwise.
 
     Raises
     ------
     DataError
         Its message lists them; ``where`` is the file or the voice.
     """
+    if phones.reading is not None and phones.reading.others:
+        raise DataError(f"alphabet: got {phones.reading}, expected labels of one alphabet", where=where)
     if unknown := find_unknown(phones):
         raise DataError(f"unknown phones: got {'; '.join(map(str, unknown))}, expected IPA", where=where)
 
@@ -61,7 +63,7 @@ def note_speech(performance: Performance, report: Report) -> None:
     report.frames, report.rate_hz = len(performance.track), performance.track.rate_hz
     report.duration_s, report.level = performance.duration_s, phones.level
     report.phones = sum(not phone.is_silence for phone in phones.phones)
-    report.unknown = find_unknown(phones)
+    report.unknown, report.reading = find_unknown(phones), phones.reading
 
 
 def write_talk(

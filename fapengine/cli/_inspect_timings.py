@@ -53,6 +53,9 @@ def describe(track: PhoneTrack, file_format: str, tool: str) -> dict[str, Any]:
         "duration_s": track.duration_s,
         "phones": len(spoken),
         "speech_s": sum(phone.duration_s for phone in spoken),
+        "alphabet": track.reading.alphabet if track.reading else "",
+        "alphabet_guessed": bool(track.reading and track.reading.guessed),
+        "alphabet_could_be": list(track.reading.others) if track.reading else [],
         "unknown": [] if track.spelled else [str(each) for each in find_unknown(track)],
         "timeline": [
             {"start_s": p.start_s, "end_s": p.end_s, "label": p.label, "stress": p.stress, "word": p.word}
@@ -68,6 +71,8 @@ def _print(track: PhoneTrack, report: dict[str, Any], *, everything: bool) -> No
         f" {report['speech_s']:.2f} s of speech in {report['duration_s']:.2f} s",
         soft_wrap=True,
     )
+    if track.reading is not None:
+        console.print(escape(str(track.reading)), soft_wrap=True)
     if report["spelled"]:
         console.print("These are words; `fapengine animate` lets a voice pronounce them.", soft_wrap=True)
     table = Table("start s", "end s", "ms", "label", "word", "", box=None, pad_edge=False)

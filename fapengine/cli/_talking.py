@@ -62,5 +62,7 @@ def print_report(report: Report, *, as_json: bool) -> None:
     )
     if report.level != "phone":
         console.print(f"{'timings':>14}  of each {report.level}, not of each phone", soft_wrap=True)
+    if report.reading is not None and report.reading.guessed:
+        console.print(f"{'alphabet':>14}  {report.reading}", soft_wrap=True)
     for unknown in report.unknown:
         console.print(f"[yellow]{'unknown phone':>14}[/]  {unknown}", soft_wrap=True)

@@ -1,103 +1,51 @@
-"""Phone alphabets other than IPA, as tables to IPA.
+"""Labels to IPA, in any alphabet; which alphabet it is, is found by :mod:`fapengine.speech.guess`."""
 
-ARPAbet: the symbol set of the CMU Pronouncing Dictionary and of TIMIT-style aligners. X-SAMPA: J. C. Wells,
-"Computer-coding the IPA" (1995); MBROLA's language sets are subsets of SAMPA, which X-SAMPA contains. All others are
-data of one form: :mod:`fapengine.speech.phone_sets`.
-"""
-
-from collections.abc import Iterable
+import re
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
-from fapengine.speech.phone_sets import PHONE_SETS, PhoneSet
+from fapengine.speech.arpabet import ARPABET, from_arpabet, without_position
+from fapengine.speech.phone_set import PhoneSet
+from fapengine.speech.phone_sets import PHONE_SETS
+from fapengine.speech.xsampa import LETTERS as XSAMPA_LETTERS
+from fapengine.speech.xsampa import from_xsampa
 
-# fmt: off
-ARPABET: dict[str, str] = {
-    "AA": "ɑ",  "AE": "æ",  "AH": "ʌ",  "AO": "ɔ",  "AW": "aʊ", "AX": "ə",  "AXR": "ɚ", "AY": "aɪ", "EH": "ɛ",
-    "ER": "ɝ",  "EY": "eɪ", "IH": "ɪ",  "IX": "ɨ",  "IY": "i",  "OW": "oʊ", "OY": "ɔɪ", "UH": "ʊ",  "UW": "u",
-    "UX": "ʉ",  "B": "b",   "CH": "tʃ", "D": "d",   "DH": "ð",  "DX": "ɾ",  "EL": "l",  "EM": "m",  "EN": "n",
-    "F": "f",   "G": "ɡ",   "HH": "h",  "H": "h",   "JH": "dʒ", "K": "k",   "L": "l",   "M": "m",   "N": "n",
-    "NG": "ŋ",  "NX": "ɾ",  "P": "p",   "Q": "ʔ",   "R": "ɹ",   "S": "s",   "SH": "ʃ",  "T": "t",   "TH": "θ",
-    "V": "v",   "W": "w",   "WH": "ʍ",  "Y": "j",   "Z": "z",   "ZH": "ʒ",
-}
-XSAMPA_LETTERS: dict[str, str] = {  # longest spellings are tried first
-    "A": "ɑ", "B": "β", "C": "ç", "D": "ð", "E": "ɛ", "F": "ɱ", "G": "ɣ", "H": "ɥ", "I": "ɪ", "J": "ɲ", "K": "ɬ",
-    "L": "ʎ", "M": "ɯ", "N": "ŋ", "O": "ɔ", "P": "ʋ", "Q": "ɒ", "R": "ʁ", "S": "ʃ", "T": "θ", "U": "ʊ", "V": "ʌ",
-    "W": "ʍ", "X": "χ", "Y": "ʏ", "Z": "ʒ", "{": "æ", "}": "ʉ", "@": "ə", "@`": "ɚ", "1": "ɨ", "2": "ø", "3": "ɜ",
-    "3`": "ɝ", "4": "ɾ", "5": "ɫ", "6": "ɐ", "7": "ɤ", "8": "ɵ", "9": "œ", "&": "ɶ", "?": "ʔ", "?\\": "ʕ",
-    "r\\": "ɹ", "R\\": "ʀ", "s\\": "ɕ", "z\\": "ʑ", "x\\": "ɧ", "h\\": "ɦ", "H\\": "ʜ", "j\\": "ʝ", "J\\": "ɟ",
-    "p\\": "ɸ", "v\\": "ʋ", "B\\": "ʙ", "G\\": "ɢ", "N\\": "ɴ", "L\\": "ʟ", "M\\": "ɰ", "O\\": "ʘ", "X\\": "ħ",
-    "K\\": "ɮ", "l\\": "ɺ", "r\\`": "ɻ", "l`": "ɭ", "n`": "ɳ", "r`": "ɽ", "s`": "ʂ", "t`": "ʈ", "z`": "ʐ",
-    "d`": "ɖ", "u\\": "ʊ", "I\\": "ɪ", "U\\": "ʊ", "3\\": "ɞ", "@\\": "ɘ",
-}
-# fmt: on
+__all__ = [
+    "ALPHABETS", "ARPABET", "SILENCES", "XSAMPA_LETTERS", "from_arpabet", "from_set", "from_xsampa", "is_silence",
+    "to_ipa", "without_position",
+]  # fmt: skip
+
 SILENCES = frozenset(
-    {"", "_", "sil", "sp", "spn", "pau", "h#", "epi", "silence", "<eps>", "<sil>", "#", "{sl}", "<p:>"}
-)
-"""Labels that tools write for silence (Praat: empty; MFA: sil, sp, spn; Festival: pau; TIMIT: h#; MAUS: <p:>)."""
+    {"", "_", "sil", "silb", "sile", "silence", "sp", "ssp", "spn", "spnoise", "pau", "pause", "h#", "epi",
+     "<eps>", "<sil>", "<s>", "</s>", "#", "##", "{sl}", "<p:>", "<usb>", "<nib>", "<p>", "(.)", "...", "nsn", "noise",
+     "<noise>", "vocnoise", "<vocnoise>", "iver", "<iver>", "laugh", "<laugh>", "cutoff", "unknown", "{b_trans}",
+     "{e_trans}", "br", "ap", "+breath+", "+noise+", "+cough+", "+um+", "+uh+", "++breath++", "[noise]", "[silence]",
+     "[laughter]"}
+)  # fmt: skip
+"""Labels that tools write for silence and for sounds that are no speech, in small letters.
+
+Praat: empty; MFA: sil, sp, spn; Festival: pau; TIMIT: h#, epi; MAUS: <p:> <usb> <nib>; Julius: silB, silE; Kaldi: SIL,
+SPN, NSN; Buckeye: VOCNOISE, IVER (the other speaker), {B_TRANS}; singing: AP, SP, br; PocketSphinx: +BREATH+.
+"""
+_SILENT_WORDS = frozenset({"", "_", "sil", "sp", "h#", "#", "..."})
+_BRACKETED = re.compile(r"[<\[({].*[>\])}]")
 
 ALPHABETS = ("ipa", "arpabet", "x-sampa", *PHONE_SETS)
 """Names that :func:`to_ipa` takes."""
 
 
-def from_arpabet(label: str) -> str | None:
-    """IPA of an ARPAbet label, stress digit allowed; None if it is none.
+def is_silence(label: str, *, spelled: bool = False) -> bool:
+    """Whether a label stands for silence; of spelled words only what is no word does, for "silence" is one.
 
     Examples
     --------
-    >>> from_arpabet("AY1"), from_arpabet("hh"), from_arpabet("?")
-    ('aɪ', 'h', None)
+    >>> is_silence("SIL_S"), is_silence("silB"), is_silence("silence", spelled=True), is_silence("<eps>", spelled=True)
+    (True, True, False, True)
     """
-    return ARPABET.get(label.upper().rstrip("012"))
-
-
-def from_xsampa(label: str) -> str | None:
-    r"""IPA of an X-SAMPA label; None if it is none.
-
-    Examples
-    --------
-    >>> from_xsampa("tS"), from_xsampa("A:"), from_xsampa("r\\"), from_xsampa("§")
-    ('tʃ', 'ɑː', 'ɹ', None)
-    """
-    out = ""
-    rest = label.strip('"%')
-    while rest:
-        for width in (3, 2, 1):
-            piece = rest[:width]
-            if piece in XSAMPA_LETTERS:
-                out += XSAMPA_LETTERS[piece]
-                break
-        else:
-            width, letter = 1, rest[0]
-            if letter == ":":
-                out += "ː"
-            elif letter in "_~=`'":
-                pass  # diacritics change nothing that is seen
-            elif ipa.letters(letter):
-                out += ipa.letters(letter)[0]
-            else:
-                return None
-        rest = rest[width:]
-    return out or None
-
-
-def guess_alphabet(labels: Iterable[str]) -> str:
-    """Name the alphabet that explains most of the labels, silences aside; ties go to ARPAbet, then IPA.
-
-    ARPAbet must be in capitals to be guessed. What the alphabet does not explain is reported later as unknown.
-
-    Examples
-    --------
-    >>> guess_alphabet(["B", "R", "AY1", "T"]), guess_alphabet(["b", "ɹ", "aɪ"]), guess_alphabet(["b", "{", "t"])
-    ('arpabet', 'ipa', 'x-sampa')
-    """
-    spoken = [label for label in labels if label.lower() not in SILENCES]
-    explained = {
-        "arpabet": sum(label.isupper() and from_arpabet(label) is not None for label in spoken),
-        "ipa": sum(bool(ipa.letters(ipa.split_stress(label)[0])) for label in spoken),
-        "x-sampa": sum(from_xsampa(label) is not None for label in spoken),
-    }
-    return max(explained, key=lambda name: explained[name])
+    plain = label.strip().lower()
+    if spelled:
+        return plain in _SILENT_WORDS or bool(_BRACKETED.fullmatch(plain))
+    return plain in SILENCES or without_position(label.strip()).lower() in SILENCES
 
 
 def from_set(label: str, phones: PhoneSet) -> str | None:
@@ -110,20 +58,7 @@ def from_set(label: str, phones: PhoneSet) -> str | None:
     >>> from_set("hWs", PHONE_SETS["misaki"])
     'haʊs'
     """
-    if label in phones.table:
-        return phones.table[label]
-    rest = label.strip(phones.ignored)
-    if not phones.joins or not rest:
-        return phones.table.get(rest)
-    longest = max(map(len, phones.table))
-    out = ""
-    while rest:
-        width = next((n for n in range(min(longest, len(rest)), 0, -1) if rest[:n] in phones.table), 0)
-        if not width and rest[0] not in phones.ignored:
-            return None
-        out += phones.table.get(rest[:width], "")
-        rest = rest[max(width, 1) :]
-    return out
+    return phones.to_ipa(label)
 
 
 def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
@@ -139,18 +74,26 @@ def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
     >>> to_ipa("AY1", "arpabet"), to_ipa("ˌaɪ", "ipa"), to_ipa("QQ", "arpabet"), to_ipa("21", "azure-visemes")
     (('aɪ', 1), ('aɪ', 2), ('QQ', 0), ('p', 0))
     """
+    as_ipa, stress = spelled_out(label, alphabet)
+    return (label, stress if alphabet == "x-sampa" else 0) if as_ipa is None else (as_ipa, stress)
+
+
+def spelled_out(label: str, alphabet: str) -> tuple[str | None, int]:
+    """IPA and stress of a label, empty for silence; None for a label outside the alphabet.
+
+    Raises
+    ------
+    UsageError
+        If there is no such alphabet.
+    """
     if alphabet == "arpabet":
-        stress = {"1": 1, "2": 2}.get(label[-1:], 0)
-        as_ipa = from_arpabet(label)
-        return (as_ipa, stress) if as_ipa else (label, 0)
+        return from_arpabet(label), {"1": 1, "2": 2}.get(without_position(label)[-1:], 0)
     if alphabet == "x-sampa":
-        stress = 1 if label.startswith('"') else 2 if label.startswith("%") else 0
-        return from_xsampa(label) or label, stress
+        return from_xsampa(label), 1 if label.startswith('"') else 2 if label.startswith("%") else 0
     if alphabet in ("ipa", "mfa"):
-        spelling, stress = ipa.split_stress(label)
+        spelling, stress = ipa.split_stress(without_position(label))
         return ipa.normalise(PHONE_SETS["mfa"].table.get(spelling, spelling)), stress
     if alphabet not in PHONE_SETS:
         raise UsageError(f"alphabet: got {alphabet!r}, expected one of {', '.join(ALPHABETS)}")
     stress = {"'": 1, ",": 2, "ˈ": 1, "ˌ": 2}.get(label[:1], 0) if alphabet in ("espeak", "misaki") else 0
-    letters_of = from_set(label, PHONE_SETS[alphabet])
-    return (label, 0) if letters_of is None else (letters_of, stress)
+    return PHONE_SETS[alphabet].to_ipa(label), stress

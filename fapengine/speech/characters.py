@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from fapengine.errors import DataError
 from fapengine.speech.documents import Node, parse_document, same_length
-from fapengine.speech.entries import OVERLAP_S, Entry, track_of
-from fapengine.speech.lines import with_words
+from fapengine.speech.entries import OVERLAP_S, Entry, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
 
 ALIGNMENTS = ("normalized_alignment", "normalizedAlignment", "alignment")

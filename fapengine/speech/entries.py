@@ -2,11 +2,17 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from fapengine.errors import DataError
-from fapengine.speech import alphabets
+from fapengine.speech import alphabets, ipa
+from fapengine.speech.entry import Entry
+from fapengine.speech.guess import guess, is_doubtful
+from fapengine.speech.neighbours import JAPANESE, in_japanese, join_closures
 from fapengine.speech.phone_track import SILENCE, Level, Phone, PhoneTrack
+from fapengine.speech.reading import Reading, UnknownPhone
+
+__all__ = ["LAST_S", "MAX_TIME_S", "OVERLAP_S", "Entry", "shared_out", "track_of", "until_next", "with_words"]
 
 MAX_TIME_S = 86_400.0
 """A day: later times are a mistake of unit, not speech."""
@@ -14,18 +20,6 @@ OVERLAP_S = 1e-3
 """Overlaps up to here are rounding."""
 LAST_S = 0.1
 """Duration of the last phone in a format that gives no end, s."""
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One timed label as a file gives it."""
-
-    start_s: float
-    end_s: float
-    label: str
-    where: str
-    """Line or key, for messages."""
-    word: str = ""
 
 
 def until_next(onsets: Sequence[tuple[float, str, str]], end_s: float | None = None) -> list[Entry]:
@@ -64,17 +58,35 @@ def track_of(
     entries = list(entries)
     if not entries:
         raise DataError(f"{what}: got no timed label at all")
-    if alphabet is None and not spelled:
-        alphabet = alphabets.guess_alphabet(entry.label.strip() for entry in entries)
-    phones: list[Phone] = []
-    end_s = 0.0
+    timed: list[Entry] = []
     for entry in entries:
-        _check(entry, end_s)
-        if entry.end_s == entry.start_s:
-            continue
-        end_s = entry.end_s
-        phones.append(_phone(entry, alphabet, spelled))
-    return PhoneTrack.of(phones, tolerance_s=OVERLAP_S, level=level, spelled=spelled)
+        _check(entry, timed[-1].end_s if timed else 0.0)
+        if entry.end_s > entry.start_s:
+            timed.append(entry)
+    if spelled:
+        return PhoneTrack.of([_word(entry) for entry in timed], tolerance_s=OVERLAP_S, level=level, spelled=True)
+    reading = reading_of(timed, alphabet)
+    if reading.alphabet == "arpabet":
+        timed = join_closures(timed)
+    phones = [_phone(entry, reading.alphabet) for entry in timed]
+    if reading.alphabet in JAPANESE:
+        phones = in_japanese(phones)
+    return PhoneTrack.of(phones, tolerance_s=OVERLAP_S, level=level, reading=reading)
+
+
+def reading_of(entries: Sequence[Entry], alphabet: str | None) -> Reading:
+    """Say what the labels are taken for, and which of them are doubtful."""
+    guessed = guess(entry.label for entry in entries) if alphabet is None else None
+    name = guessed.alphabet if guessed else alphabet or ""
+    doubtful: dict[str, UnknownPhone] = {}
+    for entry in entries:
+        label = entry.label.strip()
+        if label in doubtful:
+            doubtful[label] = replace(doubtful[label], count=doubtful[label].count + 1)
+        elif not alphabets.is_silence(label) and is_doubtful(label, name, guessed=guessed is not None):
+            shown = " ".join(ipa.letters(alphabets.to_ipa(label, name)[0]))
+            doubtful[label] = UnknownPhone(label, 1, entry.start_s, shown)
+    return Reading(name, guessed is not None, guessed.others if guessed else (), tuple(doubtful.values()))
 
 
 def _check(entry: Entry, before_s: float) -> None:
@@ -91,16 +103,34 @@ def _check(entry: Entry, before_s: float) -> None:
         )
 
 
-def _phone(entry: Entry, alphabet: str | None, spelled: bool) -> Phone:
-    label = entry.label.strip()
-    if label.lower() in alphabets.SILENCES:
+def _word(entry: Entry) -> Phone:
+    word = entry.label.strip()
+    if alphabets.is_silence(word, spelled=True):
         return Phone(SILENCE, entry.start_s, entry.end_s)
-    if spelled or alphabet is None:
-        return Phone(label, entry.start_s, entry.end_s, 0, label)
+    return Phone(word, entry.start_s, entry.end_s, 0, word)
+
+
+def _phone(entry: Entry, alphabet: str) -> Phone:
+    label = entry.label.strip()
+    if alphabets.is_silence(label):
+        return Phone(SILENCE, entry.start_s, entry.end_s)
     as_ipa, stress = alphabets.to_ipa(label, alphabet)
     if not as_ipa:
         return Phone(SILENCE, entry.start_s, entry.end_s)
     return Phone(as_ipa, entry.start_s, entry.end_s, stress, entry.word.strip())
+
+
+def with_words(phones: list[Entry], words: list[Entry]) -> list[Entry]:
+    """Give each phone the word in whose time its middle lies; both in the order of time."""
+    pieces: list[Entry] = []
+    index = 0
+    for phone in phones:
+        middle_s = (phone.start_s + phone.end_s) / 2
+        while index < len(words) and words[index].end_s <= middle_s:
+            index += 1
+        inside = index < len(words) and words[index].start_s <= middle_s
+        pieces.append(Entry(phone.start_s, phone.end_s, phone.label, phone.where, words[index].label if inside else ""))
+    return pieces
 
 
 def shared_out(start_s: float, end_s: float, labels: Sequence[str], where: str, word: str = "") -> list[Entry]:

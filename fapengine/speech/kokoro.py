@@ -13,7 +13,8 @@ from fapengine.speech.entries import Entry, shared_out, track_of
 from fapengine.speech.phone_track import PhoneTrack
 
 UNIT_S = 600 / 24_000
-_MARKS = "ː ʲʰ̩̃"
+_MARKS = "ː ʲʰ̩̃ᵝ→↗↘↓↑ꜜꜛ12345R"
+"""Characters that change the phone before: length, tones, pitch."""
 
 
 def parse_kokoro(data: bytes) -> PhoneTrack:

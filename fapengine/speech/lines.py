@@ -18,8 +18,8 @@ import math
 import re
 
 from fapengine.errors import DataError
-from fapengine.speech import alphabets, ipa
-from fapengine.speech.entries import Entry, track_of, until_next
+from fapengine.speech.entries import Entry, track_of, until_next, with_words
+from fapengine.speech.guess import guess
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.textgrid import decode_text
 
@@ -27,8 +27,6 @@ HTK_HZ = 1e7
 """Units of 100 ns."""
 GRID_HZ = 25_000
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
-_WORD_LENGTH = 2.5
-"""Letters a label: above, the labels of a ``.lab`` file are words."""
 
 
 def _number(text: str, line: int) -> float:
@@ -51,30 +49,8 @@ def _rows(data: bytes, what: str, fields: int) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def guess_lab_alphabet(labels: list[str]) -> str | None:
-    """Name the alphabet of a ``.lab`` file, where ARPAbet may be in small letters; None if the labels are words.
-
-    Examples
-    --------
-    >>> guess_lab_alphabet(["pau", "dh", "ax"]), guess_lab_alphabet(["D", "@", "tS"])
-    ('arpabet', 'x-sampa')
-    >>> guess_lab_alphabet(["The", "birch"]) is None
-    True
-    """
-    spoken = [label for label in labels if label.lower() not in alphabets.SILENCES] or [""]
-    explained = {
-        "arpabet": sum(alphabets.from_arpabet(label) is not None for label in spoken),
-        "ipa": sum(bool(ipa.letters(ipa.split_stress(label)[0])) for label in spoken),
-        "x-sampa": sum(alphabets.from_xsampa(label) is not None for label in spoken),
-    }
-    if explained["arpabet"] < 0.9 * len(spoken) and sum(map(len, spoken)) / len(spoken) > _WORD_LENGTH:
-        return None
-    return max(explained, key=lambda name: explained[name])
-
-
 def _lab_track(entries: list[Entry], what: str, alphabet: str | None) -> PhoneTrack:
-    alphabet = alphabet or guess_lab_alphabet([entry.label for entry in entries])
-    if alphabet is None:
+    if alphabet is None and guess(entry.label for entry in entries).words:
         return track_of(entries, what, level="word", spelled=True)
     return track_of(entries, what, alphabet=alphabet)
 
@@ -185,19 +161,6 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
         for kind in ("phones", "words")
     }
     return track_of(with_words(timed["phones"], timed["words"]), "MFA CSV", alphabet=alphabet)
-
-
-def with_words(phones: list[Entry], words: list[Entry]) -> list[Entry]:
-    """Give each phone the word in whose time its middle lies; both in the order of time."""
-    pieces: list[Entry] = []
-    index = 0
-    for phone in phones:
-        middle_s = (phone.start_s + phone.end_s) / 2
-        while index < len(words) and words[index].end_s <= middle_s:
-            index += 1
-        inside = index < len(words) and words[index].start_s <= middle_s
-        pieces.append(Entry(phone.start_s, phone.end_s, phone.label, phone.where, words[index].label if inside else ""))
-    return pieces
 
 
 def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:

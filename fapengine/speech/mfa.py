@@ -2,8 +2,7 @@
 
 from fapengine.errors import DataError
 from fapengine.speech.documents import Node, parse_document
-from fapengine.speech.entries import Entry, track_of
-from fapengine.speech.lines import with_words
+from fapengine.speech.entries import Entry, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
 

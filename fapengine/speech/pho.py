@@ -4,8 +4,8 @@ Names are SAMPA of the language (MBROLA documentation), ``_`` is silence.
 """
 
 from fapengine.errors import DataError
-from fapengine.speech import alphabets
-from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.entries import Entry, track_of
+from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.textgrid import decode_text
 
 MAX_PHONE_MS = 600_000.0
@@ -20,7 +20,7 @@ def parse_pho(data: bytes, *, alphabet: str = "x-sampa") -> PhoneTrack:
     DataError
         For a line that is no phone, with its number.
     """
-    phones: list[Phone] = []
+    entries: list[Entry] = []
     now_s = 0.0
     for number, line in enumerate(decode_text(data, ".pho").splitlines(), start=1):
         fields = line.split(";", 1)[0].split()
@@ -37,13 +37,9 @@ def parse_pho(data: bytes, *, alphabet: str = "x-sampa") -> PhoneTrack:
             ) from error
         if not 0 <= numbers[0] <= MAX_PHONE_MS:
             raise DataError(f"duration: got {fields[1]} ms, expected 0..{MAX_PHONE_MS:g}", where=where)
-        if numbers[0] == 0:
-            continue  # MBROLA allows it, and nothing is heard
-        silent = fields[0].lower() in alphabets.SILENCES
-        label, stress = (SILENCE, 0) if silent else alphabets.to_ipa(fields[0], alphabet)
         end_s = now_s + numbers[0] / 1000
-        phones.append(Phone(label, now_s, end_s, stress))
+        entries.append(Entry(now_s, end_s, fields[0], where))
         now_s = end_s
-    if not phones:
+    if not entries:
         raise DataError(".pho: got no phone at all, expected lines such as 'b 65'")
-    return PhoneTrack(tuple(phones))
+    return track_of(entries, ".pho", alphabet=alphabet)

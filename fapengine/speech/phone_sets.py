@@ -4,26 +4,9 @@ Each table says where it comes from. A label that stands for silence maps to the
 to one phone that shows the class well: they name what is seen, so any phone of the class would do.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True, slots=True)
-class PhoneSet:
-    """One phone set."""
-
-    name: str
-    source: str
-    """Source of the table."""
-    version: str
-    """Version or date of the source."""
-    table: Mapping[str, str]
-    """Label to IPA; silence is the empty string."""
-    joins: bool = False
-    """True where a label may be several spellings of the table in a row, the longest first."""
-    ignored: str = ""
-    """Characters that change nothing that is seen: tones, diacritics."""
-
+from fapengine.speech.japanese import KANA, OPENJTALK, VOICEVOX
+from fapengine.speech.mandarin import FINALS, PINYIN, from_zhuyin
+from fapengine.speech.phone_set import PhoneSet
 
 # fmt: off
 ESPEAK = PhoneSet(
@@ -46,18 +29,39 @@ ESPEAK = PhoneSet(
         "x": "x", "y": "y", "y:": "yː", "yY": "yø", "z": "z", "z.": "ʐ", "z;": "ʑ",
     },
 )
+_MISAKI_ENGLISH = {
+    "A": "eɪ", "I": "aɪ", "W": "aʊ", "Y": "ɔɪ", "O": "oʊ", "Q": "əʊ", "ʤ": "dʒ", "ʧ": "tʃ", "ʦ": "ts", "ʣ": "dz",
+    "T": "ɾ", "ᵊ": "ə", "ᵻ": "ɪ", "g": "ɡ",
+    **{letter: letter for letter in "abdefhijklmnoprstuvwxzɚɝɜɡɑɐæəɛɪɔɒʊʌðθŋɹɾʃʒʔ"},
+}
+_MISAKI_JAPANESE = {
+    "ᶀ": "bʲ", "ᶁ": "dʲ", "ᶂ": "ɸʲ", "ᶃ": "ɡʲ", "ᶄ": "kʲ", "ᶆ": "mʲ", "ᶈ": "pʲ", "ᶉ": "ɾʲ", "ƫ": "tʲ", "ʨ": "tɕ",
+    "ʥ": "dʑ", **{letter: letter for letter in "ɲɕʑçɸβɯɴɨ"},
+}
+_MISAKI_MANDARIN = {
+    "ꭧ": "ʈʂ", **{letter: letter for letter in "ʂʐɤyɥøœcqʈɻ"}, "ㄝ": "jɛ",
+    **{letter: from_zhuyin(letter) or "" for letter in "ㄅㄆㄇㄈㄉㄊㄋㄌㄍㄎㄏㄐㄑㄒㄚㄛㄜㄞㄟㄠㄡㄢㄣㄤㄥㄦㄧㄨㄩㄭ"},
+    "ㄓ": "ʈʂ", "ㄔ": "ʈʂʰ", "ㄕ": "ʂ", "ㄖ": "ʐ", "ㄗ": "ts", "ㄘ": "tsʰ", "ㄙ": "s", "十": "ɨ",
+    **{letter: FINALS[final] for letter, final in {  # v1.1: one letter each, the sign of a word that sounds so
+        "月": "ve", "压": "ia", "言": "ian", "阳": "iang", "要": "iao", "阴": "in", "应": "ing", "用": "iong",
+        "又": "iou", "中": "ong", "穵": "ua", "外": "uai", "万": "uan", "王": "uang", "为": "uei", "文": "uen",
+        "瓮": "ueng", "我": "uo", "元": "van", "云": "vn",
+    }.items()},
+}
 MISAKI = PhoneSet(
-    "misaki", "hexgrad/misaki, EN_PHONES.md: one letter for each English diphthong and affricate", "misaki 0.9",
-    joins=True, ignored="ˈˌː ʲ",
+    "misaki", "hexgrad/misaki: EN_PHONES.md, one letter for each English diphthong and affricate; Japanese letters with"
+    " hooks; Mandarin as IPA with arrows (1.0) and as Zhuyin with signs for whole finals (1.1)", "misaki 0.9",
+    joins=True, ignored="ˈˌː ʲʰᵝ̩̃̍→↗↘↓↑ꜜꜛ012345R",
+    table=_MISAKI_ENGLISH | _MISAKI_JAPANESE | _MISAKI_MANDARIN | dict.fromkeys('.,!?;:—…"()“”/→↗↘↓↑ꜜꜛ', ""),
+)
+MRPA = PhoneSet(
+    "mrpa", "Festival, mrpa_phones.scm: British English, after the Machine Readable Phonetic Alphabet", "Festival 2.5",
     table={
-        "A": "eɪ", "I": "aɪ", "W": "aʊ", "Y": "ɔɪ", "O": "oʊ", "Q": "əʊ", "ʤ": "dʒ", "ʧ": "tʃ", "ʦ": "ts", "ʣ": "dz",
-        "T": "ɾ", "ᵊ": "ə", "ᵻ": "ɪ", "ɚ": "ɚ", "ɝ": "ɝ", "ɜ": "ɜ", "a": "a", "b": "b", "d": "d", "e": "e", "f": "f",
-        "h": "h", "i": "i", "j": "j", "k": "k", "l": "l", "m": "m", "n": "n", "o": "o", "p": "p", "r": "r", "s": "s",
-        "t": "t", "u": "u", "v": "v", "w": "w", "x": "x", "z": "z", "g": "ɡ", "ɡ": "ɡ", "ɑ": "ɑ", "ɐ": "ɐ", "æ": "æ",
-        "ə": "ə", "ɛ": "ɛ", "ɪ": "ɪ", "ɔ": "ɔ", "ɒ": "ɒ", "ʊ": "ʊ", "ʌ": "ʌ", "ð": "ð", "θ": "θ", "ŋ": "ŋ", "ɹ": "ɹ",
-        "ɾ": "ɾ", "ʃ": "ʃ", "ʒ": "ʒ", "ʔ": "ʔ",
-        ".": "", ",": "", "!": "", "?": "", ";": "", ":": "", "—": "", "…": "", '"': "", "(": "", ")": "", "“": "",
-        "”": "",
+        "uh": "ʌ", "e": "ɛ", "a": "æ", "o": "ɒ", "i": "ɪ", "u": "ʊ", "ii": "iː", "uu": "uː", "oo": "ɔː", "aa": "ɑː",
+        "@@": "ɜː", "ai": "aɪ", "ei": "eɪ", "oi": "ɔɪ", "au": "aʊ", "ou": "əʊ", "e@": "ɛə", "i@": "ɪə", "u@": "ʊə",
+        "@": "ə", "p": "p", "t": "t", "k": "k", "b": "b", "d": "d", "g": "ɡ", "s": "s", "z": "z", "sh": "ʃ", "zh": "ʒ",
+        "f": "f", "v": "v", "th": "θ", "dh": "ð", "ch": "tʃ", "jh": "dʒ", "h": "h", "m": "m", "n": "n", "ng": "ŋ",
+        "l": "l", "y": "j", "r": "ɹ", "w": "w", "#": "",
     },
 )
 MFA = PhoneSet(
@@ -65,91 +69,6 @@ MFA = PhoneSet(
     table={
         "sil": "", "sp": "", "spn": "", "tɹ": "tɹ", "tʃː": "tʃ", "ɟʝ": "dʒ", "cç": "tʃ", "ə˞": "ɚ", "ɝ": "ɝ",
         "m̩": "m", "n̩": "n", "ɫ̩": "ɫ", "ɾ̃": "ɾ", "kp": "kp", "ɡb": "ɡb",
-    },
-)
-PINYIN_INITIALS = {
-    "b": "p", "p": "pʰ", "m": "m", "f": "f", "d": "t", "t": "tʰ", "n": "n", "l": "l", "g": "k", "k": "kʰ", "h": "x",
-    "j": "tɕ", "q": "tɕʰ", "x": "ɕ", "zh": "ʈʂ", "ch": "ʈʂʰ", "sh": "ʂ", "r": "ʐ", "z": "ts", "c": "tsʰ", "s": "s",
-    "y": "j", "w": "w", "ng": "ŋ",
-}
-PINYIN_FINALS = {
-    "a": "a", "o": "wo", "e": "ɤ", "i": "i", "u": "u", "v": "y", "ü": "y", "ai": "aɪ", "ei": "eɪ", "ao": "aʊ",
-    "ou": "oʊ", "an": "an", "en": "ən", "ang": "aŋ", "eng": "əŋ", "ong": "ʊŋ", "er": "aɹ", "ia": "ja", "ie": "jɛ",
-    "iao": "jaʊ", "iu": "joʊ", "iou": "joʊ", "ian": "jɛn", "in": "in", "iang": "jaŋ", "ing": "iŋ", "iong": "jʊŋ",
-    "ua": "wa", "uo": "wo", "uai": "waɪ", "ui": "weɪ", "uei": "weɪ", "uan": "wan", "un": "wən", "uen": "wən",
-    "uang": "waŋ", "ueng": "wəŋ", "ue": "ɥɛ", "ve": "ɥɛ", "üe": "ɥɛ", "van": "ɥɛn", "üan": "ɥɛn", "vn": "yn",
-    "ün": "yn", "ê": "ɛ",
-}
-
-
-def _pinyin() -> dict[str, str]:
-    table = {initial + final: PINYIN_INITIALS[initial] + PINYIN_FINALS[final]
-             for initial in PINYIN_INITIALS for final in PINYIN_FINALS if initial not in ("y", "w", "ng")}
-    for initial in ("zh", "ch", "sh", "r", "z", "c", "s"):  # here i is the consonant held on
-        table[initial + "i"] = PINYIN_INITIALS[initial] + "ɨ"
-    for initial in ("j", "q", "x"):  # here u is written for ü
-        for final in ("u", "ue", "uan", "un"):
-            table[initial + final] = PINYIN_INITIALS[initial] + PINYIN_FINALS[final.replace("u", "v", 1)]
-    for spelling, final in {  # y and w only begin a syllable that has no initial
-        "yi": "i", "ya": "ia", "ye": "ie", "yao": "iao", "you": "iu", "yan": "ian", "yin": "in", "yang": "iang",
-        "ying": "ing", "yong": "iong", "yu": "v", "yue": "ve", "yuan": "van", "yun": "vn", "wu": "u", "wa": "ua",
-        "wo": "uo", "wai": "uai", "wei": "ui", "wan": "uan", "wen": "un", "wang": "uang", "weng": "ueng",
-    }.items():
-        table[spelling] = PINYIN_FINALS[final]
-    return table | PINYIN_INITIALS | PINYIN_FINALS
-
-
-PINYIN = PhoneSet(
-    "pinyin", "Hanyu Pinyin (ISO 7098), pronunciation after Lee and Zee, JIPA 33 (2003)", "ISO 7098:2015",
-    ignored="12345", table=_pinyin(),
-)
-_KANA_ROWS = {  # consonant: the five morae with a i u e o; a space where there is none
-    "": "アイウエオ", "k": "カキクケコ", "s": "サ スセソ", "t": "タ  テト", "n": "ナニヌネノ", "h": "ハ  ヘホ",
-    "m": "マミムメモ", "j": "ヤ ユ ヨ", "ɾ": "ラリルレロ", "w": "ワ   ヲ", "ɡ": "ガギグゲゴ", "z": "ザ ズゼゾ",
-    "d": "ダ  デド", "b": "バビブベボ", "p": "パピプペポ",
-}
-_KANA_VOWELS = ("a", "i", "ɯ", "e", "o")
-_KANA_OTHERS = {
-    "シ": "ɕi", "チ": "tɕi", "ツ": "tsɯ", "ヒ": "çi", "フ": "ɸɯ", "ジ": "dʑi", "ヂ": "dʑi", "ヅ": "dzɯ", "ン": "ɴ",
-    "ッ": "ʔ", "ー": "", "ヴ": "bɯ", "ァ": "a", "ィ": "i", "ゥ": "ɯ", "ェ": "e", "ォ": "o",
-    "、": "", "。": "", "？": "", "！": "", "・": "",
-}
-_KANA_GLIDES = {  # before a small ya, yu, yo
-    "キ": "kʲ", "シ": "ɕ", "チ": "tɕ", "ニ": "ɲ", "ヒ": "ç", "ミ": "mʲ", "リ": "ɾʲ", "ギ": "ɡʲ", "ジ": "dʑ", "ヂ": "dʑ",
-    "ビ": "bʲ", "ピ": "pʲ",
-}
-_KANA_LOANS = {
-    "ファ": "ɸa", "フィ": "ɸi", "フェ": "ɸe", "フォ": "ɸo", "ティ": "ti", "ディ": "di", "トゥ": "tɯ", "ドゥ": "dɯ",
-    "ウィ": "wi", "ウェ": "we", "ウォ": "wo", "シェ": "ɕe", "ジェ": "dʑe", "チェ": "tɕe", "ツァ": "tsa", "ヴァ": "ba",
-}
-
-
-def _kana() -> dict[str, str]:
-    table = dict(_KANA_OTHERS)
-    for consonant, morae in _KANA_ROWS.items():
-        for vowel, mora in zip(_KANA_VOWELS, morae.ljust(5), strict=True):
-            if mora != " ":
-                table[mora] = consonant + vowel
-    for mora, consonant in _KANA_GLIDES.items():
-        for small, vowel in zip("ャュョ", "aɯo", strict=True):
-            table[mora + small] = consonant + vowel
-    table |= _KANA_LOANS
-    hiragana = {"".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヴ" else c for c in kana): table[kana] for kana in table}
-    return table | hiragana
-
-
-KANA = PhoneSet(
-    "kana", "Katakana and hiragana; pronunciation after Okada, Handbook of the IPA (1999)", "JIS X 0208", joins=True,
-    table=_kana(),
-)
-VOICEVOX = PhoneSet(
-    "voicevox", "VOICEVOX ENGINE, mora_mapping: consonants and vowels of a mora", "VOICEVOX 0.14 and later",
-    table={
-        "a": "a", "i": "i", "u": "ɯ", "e": "e", "o": "o", "A": "a", "I": "i", "U": "ɯ", "E": "e", "O": "o", "N": "ɴ",
-        "cl": "ʔ", "pau": "", "k": "k", "ky": "kʲ", "kw": "kw", "g": "ɡ", "gy": "ɡʲ", "gw": "ɡw", "s": "s", "sh": "ɕ",
-        "z": "z", "j": "dʑ", "t": "t", "ts": "ts", "ty": "tʲ", "ch": "tɕ", "d": "d", "dy": "dʲ", "n": "n", "ny": "ɲ",
-        "h": "h", "hy": "ç", "f": "ɸ", "b": "b", "by": "bʲ", "p": "p", "py": "pʲ", "m": "m", "my": "mʲ", "y": "j",
-        "r": "ɾ", "ry": "ɾʲ", "w": "w", "v": "v",
     },
 )
 POLLY = PhoneSet(
@@ -181,5 +100,6 @@ RHUBARB = PhoneSet(
 # fmt: on
 
 PHONE_SETS: dict[str, PhoneSet] = {
-    each.name: each for each in (ESPEAK, MISAKI, MFA, PINYIN, KANA, VOICEVOX, POLLY, AZURE, OCULUS, RHUBARB)
+    each.name: each
+    for each in (ESPEAK, MISAKI, MFA, MRPA, PINYIN, KANA, VOICEVOX, OPENJTALK, POLLY, AZURE, OCULUS, RHUBARB)
 }

@@ -6,6 +6,7 @@ from math import inf
 from typing import Literal
 
 from fapengine.errors import UsageError
+from fapengine.speech.reading import Reading
 
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
@@ -55,6 +56,8 @@ class PhoneTrack:
     """Unit that the times were given for; of anything but phones, less precise animation comes."""
     spelled: bool = False
     """True where the labels are still spelled words, which must be pronounced before they can be shown."""
+    reading: Reading | None = None
+    """Alphabet that the labels were read in; None where they were IPA from the start, or are words."""
 
     def __post_init__(self) -> None:
         for before, after in pairwise(self.phones):
@@ -66,7 +69,13 @@ class PhoneTrack:
 
     @classmethod
     def of(
-        cls, phones: list[Phone], *, tolerance_s: float = 1e-3, level: Level = "phone", spelled: bool = False
+        cls,
+        phones: list[Phone],
+        *,
+        tolerance_s: float = 1e-3,
+        level: Level = "phone",
+        spelled: bool = False,
+        reading: Reading | None = None,
     ) -> "PhoneTrack":
         """Make a track, with silence put into the gaps and neighbouring silences joined.
 
@@ -76,7 +85,7 @@ class PhoneTrack:
             In time order.
         tolerance_s : float
             Gaps and overlaps up to this length are rounding of the file; the later start gives way.
-        level, spelled : Level, bool
+        level, spelled, reading : Level, bool, Reading or None
             See :class:`PhoneTrack`.
 
         Raises
@@ -105,7 +114,7 @@ class PhoneTrack:
                 follows = phone.start_s == now_s
                 append(phone if follows else Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
                 now_s = phone.end_s
-        return cls(tuple(filled), level, spelled)
+        return cls(tuple(filled), level, spelled, reading)
 
     @property
     def duration_s(self) -> float:

@@ -2,8 +2,7 @@
 
 from fapengine.errors import DataError
 from fapengine.speech.documents import parse_document
-from fapengine.speech.entries import Entry, track_of, until_next
-from fapengine.speech.lines import with_words
+from fapengine.speech.entries import Entry, track_of, until_next, with_words
 from fapengine.speech.phone_track import PhoneTrack
 
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
-from fapengine.speech import alphabets
-from fapengine.speech.entries import MAX_TIME_S
-from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.entries import Entry, track_of, with_words
+from fapengine.speech.guess import guess
+from fapengine.speech.phone_track import PhoneTrack
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
 WORD_TIERS = ("words", "word", "ort-mau", "ort")
@@ -202,23 +202,40 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
     """
     tiers = parse_tiers(data)
     chosen = choose_tier(tiers, tier, PHONE_TIERS, "phones")
+    entries = _entries(chosen)
+    labels = [entry.label for entry in entries]
+    kind = kind_of(chosen.name)
+    if kind == "words" or (kind == "" and alphabet is None and guess(labels).words):
+        _refuse_blanks(entries, "one word; is this a tier of words?")
+        return track_of(entries, "TextGrid", level="word", spelled=True)
+    _refuse_blanks(entries, "one phone; is this a tier of phones?")
     try:
-        words = choose_tier(tiers, None, WORD_TIERS, "words").intervals
+        words = _entries(choose_tier(tiers, None, WORD_TIERS, "words"))
     except DataError:
-        words = ()
-    alphabet = alphabet or alphabets.guess_alphabet(label.strip() for _, _, label in chosen.intervals)
-    phones: list[Phone] = []
-    for number, (start_s, end_s, spelling) in enumerate(chosen.intervals, start=1):
-        where = f"tier {chosen.name!r}, interval {number}"
-        if not 0 <= start_s < end_s <= MAX_TIME_S or (phones and start_s < phones[-1].end_s - 1e-3):
-            raise DataError(f"interval: got {start_s} s .. {end_s} s, expected times that rise", where=where)
-        if " " in spelling.strip():
-            raise DataError(
-                f"phone: got {spelling.strip()[:40]!r}, expected one phone; is this a tier of phones?", where=where
-            )
-        label, stress = alphabets.to_ipa(spelling.strip(), alphabet)
-        silent = spelling.strip().lower() in alphabets.SILENCES
-        middle_s = (start_s + end_s) / 2
-        word = next((text for begin, end, text in words if begin <= middle_s < end), "")
-        phones.append(Phone(SILENCE if silent else label, start_s, end_s, stress, "" if silent else word.strip()))
-    return PhoneTrack.of(phones)
+        words = []
+    return track_of(with_words(entries, words), "TextGrid", alphabet=alphabet)
+
+
+def _refuse_blanks(entries: list[Entry], expected: str) -> None:
+    for entry in entries:
+        if " " in entry.label:
+            raise DataError(f"label: got {entry.label[:40]!r}, expected {expected}", where=entry.where)
+
+
+def kind_of(name: str) -> str:
+    """Tell what a tier of this name holds: phones, words, or "" where the name does not tell.
+
+    Examples
+    --------
+    >>> kind_of("Words"), kind_of("A - phones"), kind_of("notes")
+    ('words', 'phones', '')
+    """
+    plain = re.split(r"\s*-\s+", name.lower())[-1].strip()
+    return "phones" if plain in PHONE_TIERS else "words" if plain in WORD_TIERS else ""
+
+
+def _entries(tier: Tier) -> list[Entry]:
+    return [
+        Entry(start_s, end_s, label.strip(), f"tier {tier.name!r}, interval {number}")
+        for number, (start_s, end_s, label) in enumerate(tier.intervals, start=1)
+    ]

@@ -129,3 +129,24 @@ def test_timeline_grows_with_speech_up_to_a_bound() -> None:
     assert heights[0] < heights[1] < heights[2] == heights[3]
     assert heights[2] < 150 * MAX_ROWS
     assert draw_timeline(PhoneTrack(())).shape[0] == heights[0]
+
+
+def test_the_guessed_alphabet_is_printed_and_two_readings_are_refused(tmp_path: Path) -> None:
+    timit = tmp_path / "talk.lab"
+    timit.write_text("0 1000000 sh\n1000000 2000000 iy\n2000000 3000000 bcl\n3000000 4000000 pho\n")
+    assert "labels read as arpabet (guessed)" in run("inspect", timit)
+    assert "'pho' once, first at 0.300 s; /p h o/ stands in" in run("inspect", timit)
+    report = json.loads(run("inspect", timit, "--json"))
+    assert (report["alphabet"], report["alphabet_guessed"], report["alphabet_could_be"]) == ("arpabet", True, [])
+    said = run("animate", timit, "-o", tmp_path / "talk.fap")
+    assert "labels read as arpabet (guessed)" in said
+    with pytest.raises(DataError, match="unknown phones: got 'pho' once"):
+        run("animate", timit, "-o", tmp_path / "talk.fap", "--strict")
+    two = tmp_path / "two.lab"
+    two.write_text("0 1000000 m\n1000000 2000000 ao\n2000000 3000000 t\n")
+    assert "ipa and pinyin would fit as well" in run("animate", two, "-o", tmp_path / "talk.fap")
+    with pytest.raises(DataError, match=r"ipa and pinyin would fit as well.*two\.lab"):
+        run("animate", two, "-o", tmp_path / "talk.fap", "--strict")
+    assert "labels read" not in run("animate", two, "--alphabet", "pinyin", "--strict", "-o", tmp_path / "talk.fap")
+    report = json.loads(run("animate", two, "--alphabet", "pinyin", "--json", "-o", tmp_path / "talk.fap"))
+    assert (report["alphabet"], report["alphabet_guessed"]) == ("pinyin", False)

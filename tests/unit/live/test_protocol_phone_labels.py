@@ -65,7 +65,8 @@ def test_every_alphabet_has_its_name():
 
 
 def test_phones_of_several_sets():
-    assert phone_labels.to_phone("AH0", "arpabet") == ("ʌ", 0)
+    assert phone_labels.to_phone("AH0", "arpabet") == ("ə", 0)
+    assert phone_labels.to_phone("AH1", "arpabet") == ("ʌ", 1)
     assert phone_labels.to_phone("A:", "x-sampa") == ("ɑː", 0)
     assert phone_labels.to_phone("21", "azure-visemes") == ("p", 0)
     assert phone_labels.to_phone("pau", "arpabet") == (SILENCE, 0)

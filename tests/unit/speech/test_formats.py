@@ -208,7 +208,7 @@ def test_every_label_of_every_phone_set_is_known_ipa(name: str) -> None:
     assert len(phones.table) >= 9
     assert phones.source
     assert phones.version
-    assert [label for label, sound in phones.table.items() if sound and not ipa.letters(sound)] == []
+    assert [label for label, sound in phones.table.items() if sound not in ("", "ː") and not ipa.letters(sound)] == []
     for label, sound in phones.table.items():
         assert alphabets.to_ipa(label, name)[0] == (ipa.normalise(sound) if name == "mfa" and sound else sound)
 
@@ -218,7 +218,7 @@ def test_every_label_of_every_phone_set_is_known_ipa(name: str) -> None:
     [
         ("pinyin", "shi4", ("ʂɨ", 0)), ("pinyin", "xue2", ("ɕɥɛ", 0)), ("pinyin", "nü3", ("ny", 0)),
         ("pinyin", "zhuang", ("ʈʂwaŋ", 0)), ("kana", "しゃ", ("ɕa", 0)), ("kana", "ヴァ", ("ba", 0)),
-        ("kana", "ラーメン", ("ɾameɴ", 0)), ("espeak", "'oU", ("oʊ", 1)), ("espeak", ",aI", ("aɪ", 2)),
+        ("kana", "ラーメン", ("ɾaːmeɴ", 0)), ("espeak", "'oU", ("oʊ", 1)), ("espeak", ",aI", ("aɪ", 2)),
         ("espeak", "t;", ("t", 0)), ("misaki", "ˈʤʌʤ", ("dʒʌdʒ", 1)), ("mfa", "d͡ʒʲ", ("dʒʲ", 0)),
         ("mfa", "ə˞", ("ɚ", 0)),
         ("oculus-visemes", "FF", ("f", 0)), ("polly-visemes", "Q", ("Q", 0)), ("espeak", "§", ("§", 0)),

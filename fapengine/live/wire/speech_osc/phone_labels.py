@@ -11,6 +11,7 @@ from functools import lru_cache
 from fapengine.live.wire.speech_osc.schema import LABEL_BYTES, PRIMARY_STRESS, SECONDARY_STRESS, WirePhone
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.speech import alphabets
+from fapengine.speech.guess import guess_alphabet
 from fapengine.speech.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone
 
@@ -64,7 +65,7 @@ def to_phone(label: str, phone_set: str) -> tuple[str, int]:
 def _to_phone(plain: str, phone_set: str) -> tuple[str, int]:
     if phone_set == MPEG4_VISEMES:
         return to_viseme(plain), 0
-    if plain.lower() in alphabets.SILENCES:
+    if alphabets.is_silence(plain):
         return SILENCE, 0
     as_ipa, stress = alphabets.to_ipa(plain, phone_set)
     return as_ipa or SILENCE, stress
@@ -112,7 +113,7 @@ def guess_set(labels: Sequence[str]) -> str:
     >>> guess_set(["b", "aɪ"]), guess_set(["HH", "EH1"]), guess_set(["{", "t"])
     ('ipa', 'arpabet', 'x-sampa')
     """
-    return alphabets.guess_alphabet(labels)
+    return guess_alphabet(labels)
 
 
 def to_engine_phone(phone: WirePhone, phone_set: str) -> Phone:
