@@ -1,7 +1,7 @@
 """Everything that ``say`` and ``animate`` write of a performance: moving picture, FAPs, sound, and a contact sheet."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,14 +28,20 @@ KEY_FRACTION = 0.3
 """Part of a phone's duration after which it is shown: its keyframe."""
 
 
-def check(path: Path, manner: Manner, drawing: Drawing) -> None:
+def check(path: Path, manner: Manner, drawing: Drawing, *, inputs: Collection[Path] = ()) -> None:
     """Refuse choices that cannot be met before any work is done.
 
     Raises
     ------
     UsageError
-        For a name of unknown ending, an expression, or a picture that the file cannot hold.
+        For a name of unknown ending, an expression, a picture that the file cannot hold, or a name that would be
+        written over one of ``inputs``.
     """
+    for written in (path, beside(path, ".fap"), beside(path, ".png")):
+        if _is_among(written, inputs):
+            raise UsageError(
+                f"path: got {path}, but {written} is read, and would be written over; expected another name"
+            )
     if not (is_moving(path) or path.suffix == ".fap"):
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
     check_expressions(manner.expressions)
@@ -73,6 +79,7 @@ def write_talk(
     *,
     head: str = DEFAULT_HEAD,
     drawing: Drawing,
+    inputs: Collection[Path] = (),
     on_frame: Callable[[], None] = lambda: None,
 ) -> None:
     """Write every file, and fill in the report.
@@ -86,6 +93,8 @@ def write_talk(
     head : str
         Whose face: see :func:`fapengine.files.heads.folder.load_head`.
     drawing : Drawing
+    inputs : collection of Path
+        The user's own files: a recording that stands where the sound would be written stays as it is.
     on_frame : callable
         Called after each frame that is drawn.
 
@@ -99,7 +108,8 @@ def write_talk(
     note_speech(performance, report)
     track, sound = performance.track, performance.sound
     save_fap(beside(path, ".fap"), track)
-    if sound is not None:
+    own_sound = _is_among(beside(path, ".wav"), inputs)
+    if sound is not None and not own_sound:
         save_wav(beside(path, ".wav"), *sound)
     if path.suffix != ".fap":
         kept = _draw(performance, path, report, head=head, drawing=drawing, on_frame=on_frame)
@@ -113,7 +123,12 @@ def write_talk(
         report.files.append((path, "video" if path.suffix in CODECS else "pictures"))
     report.files.append((beside(path, ".fap"), "FAPs"))
     if sound is not None:
-        report.files.append((beside(path, ".wav"), "sound"))
+        report.files.append((beside(path, ".wav"), "sound, as it was" if own_sound else "sound"))
+
+
+def _is_among(path: Path, files: Collection[Path]) -> bool:
+    """Tell whether a path is one of these files, under whatever name."""
+    return path.exists() and any(file.exists() and path.samefile(file) for file in files)
 
 
 def _draw(

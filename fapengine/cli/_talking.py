@@ -1,7 +1,7 @@
 """The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,11 +34,18 @@ def progress(description: str, total: int) -> Iterator[Advance]:
 
 
 def write_and_print(
-    performance: Performance, output: Path, report: Report, *, head: str, drawing: Drawing, as_json: bool
+    performance: Performance,
+    output: Path,
+    report: Report,
+    *,
+    head: str,
+    drawing: Drawing,
+    as_json: bool,
+    inputs: Collection[Path] = (),
 ) -> None:
     """Write every file of a performance under a progress bar, then print the report."""
     with progress("drawing", len(performance.track)) as advance:
-        write_talk(performance, output, report, head=head, drawing=drawing, on_frame=advance)
+        write_talk(performance, output, report, head=head, drawing=drawing, inputs=inputs, on_frame=advance)
     print_report(report, as_json=as_json)
 
 

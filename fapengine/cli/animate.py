@@ -42,7 +42,8 @@ def animate(
     from fapengine.files.timings import load_timings
 
     chosen, how = manner.value(), drawing.value()
-    check(output, chosen, how)
+    inputs = [timings, *([audio] if audio else [])]
+    check(output, chosen, how, inputs=inputs)
     report = Report()
     with report.stage("read"):
         phones = pronounced(load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet), voice)
@@ -51,4 +52,4 @@ def animate(
         refuse_unknown(phones, str(timings))
     with report.stage("plan"):
         performance = perform(phones, sound, chosen, text=timings.name)
-    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json)
+    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs)

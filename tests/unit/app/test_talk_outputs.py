@@ -61,3 +61,27 @@ def test_refuses_before_any_work(tmp_path: Path) -> None:
         with pytest.raises(UsageError, match=message):
             check(tmp_path / name, Manner(rate_hz=rate_hz), DrawingOptions(**drawing).value())
     check(tmp_path / "a.fap", Manner(rate_hz=60.0), Drawing())
+
+
+def test_a_users_own_recording_stays_as_it_is(tmp_path: Path) -> None:
+    recording = tmp_path / "a.wav"
+    recording.write_bytes(b"stereo, 24 bits")
+    performance = perform(PHONES, (np.zeros(8000, np.int16), 16_000), Manner(rate_hz=RATE_HZ))
+    report = Report()
+    write_talk(performance, tmp_path / "a.fap", report, drawing=Drawing(), inputs=[recording])
+    assert recording.read_bytes() == b"stereo, 24 bits"
+    assert (recording, "sound, as it was") in report.files
+    link = tmp_path / "b.wav"
+    link.symlink_to(recording)  # another name of it
+    write_talk(performance, tmp_path / "b.fap", Report(), drawing=Drawing(), inputs=[recording])
+    assert recording.read_bytes() == b"stereo, 24 bits"
+    write_talk(performance, tmp_path / "a.fap", Report(), drawing=Drawing())
+    assert recording.read_bytes() != b"stereo, 24 bits"  # what is nobody's is written over
+
+
+def test_a_video_is_not_written_over_itself(tmp_path: Path) -> None:
+    video = tmp_path / "talk.mp4"
+    video.write_bytes(b"video")
+    with pytest.raises(UsageError, match=r"talk\.mp4 is read, and would be written over"):
+        check(video, Manner(), Drawing(), inputs=[video])
+    check(tmp_path / "face.mp4", Manner(), Drawing(), inputs=[video])

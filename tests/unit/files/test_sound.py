@@ -1,0 +1,186 @@
+"""Sound of any kind in: what comes out right, and what is refused."""
+
+import struct
+import wave
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, UsageError
+from fapengine.files.sound import MAX_RATE_HZ, inspect_sound, load_sound, stream_sound
+
+RATE_HZ = 48_000
+TIMES_S = np.arange(RATE_HZ) / RATE_HZ
+LEFT = 12_000 * np.sin(2 * np.pi * 500 * TIMES_S)
+STEREO = np.stack([LEFT, np.zeros(RATE_HZ)], axis=1).astype(np.int16)
+"""A tone in the first channel, silence in the second."""
+CODECS = {
+    ".wav": "pcm_s16le", ".flac": "flac", ".mp3": "libmp3lame", ".ogg": "libopus", ".opus": "libopus", ".m4a": "aac",
+    ".mkv": "aac", ".webm": "libopus", ".mp4": "aac",
+}  # fmt: skip
+
+
+def encoded(path: Path) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(CODECS[path.suffix], rate=RATE_HZ, layout="stereo")
+        resampler = av.AudioResampler(
+            format=stream.format, layout="stereo", rate=RATE_HZ, frame_size=stream.frame_size or None
+        )
+        frame = av.AudioFrame.from_ndarray(STEREO.reshape(1, -1), format="s16", layout="stereo")
+        frame.sample_rate, frame.pts = RATE_HZ, 0
+        for piece in (*resampler.resample(frame), *resampler.resample(None)):
+            container.mux(stream.encode(piece))
+        container.mux(stream.encode(None))
+    return path
+
+
+def wav(path: Path, frames: bytes, *, rate_hz: int = 16_000, width: int = 2, channels: int = 1) -> Path:
+    with wave.open(str(path), "wb") as out:
+        out.setnchannels(channels)
+        out.setsampwidth(width)
+        out.setframerate(rate_hz)
+        out.writeframes(frames)
+    return path
+
+
+def tone(count: int = 16_000, period: float = 40.0) -> NDArray[np.float64]:
+    return np.sin(np.arange(count) * 2 * np.pi / period)
+
+
+@pytest.mark.parametrize("suffix", CODECS)
+def test_every_kind_of_file_and_each_of_its_channels(tmp_path: Path, suffix: str) -> None:
+    path = encoded(tmp_path / f"talk{suffix}")
+    info = inspect_sound(path)
+    assert (info.sample_rate_hz, info.channels) == (RATE_HZ, 2)
+    assert info.duration_s == pytest.approx(1.0, abs=0.05)
+    both, rate_hz = load_sound(path, rate_hz=16_000)
+    first, _ = load_sound(path, rate_hz=16_000, channel=1)
+    second, _ = load_sound(path, rate_hz=16_000, channel=2)
+    assert rate_hz == 16_000
+    assert len(both) == pytest.approx(16_000, abs=200)  # a codec may pad
+    middle = slice(4000, 12_000)
+    assert np.abs(first[middle]).max() == pytest.approx(12_000, rel=0.25)  # AAC is free to be off by as much
+    assert np.abs(second[middle]).max() < 600
+    assert np.abs(both[middle]).max() == pytest.approx(6000, rel=0.25)
+
+
+def test_channel_that_is_not_there(tmp_path: Path) -> None:
+    path = encoded(tmp_path / "talk.wav")
+    for channel in (0, 3):
+        with pytest.raises(UsageError, match=rf"channel: got {channel}, expected 1\.\.2"):
+            load_sound(path, channel=channel)
+
+
+@pytest.mark.parametrize(
+    ("width", "spell"),
+    [
+        (1, lambda x: (128 + 127 * x).astype(np.uint8).tobytes()),
+        (2, lambda x: (32_767 * x).astype("<i2").tobytes()),
+        (3, lambda x: (2**31 * 0.9999 * x).astype("<i4").view(np.uint8).reshape(-1, 4)[:, 1:].tobytes()),
+        (4, lambda x: (2**31 * 0.9999 * x).astype("<i4").tobytes()),
+    ],
+)
+def test_every_depth_has_the_same_values(
+    tmp_path: Path, width: int, spell: Callable[[NDArray[np.float64]], bytes]
+) -> None:
+    samples, _ = load_sound(wav(tmp_path / "a.wav", spell(tone()), width=width))
+    assert np.abs(samples - 32_767 * tone()).max() <= (512 if width == 1 else 4)  # two steps of 8 bits
+
+
+def test_many_channels_and_high_rates(tmp_path: Path) -> None:
+    many = np.repeat((9000 * tone()).astype("<i2")[:, None], 32, axis=1)
+    samples, _ = load_sound(wav(tmp_path / "many.wav", many.tobytes(), channels=32))
+    assert np.array_equal(samples, many[:, 0])
+    fast = wav(tmp_path / "fast.wav", (9000 * tone(192_000, 384.0)).astype("<i2").tobytes(), rate_hz=192_000)
+    samples, rate_hz = load_sound(fast)
+    assert (rate_hz, len(samples)) == (MAX_RATE_HZ, 48_000)
+    assert np.abs(samples[100:-100] - 9000 * tone(48_000, 96.0)[100:-100]).max() < 60
+
+
+def test_pieces_are_the_whole(tmp_path: Path) -> None:
+    path = encoded(tmp_path / "talk.flac")
+    whole, _ = load_sound(path, rate_hz=16_000)
+    pieces = list(stream_sound(path, rate_hz=16_000))
+    assert len(pieces) > 5
+    assert np.array_equal(np.concatenate(pieces), whole)
+
+
+def test_one_sample_is_a_sound_and_none_is_not(tmp_path: Path) -> None:
+    samples, _ = load_sound(wav(tmp_path / "one.wav", b"\1\1"))
+    assert samples.tolist() == [257]
+    with pytest.raises(DataError, match="holds no sound"):
+        load_sound(wav(tmp_path / "none.wav", b""))
+    (tmp_path / "empty.wav").write_bytes(b"")
+    with pytest.raises(DataError, match="cannot be decoded as sound"):
+        load_sound(tmp_path / "empty.wav")
+
+
+@pytest.mark.parametrize(
+    ("where", "lie", "outcome"),
+    [
+        (slice(40, 44), struct.pack("<I", 0xFFFFFFFF), "right"),  # length of the data
+        (slice(24, 28), struct.pack("<I", 0xFFFFFFF0), "refused"),  # rate
+        (slice(24, 28), struct.pack("<I", 1), "refused"),
+        (slice(20, 22), struct.pack("<H", 0x7777), "refused"),  # codec
+        (slice(22, 24), struct.pack("<H", 0), "refused"),  # channels
+    ],
+)
+def test_lying_headers(tmp_path: Path, where: slice, lie: bytes, outcome: str) -> None:
+    path = wav(tmp_path / "lie.wav", (9000 * tone()).astype("<i2").tobytes())
+    data = bytearray(path.read_bytes())
+    data[where] = lie
+    path.write_bytes(data)
+    if outcome == "right":
+        assert len(load_sound(path)[0]) == 16_000
+    else:
+        with pytest.raises(DataError, match=r"lie\.wav"):
+            load_sound(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("list.wav", "ffconcat version 1.0\nfile 'secret.wav'\n"),
+        ("session.wav", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=audio 5004 RTP/AVP 0\n"),
+        ("playlist.wav", "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\nsecret.wav\n#EXT-X-ENDLIST\n"),
+    ],
+)
+def test_a_file_that_names_others_opens_none(
+    tmp_path: Path, name: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wav(tmp_path / "secret.wav", (9000 * tone()).astype("<i2").tobytes())
+    monkeypatch.chdir(tmp_path)  # a list may name files beside it
+    (tmp_path / name).write_text(text)
+    with pytest.raises(DataError, match="cannot be decoded as sound"):
+        load_sound(Path(name))
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("sound")
+    return {suffix: encoded(folder / f"talk{suffix}").read_bytes() for suffix in (".wav", ".mp3", ".m4a", ".ogg")}
+
+
+@given(data=st.data())
+def test_damaged_files_are_read_or_refused(
+    originals: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    suffix = data.draw(st.sampled_from(sorted(originals)))
+    whole = bytearray(originals[suffix])
+    for place in data.draw(st.lists(st.integers(0, len(whole) - 1), max_size=20)):
+        whole[place] ^= data.draw(st.integers(1, 255))
+    path = tmp_path_factory.getbasetemp() / f"damaged{suffix}"
+    path.write_bytes(whole[: data.draw(st.integers(0, len(whole)))])
+    try:
+        samples, _ = load_sound(path)
+    except DataError as refused:
+        message = str(refused)
+        assert str(path) in message
+    else:
+        assert samples.dtype == np.int16
