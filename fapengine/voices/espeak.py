@@ -1,14 +1,12 @@
 """espeak-ng as a voice: the library of the wheel ``espeakng-loader``, loaded at run time.
 
-The library reports a phone's onset only, in samples; a phone ends where the next begins, and the last one where
-the sound ends. Names come in IPA with stress marks; pauses have an empty name.
-Words are reported by their place in the text.
+The library reports a phone's onset only, in samples, and not quite where it is heard; :mod:`.sounding` mends that.
+Names come in an IPA of its own (:mod:`.espeak_labels`). Words are reported by their place in the text.
 Its state is global to the process, so one lock guards it.
 GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
 """
 
 import ctypes
-import re
 import threading
 from dataclasses import dataclass
 from functools import cache
@@ -18,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.speech import ipa
-from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
+from fapengine.voices.espeak_labels import read_label
 from fapengine.voices.protocol import Speech
+from fapengine.voices.sound_level import SoundLevel
+from fapengine.voices.sounding import Mark, sounding
 
 DEFAULT_VOICE = "en-us"
 RATES_WPM = (80, 449)
@@ -36,9 +36,6 @@ DEFAULT_RATE_WPM = 160
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
 _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 _CHARS_UTF8, _PARAMETER_RATE = 1, 1
-
-_ADDITION = re.compile(r"\(.*\)|[ʲʰˠˤ̩̯ː]+")
-"""Names that add to the phone before: a change of language, a secondary articulation. It lasts on."""
 
 _lock = threading.Lock()
 
@@ -191,7 +188,7 @@ class EspeakVoice:
         if not any(character.isalnum() for character in text):
             raise UsageError(f"text: got {text!r}, expected something to speak")
         events, samples, rate_hz = self._synthesise(text)
-        phones = _phones(events, text, rate_hz, len(samples) / rate_hz)
+        phones = _phones(events, text, samples, rate_hz)
         if all(phone.is_silence for phone in phones.phones):
             raise UsageError(f"text: voice {self.name!r} finds nothing to speak in {text!r}")
         return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
@@ -230,25 +227,15 @@ def _succeed(code: int, what: str) -> None:
         raise ResourceError(f"voice: espeak-ng refuses {what} (code {code}); its data may be damaged")
 
 
-def _phones(events: list[tuple[int, int, int, int, bytes]], text: str, rate_hz: int, duration_s: float) -> PhoneTrack:
-    """Turn onsets into phones: each lasts until the next, the last until the sound ends."""
-    onsets: list[tuple[float, str, str]] = []
+def _phones(
+    events: list[tuple[int, int, int, int, bytes]], text: str, samples: NDArray[np.int16], rate_hz: int
+) -> PhoneTrack:
+    """Turn events into phones that lie where they sound (:mod:`.sounding`)."""
+    marks: list[Mark] = []
     word = ""
     for sample, kind, position, length, name in events:
         if kind == _EVENT_WORD:
             word = text[position - 1 : position - 1 + length]
-        elif kind == _EVENT_PHONEME:
-            spelling = name.rstrip(b"\0").decode("utf-8", errors="ignore").strip("_:| ")
-            if not _ADDITION.fullmatch(spelling):
-                onsets.append((sample / rate_hz, spelling, word))
-    phones: list[Phone] = []
-    for index, (start_s, spelling, spoken) in enumerate(onsets):
-        end_s = onsets[index + 1][0] if index + 1 < len(onsets) else duration_s
-        if min(end_s, duration_s) <= start_s:
-            continue
-        label, stress = ipa.split_stress(spelling)
-        silent = not label
-        phones.append(Phone(label or SILENCE, start_s, min(end_s, duration_s), stress, "" if silent else spoken))
-    if not phones or phones[-1].end_s < duration_s:
-        phones.append(Phone(SILENCE, phones[-1].end_s if phones else 0.0, duration_s))
-    return PhoneTrack.of(phones, tolerance_s=0.0)
+        elif kind == _EVENT_PHONEME and (label := read_label(name)) is not None:
+            marks.append(Mark(sample / rate_hz, *label, word))
+    return PhoneTrack.of(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
