@@ -45,6 +45,8 @@ class Performance:
     """(N,) int16 mono samples and their rate in Hz; None if it is silent."""
     text: str = ""
     """Words that were spoken, where they are known."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about what the voice did not speak as it is written."""
 
     @property
     def duration_s(self) -> float:
@@ -62,7 +64,7 @@ class Performance:
         """
         if self.sound is None:
             raise UsageError("sound: got none, expected a performance with its sound")
-        return Speech(samples=self.sound[0], sample_rate_hz=self.sound[1], phones=self.phones)
+        return Speech(samples=self.sound[0], sample_rate_hz=self.sound[1], phones=self.phones, remarks=self.remarks)
 
     def save(
         self,
@@ -93,7 +95,9 @@ class Performance:
         )
 
 
-def perform(phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: str = "") -> Performance:
+def perform(
+    phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: str = "", remarks: tuple[str, ...] = ()
+) -> Performance:
     """Plan the motion of a face that speaks these phones.
 
     Raises
@@ -111,7 +115,7 @@ def perform(phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: st
         style=manner.style,
         duration_s=len(sound[0]) / sound[1] if sound else None,
     )
-    return Performance(track=planned.track, phones=phones, sound=sound, text=text)
+    return Performance(track=planned.track, phones=phones, sound=sound, text=text, remarks=remarks)
 
 
 def speak(
@@ -158,7 +162,7 @@ def speak(
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
     speech = load_voice(voice).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    return perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text)
+    return perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text, remarks=speech.remarks)
 
 
 def animate(

@@ -187,12 +187,16 @@ class VoiceOptions:
 
     voice: VoiceName = "en-us"
     rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 449.", rich_help_panel=MANNER)] = 160
+    ssml: Annotated[
+        bool,
+        typer.Option("--ssml", help="The text is SSML: its tags are obeyed, not spoken.", rich_help_panel=MANNER),
+    ] = False
 
     def value(self) -> "VoiceChoice":
         """Return them as a voice that is not loaded yet."""
         from fapengine.voices.choice import VoiceChoice
 
-        return VoiceChoice(self.voice, self.rate)
+        return VoiceChoice(self.voice, self.rate, self.ssml)
 
 
 @dataclass(frozen=True, slots=True)

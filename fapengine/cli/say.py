@@ -49,13 +49,17 @@ def say(
     from fapengine.app.report import Report
     from fapengine.app.talk import check, refuse_unknown
     from fapengine.cli._talking import write_and_print
+    from fapengine.cli._verb import with_flags
+    from fapengine.speech.text import decoded
 
     chosen, how = manner.value(), drawing.value()
     check(output, chosen, how)
     report = Report()
-    words = sys.stdin.read() if text == "-" else text
+    words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
         speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    for remark in speech.remarks:
+        typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
     if strict:
         refuse_unknown(speech.phones, f"voice {voice.voice}")
     if live:

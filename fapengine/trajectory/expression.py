@@ -13,6 +13,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.text import same_word
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.ramps import Ramp
 
@@ -58,13 +59,7 @@ def during_word(
     UsageError
         If the word is not spoken, or its phones do not tell their words.
     """
-    spans: list[tuple[float, float]] = []
-    last = None
-    for phone in phones.phones:
-        if phone.word is not None and phone.word.casefold() == word.casefold():
-            start_s = spans.pop()[0] if last == phone.word and spans else phone.start_s
-            spans.append((start_s, phone.end_s))
-        last = phone.word
+    spans = _spans(_words(phones), same_word(word))
     if not spans:
         spoken = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"
         raise UsageError(f"expression {expression.name.lower()}: got word {word!r}, expected one of: {spoken}")
@@ -72,6 +67,35 @@ def during_word(
         Mood(expression, strength, max(start_s - attack_s, 0.0), stop_s + RELEASE_S, attack_s)
         for start_s, stop_s in spans
     ]
+
+
+def _words(phones: PhoneTrack) -> list[tuple[str, float, float]]:
+    """Words in the order in which they are spoken, with their times."""
+    words: list[tuple[str, float, float]] = []
+    last = ""
+    for phone in phones.phones:
+        if phone.word and phone.word == last:
+            words[-1] = (phone.word, words[-1][1], phone.end_s)
+        elif phone.word:
+            words.append((phone.word, phone.start_s, phone.end_s))
+        last = phone.word
+    return words
+
+
+def _spans(words: list[tuple[str, float, float]], wanted: str) -> list[tuple[float, float]]:
+    """Find when a word is spoken, or several one after the other that are it together."""
+    keys = ["".join(same_word(word).split()) for word, _, _ in words]
+    wanted = "".join(wanted.split())
+    spans = []
+    for first in range(len(words)):
+        together = ""
+        for last in range(first, len(words)):
+            together += keys[last]
+            if wanted and together == wanted:
+                spans.append((words[first][1], words[last][2]))
+            if not wanted.startswith(together):
+                break
+    return spans
 
 
 def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ramp]:

@@ -18,6 +18,8 @@ class VoiceChoice(Checked):
     """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling."""
     rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = DEFAULT_RATE_WPM
     """Words a minute, 80..449."""
+    ssml: bool = False
+    """Flag of texts that are SSML."""
 
     def load(self) -> Voice:
         """Load the voice.
@@ -29,4 +31,4 @@ class VoiceChoice(Checked):
         ResourceError
             If espeak-ng is not installed.
         """
-        return EspeakVoice(self.name, self.rate_wpm)
+        return EspeakVoice(self.name, self.rate_wpm, self.ssml)

@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.scripts import is_spelled, reads, scripts_in, unread_remarks
+from fapengine.speech.ssml import check_ssml, find_tag
+from fapengine.speech.text import SpeakableText, speakable
+from fapengine.speech.words import without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import read_label
+from fapengine.voices.espeak_words import with_whole_words
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sound_level import SoundLevel
 from fapengine.voices.sounding import Mark, sounding
@@ -35,7 +40,7 @@ DEFAULT_RATE_WPM = 160
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
 _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
-_CHARS_UTF8, _PARAMETER_RATE = 1, 1
+_CHARS_UTF8, _SSML, _PARAMETER_RATE = 0x1, 0x10, 1
 
 _lock = threading.Lock()
 
@@ -83,6 +88,7 @@ def _library() -> tuple[ctypes.CDLL, int]:
         library = ctypes.CDLL(espeakng_loader.get_library_path())
     except OSError as error:
         raise ResourceError(f"voice: espeak-ng cannot be loaded: {error}") from error
+    library.espeak_TextToPhonemes.restype = ctypes.c_char_p
     library.espeak_ListVoices.restype = ctypes.POINTER(ctypes.POINTER(_VoiceRecord))
     options = _PHONEME_EVENTS | _IPA_NAMES | _DO_NOT_EXIT
     rate_hz = library.espeak_Initialize(_SYNCHRONOUS, 0, espeakng_loader.get_data_path().encode(), options)
@@ -172,6 +178,8 @@ class EspeakVoice:
     name: str = DEFAULT_VOICE
     """Language code in any spelling: see :meth:`fapengine.voices.catalogue.Catalogue.find`."""
     rate_wpm: int = DEFAULT_RATE_WPM
+    ssml: bool = False
+    """Flag of texts that are SSML: see :mod:`fapengine.speech.ssml`."""
 
     def __post_init__(self) -> None:
         if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:
@@ -185,13 +193,50 @@ class EspeakVoice:
 
     def speak(self, text: str) -> Speech:
         """Speak ``text``; see :class:`fapengine.voices.protocol.Voice`."""
-        if not any(character.isalnum() for character in text):
-            raise UsageError(f"text: got {text!r}, expected something to speak")
-        events, samples, rate_hz = self._synthesise(text)
-        phones = _phones(events, text, samples, rate_hz)
+        formed = speakable(text)
+        if self.ssml:
+            check_ssml(formed.text)
+        words = without_tags(formed.text) if self.ssml else formed.text
+        events, samples, rate_hz = self._synthesise(formed.text)
+        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz)
         if all(phone.is_silence for phone in phones.phones):
-            raise UsageError(f"text: voice {self.name!r} finds nothing to speak in {text!r}")
-        return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
+            told = f"expected something to speak (voice {self.name!r} finds nothing in it)"
+            raise UsageError(f"text: got {_shortened(text)}, {told}")
+        return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
+
+    def transcribe(self, text: str) -> str:
+        """Return the phonemes of a text in IPA, as the library writes them without speaking (espeak_TextToPhonemes).
+
+        Raises
+        ------
+        ResourceError
+            If the library refuses the voice.
+        """
+        identifier = self.entry.identifier.encode()
+        with _lock:
+            library, _ = _library()
+            _succeed(library.espeak_SetVoiceByName(identifier), f"voice {self.name!r}")
+            buffer = ctypes.create_string_buffer(speakable(text).text.replace("\n", " ").encode())
+            rest = ctypes.c_void_p(ctypes.addressof(buffer))
+            clauses = []
+            while rest.value:
+                clauses.append(library.espeak_TextToPhonemes(ctypes.byref(rest), _CHARS_UTF8, _IPA_NAMES) or b"")
+        return " ".join(clause.decode().strip() for clause in clauses).strip()
+
+    def _remarks(self, formed: SpeakableText, words: str) -> tuple[str, ...]:
+        remarks = []
+        if not self.ssml and (tag := find_tag(words)):
+            remarks.append(f"text: {tag} looks like SSML and was spoken as it stands; ssml=True obeys it")
+        if formed.replaced:
+            remarks.append(f"text: got bytes that are no UTF-8 ({formed.replaced}); they were not spoken")
+        code = self.entry.code
+        unread = []
+        for place in () if words.isascii() and reads(code, "Latin") else words_of(words):
+            word = words[place.start : place.stop]
+            foreign = not all(reads(code, script) for script in scripts_in(word))
+            if foreign and is_spelled(word, self.transcribe(word)):
+                unread.append((word, formed.starts[place.start]))
+        return (*remarks, *unread_remarks(unread, code))
 
     def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
         events: list[tuple[int, int, int, int, bytes]] = []
@@ -210,15 +255,20 @@ class EspeakVoice:
 
         identifier = self.entry.identifier.encode()
         encoded = text.encode()
+        flags = _CHARS_UTF8 | (_SSML if self.ssml else 0)
         with _lock:
             library, rate_hz = _library()
             callback = _Callback(collect)
             library.espeak_SetSynthCallback(callback)
             _succeed(library.espeak_SetVoiceByName(identifier), f"voice {self.name!r}")
             _succeed(library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0), f"{self.rate_wpm} words a minute")
-            _succeed(library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, _CHARS_UTF8, None, None), "a text")
+            _succeed(library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, flags, None, None), "a text")
             _succeed(library.espeak_Synchronize(), "a text")
         return events, np.frombuffer(b"".join(pieces), dtype=np.int16), rate_hz
+
+
+def _shortened(text: str, length: int = 60) -> str:
+    return repr(text) if len(text) <= length else f"{text[:length]!r}…"
 
 
 def _succeed(code: int, what: str) -> None:

@@ -20,6 +20,8 @@ class Speech:
     sample_rate_hz: int
     phones: PhoneTrack
     """IPA; covers the whole sound, silence included."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about what was not spoken as it is written, such as a script that the voice does not read."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples, "samples", ("N",), np.int16))

@@ -279,7 +279,13 @@ class Hub:
         return spoken
 
     async def speak(
-        self, session: str, text: str, *, voice: str = DEFAULT_VOICE, rate_wpm: int = DEFAULT_RATE_WPM
+        self,
+        session: str,
+        text: str,
+        *,
+        voice: str = DEFAULT_VOICE,
+        rate_wpm: int = DEFAULT_RATE_WPM,
+        ssml: bool = False,
     ) -> Spoken | None:
         """Speak a text: the voice works in a thread, then the session says it, unless it was told to stop meanwhile.
 
@@ -298,9 +304,11 @@ class Hub:
             async with self._voice:
                 if request.is_cancelled:
                     return None
-                speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm)
+                speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm, ssml)
         finally:
             self._asked.remove(request)
+        for remark in speech.remarks:
+            log.warning("%s", remark, extra={"session": session})
         return None if request.is_cancelled else self.say(session, speech, text=text)
 
     # Time
@@ -431,5 +439,5 @@ class Hub:
             self.counts.listeners_dropped += 1
 
 
-def _synthesise(text: str, voice: str, rate_wpm: int) -> Speech:
-    return EspeakVoice(voice, rate_wpm).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+def _synthesise(text: str, voice: str, rate_wpm: int, ssml: bool) -> Speech:
+    return EspeakVoice(voice, rate_wpm, ssml).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)

@@ -35,6 +35,7 @@ blinks = true           # also head_motion, gaze, idle, emphasis
 [voice]
 name = "en-us"          # speaks /tts/text and the page's text box
 rate_wpm = 160
+ssml = false            # whether its texts are SSML, whose tags are obeyed
 
 [sound]
 session = ""            # whose voice this machine's loudspeaker plays, "face" say; "": nobody's, pages play their own

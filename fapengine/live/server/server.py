@@ -252,7 +252,11 @@ class Server:
         voice = self.config.voice
         try:
             said = await self.hub.speak(
-                request.session, request.text, voice=request.voice or voice.name, rate_wpm=voice.rate_wpm
+                request.session,
+                request.text,
+                voice=request.voice or voice.name,
+                rate_wpm=voice.rate_wpm,
+                ssml=voice.ssml,
             )
         except FapEngineError as error:
             self.texts.refused += 1

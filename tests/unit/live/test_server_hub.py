@@ -309,7 +309,7 @@ def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(hubs, "_synthesise", synthesise)
     said = asyncio.run(hub.speak("a", "Mama.", voice="de", rate_wpm=150))
-    assert asked == [("Mama.", "de", 150)]
+    assert asked == [("Mama.", "de", 150, False)]
     assert said.text == "Mama."
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
     with pytest.raises(UsageError, match="text: got 4001 letters"):

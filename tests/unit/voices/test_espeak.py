@@ -1,5 +1,7 @@
 """The espeak-ng voice, through its real library."""
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 
@@ -101,7 +103,7 @@ def test_every_voice_is_accepted_by_the_library_and_speaks() -> None:
 
 
 def test_a_text_without_a_phone_is_refused() -> None:
-    with pytest.raises(UsageError, match="finds nothing to speak"):
+    with pytest.raises(UsageError, match=r"expected something to speak \(voice 'cv' finds nothing"):
         EspeakVoice("cv").speak("1")  # knows letters, but no numbers
     assert spoken("cv", "а")
 
@@ -134,6 +136,98 @@ def test_every_code_of_every_voice_is_found() -> None:
         assert catalogue().find(entry.identifier) == entry
         for _, code in entry.codes:
             assert catalogue().find(code.upper().replace("-", "_")).codes
+
+
+WHOLE_WORDS = [
+    ("en-us", "We'll be happy, don’t worry", ["We'll", "be", "happy", "don’t", "worry"]),
+    ("en-us", "My mother-in-law on the phone", ["My", "mother-in-law", "on", "the", "phone"]),
+    (
+        "en-us",
+        "In 1984, on 2026-11-22, 3.50 or 1,234,567.89",
+        ["In", "1984", "on", "2026-11-22", "3.50", "or", "1,234,567.89"],
+    ),
+    ("en-us", "etc. at 9 a.m. on the 21st", ["etc", "at", "9", "a.m.", "on", "the", "21st"]),
+    ("en-us", "I like 😀 C++", ["I", "like", "😀", "C++"]),
+    ("fr", "L'homme m'appelle là-bas qu'il", ["L'homme", "m'appelle", "là-bas", "qu'il"]),
+    ("it", "dell'uomo", ["dell'uomo"]),
+    ("cy", "Mae'r gath", ["Mae'r", "gath"]),
+    ("de", "Im Jahr 1984 z.B. am 21.", ["Im", "Jahr", "1984", "z.B.", "am", "21"]),
+    ("hi", "नमस्ते मेरा नाम है", ["नमस्ते", "मेरा", "नाम", "है"]),
+    ("ta", "வணக்கம் என் பெயர்", ["வணக்கம்", "என்", "பெயர்"]),
+    ("th", "ผมชื่อสมชาย สวัสดี", ["ผมชื่อสมชาย", "สวัสดี"]),  # espeak-ng 1.52 marks no words inside
+    ("fa", "می‌رویم به خانه", ["می‌رویم", "به", "خانه"]),
+    ("cs", "do krku a v krku", ["do", "krku", "a", "v", "krku"]),
+    ("bg", "в парка и с теб", ["в", "парка", "и", "с", "теб"]),
+    ("ko", "오늘 날씨가 좋습니다", ["오늘", "날씨가", "좋습니다"]),
+    ("cmn", "你好世界，我们吃苹果。", ["你好", "世", "界", "我", "们", "吃", "苹果"]),
+    ("ja", "こんにちは、2026年", ["こんにちは", "2026", "年"]),
+    ("ru", "Привет, мир!", ["Привет", "мир"]),
+    ("en-us", "cafe\u0301 wor\u00adld Ｈｅｌｌｏ", ["café", "world", "Hello"]),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "words"), WHOLE_WORDS)
+def test_phones_know_their_whole_word(name: str, text: str, words: list[str]) -> None:
+    phones = EspeakVoice(name).speak(text).phones.phones
+    assert [word for word, _ in groupby(phone.word for phone in phones if not phone.is_silence)] == words
+
+
+@pytest.mark.parametrize(
+    ("text", "as_if"),
+    [
+        ("cafe\u0301", "café"), ("e\u0301cole", "école"), ("Ｈｅｌｌｏ", "Hello"), ("𝐇ello", "Hello"),
+        ("wor\u00adld", "world"),
+        ("He\u200bllo", "Hello"), ("\x1b[31mred\x1b[0m", "red"), ("Hello\0 world", "Hello world"), ("\0Hello", "Hello"),
+        ("Hello \ud800world", "Hello world"), ("\u202eHello\u202c", "Hello"), ("①", "1"), ("5 ℃", "5 °C"),
+    ],
+)  # fmt: skip
+def test_odd_text_is_spoken_as_what_it_means(text: str, as_if: str) -> None:
+    assert spoken("en-us", text) == spoken("en-us", as_if)
+
+
+def test_emoji_are_for_the_voice_to_say() -> None:
+    assert spoken("en-us", "😀")
+    with pytest.raises(UsageError, match="something to speak"):
+        EspeakVoice().speak("\u200b\ud800 \x07")
+
+
+def test_tags_are_obeyed_on_request_and_remarked_without() -> None:
+    text = 'Hello <emphasis>big</emphasis> world, <break time="300ms"/> cats'
+    obeyed, read = EspeakVoice(ssml=True).speak(text), EspeakVoice().speak(text)
+    words = [word for word, _ in groupby(phone.word for phone in obeyed.phones.phones if not phone.is_silence)]
+    assert words == ["Hello", "big", "world", "cats"]
+    assert obeyed.remarks == ()
+    assert read.duration_s > obeyed.duration_s + 1.0
+    assert "<emphasis> looks like SSML" in read.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "remark"),
+    [
+        ("en-us", "Say مرحبا please", "does not read Arabic: 'مرحبا' (letter 5) cannot"),
+        ("en-us", "cafe\u0301 мир", "does not read Cyrillic: 'мир' (letter 7)"),
+        ("ja", "hello", "does not read Latin"),
+        ("en-us", "ສະບາຍດີ", "no voice reads it"),
+        ("en-us", "say it \udcff now", "bytes that are no UTF-8 (1)"),
+    ],
+)
+def test_what_is_not_read_is_remarked(name: str, text: str, remark: str) -> None:
+    (told,) = EspeakVoice(name).speak(text).remarks
+    assert remark in told
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("en-us", "naïve नमस्ते"),
+        ("ru", "привет hello"),
+        ("ko", "안녕 hello"),
+        ("ja", "です カタカナ"),
+        ("sr", "мама mama"),
+    ],
+)
+def test_what_is_read_is_not(name: str, text: str) -> None:
+    assert EspeakVoice(name).speak(text).remarks == ()
 
 
 def test_refuses() -> None:

@@ -1,0 +1,149 @@
+"""Text as a voice should get it, and where each of its characters stood before.
+
+Theory of operation
+-------------------
+1. What cannot be spoken is dropped: control characters, whole colour codes of terminals, and format characters (soft
+   hyphens, marks of direction, zero-width spaces). Zero-width joiners stay where a script or an emoji needs them.
+   Other separators of lines become line feeds. Half a surrogate pair becomes U+FFFD.
+2. Each base character with its marks is composed (NFC). Compatibility forms that a voice spells (full-width and
+   mathematical letters, circled digits, Arabic presentation forms) become plain ones (NFKC); no others do, for a voice
+   reads ``½`` and ``²`` better than ``1⁄2`` and ``2``.
+
+Doing it twice changes nothing, and every character of the result knows the stretch of the original that it stands for.
+"""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+_JOINER, _NON_JOINER, _ZERO_WIDTH_SPACE = "\u200d", "\u200c", "\u200b"
+
+_TERMINAL_CODE = re.compile(r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)")
+"""ECMA-48: control sequences, such as colours; titles of windows."""
+_LINE_ENDS = "\x0b\x0c\x85\u2028\u2029"
+_VISIBLE_FORMAT = re.compile("[\u0600-\u0605\u06dd\u070f\u0890\u0891\u08e2\U000110bd\U000110cd]")
+"""Signs before a number in Arabic, Syriac and Kaithi: format characters that are seen."""
+_JOINING = re.compile("[\u0600-\u109f\u1780-\u18af\ua800-\uabff\ufb50-\ufdff\ufe70-\ufefc\U00010a00-\U00011fff]")
+"""Scripts in which a joiner changes letters: Arabic to Myanmar, Khmer, Mongolian, Indic ones of later blocks."""
+_UNSPACED = re.compile("[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff]")
+"""Thai, Lao, Myanmar, Khmer: a zero-width space is their space."""
+_PLAIN = re.compile(
+    "[\u2102-\u2138\u2145-\u2149\u214e\u2160-\u217f\u2460-\u24ea\u3000\ufb50-\ufdff\ufe70-\ufefc"
+    "\uff04\uff05\uff0b\uff10-\uff19\uff20-\uff3a\uff41-\uff5a\uff61-\uffdc\uffe0-\uffe6\U0001d400-\U0001d7ff]"
+)
+"""Forms that are made plain. Not full-width punctuation: voices pause at it without a space behind it, and the plain
+``& < >`` would be markup."""
+_NOT_PLAIN = re.compile("[\u2104-\u2108\u210f\u2114\u2116-\u2118\u211e-\u2123\u2125\u2127\u212e]")
+"""Signs between the letters of one of these blocks, such as ``№``."""
+_FOLLOWS = re.compile("[\u1161-\u1175\u11a8-\u11c2\uff9e\uff9f]")
+"""Letters that join the character before: Korean vowels and finals, half-width kana's voicing."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpeakableText:
+    """A text in normal form."""
+
+    text: str
+    starts: tuple[int, ...]
+    """Index in the original at which the stretch of each character begins; never falls."""
+    stops: tuple[int, ...]
+    """Index behind that stretch; never falls, and lies behind the start."""
+    replaced: int = 0
+    """Halves of surrogate pairs that are U+FFFD now: bytes that were no text."""
+
+    def original(self, start: int, stop: int) -> tuple[int, int]:
+        """Return where a stretch of the normal text, which has at least one character, stood in the original."""
+        return self.starts[start], self.stops[stop - 1]
+
+
+def speakable(text: str) -> SpeakableText:
+    """Bring a text into the form that voices speak best.
+
+    Parameters
+    ----------
+    text : str
+        Anything, half surrogate pairs too.
+
+    Examples
+    --------
+    >>> speakable("cafe\u0301 wor\u00adld \uff11").text
+    'café world 1'
+    >>> speakable("cafe\u0301!").original(3, 4)
+    (3, 5)
+    """
+    kept = _kept(text)
+    cuts = [index for index, (char, _, _) in enumerate(kept) if not index or not _joins(char)]
+    characters, starts, stops = [], [], []
+    for first, last in pairwise([*cuts, len(kept)]):
+        stretch = "".join(char for char, _, _ in kept[first:last])
+        plain = _PLAIN.search(stretch) is not None and not _NOT_PLAIN.search(stretch)
+        form: Literal["NFKC", "NFC"] = "NFKC" if plain else "NFC"
+        formed = unicodedata.normalize(form, stretch)
+        one_for_one = formed == "".join(unicodedata.normalize(form, char)[:1] for char in stretch)
+        for offset, char in enumerate(formed):
+            whole = kept[first + offset : first + offset + 1] if one_for_one else kept[first:last]
+            characters.append(char)
+            starts.append(whole[0][1])
+            stops.append(whole[-1][2])
+    replaced = sum(0xD800 <= ord(char) <= 0xDFFF for char in text) - 2 * len(
+        re.findall("[\ud800-\udbff][\udc00-\udfff]", text)
+    )
+    return SpeakableText("".join(characters), tuple(starts), tuple(stops), replaced)
+
+
+def decoded(data: bytes) -> str:
+    """Read bytes as text, whatever they are: UTF-8, or UTF-16 with its byte order mark.
+
+    A byte that is no UTF-8 becomes a half surrogate, which :func:`speakable` counts.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", "replace")
+    return data.decode("utf-8", "surrogateescape")
+
+
+def same_word(word: str) -> str:
+    """Return the form in which two spellings of a word are equal: normal, small letters, straight apostrophes."""
+    return unicodedata.normalize("NFC", speakable(word).text.casefold().replace("\u2019", "'").strip())
+
+
+def _kept(text: str) -> list[tuple[str, int, int]]:
+    """Characters that stay, each with the stretch of the original that it comes from."""
+    gone = {index for match in _TERMINAL_CODE.finditer(text) for index in range(*match.span())}
+    kept: list[tuple[str, int, int]] = []
+    for index, char in enumerate(text):
+        if index in gone:
+            continue
+        before = kept[-1][0] if kept else ""
+        if "\udc00" <= char <= "\udfff" and index and "\ud800" <= text[index - 1] <= "\udbff":
+            code = 0x10000 + ((ord(text[index - 1]) - 0xD800) << 10) + ord(char) - 0xDC00
+            kept[-1] = (chr(code), index - 1, index + 1)
+        elif "\ud800" <= char <= "\udfff":
+            kept.append((REPLACEMENT, index, index + 1))
+        elif form := _form(char, before):
+            kept.append((form, index, index + 1))
+    return kept
+
+
+def _form(char: str, before: str) -> str:
+    """One character as it stays behind another; empty if it is dropped."""
+    category = unicodedata.category(char)
+    if char in _LINE_ENDS:
+        return "\n"
+    if category == "Cc":
+        return char if char in "\t\n\r" else ""
+    if category != "Cf" or _VISIBLE_FORMAT.match(char):
+        return char
+    if char == _ZERO_WIDTH_SPACE and _UNSPACED.match(before):
+        return " "
+    if char in (_JOINER, _NON_JOINER) and before and _JOINING.match(before):
+        return char
+    in_emoji = before == "\ufe0f" or (before and unicodedata.category(before) in ("So", "Sk"))
+    return char if char == _JOINER and in_emoji else ""
+
+
+def _joins(char: str) -> bool:
+    """Whether a character may be composed with the one before."""
+    return unicodedata.category(char)[0] == "M" or _FOLLOWS.match(char) is not None

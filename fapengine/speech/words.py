@@ -1,0 +1,202 @@
+"""Words of a text, and which of them each stretch of speech belongs to.
+
+Theory of operation
+-------------------
+A word is what stands between spaces, without the punctuation around it: apostrophes, hyphens, points and the commas of
+numbers stay inside (``we'll``, ``là-bas``, ``a.m.``, ``1,234.50``). Where a script puts no spaces between words, a word
+ends where the script does; in Chinese and Japanese also where the voice begins another.
+
+A voice marks places in the text. The marks may lie inside a word (``84`` of ``1984``), behind it, or be missing where
+the voice joins words (``on the``). So a mark belongs to the word around it, and the phones of one mark are shared
+among the words that have none, by the number of their letters.
+"""
+
+import re
+import unicodedata
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+_INNER = "'’ʼ-‐‑./@&_·#%*\\״׳՚՛՜՞"
+"""Punctuation that may stand inside a word."""
+_OUTER_KEPT = "@&#%*"
+"""Punctuation that also belongs to a word at its ends; signs and symbols (``C++``, ``$5``) do as well."""
+_IN_NUMBERS = ",:"
+_ABBREVIATION = re.compile(r"(?:[^\W\d_]{1,3}\.){2,}")
+_HAN_KANA = re.compile(
+    "[\u2e80-\u2fdf\u3005-\u3007\u3021-\u3029\u3031-\u3035\u3041-\u30ff\u31f0-\u31ff\u3400-\u9fff\uf900-\ufaff"
+    "\U0001b000-\U0001b16f\U00020000-\U000323af]"
+)
+_WITHOUT_SPACES = re.compile("[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\ua9e0-\ua9ff\uaa60-\uaadf]")
+"""Thai, Lao, Myanmar, Khmer, Shan."""
+_TAG = re.compile(r"<[^<>]*>")
+_STOP = re.compile("[.,;:!?…—()。、]")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Stretch:
+    """Part of a text, from one index to before another."""
+
+    start: int
+    stop: int
+
+
+def words_of(text: str) -> list[Stretch]:
+    r"""Find the words of a text.
+
+    Examples
+    --------
+    >>> text = '"We\'ll go at 9 a.m.," he said -- 1,234.50 (là-bas).'
+    >>> [text[word.start : word.stop] for word in words_of(text)]
+    ["We'll", 'go', 'at', '9', 'a.m.', 'he', 'said', '1,234.50', 'là-bas']
+    """
+    words: list[Stretch] = []
+    start = 0
+    for index in range(len(text) + 1):
+        if index == len(text) or text[index].isspace() or _cuts(text, index):
+            words += _parts(text, start, index)
+            start = index + 1
+    return words
+
+
+def without_tags(text: str) -> str:
+    """Blank the tags of a marked-up text; every other character stays where it is."""
+    return _TAG.sub(lambda tag: " " * len(tag[0]), text)
+
+
+def attribute(text: str, marks: Sequence[tuple[int, int]]) -> list[list[tuple[Stretch, int]]]:
+    """Say which words each mark of a voice speaks.
+
+    Parameters
+    ----------
+    text : str
+        What is spoken.
+    marks : sequence of (int, int)
+        Where in the text the voice says that it is, and the number of phones that it then speaks.
+
+    Returns
+    -------
+    list of list of (Stretch, int)
+        For each mark the words that it speaks, at least one, each with its number of phones; they sum to the mark's.
+        Of a text without a word the whole.
+    """
+    words = words_of(text) or [Stretch(0, len(text))]
+    places = [place for place, _ in marks]
+    chosen = _chosen(words, places)
+    attributed = []
+    for index, following, (place, phones) in zip(chosen, [*chosen[1:], len(words)], marks, strict=False):
+        if _HAN_KANA.match(text[words[index].start : words[index].stop]):
+            others = {other for other, at in zip(places, chosen, strict=True) if at == index}
+            attributed.append([(_part(text, words[index], place, others), phones)])
+        else:
+            attributed.append(_shared(text, [words[index], *_unmarked(text, words, index, following)], phones))
+    return attributed
+
+
+def _cuts(text: str, index: int) -> bool:
+    """Whether a character parts words."""
+    if "--" in text[max(index - 1, 0) : index + 2] and text[index] == "-":
+        return True
+    if not unicodedata.category(text[index]).startswith("P") or text[index] in _INNER:
+        return False
+    between_digits = text[max(index - 1, 0) : index].isdigit() and text[index + 1 : index + 2].isdigit()
+    return not (text[index] in _IN_NUMBERS and between_digits)
+
+
+def _parts(text: str, start: int, stop: int) -> list[Stretch]:
+    """Words of a stretch without a space: it is cut where the scripts without spaces begin and end."""
+    parts = []
+    kind = begun = None
+    for index in range(start, stop + 1):
+        now = None if index == stop else _kind(text[index]) or kind or "spaced"
+        if now != kind:
+            if begun is not None:
+                parts.append(_stripped(text, begun, index))
+            kind, begun = now, index
+    return [part for part in parts if part.start < part.stop]
+
+
+def _kind(char: str) -> str | None:
+    """Kind of script of a character; None for what takes the kind of the character before."""
+    if _HAN_KANA.match(char):
+        return "Han or kana"
+    if _WITHOUT_SPACES.match(char):
+        return "without spaces"
+    return None if unicodedata.category(char)[0] == "M" or char in _INNER else "spaced"
+
+
+def _stripped(text: str, start: int, stop: int) -> Stretch:
+    """Leave out the punctuation around a word, except the last point of an abbreviation."""
+
+    def is_outer(char: str) -> bool:
+        return unicodedata.category(char)[0] == "P" and char not in _OUTER_KEPT
+
+    while start < stop and is_outer(text[start]):
+        start += 1
+    end = stop
+    while start < end and is_outer(text[end - 1]):
+        end -= 1
+    return Stretch(start, end + 1 if _ABBREVIATION.fullmatch(text, start, min(end + 1, stop)) else end)
+
+
+def _chosen(words: Sequence[Stretch], places: Sequence[int]) -> list[int]:
+    """Index of the word that each place belongs to.
+
+    A place between two words belongs to the one behind it, unless a later mark begins that one: then the one before has
+    several marks, such as the second half of an emoji's name.
+    """
+    starts = [word.start for word in words]
+    chosen = []
+    for index, place in enumerate(places):
+        before = bisect_right(starts, place) - 1
+        if before >= 0 and (place < words[before].stop or before + 1 == len(words)):
+            chosen.append(before)
+            continue
+        behind = words[before + 1]
+        later = next((other for other in places[index + 1 :] if other != place), None)
+        is_begun = before >= 0 and later is not None and behind.start <= later < behind.stop
+        chosen.append(before if is_begun else before + 1)
+    return chosen
+
+
+def _unmarked(text: str, words: Sequence[Stretch], index: int, following: int) -> list[Stretch]:
+    """Words behind one that the voice joined with it: up to the next that has a mark, or a stop."""
+    joined: list[Stretch] = []
+    for before, word in pairwise(words[index:following]):
+        if _STOP.search(text, before.stop, word.start) or not _letters(text, word):
+            break
+        joined.append(word)
+    return joined
+
+
+def _letters(text: str, word: Stretch) -> int:
+    return sum(unicodedata.category(char)[0] in "LN" for char in text[word.start : word.stop])
+
+
+def _shared(text: str, words: Sequence[Stretch], phones: int) -> list[tuple[Stretch, int]]:
+    """Share phones among words by their letters, at least one for each as long as there are some."""
+    words = words[: max(phones, 1)]
+    letters = [max(_letters(text, word), 1) for word in words]
+    shares = []
+    given = 0
+    for index, word in enumerate(words):
+        wish = round(phones * sum(letters[: index + 1]) / sum(letters)) - given
+        share = min(max(wish, 1), phones - given - (len(words) - index - 1))
+        shares.append((word, share))
+        given += share
+    return shares
+
+
+def _part(text: str, word: Stretch, place: int, places: set[int]) -> Stretch:
+    """Part of a stretch of Han or kana from a place to the next one that is marked."""
+
+    def edge(at: int) -> int:
+        while at > word.start and unicodedata.category(text[at])[0] == "M":
+            at -= 1
+        return at
+
+    inside = sorted(at for at in places if word.start < at < word.stop)
+    start = max((at for at in inside if at <= place), default=word.start)
+    stop = min((at for at in inside if at > place), default=word.stop)
+    return Stretch(edge(start), edge(stop) if stop < word.stop else stop)

@@ -1,0 +1,84 @@
+"""Words of a text, and marks of a voice made whole."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine.speech.words import attribute, without_tags, words_of
+
+WORDS = [
+    ("", []),
+    ("  \n ", []),
+    ("— … -- - !", []),
+    ("We'll go; don’t!", ["We'll", "go", "don’t"]),
+    ("‘quoted’ 'tis rock 'n' roll", ["quoted", "tis", "rock", "n", "roll"]),
+    ("word—word yes--no one,two (s)he 12:30", ["word", "word", "yes", "no", "one", "two", "s", "he", "12:30"]),
+    (
+        "1,234.50 $5 50% C++ #tag @me and/or a.m. U.S.",
+        ["1,234.50", "$5", "50%", "C++", "#tag", "@me", "and/or", "a.m.", "U.S."],
+    ),
+    ("The end. e.g. this", ["The", "end", "e.g.", "this"]),
+    ("iPhoneを2026年に买了", ["iPhone", "を", "2026", "年に买了"]),
+    ("ภาษาไทยABC ລາວ", ["ภาษาไทย", "ABC", "ລາວ"]),
+    ("नमस्ते, दुनिया।", ["नमस्ते", "दुनिया"]),
+    ("«là-bas» می‌رویم،", ["là-bas", "می‌رویم"]),
+    ("😀👍🏽 ok", ["😀👍🏽", "ok"]),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), WORDS)
+def test_words(text: str, words: list[str]) -> None:
+    assert [text[word.start : word.stop] for word in words_of(text)] == words
+
+
+def told(text: str, marks: list[tuple[int, int]]) -> list[list[tuple[str, int]]]:
+    return [[(text[word.start : word.stop], phones) for word, phones in words] for words in attribute(text, marks)]
+
+
+def test_marks_inside_a_word() -> None:
+    assert told("in 1984, ok", [(0, 2), (3, 11), (4, 4), (4, 3), (9, 4)]) == [
+        [("in", 2)], [("1984", 11)], [("1984", 4)], [("1984", 3)], [("ok", 4)],
+    ]  # fmt: skip
+
+
+def test_a_mark_between_words() -> None:
+    assert told("etc. at 9", [(0, 7), (4, 2), (8, 4)]) == [[("etc", 7)], [("at", 2)], [("9", 4)]]
+    assert told("😀 ok", [(0, 6), (1, 3), (2, 4)]) == [[("😀", 6)], [("😀", 3)], [("ok", 4)]]
+    assert told("😀", [(0, 6), (1, 3)]) == [[("😀", 6)], [("😀", 3)]]
+
+
+def test_words_without_a_mark_share() -> None:
+    assert told("on the year", [(0, 4), (7, 3)]) == [[("on", 2), ("the", 2)], [("year", 3)]]
+    assert told("a in of", [(0, 2)]) == [[("a", 1), ("in", 1)]]
+    assert told("on. the", [(0, 4)]) == [[("on", 4)]]  # they are not joined across a stop
+
+
+def test_characters_of_chinese() -> None:
+    assert told("你好世界,苹果", [(0, 5), (2, 2), (3, 2), (5, 6)]) == [
+        [("你好", 5)], [("世", 2)], [("界", 2)], [("苹果", 6)],
+    ]  # fmt: skip
+
+
+def test_a_text_without_a_word() -> None:
+    assert told("...", [(1, 0)]) == [[("...", 0)]]
+    assert attribute("", []) == []
+
+
+@given(st.text(max_size=30), st.lists(st.tuples(st.integers(-1, 40), st.integers(0, 20)), max_size=8))
+def test_no_phone_is_lost(text: str, marks: list[tuple[int, int]]) -> None:
+    attributed = attribute(text, marks)
+    assert [sum(phones for _, phones in words) for words in attributed] == [phones for _, phones in marks]
+    for words in attributed:
+        for word, _ in words:
+            assert 0 <= word.start <= word.stop <= len(text)
+
+
+@given(st.text(max_size=30))
+def test_words_lie_in_order_without_spaces(text: str) -> None:
+    words = words_of(text)
+    assert words == sorted(words)
+    assert all(not any(char.isspace() for char in text[word.start : word.stop]) for word in words)
+
+
+def test_tags_are_blanked() -> None:
+    assert without_tags("a <b/>c") == "a     c"
