@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+from fapengine.geometry.smooth import low_pass
 
 MIN_POINTS = 3
 UNDETERMINED = 1e-9
@@ -260,13 +260,10 @@ def smooth_motion(
     """
     if motion.rotation.ndim != 3 or len(motion.rotation) < 16:
         raise UsageError(f"motion: got batch shape {motion.rotation.shape[:-2]}, expected (T,) with T >= 16")
-    if not 0 < cutoff_hz < rate_hz / 2:
-        raise UsageError(f"cutoff_hz: got {cutoff_hz}, expected 0 < cutoff < {rate_hz / 2}, half the rate")
     about = frozen(about_mm, "about_mm", (3,), np.float64)
-    low_pass = butter(2, cutoff_hz, fs=rate_hz, output="sos")
-    q = sosfiltfilt(low_pass, continuous(motion.quaternions()), axis=0)
+    q = low_pass(continuous(motion.quaternions()), rate_hz, cutoff_hz)
     rotation = rotations_from_quaternions(q / np.linalg.norm(q, axis=-1, keepdims=True))
-    path = sosfiltfilt(low_pass, motion.apply(about[None])[:, 0], axis=0)
+    path = low_pass(motion.apply(about[None])[:, 0], rate_hz, cutoff_hz)
     return RigidMotion(rotation, path - rotation @ about)
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine.errors import UsageError
+
 
 def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
     """Minimum-jerk step from 0 at ``x <= 0`` to 1 at ``x >= 1``; value, slope and curvature join at both ends.
@@ -48,3 +50,21 @@ def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
     s = np.clip(x / width, 0.0, 1.0)
     soft: NDArray[np.float64] = width * (s**3 - s**4 / 2) + np.maximum(x - width, 0.0)
     return soft
+
+
+def low_pass(values: NDArray[np.float64], rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
+    """Take out what is quicker than ``cutoff_hz``, without delay: (T, ...) -> (T, ...).
+
+    A Butterworth filter of second order, forwards and backwards.
+
+    Raises
+    ------
+    UsageError
+        If ``cutoff_hz`` is not between 0 and half the rate.
+    """
+    from scipy.signal import butter, sosfiltfilt  # it loads scipy.stats: a quarter of a second at every start
+
+    if not 0 < cutoff_hz < rate_hz / 2:
+        raise UsageError(f"cutoff_hz: got {cutoff_hz}, expected 0 < cutoff < {rate_hz / 2}, half the rate")
+    smooth: NDArray[np.float64] = sosfiltfilt(butter(2, cutoff_hz, fs=rate_hz, output="sos"), values, axis=0)
+    return smooth

@@ -16,7 +16,7 @@ from fapengine.laboratory.prepare import Displacements, Prepared, prepare
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
 from fapengine.laboratory.space import SpaceStudy, pick, study_space
-from fapengine.models.via_points import Reduction, low_pass, reduction_curve
+from fapengine.models.via_points import Reduction, reduction_curve, without_noise
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
@@ -275,7 +275,7 @@ def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
     frames = longest.moved_mm[:VIA_FRAMES]
     if len(frames) < 16:
         return ()
-    smooth = low_pass(frames, prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
+    smooth = without_noise(frames, prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
     return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
 
 

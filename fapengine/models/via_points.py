@@ -13,7 +13,7 @@ few as keep *every marker in every frame* within a distance of the capture.
    too far off somewhere, step 1 repairs it.
 
 Noise needs points too: 0.15 mm of it at a bound of 0.75 mm made three of four frames via points. Filter first
-(:func:`low_pass`).
+(:func:`without_noise`).
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+from fapengine.geometry.smooth import low_pass
 
 WINDOW = 12
 """Neighbours on each side that a removal is judged with: 0.43^12 is 4e-5."""
@@ -118,7 +118,7 @@ def reduction_curve(positions_mm: ArrayLike, rate_hz: float, tolerances_mm: Arra
     return curve
 
 
-def low_pass(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12.0) -> NDArray[np.float64]:
+def without_noise(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12.0) -> NDArray[np.float64]:
     """Take out noise without delay: (T, M, 3) -> (T, M, 3). Speech moves the face below 12 Hz.
 
     Raises
@@ -129,10 +129,7 @@ def low_pass(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12.0) -
     positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
     if len(positions) < 16:
         raise UsageError(f"positions_mm: got {len(positions)} frames, expected at least 16")
-    if not 0 < cutoff_hz < rate_hz / 2:
-        raise UsageError(f"cutoff_hz: got {cutoff_hz}, expected 0 < cutoff < {rate_hz / 2}, half the rate")
-    smooth: NDArray[np.float64] = sosfiltfilt(butter(2, cutoff_hz, fs=rate_hz, output="sos"), positions, axis=0)
-    return smooth
+    return low_pass(positions, rate_hz, cutoff_hz)
 
 
 def _spline(times: NDArray[np.float64], flat: NDArray[np.float64]) -> BSpline:

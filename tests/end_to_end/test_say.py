@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fapengine.cli import main
 from fapengine.files.fap import load_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import load_sound
@@ -26,6 +27,14 @@ def run(*arguments: str, code: int = 0, stdin: str = "") -> subprocess.Completed
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     return done
+
+
+def told(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and error text of the program, in this process: starting one for each takes long."""
+    monkeypatch.setattr(sys, "argv", ["fapengine", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return stop.value.code, capsys.readouterr().err  # type: ignore[return-value]
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +141,16 @@ def test_a_stream_renders_as_its_faps_do(tmp_path: Path, folder: Path, video: Vi
     assert np.abs(again.frames.astype(int) - video.frames).mean() < 2  # q 1 and two passes of H.264
     run("render", str(folder / "demo.fap"), "--at", "1.0", "-o", str(still))
     assert np.abs(load_picture(still).astype(int) - video.frames[30]).mean() < 4
-    run("render", str(still), code=1)
-    assert "lasts" in run("render", str(folder / "demo.fap"), "--at", "99", "-o", str(still), code=2).stderr
+
+
+def test_what_cannot_be_rendered_is_told(
+    tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert told(["render", str(folder / "demo.png")], monkeypatch, capsys)[0] == 1
+    late = ["render", str(folder / "demo.fap"), "--at", "99", "-o", str(tmp_path / "late.png")]
+    code, text = told(late, monkeypatch, capsys)
+    assert code == 2
+    assert "lasts" in text
 
 
 @pytest.mark.parametrize(
@@ -155,12 +172,26 @@ def test_a_stream_renders_as_its_faps_do(tmp_path: Path, folder: Path, video: Vi
         (["say", "Hello", "-o", "/dev/null/x.fap"], 3, "cannot be written"),
     ],
 )
-def test_errors_are_one_line_with_the_right_code(arguments: list[str], code: int, message: str, tmp_path: Path) -> None:
+def test_errors_are_one_line_with_the_right_code(
+    arguments: list[str],
+    code: int,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     if "-o" not in arguments:
         arguments = [*arguments, "-o", str(tmp_path / ("x.mp4" if arguments[0] == "render" else "x.fap"))]
-    done = run(*arguments, code=code)
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    found, text = told(arguments, monkeypatch, capsys)
+    assert found == code
+    assert message in text
+    assert len(text.strip().splitlines()) == 1
+
+
+def test_an_error_of_the_installed_program_is_one_line_too(tmp_path: Path) -> None:
+    text = run("say", "Hello", "--camera", "under", "-o", str(tmp_path / "x.fap"), code=2).stderr
+    assert "front" in text
+    assert len(text.strip().splitlines()) == 1
 
 
 def test_bad_data_exits_with_1(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 
 from fapengine.errors import UsageError
-from fapengine.models.via_points import ViaPoints, extract_via_points, low_pass, reduction_curve
+from fapengine.models.via_points import ViaPoints, extract_via_points, reduction_curve, without_noise
 
 RATE_HZ = 120.0
 
@@ -96,7 +96,7 @@ def test_what_stands_still_or_bends_once_needs_three_points():
 def test_noise_is_worth_filtering_first():
     clean = motion(5)
     noisy = clean + np.random.default_rng(6).normal(0, 0.15, clean.shape)
-    smooth = low_pass(noisy, RATE_HZ)
+    smooth = without_noise(noisy, RATE_HZ)
     assert np.abs(smooth - clean)[20:-20].max() < 0.5
     counts = [len(extract_via_points(data, RATE_HZ, 0.6).times_s) for data in (noisy, smooth)]
     assert counts[1] < counts[0] / 2
@@ -111,9 +111,9 @@ def test_bad_input_is_refused():
     with pytest.raises(UsageError, match=r"got -1\.0 and 1"):
         extract_via_points(positions, -1.0, 1.0)
     with pytest.raises(UsageError, match="got 15 frames"):
-        low_pass(positions[:15], RATE_HZ)
+        without_noise(positions[:15], RATE_HZ)
     with pytest.raises(UsageError, match="cutoff_hz: got 60"):
-        low_pass(positions, RATE_HZ, 60.0)
+        without_noise(positions, RATE_HZ, 60.0)
     for times in ([0.0, 1.0], [0.0, 1.0, 1.0]):
         with pytest.raises(UsageError, match="strictly rising"):
             ViaPoints(times_s=times, positions_mm=np.zeros((len(times), 2, 3)))
