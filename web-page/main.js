@@ -232,6 +232,7 @@ class Page {
   // Speech
 
   speaking() {
+    for (const [code, name] of Object.entries(this.setup.voices)) byId("voice").add(new Option(`${code}  ${name}`, code));
     byId("speak").addEventListener("submit", (event) => {
       event.preventDefault();
       this.say(byId("text").value.trim());
@@ -245,9 +246,10 @@ class Page {
       byId("text").focus();
       return;
     }
+    const voice = byId("voice").value;
     this.pause(false);
     if (!this.hasChosenSilence && !this.heardElsewhere && !this.sound.on) await this.setSound(true);
-    if (this.link.send("say", { text })) {
+    if (this.link.send("say", voice ? { text, voice } : { text })) {
       byId("text").select();
       this.told("");
     } else {
@@ -371,7 +373,7 @@ class Page {
     this.panel.rest(); // what is set is told next
     this.stand(paused);
     this.jitterBuffer = new JitterBuffer(rate_hz);
-    for (const id of ["text", "say"]) byId(id).disabled = !voice;
+    for (const id of ["text", "say", "voice"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
     this.heardElsewhere = sound === "server";
     const on = this.sound.on && !this.heardElsewhere;
@@ -383,7 +385,7 @@ class Page {
     document.addEventListener("keydown", (event) => {
       if (event.key === "Escape") this.hush();
       if (event.ctrlKey || event.metaKey || event.altKey) return;
-      if (event.target.matches("[type=text], [type=search]")) return;
+      if (event.target.matches("[type=text], [type=search], select")) return;
       if (event.key === " " && event.target.matches("button, summary, [type=checkbox]")) return; // it means these
       const key = event.key.toLowerCase();
       if (key === "/") byId("text").focus();

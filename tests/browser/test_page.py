@@ -230,6 +230,18 @@ def test_faps_are_found_by_name_and_number(page: Page) -> None:
     assert found("") == []
 
 
+def test_a_voice_can_be_chosen(page: Page) -> None:
+    page.open("vera")
+    page.run("page.sent = []; page.link.send = (...what) => { page.sent.push(what); return true; }")
+    assert page.run("document.getElementById('voice').options.length") > 100
+    for code in ("", "de"):
+        page.run(f"page.hasChosenSilence = true; document.getElementById('voice').value = '{code}'; page.say('Hallo')")
+    assert page.run("page.sent.filter(([type]) => type === 'say').map(([, fields]) => fields)") == [
+        {"text": "Hallo"},
+        {"text": "Hallo", "voice": "de"},
+    ]
+
+
 def test_the_keyboard_is_enough(page: Page) -> None:
     page.open("greta")
     page.run("document.getElementById('face').focus(); page.hasChosenSilence = true")

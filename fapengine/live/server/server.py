@@ -196,7 +196,12 @@ class Server:
             from fapengine.live.web.app import COUNTS, make_app  # the page's files are read then
 
             app = make_app(
-                self.hub, self._head, token=listen.token, profile=self.config.face.profile, heard_here=sound.session
+                self.hub,
+                self._head,
+                token=listen.token,
+                profile=self.config.face.profile,
+                heard_here=sound.session,
+                voice=self.config.voice,
             )
             self.metrics.page = app[COUNTS]
             parts.sites.append(await _serve(app, listen.host, listen.web_port))

@@ -28,8 +28,10 @@ from fapengine.live.web.session_view import SessionView, open_session_view
 from fapengine.live.web.sounds import SoundCache
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.voices import espeak
+from fapengine.voices.choice import VoiceChoice
 
 DEFAULT_SESSION = "face"
+DEFAULT_CHOICE = VoiceChoice()
 MAX_PAGES = 256
 HEARTBEAT_S = 20.0
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -57,6 +59,7 @@ class _Server:
     token: str | None
     hello: dict[str, object]
     heard_here: str | None
+    voice: VoiceChoice
     counts: WebCounts = field(default_factory=WebCounts)
     sounds: SoundCache = field(default_factory=SoundCache)
     views: dict[str, SessionView] = field(default_factory=dict)
@@ -83,7 +86,7 @@ class _Server:
             await socket.send_str(text_of("error", message=str(error)))
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
             return socket
-        connection = Connection(self.hub, view, socket, self.counts)
+        connection = Connection(self.hub, view, socket, self.counts, self.voice)
         self.connections.add(connection)
         try:
             greeting = {"sound": "server" if view.server_plays_audio else "page", "paused": view.is_paused}
@@ -150,6 +153,7 @@ def make_app(
     profile: str = "",
     rate_hz: float | None = None,
     heard_here: str | None = None,
+    voice: VoiceChoice = DEFAULT_CHOICE,
 ) -> web.Application:
     """Build the web application; whoever runs it also ticks the hub.
 
@@ -167,6 +171,8 @@ def make_app(
         Frames a second; by default the hub's.
     heard_here : str, optional
         The session whose sound the server plays itself; its pages play none.
+    voice : VoiceChoice
+        Speaks what pages type without choosing a voice.
 
     Returns
     -------
@@ -179,11 +185,11 @@ def make_app(
         If the head has more channels than the shaders have room for.
     """
     try:
-        voices = sorted(espeak.voices())
+        voices = espeak.voices()
     except ResourceError:
-        voices = []
+        voices = {}
     hello = {"protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices)}
-    server = _Server(hub, token, hello, heard_here)
+    server = _Server(hub, token, hello, heard_here, voice)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
     app[SERVER], app[COUNTS] = server, server.counts
@@ -195,7 +201,7 @@ def make_app(
     return app
 
 
-def page_files(head: FaceMesh, voices: list[str]) -> dict[str, tuple[str, bytes]]:
+def page_files(head: FaceMesh, voices: dict[str, str]) -> dict[str, tuple[str, bytes]]:
     """Path to kind and content of all that never changes."""
     pages = {
         "/head.bin": ("application/octet-stream", head_binary(head)),

@@ -12,6 +12,7 @@ from fapengine.live.hub.hub import Hub
 from fapengine.live.web.messages import Pin, Ping, Plays, ReleaseAll, Request, Say, Tell, parse_request, text_of
 from fapengine.live.web.send_queue import SendQueue, TokenBucket
 from fapengine.live.web.session_view import SessionView
+from fapengine.voices.choice import VoiceChoice
 
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
 """A slider that is dragged sends one a picture; nothing needs more."""
@@ -61,9 +62,14 @@ class Connection:
         Prepared.
     counts : WebCounts
         Shared by all.
+    voice : VoiceChoice
+        Speaks where the page does not choose.
     """
 
-    def __init__(self, hub: Hub, view: SessionView, socket: web.WebSocketResponse, counts: WebCounts) -> None:
+    def __init__(
+        self, hub: Hub, view: SessionView, socket: web.WebSocketResponse, counts: WebCounts, voice: VoiceChoice
+    ) -> None:
+        self._voice = voice
         self._hub, self._view, self._socket, self._counts = hub, view, socket, counts
         self._outbox = SendQueue()
         self._waiting = asyncio.Event()
@@ -172,6 +178,14 @@ class Connection:
 
     async def _say(self, request: Say) -> None:
         try:
-            await self._hub.speak(self._view.session, request.text, voice=request.voice, rate_wpm=request.rate_wpm)
+            said = await self._hub.speak(
+                self._view.session,
+                request.text,
+                voice=request.voice or self._voice.name,
+                rate_wpm=request.rate_wpm or self._voice.rate_wpm,
+                ssml=self._voice.ssml,
+            )
+            for remark in said.speech.remarks if said is not None else ():
+                self.put_text(text_of("error", message=remark))
         except FapEngineError as error:
             self.put_text(text_of("error", message=str(error)))

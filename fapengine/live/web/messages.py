@@ -24,7 +24,7 @@ from fapengine.live.engine import commands
 from fapengine.live.engine.command_table import Choice, Command, FieldSpec, defaults_of, fields_of
 from fapengine.live.wire.fap_osc import MAX_SESSION_BYTES
 from fapengine.mpeg4 import fap
-from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
+from fapengine.voices.espeak import RATES_WPM
 
 PROTOCOL = "fapengine-web/1"
 FRAME = struct.Struct(f"<IId{fap.FAP_COUNT}i")
@@ -44,8 +44,10 @@ class Say(Struct, frozen=True, forbid_unknown_fields=True):
     """Speak a text."""
 
     text: Annotated[str, Meta(max_length=MAX_TEXT)]
-    voice: Annotated[str, Meta(max_length=64)] = DEFAULT_VOICE
-    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = field(default=DEFAULT_RATE_WPM, name="rate")
+    voice: Annotated[str, Meta(max_length=64)] = ""
+    """Language code; empty: the server's voice."""
+    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = field(default=0, name="rate")
+    """Words a minute; 0, where the message has none: the server's rate."""
 
 
 class Pin(Struct, frozen=True, forbid_unknown_fields=True):

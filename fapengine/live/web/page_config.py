@@ -51,13 +51,13 @@ UNUSED = ("wire", "enlarge")
 """Programs that the page has no use for."""
 
 
-def setup(*, voices: list[str]) -> dict[str, Any]:
+def setup(*, voices: dict[str, str]) -> dict[str, Any]:
     """Gather it; JSON can say all of it.
 
     Parameters
     ----------
-    voices : list of str
-        Languages that the server's voice speaks; empty if it has none.
+    voices : dict of str to str
+        Language codes and names of the voices that the server has; empty if it has none.
     """
     stages = {
         " ".join((name, *defined)): {

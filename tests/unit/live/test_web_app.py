@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,19 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
+from fapengine.live.hub import hub as hubs
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web import app as web_app
 from fapengine.live.web import connection as connections
-from fapengine.live.web.app import COUNTS, make_app
+from fapengine.live.web.app import COUNTS, DEFAULT_CHOICE, make_app
 from fapengine.live.web.messages import FRAME
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.espeak import EspeakVoice
+from fapengine.voices.protocol import Speech
 from tests.english import english
 
 LIMIT_S = 20.0
@@ -32,13 +37,15 @@ def head() -> FaceMesh:
     return build_head()
 
 
-def serve(head: FaceMesh, use: Use, *, token: str | None = None, sessions: int = 4) -> None:
+def serve(
+    head: FaceMesh, use: Use, *, token: str | None = None, sessions: int = 4, voice: VoiceChoice = DEFAULT_CHOICE
+) -> None:
     """Run a server, and a client against it."""
 
     async def run() -> None:
         engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
         hub = Hub(engine, rate_hz=100.0)
-        app = make_app(hub, head, token=token, profile="grid_s1_en")
+        app = make_app(hub, head, token=token, profile="grid_s1_en", voice=voice)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
             ticking = asyncio.create_task(hub.run())
             try:
@@ -305,6 +312,27 @@ def test_names_are_enough_with_a_token(head: FaceMesh) -> None:
             assert (await socket.receive_json())["type"] == "hello"
 
     serve(head, use, token="a")
+
+
+def test_the_server_speaks_with_its_own_voice_unless_the_page_chooses(
+    head: FaceMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def synthesise(*what: object) -> Speech:
+        asked.append(what)
+        return replace(EspeakVoice().speak("Mama."), remarks=("text: so it is",))
+
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await text_from(socket, "hello")
+            for choice in ({}, {"voice": "fr", "rate": 90}):
+                await socket.send_json({"type": "say", "text": "Mama.", **choice})
+                assert (await text_from(socket, "error"))["message"] == "text: so it is"
+
+    monkeypatch.setattr(hubs, "_synthesise", synthesise)
+    serve(head, use, voice=VoiceChoice("de", 200, ssml=True))
+    assert asked == [("Mama.", "de", 200, True), ("Mama.", "fr", 90, True)]
 
 
 def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:

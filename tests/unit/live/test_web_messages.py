@@ -17,7 +17,7 @@ from fapengine.live.web.messages import Pin, Ping, Plays, ReleaseAll, Say, Tell,
 from fapengine.mpeg4.visemes import Expression
 
 CASES = [
-    ({"type": "say", "text": "Hello"}, Say("Hello", "en-us", 160)),
+    ({"type": "say", "text": "Hello"}, Say("Hello", "", 0)),
     ({"type": "say", "text": "Hallo", "voice": "de", "rate": 200}, Say("Hallo", "de", 200)),
     ({"type": "pin", "values": {"3": 400, "68": None}}, Pin({3: 400, 68: None})),
     ({"type": "release"}, ReleaseAll()),

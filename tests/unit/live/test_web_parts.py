@@ -111,7 +111,7 @@ def test_the_head_file_holds_what_the_desktop_uploads() -> None:
 
 
 def test_the_page_is_told_every_fap_once_and_every_program() -> None:
-    told = json.loads(json.dumps(setup(voices=["en-us"])))
+    told = json.loads(json.dumps(setup(voices={"en-us": "English (America)"})))
     sliders = [slider for group in told["groups"] for slider in group["faps"]]
     assert sorted(slider["number"] for slider in sliders) == list(range(3, 69))
     for slider in sliders:
