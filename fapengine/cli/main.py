@@ -16,7 +16,6 @@ app = typer.Typer(
     name="fapengine",
     help="Speech to MPEG-4 facial animation: sentences or phone timings in, FAP streams and a talking face out.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 

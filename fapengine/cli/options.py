@@ -74,8 +74,38 @@ Device = Annotated[
         rich_help_panel=LIVE,
     ),
 ]
+
+
+def _list_voices(wanted: bool) -> None:
+    if wanted:
+        from fapengine.voices.espeak import catalogue
+
+        for entry in catalogue().entries:
+            others = " ".join(dict.fromkeys(code for _, code in entry.codes if code != entry.code))
+            typer.echo(f"{entry.code:<20} {entry.name}{f'  (also {others})' if others else ''}")
+        raise typer.Exit
+
+
+def _complete_voice(incomplete: str) -> list[tuple[str, str]]:
+    """Codes of voices that begin so, each with its name, for the shell."""
+    from fapengine.errors import ResourceError
+    from fapengine.voices.espeak import voices
+
+    try:
+        return [(code, name) for code, name in voices().items() if code.startswith(incomplete.lower())]
+    except ResourceError:
+        return []
+
+
 VoiceName = Annotated[
-    str, typer.Option("--voice", "-v", help="Language, such as en-gb, de or fr-fr.", rich_help_panel=MANNER)
+    str,
+    typer.Option(
+        "--voice",
+        "-v",
+        help="Language, such as en-gb, de or fr, in any spelling.",
+        rich_help_panel=MANNER,
+        autocompletion=_complete_voice,
+    ),
 ]
 
 
@@ -187,6 +217,12 @@ class VoiceOptions:
 
     voice: VoiceName = "en-us"
     rate: Annotated[int, typer.Option("--rate", help="Words a minute, 80 to 449.", rich_help_panel=MANNER)] = 160
+    voices: Annotated[
+        bool,
+        typer.Option(
+            "--voices", help="List the voices and stop.", is_eager=True, callback=_list_voices, rich_help_panel=MANNER
+        ),
+    ] = False
     ssml: Annotated[
         bool,
         typer.Option("--ssml", help="The text is SSML: its tags are obeyed, not spoken.", rich_help_panel=MANNER),

@@ -50,7 +50,8 @@ def say(
     from fapengine.app.talk import check, refuse_unknown
     from fapengine.cli._talking import write_and_print
     from fapengine.cli._verb import with_flags
-    from fapengine.speech.text import decoded
+    from fapengine.speech.ssml import check_ssml
+    from fapengine.speech.text import decoded, speakable
 
     chosen, how = manner.value(), drawing.value()
     check(output, chosen, how)
@@ -58,6 +59,8 @@ def say(
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
         speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    shown = speakable(words).text.strip()
+    shown = check_ssml(shown) if voice.ssml else shown
     for remark in speech.remarks:
         typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
     if strict:
@@ -66,10 +69,10 @@ def say(
         from fapengine.cli._say_live import print_live, say_now
 
         done = say_now(
-            speech, words.strip(), chosen, live_output.value(), head=head, drawing=how, window=window,
+            speech, shown, chosen, live_output.value(), head=head, drawing=how, window=window,
         )  # fmt: skip
         print_live(done, as_json=as_json)
         return
     with report.stage("plan"):
-        performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=words.strip())
+        performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown)
     write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json)
