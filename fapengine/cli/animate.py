@@ -23,6 +23,12 @@ def animate(
     alphabet: Annotated[
         str | None, typer.Option("--alphabet", help="Of the labels, if not to be guessed: ipa, arpabet, pinyin, ...")
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns", help="Of a CSV or JSON list: start=NAME,end=NAME,label=NAME,unit=ms; of frames: fps=24."
+        ),
+    ] = None,
     voice: Annotated[
         str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
     ] = "en-us",
@@ -46,7 +52,8 @@ def animate(
     check(output, chosen, how, inputs=inputs)
     report = Report()
     with report.stage("read"):
-        phones = pronounced(load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet), voice)
+        read = load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
+        phones = pronounced(read, voice)
         sound = load_sound(audio) if audio else None
     if strict:
         refuse_unknown(phones, str(timings))

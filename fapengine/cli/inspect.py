@@ -16,6 +16,7 @@ def inspect(
     file_format: str | None = typer.Option(None, "--format", help="Timings: format, if the content does not tell."),
     tier: str | None = typer.Option(None, "--tier", help="Timings: TextGrid tier that holds the phones."),
     alphabet: str | None = typer.Option(None, "--alphabet", help="Timings: ipa, arpabet ..., if not to be guessed."),
+    columns: str | None = typer.Option(None, "--columns", help="Timings: start=NAME,end=NAME,label=NAME,unit=ms."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
 ) -> None:
     """Say what is in a file or profile; what it is, its bytes decide.
@@ -42,7 +43,7 @@ def inspect(
         from fapengine.cli._inspect_timings import inspect_timings
         from fapengine.files.timings import load_timings
 
-        track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet)
+        track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
         inspect_timings(path, track, as_json=as_json, everything=everything, plot=plot, file_format=file_format)
     else:
         raise UnsupportedError(

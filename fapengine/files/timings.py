@@ -11,7 +11,12 @@ __all__ = ["FORMATS", "load_timings"]
 
 
 def load_timings(
-    path: Path, *, file_format: str | None = None, tier: str | None = None, alphabet: str | None = None
+    path: Path,
+    *,
+    file_format: str | None = None,
+    tier: str | None = None,
+    alphabet: str | None = None,
+    columns: str | None = None,
 ) -> PhoneTrack:
     """Read phone timings.
 
@@ -26,6 +31,9 @@ def load_timings(
     alphabet : str, optional
         What the labels are, where the format does not fix it: one of :data:`fapengine.speech.alphabets.ALPHABETS`.
 
+    columns : str, optional
+        For lists that no tool has a name for: what its columns are. See :func:`fapengine.speech.table.parse_columns`.
+
     Raises
     ------
     UsageError
@@ -36,7 +44,7 @@ def load_timings(
     data = read_bytes(path)
     try:
         return parse_timings(
-            data, file_format=file_format, ending=path.suffix, wishes=ParseOptions(tier=tier, alphabet=alphabet)
+            data, file_format=file_format, ending=path.suffix, wishes=ParseOptions(tier, alphabet, columns)
         )
     except DataError as error:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

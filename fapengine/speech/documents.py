@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from fapengine.speech.textgrid import decode_text
 
 MAX_BYTES = 64 << 20
 """An hour of speech is a few megabytes."""
+_NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +50,11 @@ class Node:
         return list(self.items()) if isinstance(self.value, list) else [self]
 
     def number(self) -> float:
-        """Return a finite number."""
-        if isinstance(self.value, (int, float)) and not isinstance(self.value, bool):
+        """Return a finite number, which may be spelled as a text."""
+        spelled = isinstance(self.value, str) and len(self.value) < 40 and _NUMBER.fullmatch(self.value.strip())
+        if (isinstance(self.value, (int, float)) and not isinstance(self.value, bool)) or spelled:
             try:
-                parsed = float(self.value)
+                parsed = float(self.value)  # type: ignore[arg-type]
             except OverflowError:
                 parsed = math.inf
             if math.isfinite(parsed):
@@ -87,6 +90,8 @@ def parse_document(data: bytes, what: str) -> Node:
     if len(data) > MAX_BYTES:
         raise DataError(f"{what}: got {len(data)} bytes, expected at most {MAX_BYTES}")
     text = decode_text(data, what)
+    if text.startswith(("data:", "event:", "id:", ":")):  # server-sent events: a JSON value behind each "data:"
+        text = "\n".join(line[5:] for line in text.splitlines() if line.startswith("data:") and "{" in line)
     try:
         return Node(json.loads(text))
     except RecursionError as error:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from fapengine.speech import alphabets, ipa
+from fapengine.speech.mandarin import is_one_syllable
 
 GUESSED = ("arpabet", "ipa", "x-sampa", "openjtalk", "mrpa", "pinyin", "kana")
 """Alphabets among which is guessed; of those that explain equally much, the first."""
@@ -75,7 +76,7 @@ def explains(alphabet: str, label: str) -> bool:
     as_ipa, _ = alphabets.spelled_out(label, alphabet)
     if alphabet in ("ipa", "x-sampa"):
         return as_ipa is not None and is_one_phone(as_ipa)
-    return as_ipa is not None
+    return as_ipa is not None and (alphabet != "pinyin" or is_one_syllable(label))
 
 
 def guess(labels: Iterable[str]) -> Guess:

@@ -26,10 +26,19 @@ from fapengine.speech.textgrid import decode_text
 HTK_HZ = 1e7
 """Units of 100 ns."""
 GRID_HZ = 25_000
+MAX_SAMPLES = 1_000_000
+"""Largest whole number that is too small for HTK's units: 0.1 s."""
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
 
 
-def _number(text: str, line: int) -> float:
+def number_at(text: str, line: int) -> float:
+    """Return the finite number in a field.
+
+    Raises
+    ------
+    DataError
+        If it is none, with the line.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -39,8 +48,14 @@ def _number(text: str, line: int) -> float:
     return value
 
 
-def _rows(data: bytes, what: str, fields: int) -> list[tuple[int, list[str]]]:
-    """Split into lines that hold something, with their numbers; each has at least so many fields."""
+def rows_of(data: bytes, what: str, fields: int) -> list[tuple[int, list[str]]]:
+    """Split into lines that hold something, with their numbers; each has at least so many fields.
+
+    Raises
+    ------
+    DataError
+        For a line of fewer, with its number.
+    """
     rows = [(n, line.split(None, fields)) for n, line in enumerate(decode_text(data, what).splitlines(), 1)]
     rows = [(number, row) for number, row in rows if row]
     for number, row in rows:
@@ -55,20 +70,41 @@ def _lab_track(entries: list[Entry], what: str, alphabet: str | None) -> PhoneTr
     return track_of(entries, what, alphabet=alphabet)
 
 
-def parse_htk(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
+def parse_htk(data: bytes, *, alphabet: str | None = None, rate_hz: float | None = None) -> PhoneTrack:
     """Read an HTK label file; of a full-context label ``a^b-c+d=e`` the phone is c.
+
+    Parameters
+    ----------
+    data : bytes
+        The file. Point labels, which begin where they end, last until the next.
+    alphabet : str, optional
+        Of the labels; by default guessed.
+    rate_hz : float, optional
+        Rate of the samples that whole numbers count; by default they are units of 100 ns.
 
     Raises
     ------
     DataError
-        For a line that is none, with its number.
+        For a line that is none, with its number; for whole numbers that must be samples of some rate.
     """
     entries: list[Entry] = []
-    for number, row in _rows(data, ".lab", 3):
-        rate_hz = 1.0 if "." in row[0] + row[1] else HTK_HZ
-        start_s, end_s = (_number(text, number) / rate_hz for text in row[:2])
+    rows = rows_of(data, ".lab", 3)
+    whole = not any("." in row[0] + row[1] for _, row in rows)
+    longest = max((number_at(row[1], number) for number, row in rows), default=0.0)
+    if whole and rate_hz is None and len(rows) > 1 and 1000 < longest < MAX_SAMPLES:
+        raise DataError(
+            f".lab: got whole numbers up to {longest:g}, {1000 * longest / HTK_HZ:.0f} ms in HTK's units of 100 ns;"
+            " are they samples? say their rate with columns='hz=16000'"
+        )
+    for number, row in rows:
+        rate_hz = rate_hz if whole and rate_hz else HTK_HZ if whole else 1.0
+        start_s, end_s = (number_at(text, number) / rate_hz for text in row[:2])
         context = _FULL_CONTEXT.match(row[2])
         entries.append(Entry(start_s, end_s, context[1] if context else row[2], f"line {number}"))
+    if len(entries) > 1 and all(entry.start_s == entry.end_s for entry in entries):
+        entries = until_next([(entry.start_s, entry.label, entry.where) for entry in entries])
+    if all(re.fullmatch(r"f\d{6}", entry.label) for entry in entries):
+        raise DataError(".lab: got the numbers of fragments (aeneas), expected labels; write JSON from aeneas instead")
     return _lab_track(entries, ".lab", alphabet)
 
 
@@ -87,9 +123,9 @@ def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     blank = "\n" * header.count("\n") + "#" + text[len(header) + 1 :]
     entries: list[Entry] = []
     now_s = 0.0
-    for number, row in _rows(blank.encode("utf-8", "replace"), ".lab", 3):
+    for number, row in rows_of(blank.encode("utf-8", "replace"), ".lab", 3):
         if row != ["#"]:
-            end_s = _number(row[0], number)
+            end_s = number_at(row[0], number)
             entries.append(Entry(now_s, end_s, row[2].split(";")[0].strip() or "_", f"line {number}"))
             now_s = end_s
     return _lab_track(entries, ".lab", alphabet)
@@ -104,8 +140,8 @@ def parse_align(data: bytes) -> PhoneTrack:
         For a line that is none, with its number.
     """
     entries = [
-        Entry(_number(row[0], number) / GRID_HZ, _number(row[1], number) / GRID_HZ, row[2], f"line {number}")
-        for number, row in _rows(data, ".align", 3)
+        Entry(number_at(row[0], number) / GRID_HZ, number_at(row[1], number) / GRID_HZ, row[2], f"line {number}")
+        for number, row in rows_of(data, ".align", 3)
     ]
     return track_of(entries, ".align", level="word", spelled=True)
 
@@ -154,7 +190,7 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
     spoken = [(n, row) for n, row in texts if len(speakers) == 1 or row["Speaker"] == tier]
     timed = {
         kind: [
-            Entry(_number(row["Begin"], n), _number(row["End"], n), row["Label"], f"line {n}")
+            Entry(number_at(row["Begin"], n), number_at(row["End"], n), row["Label"], f"line {n}")
             for n, row in spoken
             if row["Type"] == kind
         ]
@@ -171,7 +207,7 @@ def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:
     DataError
         For a line that is none, with its number.
     """
-    onsets = [(_number(row[0], number), row[1], f"line {number}") for number, row in _rows(data, "Rhubarb TSV", 2)]
+    onsets = [(number_at(row[0], number), row[1], f"line {number}") for number, row in rows_of(data, "Rhubarb TSV", 2)]
     if len(onsets) < 2:
         raise DataError("Rhubarb TSV: got fewer than two lines, expected a shape and the end")
     entries = until_next(onsets[:-1], onsets[-1][0])

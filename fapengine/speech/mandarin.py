@@ -117,6 +117,17 @@ def from_pinyin(label: str) -> str | None:
     return "".join(sound for sound in sounds if sound) if all(sounds) else None
 
 
+def is_one_syllable(label: str) -> bool:
+    """Whether a label is a part of a syllable, one syllable, or has tones: many words of other languages can be joined.
+
+    Examples
+    --------
+    >>> is_one_syllable("zhuang"), is_one_syllable("panda"), is_one_syllable("pan1da2")
+    (True, False, True)
+    """
+    return from_pinyin(label) is not None and (_unit(plain_pinyin(label)) is not None or plain_pinyin(label) != label)
+
+
 def _unit(plain: str) -> str | None:
     if plain in _UNITS:
         return _UNITS[plain]

@@ -4,7 +4,8 @@ from fapengine.errors import DataError
 from fapengine.speech.documents import Node, parse_document
 from fapengine.speech.entries import Entry, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
+from fapengine.speech.textgrid import PHONE_TIERS, WORD_TIERS, choose_tier
+from fapengine.speech.tier import Tier
 
 
 def parse_mfa_json(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:

@@ -93,6 +93,19 @@ OCULUS = PhoneSet(
         "aa": "ɑ", "E": "ɛ", "I": "ɪ", "O": "o", "U": "u", "ih": "ɪ", "oh": "o", "ou": "u",
     },
 )
+INWORLD = PhoneSet(
+    "inworld-visemes", "Inworld TTS documentation, timestamps: viseme symbols", "TTS 1.5, 2026",
+    table={
+        "sil": "", "aei": "a", "o": "o", "ee": "i", "bmp": "p", "fv": "f", "l": "l", "r": "ɹ", "th": "θ", "qw": "w",
+        "cdgknstxyz": "t", "chjsh": "ʃ", "u": "u", "rest": "",
+    },
+)
+PRESTON_BLAIR = PhoneSet(
+    "preston-blair", "Papagayo and Papagayo-NG, phonemes_preston_blair.py: ten mouths", "Papagayo-NG 1.6",
+    table={
+        "AI": "a", "E": "ɛ", "etc": "t", "FV": "f", "L": "l", "MBP": "m", "O": "o", "rest": "", "U": "u", "WQ": "w",
+    },
+)
 RHUBARB = PhoneSet(
     "rhubarb-shapes", "Rhubarb Lip Sync, README: mouth shapes A to H and X", "1.14",
     table={"A": "p", "B": "s", "C": "ɛ", "D": "ɑ", "E": "ɔ", "F": "u", "G": "f", "H": "l", "X": ""},
@@ -101,5 +114,20 @@ RHUBARB = PhoneSet(
 
 PHONE_SETS: dict[str, PhoneSet] = {
     each.name: each
-    for each in (ESPEAK, MISAKI, MFA, MRPA, PINYIN, KANA, VOICEVOX, OPENJTALK, POLLY, AZURE, OCULUS, RHUBARB)
+    for each in (
+        ESPEAK,
+        MISAKI,
+        MFA,
+        MRPA,
+        PINYIN,
+        KANA,
+        VOICEVOX,
+        OPENJTALK,
+        POLLY,
+        AZURE,
+        OCULUS,
+        INWORLD,
+        PRESTON_BLAIR,
+        RHUBARB,
+    )
 }

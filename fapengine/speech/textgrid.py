@@ -1,4 +1,4 @@
-"""Praat TextGrid in its three text forms, long, short and chronological: bytes to :class:`PhoneTrack`.
+"""Praat TextGrid, long, short, chronological, binary, and collections of them: bytes to :class:`PhoneTrack`.
 
 Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
 ``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
@@ -6,26 +6,18 @@ Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` a
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech.entries import Entry, track_of, with_words
 from fapengine.speech.guess import guess
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.praat_binary import START, parse_binary_tiers
+from fapengine.speech.tier import Tier
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
 WORD_TIERS = ("words", "word", "ort-mau", "ort")
 
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|<[a-z]+>|![^\n]*|"|[^\s"]+')
-
-
-@dataclass(frozen=True, slots=True)
-class Tier:
-    """One interval tier."""
-
-    name: str
-    intervals: tuple[tuple[float, float, str], ...]
-    """(start_s, end_s, label), as written."""
 
 
 def decode_text(data: bytes, what: str) -> str:
@@ -106,16 +98,47 @@ def parse_tiers(data: bytes) -> tuple[Tier, ...]:
     Raises
     ------
     DataError
-        For anything that is no TextGrid in text form, with the line.
+        For anything that is no TextGrid, with the line.
     """
-    if data.startswith(b"ooBinaryFile"):
-        raise UnsupportedError("TextGrid: got the binary form, expected text; save it from Praat as a text file")
-    tokens = _Tokens(decode_text(data, "TextGrid"))
+    if data.startswith(START):
+        return parse_binary_tiers(data)
+    tokens = _Tokens(_praat_text(data))
     kind = tokens.text()
     if kind == "Praat chronological TextGrid text file":
         return _chronological(tokens)
-    if kind != "ooTextFile" or tokens.text() != "TextGrid":
+    content = tokens.text() if kind in ("ooTextFile", "ooTextFile short") else ""
+    if content == "Collection":
+        return _collection(tokens)
+    if content != "TextGrid":
         raise DataError('TextGrid: expected a file that begins with "ooTextFile" and "TextGrid"', where="line 1")
+    return _grid(tokens)
+
+
+def _praat_text(data: bytes) -> str:
+    """Decode; Praat wrote Latin-1 before Unicode, and still reads so what is no UTF-8."""
+    try:
+        return decode_text(data, "TextGrid")
+    except DataError:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff") or not re.fullmatch(rb"[\t\n\r\x20-\x7e\xa0-\xff]*", data):
+            raise
+        return data.decode("latin-1")
+
+
+def _collection(tokens: _Tokens) -> tuple[Tier, ...]:
+    """Read several objects in one file; tiers get the name of their grid before theirs."""
+    tiers: list[Tier] = []
+    count = tokens.count("number of objects")
+    for _ in range(count):
+        kind, name = tokens.text(), tokens.text()
+        if kind != "TextGrid":
+            raise UnsupportedError(
+                f"Praat: got a collection with a {kind[:40]}, expected TextGrids alone", where=tokens.where()
+            )
+        tiers += [Tier(f"{name} - {tier.name}" if count > 1 else tier.name, tier.intervals) for tier in _grid(tokens)]
+    return tuple(tiers)
+
+
+def _grid(tokens: _Tokens) -> tuple[Tier, ...]:
     tokens.number(), tokens.number()
     if tokens.flag() != "<exists>":
         return ()
@@ -209,11 +232,19 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
         _refuse_blanks(entries, "one word; is this a tier of words?")
         return track_of(entries, "TextGrid", level="word", spelled=True)
     _refuse_blanks(entries, "one phone; is this a tier of phones?")
+    named = tuple(tier for tier in _same_owner(tiers, chosen) if kind_of(tier.name) == "words")
     try:
-        words = _entries(choose_tier(tiers, None, WORD_TIERS, "words"))
+        words = _entries(choose_tier(named, None, WORD_TIERS, "words"))
     except DataError:
         words = []
     return track_of(with_words(entries, words), "TextGrid", alphabet=alphabet)
+
+
+def _same_owner(tiers: tuple[Tier, ...], chosen: Tier) -> tuple[Tier, ...]:
+    """Return the tiers of the same speaker or grid, where names begin with it: ``A - phones``, ``A - words``."""
+    owner, dash, _ = chosen.name.rpartition(" - ")
+    others = tuple(tier for tier in tiers if tier is not chosen)
+    return tuple(tier for tier in others if tier.name.rpartition(" - ")[0] == owner) if dash else others
 
 
 def _refuse_blanks(entries: list[Entry], expected: str) -> None:

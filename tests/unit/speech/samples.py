@@ -94,7 +94,7 @@ SAMPLES: dict[str, str] = {
     "phone-list lengths": json.dumps({"phonemes": [
         {"phoneme": "<sos/eos>", "offset": 0, "duration": 100}, {"phoneme": "M", "offset": 100, "duration": 300},
         {"phoneme": "AY1", "offset": 400, "duration": 600}, {"phoneme": ".", "offset": 1000, "duration": 10}]}),
-    "align": "0 10000 sil\n10000 20000 my\n20000 25000 oh\n",
+    "align": "0 10000 sil\n10000 20000 bin\n20000 25000 blue\n",
     "xlabel": "signal x\nnfields 1\n#\n0.1 100 pau\n0.4 100 m\n1.0 100 ay\n",
     "xlabel words": "#\n0.4 100 The\n1.0 100 birch\n",
     "htk": "0 4000000 m\n4000000 10000000 ay\n",
@@ -102,5 +102,109 @@ SAMPLES: dict[str, str] = {
     "htk seconds": "0.0\t0.4\tm\n0.4\t1.0\tay\n",
     "flite": "pau:0.1 m:0.4 ay:1.0 \n",
     "pho": "; my\n_ 100\nm 300\naI 600 0 120\n",
+    "textgrid collection": 'File type = "ooTextFile"\nObject class = "Collection"\n\nsize = 1\nitem []:\n    item [1]:\n'
+                           '        class = "TextGrid"\n        name = "one"\n' + SHORT_TEXTGRID.split('"TextGrid"\n')[1],
+    "textgrid old": 'File type = "ooTextFile short"\n' + SHORT_TEXTGRID.split("\n", 1)[1],
+    "whisper": json.dumps({"segments": [{"start": 0, "end": 1, "text": " my oh", "words": [
+        {"word": " my", "start": 0.0, "end": 0.4, "score": 0.9}, {"word": " oh.", "start": 0.5, "end": 1.0}]}],
+        "word_segments": [{"word": "my", "start": 0.0, "end": 0.4}]}),
+    "whisper timestamped": json.dumps({"text": "my oh", "segments": [{"id": 0, "start": 0, "end": 1, "words": [
+        {"text": "my", "start": 0.0, "end": 0.4, "confidence": 0.9},
+        {"text": "oh", "start": 0.5, "end": 1.0, "confidence": 0.9}]}]}),
+    "openai-words": json.dumps({"task": "transcribe", "duration": 1.0, "text": "My. Oh.", "words": [
+        {"word": "My", "start": 0.0, "end": 0.4}, {"word": "Oh", "start": 0.5, "end": 1.0}]}),
+    "whisper-cpp": json.dumps({"result": {"language": "en"}, "transcription": [{
+        "offsets": {"from": 0, "to": 1000}, "text": " my oh.", "tokens": [
+            {"text": "[_BEG_]", "offsets": {"from": 0, "to": 0}, "id": 50363},
+            {"text": " m", "offsets": {"from": 0, "to": 100}}, {"text": "y", "offsets": {"from": 100, "to": 400}},
+            {"text": " oh", "offsets": {"from": 500, "to": 1000}}, {"text": ".", "offsets": {"from": 1000, "to": 1000}},
+            {"text": "[_TT_50]", "offsets": {"from": 1000, "to": 1000}}]}]}),
+    "whisper-cpp words": json.dumps({"transcription": [
+        {"timestamps": {"from": "00:00:00,000", "to": "00:00:00,400"}, "offsets": {"from": 0, "to": 400}, "text": " my"},
+        {"timestamps": {"from": "00:00:00,500", "to": "00:00:01,000"}, "offsets": {"from": 500, "to": 1000}, "text": " oh"}]}),
+    "transformers": json.dumps({"text": " my oh", "chunks": [
+        {"text": " my", "timestamp": [0.0, 0.4]}, {"text": " oh", "timestamp": [0.5, 1.0]}]}),
+    "vosk": json.dumps({"result": [{"conf": 1.0, "end": 0.4, "start": 0.0, "word": "my"},
+                                   {"conf": 1.0, "end": 1.0, "start": 0.5, "word": "oh"}], "text": "my oh"}),
+    "vosk stream": lines({"partial": "my"}, {"result": [{"conf": 1, "end": 0.4, "start": 0.0, "word": "my"}], "text": "my"},
+                         {"result": [{"conf": 1, "end": 1.0, "start": 0.5, "word": "oh"}], "text": "oh"}),
+    "deepgram": json.dumps({"metadata": {"channels": 1}, "results": {"channels": [{"alternatives": [{
+        "transcript": "my oh", "words": [
+            {"word": "my", "start": 0.0, "end": 0.4, "confidence": 0.9, "punctuated_word": "my"},
+            {"word": "oh", "start": 0.5, "end": 1.0, "confidence": 0.9, "punctuated_word": "oh."}]}]}]}}),
+    "assemblyai": json.dumps({"id": "x", "status": "completed", "words": [
+        {"text": "my", "start": 0, "end": 400, "confidence": 0.9, "speaker": None},
+        {"text": "oh.", "start": 500, "end": 1000, "confidence": 0.9, "speaker": None}]}),
+    "aws-transcribe": json.dumps({"jobName": "x", "results": {"transcripts": [{"transcript": "my oh."}], "items": [
+        {"type": "pronunciation", "start_time": "0.0", "end_time": "0.4", "alternatives": [{"content": "my"}]},
+        {"type": "pronunciation", "start_time": "0.5", "end_time": "1.0", "alternatives": [{"content": "oh"}]},
+        {"type": "punctuation", "alternatives": [{"content": "."}]}]}}),
+    "google-speech": json.dumps({"results": [{"alternatives": [{"transcript": "my oh", "words": [
+        {"startTime": "0s", "endTime": "0.400s", "word": "my"},
+        {"startTime": "0.500s", "endTime": "1s", "word": "oh"}]}]}]}),
+    "google-speech v2": json.dumps({"results": [{"alternatives": [{"words": [
+        {"endOffset": "0.400s", "word": "my"}, {"startOffset": "0.500s", "endOffset": "1s", "word": "oh"}]}]}]}),
+    "soniox": json.dumps({"tokens": [
+        {"text": "m", "start_ms": 0, "end_ms": 100, "is_final": True}, {"text": "y", "start_ms": 100, "end_ms": 400},
+        {"text": " ", "start_ms": 400, "end_ms": 500}, {"text": "oh", "start_ms": 500, "end_ms": 1000},
+        {"text": "<end>", "start_ms": 1000, "end_ms": 1000}]}),
+    "kokoro-fastapi": json.dumps({"audio": "", "audio_format": "mp3", "timestamps": [
+        {"word": "my", "start_time": 0.0, "end_time": 0.4}, {"word": "oh", "start_time": 0.5, "end_time": 1.0},
+        {"word": ".", "start_time": 1.0, "end_time": 1.1}]}),
+    "edge-tts": lines({"type": "WordBoundary", "offset": 0, "duration": 4_000_000, "text": "my"},
+                      {"type": "SentenceBoundary", "offset": 0, "duration": 10_000_000, "text": "my oh"},
+                      {"type": "WordBoundary", "offset": 5_000_000, "duration": 5_000_000, "text": "oh"}),
+    "edge-tts metadata": json.dumps({"Metadata": [
+        {"Type": "WordBoundary", "Data": {"Offset": 0, "Duration": 4_000_000, "text": {"Text": "my", "Length": 2}}},
+        {"Type": "WordBoundary", "Data": {"Offset": 5_000_000, "Duration": 5_000_000, "text": {"Text": "oh"}}}]}),
+    "gentle": json.dumps({"transcript": "my", "words": [
+        {"alignedWord": "my", "case": "success", "start": 0.0, "end": 1.0, "startOffset": 0, "endOffset": 2, "word": "my",
+         "phones": [{"duration": 0.4, "phone": "m_B"}, {"duration": 0.6, "phone": "ay_E"}]},
+        {"case": "not-found-in-audio", "startOffset": 3, "endOffset": 5, "word": "oh"}]}),
+    "gentle words": json.dumps({"transcript": "my oh", "words": [
+        {"alignedWord": "my", "case": "success", "start": 0.0, "end": 0.4, "word": "my", "phones": []},
+        {"alignedWord": "oh", "case": "success", "start": 0.5, "end": 1.0, "word": "oh", "phones": []}]}),
+    "aeneas": json.dumps({"fragments": [
+        {"begin": "0.000", "children": [], "end": "0.400", "id": "f000001", "language": "eng", "lines": ["my"]},
+        {"begin": "0.500", "children": [], "end": "1.000", "id": "f000002", "language": "eng", "lines": ["oh"]}]}),
+    "inworld": json.dumps({"timestampInfo": {"wordAlignment": {
+        "words": ["my"], "wordStartTimeSeconds": [0], "wordEndTimeSeconds": [1], "phoneticDetails": [
+            {"wordIndex": 0, "isPartial": False, "phones": [
+                {"phoneSymbol": "m", "startTimeSeconds": 0, "durationSeconds": 0.4, "visemeSymbol": "bmp"},
+                {"phoneSymbol": "aɪ", "startTimeSeconds": 0.4, "durationSeconds": 0.6, "visemeSymbol": "aei"}]}]}}}),
+    "inworld visemes": lines({"result": {"timestampInfo": {"wordAlignment": {
+        "words": ["my"], "wordStartTimeSeconds": [0], "wordEndTimeSeconds": [1], "phoneticDetails": [
+            {"wordIndex": 0, "phones": [
+                {"startTimeSeconds": 0, "durationSeconds": 0.4, "visemeSymbol": "bmp"},
+                {"startTimeSeconds": 0.4, "durationSeconds": 0.6, "visemeSymbol": "aei"}]}]}}}}, {"result": {}}),
+    "inworld words": json.dumps({"timestampInfo": {"wordAlignment": {
+        "words": ["my", " ", "oh", "."], "wordStartTimeSeconds": [0, 0.4, 0.5, 1.0],
+        "wordEndTimeSeconds": [0.4, 0.5, 1.0, 1.0]}}}),
+    "fish": "\n\n".join("data: " + line for line in lines(
+        {"audio_base64": "", "content": "my", "alignment": None, "chunk_seq": 0, "chunk_audio_offset_sec": 0},
+        {"audio_base64": "", "alignment": {"segments": [{"text": "m", "start": 0, "end": 0.2}], "audio_duration": 0.2},
+         "chunk_seq": 0, "chunk_audio_offset_sec": 0},
+        {"audio_base64": "", "alignment": {"segments": [{"text": "my", "start": 0, "end": 0.4}], "audio_duration": 0.5},
+         "chunk_seq": 0, "chunk_audio_offset_sec": 0},
+        {"audio_base64": "", "alignment": {"segments": [{"text": "oh.", "start": 0, "end": 0.5}], "audio_duration": 0.5},
+         "chunk_seq": 1, "chunk_audio_offset_sec": 0.5}).split("\n")),
+    "diffsinger": json.dumps([{"offset": 0.0, "text": "SP 妈 SP", "ph_seq": "SP zh/m zh/a SP", "ph_dur": "0.1 0.3 0.5 0.1",
+                               "note_seq": "rest C4 rest"}]),
+    "subtitles": "1\n00:00:00,000 --> 00:00:00,400\nmy\n\n2\n00:00:00,500 --> 00:00:01,000\noh.\n",
+    "subtitles inside": "WEBVTT\nKind: captions\n\n00:00.000 --> 00:01.000 align:start position:0%\n"
+                        "my<00:00:00.400><c> </c><00:00:00.500><c> oh</c>\n\n00:01.000 --> 00:01.010\nmy oh\n",
+    "subtitles underlined": "1\n00:00:00,000 --> 00:00:00,400\n<u>my</u> oh\n\n2\n00:00:00,400 --> 00:00:00,500\nmy oh\n\n"
+                            "3\n00:00:00,500 --> 00:00:01,000\nmy <u>oh</u>\n",
+    "papagayo": "lipsync version 1\nmy.wav\n10\n10\n1\n\tVoice 1\n\tmy\n\t1\n\t\tmy\n\t\t1\n\t\t10\n\t\t1\n"
+                "\t\t\tmy 1 10 2\n\t\t\t\t1 MBP\n\t\t\t\t5 AI\n",
+    "moho": "MohoSwitch1\n1 MBP\n5 AI\n11 rest\n",
+    "utau": "[#VERSION]\nUST Version1.2\n[#SETTING]\nTempo=120.00\nTracks=1\n[#0000]\nLength=96\nLyric=R\nNoteNum=60\n"
+            "[#0001]\nLength=288\nLyric=- ま\nNoteNum=60\n[#0002]\nLength=576\nLyric=a い\nNoteNum=62\n[#TRACKEND]\n",
+    "timit": "0 1600 h#\n1600 4000 bcl\n4000 6400 b\n6400 16000 ay\n",
+    "ctm": "talk 1 0.00 0.40 m_B 0.99\ntalk 1 0.40 0.60 ay_E 1.00\n",
+    "ctm words": ";; a comment\ntalk A 0.00 0.40 montreal\ntalk A 0.50 0.50 aligner 0.9 lex\n",
+    "table": "start,end,phone\n0.0,0.4,m\n0.4,1.0,aɪ\n",
+    "table words": "word\tbegin_ms\tduration_ms\nmy\t0\t400\noh\t500\t500\n",
+    "table json": json.dumps([{"phone": "m", "start": 0.0, "end": 0.4}, {"phone": "aɪ", "start": 0.4, "end": 1.0}]),
 }
 # fmt: on

@@ -95,7 +95,9 @@ def test_two_readings_are_told() -> None:
     assert guess(["SH", "IY", "T"]).others == ()
 
 
-@pytest.mark.parametrize("words", ["The birch canoe slid", "montreal aligner", "blah bluh", "good day"])
+@pytest.mark.parametrize(
+    "words", ["The birch canoe slid", "montreal aligner", "blah bluh", "good day", "mama papa", "china panda"]
+)
 def test_words_are_no_phones(words: str) -> None:
     assert guess(words.split()).words
 

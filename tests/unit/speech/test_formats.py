@@ -17,6 +17,15 @@ from fapengine.speech.phone_track import SILENCE, PhoneTrack
 from .samples import SAMPLES, lines
 
 MY = [("m", 0.0, 0.4), ("aɪ", 0.4, 1.0)]
+WORDS = (
+    "whisper", "whisper timestamped", "openai-words", "whisper-cpp", "whisper-cpp words", "transformers", "vosk",
+    "vosk stream", "deepgram", "assemblyai", "aws-transcribe", "google-speech", "google-speech v2", "soniox",
+    "kokoro-fastapi", "edge-tts", "edge-tts metadata", "aeneas", "fish", "subtitles", "subtitles inside",
+    "subtitles underlined",
+)  # fmt: skip
+"""Samples that time words."""
+NEEDS = {"moho": ParseOptions(columns="fps=10")}
+"""Options without which a sample cannot be read."""
 OTHERS: dict[str, list[tuple[str, float, float]]] = {
     "espeak-json": [("m", 0.0, 0.4), ("aɪ", 0.4, 0.9), ("_", 0.9, 1.0)],
     "polly": [("p", 0.0, 0.4), ("a", 0.4, 1.0), ("_", 1.0, 1.1)],
@@ -37,7 +46,19 @@ OTHERS: dict[str, list[tuple[str, float, float]]] = {
     "rhubarb-tsv": [("p", 0.0, 0.4), ("ɑ", 0.4, 0.9), ("_", 0.9, 1.0)],
     "rhubarb-xml": [("p", 0.0, 0.4), ("ɑ", 0.4, 1.0)],
     "phone-list lengths": [("_", 0.0, 0.1), ("m", 0.1, 0.4), ("aɪ", 0.4, 1.0), ("_", 1.0, 1.01)],
-    "align": [("_", 0.0, 0.4), ("my", 0.4, 0.8), ("oh", 0.8, 1.0)],
+    "align": [("_", 0.0, 0.4), ("bin", 0.4, 0.8), ("blue", 0.8, 1.0)],
+    **{
+        name: [("my", 0.0, 0.4), ("_", 0.4, 0.5), ("oh", 0.5, 1.0)]
+        for name in (*WORDS, "gentle words", "inworld words", "table words")
+    },
+    "openai-words": [("My", 0.0, 0.4), ("_", 0.4, 0.5), ("Oh", 0.5, 1.0)],
+    "ctm words": [("montreal", 0.0, 0.4), ("_", 0.4, 0.5), ("aligner", 0.5, 1.0)],
+    "inworld visemes": [("p", 0.0, 0.4), ("a", 0.4, 1.0)],
+    "papagayo": [("m", 0.0, 0.4), ("a", 0.4, 1.0)],
+    "moho": [("m", 0.0, 0.4), ("a", 0.4, 1.0), ("_", 1.0, 1.1)],
+    "diffsinger": [("_", 0.0, 0.1), ("m", 0.1, 0.4), ("a", 0.4, 0.9), ("_", 0.9, 1.0)],
+    "utau": [("_", 0.0, 0.1), ("ma", 0.1, 0.4), ("i", 0.4, 1.0)],
+    "timit": [("_", 0.0, 0.1), ("b", 0.1, 0.4), ("aɪ", 0.4, 1.0)],
     "xlabel words": [("The", 0.0, 0.4), ("birch", 0.4, 1.0)],
     **{name: [("_", 0.0, 0.1), ("m", 0.1, 0.4), ("aɪ", 0.4, 1.0)] for name in ("xlabel", "flite", "pho")},
 }
@@ -45,7 +66,9 @@ LEVELS = {
     "polly": "viseme", "polly words": "word", "azure": "viseme", "azure lines": "viseme", "elevenlabs": "character",
     "elevenlabs stream": "character", "elevenlabs aligned": "word", "cartesia words": "word", "kokoro": "word",
     "headtts": "viseme", "rhubarb-json": "viseme", "rhubarb-xml": "viseme", "rhubarb-tsv": "viseme", "align": "word",
-    "xlabel words": "word",
+    "xlabel words": "word", **dict.fromkeys(WORDS, "word"), "gentle words": "word", "inworld words": "word",
+    "table words": "word", "ctm words": "word", "inworld visemes": "viseme", "papagayo": "viseme", "moho": "viseme",
+    "utau": "character",
 }  # fmt: skip
 
 
@@ -72,7 +95,7 @@ def test_pauses_of_voicevox_are_scaled(fixed_s: dict[str, float], pause_s: float
 @pytest.mark.conformance
 def test_every_format_has_a_sample() -> None:
     assert {name.split()[0] for name in SAMPLES} == set(FORMATS)
-    assert len(FORMATS) >= 21
+    assert len(FORMATS) >= 45
 
 
 @pytest.mark.conformance
@@ -82,10 +105,10 @@ def test_format_is_found_and_read(name: str) -> None:
     found = guess_format(data)
     assert found is not None
     assert found.name == name.split()[0]
-    track = parse_timings(data)
+    track = parse_timings(data, wishes=NEEDS.get(name))
     assert told(track) == OTHERS.get(name, MY)
     assert track.level == LEVELS.get(name, "phone")
-    assert track.spelled == (track.level in ("word", "character") and name != "kokoro")
+    assert track.spelled == (track.level in ("word", "character") and name not in ("kokoro", "utau"))
 
 
 @pytest.mark.parametrize(
@@ -138,7 +161,7 @@ TELLING = [  # sample, what is replaced, by what, error, message
     ("rhubarb-xml", "<rhubarbResult>", "<!DOCTYPE x><rhubarbResult>", UnsupportedError, "document type"),
     ("phone-list", '"end": 0.4', '"end": 1e6', DataError, "at most a day"),
     ("phone-list", '"end": 0.4', '"end": 0.6', DataError, r"'AY' starts at 0\.4 s, expected 0\.6 s or later"),
-    ("align", "10000 20000 my", "10000 200_ my", DataError, "line 2"),
+    ("align", "10000 20000 bin", "10000 200_ bin", DataError, "line 2"),
     ("htk", "4000000 10000000 ay", "4000000", DataError, "expected 3 fields.*line 2"),
 ]  # fmt: skip
 

@@ -1,0 +1,289 @@
+"""Words and phones of recognisers, voices, corpora and songs: what their readers do beyond the samples."""
+
+import json
+import struct
+from pathlib import Path
+
+import pytest
+
+from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.files.timings import load_timings
+from fapengine.speech.documents import Node
+from fapengine.speech.entries import Entry
+from fapengine.speech.formats import FORMATS, ParseOptions, parse_timings
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.table import parse_columns
+from fapengine.speech.word_lists import timed_words, walk
+
+from .samples import SAMPLES, SHORT_TEXTGRID, lines
+
+
+def told(track: PhoneTrack) -> list[tuple[str, float, float]]:
+    return [(phone.label, round(phone.start_s, 6), round(phone.end_s, 6)) for phone in track.phones]
+
+
+def read(text: str | bytes, name: str | None = None, ending: str = "", **wishes: str) -> PhoneTrack:
+    data = text.encode() if isinstance(text, str) else text
+    return parse_timings(data, file_format=name, ending=ending, wishes=ParseOptions(**wishes))
+
+
+def test_words_without_times_take_the_time_between_or_go_with_the_word_before() -> None:
+    words = [
+        {"word": "in", "start": 0.0, "end": 0.4}, {"word": "2014."}, {"word": "we", "start": 1.0, "end": 1.2},
+        {"word": "£5"}, {"word": "paid", "start": 1.2, "end": 1.5}, {"word": "—", "start": 1.5, "end": 1.6},
+    ]  # fmt: skip
+    track = read(json.dumps({"segments": [{"start": 0, "end": 2, "text": "", "words": words}]}))
+    assert told(track) == [("in", 0.0, 0.4), ("2014", 0.4, 1.0), ("we £5", 1.0, 1.2), ("paid", 1.2, 1.5)]
+
+
+def test_overlaps_of_recognisers_are_cut_and_falling_starts_refused() -> None:
+    words = [Entry(0.0, 0.6, "my", "a"), Entry(0.4, 1.0, "oh", "b")]
+    assert [(word.start_s, word.end_s) for word in timed_words(words, "x", "")] == [(0.0, 0.4), (0.4, 1.0)]
+    two = {
+        "segments": [{"words": [{"word": "my", "start": 1.0, "end": 1.5}, {"word": "oh", "start": 0.2, "end": 0.4}]}]
+    }
+    with pytest.raises(DataError, match=r"'oh' starts at 0\.2 s.*segments\[0\]\.words\[1\]"):
+        read(json.dumps(two))
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ({"segments": [{"start": 0, "end": 2, "text": "my oh my"}]}, "openai-words: got no word.*word_timestamps=True"),
+        ({"transcription": [{"offsets": {"from": 0, "to": 900}, "text": " my oh"}]}, "'my oh', expected one.*-ml 1"),
+        ({"chunks": [{"text": " my oh", "timestamp": [0.0, 2.0]}]}, r"'my oh', expected one.*return_timestamps='word'"),
+        ({"fragments": [{"begin": "0", "end": "1", "lines": ["my oh"]}]}, "aeneas: got 'my oh'.*mplain"),
+        ({"words": [{"case": "not-found-in-audio", "word": "my"}]}, "Gentle: got no timed word"),
+        ({"timestampInfo": {"characterAlignment": {}}}, "Inworld: got no wordAlignment; ask for timestampType WORD"),
+        ([{"offset": 0, "ph_seq": "m a", "note_dur": "1"}], "DiffSinger: got no ph_dur"),
+        ([{"offset": 0, "ph_seq": "m a", "ph_dur": "1"}], "ph_dur: got 1 durations, expected 2"),
+        ([{"offset": 0, "ph_seq": "m", "ph_dur": "x"}], "ph_dur: got 'x'"),
+        ([{"type": "SentenceBoundary", "offset": 0, "duration": 9, "text": "my oh"}], "no format that is known"),
+    ],
+)  # fmt: skip
+def test_phrases_are_refused_with_the_way_out(document: object, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read(json.dumps(document))
+
+
+def test_two_channels_need_a_choice() -> None:
+    word = {"word": "my", "start": 0.0, "end": 0.4}
+    two = json.dumps({"results": {"channels": [
+        {"alternatives": [{"words": [word]}]}, {"alternatives": [{"words": [{**word, "word": "oh"}]}]}]}})  # fmt: skip
+    with pytest.raises(DataError, match=r"2 channels.*tier=NUMBER"):
+        read(two)
+    assert told(read(two, tier="1")) == [("oh", 0.0, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("text", "ending", "message"),
+    [
+        ("0 10000 my\n10000 20000 house\n20000 30000 stands\n", "", r"timit .* and align .* file_format=NAME"),
+        (json.dumps({"words": [{"text": "my", "start": 0, "end": 1}]}), "", r"assemblyai .* and elevenlabs"),
+        ("start,end,word\n0,1,my\n1,2,oh\n", "", r"seconds or milliseconds.*columns='unit=s'"),
+        ("0 5000 ma\n5000 9000 ʃ\n", "", r"are they samples\? say their rate"),
+    ],
+)  # fmt: skip
+def test_where_two_readings_differ_both_are_named(text: str, ending: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read(text, ending=ending)
+
+
+def test_the_ending_the_format_or_the_unit_settles_it() -> None:
+    words = "0 16000 my\n16000 32000 house\n32000 48000 stands\n"
+    assert read(words, ending=".wrd").duration_s == 3.0
+    assert read(words, ending=".align").duration_s == pytest.approx(48 / 25)
+    assert read(words, "align").duration_s == pytest.approx(48 / 25)
+    unclear = json.dumps({"words": [{"text": "my", "start": 0, "end": 1}]})
+    assert (read(unclear, "elevenlabs").duration_s, read(unclear, "assemblyai").duration_s) == (1.0, 0.001)
+    assert read("start,end,word\n0,1,my\n1,2,oh\n", columns="unit=s").duration_s == 2.0
+    assert read("0 5000 ma\n5000 16000 ʃ\n", columns="hz=16000").duration_s == 1.0
+
+
+def test_assemblyai_is_milliseconds() -> None:
+    words = [{"text": "my", "start": 600_000, "end": 600_400, "confidence": 0.9}]
+    assert read(json.dumps({"words": words})).duration_s == pytest.approx(600.4)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "expected"),
+    [
+        ("von;bis;laut\n0,0;0,4;m\n0,4;1,0;a\n", "start=von,end=bis,label=laut", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
+        ("Phone,Start (s),Length (s)\nm,0,0.4\na,0.4,0.6\n", "", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
+        ("frame,to,phone\n0,10,m\n10,25,a\n", "start=frame,fps=25", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
+        (json.dumps({"file": "x", "segs": [{"t0": 0.0, "t1": 0.4, "symbol": "m"}]}), "", [("m", 0.0, 0.4)]),
+    ],
+)  # fmt: skip
+def test_lists_with_declared_columns(text: str, columns: str, expected: list[tuple[str, float, float]]) -> None:
+    assert told(read(text, "table", columns=columns)) == expected
+
+
+@pytest.mark.parametrize("text", ["start", "unit=parsec", "fps=0", "fps=x", "colour=red"])
+def test_columns_that_are_none(text: str) -> None:
+    with pytest.raises(UsageError, match="columns: got"):
+        parse_columns(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "message"),
+    [
+        ("a,b\n1,2\n", "", r"table: got the columns \['a', 'b'\], expected start, end and label"),
+        ("start,end,phone\n0.0,x,m\n", "", "end: got 'x', expected a time.*row 1"),
+        ("start,end,phone\n0.0,0.5,m\n", "end=stop", "columns: got end=stop, but the file has"),
+        ('[{"start": 0.5, "end": 1.0, "phone": "m"}, 5]', "", "row: got 5, expected an object"),
+        ('{"a": [{"x": 1}], "b": [{"x": 1}]}', "", "got 2 lists of objects, expected one"),
+    ],
+)  # fmt: skip
+def test_lists_that_are_none(text: str, columns: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read(text, "table", columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("subtitles", "1\n00:00:00,000 --> 00:00:02,000\nmy oh my\n", "'my oh my', expected one word.*one word a cue"),
+        ("subtitles", "once", "got no cue"),
+        ("ctm", "a 1 0 1 x\nb 1 0 1 y\n", r"recordings \['a', 'b'\].*tier=NAME"),
+        ("ctm", "a 1 0 1 3\na 1 1 1 4\n", "numbers of phones.*phones.txt"),
+        ("papagayo", "lipsync version 1\n", "the file ends where the name of the sound"),
+        ("papagayo", "lipsync version 2\n", "expected a file that begins"),
+        ("papagayo", "lipsync version 1\nx\n0\n", "frames a second: got 0"),
+        ("papagayo", "lipsync version 1\nx\nten\n", "frames a second: got 'ten', expected a count"),
+        ("moho", "MohoSwitch1\n1 MBP\n", r"columns='fps=24'"),
+        ("moho", "x", "begins with MohoSwitch1"),
+        ("utau", "[#0000]\nLength=x\nLyric=ま\n", "Length: got 'x'"),
+        ("utau", "[#SETTING]\nTempo=0\n[#0000]\nLength=1\n", "Tempo: got 0"),
+        ("utau", "ustx_version: '0.6'\n", "project of OpenUtau"),
+        ("htk", "0.0\t0.5\tf000001\n0.5\t1.0\tf000002\n", "numbers of fragments"),
+        ("timit", "0 x b\n", "got 'x', expected a number.*line 1"),
+    ],
+)  # fmt: skip
+def test_texts_that_are_none(name: str, text: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read(text, name)
+
+
+def test_papagayo_with_two_voices() -> None:
+    voice = SAMPLES["papagayo"].split("\n1\n", 1)[1]
+    two = SAMPLES["papagayo"].replace("\n1\n", "\n2\n", 1) + voice.replace("Voice 1", "Voice 2").replace("MBP", "FV")
+    with pytest.raises(DataError, match=r"voices \['Voice 1', 'Voice 2'\].*tier=NAME"):
+        read(two)
+    assert told(read(two, tier="Voice 2"))[0][0] == "f"
+
+
+def test_kaldi_frames_are_no_phones_of_mbrola() -> None:
+    with pytest.raises(DataError, match="no format that is known"):
+        read("utterance_1 1 1 1 1 3 3 3 7 7 7 7 7 2 2\n")
+    assert read("m 100 0 120 50 130\na 100\n").phones[0].label == "m"
+
+
+def test_songs() -> None:
+    words = "[#SETTING]\nTempo=60\n[#0000]\nLength=480\nLyric=Hello\n[#0001]\nLength=480\nLyric=world\n"
+    assert (read(words).spelled, read(words).duration_s) == (True, 2.0)
+    shift_jis = "[#SETTING]\r\nTempo=60\r\n[#0000]\r\nLength=480\r\nLyric=か_強\r\n".encode("shift_jis")
+    assert told(parse_timings(shift_jis, file_format="utau")) == [("ka", 0.0, 1.0)]
+    ds = [
+        {"offset": 0.0, "ph_seq": "SP a SP", "ph_dur": "0.1 0.4 0.5"},
+        {"offset": 0.8, "ph_seq": "AP b", "ph_dur": "0.2 0.1"},
+    ]
+    assert [end for *_, end in told(read(json.dumps(ds)))] == [0.1, 0.5, 1.0, 1.1]
+
+
+def test_julius_and_points_of_audacity() -> None:
+    julius = "0.0000000 0.1000000 silB\n0.1000000 0.4000000 ch\n0.4000000 1.0000000 i:\n1.0000000 1.1000000 silE\n"
+    assert told(read(julius)) == [("_", 0.0, 0.1), ("tɕ", 0.1, 0.4), ("iː", 0.4, 1.0), ("_", 1.0, 1.1)]
+    assert told(read("0.1\t0.1\tm\n0.4\t0.4\tay\n")) == [("_", 0.0, 0.1), ("m", 0.1, 0.4), ("aɪ", 0.4, 0.5)]
+
+
+def test_buckeye_and_emu() -> None:
+    buckeye = (
+        "header_begin\nsignal s0101a\ntype 0\ncolor 121\nseparator ;\nnfields 1\n#\n    0.100000  121 {B_TRANS}\n"
+        "    0.400000  121 b; b\n    1.000000  121 ayn\n    1.100000  122 IVER\n"
+    )
+    assert told(read(buckeye)) == [("_", 0.0, 0.1), ("b", 0.1, 0.4), ("ãɪ̃", 0.4, 1.0), ("_", 1.0, 1.1)]
+    assert told(read(buckeye, ending=".lab")) == told(read(buckeye))
+
+
+def binary_grid(*tiers: tuple[str, str, list[tuple[object, ...]]]) -> bytes:
+    def name(text: str) -> bytes:
+        return bytes([len(text)]) + text.encode()
+
+    def text(value: str) -> bytes:
+        wide = not value.isascii()
+        return struct.pack(">hH", -1, len(value)) + value.encode("utf-16-be") if wide else struct.pack(
+            ">h", len(value)) + value.encode()  # fmt: skip
+
+    data = b"ooBinaryFile" + name("TextGrid") + struct.pack(">ddbi", 0.0, 1.0, 1, len(tiers))
+    for kind, title, rows in tiers:
+        data += name(kind) + text(title) + struct.pack(">ddi", 0.0, 1.0, len(rows))
+        for *times, label in rows:
+            data += struct.pack(f">{len(times)}d", *times) + text(str(label))
+    return data
+
+
+def test_binary_textgrids() -> None:
+    phones: list[tuple[object, ...]] = [(0.0, 0.4, "m"), (0.4, 1.0, "ˈaɪ")]
+    grid = binary_grid(("TextTier", "marks", [(0.2, "here")]), ("IntervalTier", "phones", phones))
+    assert told(read(grid)) == [("m", 0.0, 0.4), ("aɪ", 0.4, 1.0)]
+    for cut in range(len(grid)):
+        with pytest.raises(DataError):
+            read(grid[:cut], "textgrid")
+    with pytest.raises(DataError, match="tier class: got 'PitchTier'"):
+        read(binary_grid(("PitchTier", "x", [])))
+    with pytest.raises(DataError, match="count: got"):
+        read(grid[:38] + b"\x7f" + grid[39:])
+
+
+@pytest.mark.shared
+def test_a_binary_textgrid_of_praat_is_the_one_it_wrote_as_text(shared: Path) -> None:
+    folder = shared / "data" / "timings"
+    binary, text = (load_timings(folder / f"praat_{form}.TextGrid") for form in ("binary", "long"))
+    assert told(binary) == told(text)
+
+
+def test_latin_1_and_collections() -> None:
+    latin = SHORT_TEXTGRID.replace("ˈaɪ", "ø").encode("latin-1")
+    assert told(read(latin)) == [("m", 0.0, 0.4), ("ø", 0.4, 1.0)]
+    one, two = (SHORT_TEXTGRID.split('"TextGrid"\n')[1].replace('"m"', label) for label in ('"m"', '"p"'))
+    both = f'"ooTextFile"\n"Collection"\n2\n"TextGrid"\n"A"\n{one}"TextGrid"\n"B"\n{two}'
+    with pytest.raises(DataError, match=r"2 tiers for phones.*'A - phones', 'B - phones'"):
+        read(both)
+    assert told(read(both, tier="B - phones"))[0][0] == "p"
+    with pytest.raises(UnsupportedError, match="a collection with a Sound"):
+        read('"ooTextFile"\n"Collection"\n1\n"Sound"\n"A"\n')
+
+
+def test_word_tiers_are_words_and_have_their_own_speaker() -> None:
+    tier = SHORT_TEXTGRID[SHORT_TEXTGRID.index('"IntervalTier"') :]
+    words = SHORT_TEXTGRID.replace('"phones"', '"words"').replace('"m"', '"montreal"').replace('"ˈaɪ"', '"in"')
+    assert (read(words).level, read(words).spelled) == ("word", True)
+    unnamed = words.replace('"words"', '"line"')
+    assert read(unnamed).spelled
+    assert read(unnamed.replace('"montreal"', '"m"')).spelled is False
+    owned = SHORT_TEXTGRID.replace("<exists>\n1", "<exists>\n2").replace('"phones"', '"A - phones"') + tier.replace(
+        '"phones"', '"B - words"').replace('"m"', '"other"')  # fmt: skip
+    assert {phone.word for phone in read(owned).phones} == {""}
+
+
+def test_paths_into_json() -> None:
+    document = Node({"a": [{"b": [{"c": 1}]}, {"b": [{"c": 2}]}]})
+    assert [item.value for item in walk(document, "a[].b[].c")] == [1, 2]
+    assert [item.value for item in walk(document, "a[0].b[].c")] == [1]
+    assert list(walk(document, "a.x[]")) == []
+
+
+def test_numbers_may_be_spelled() -> None:
+    spelled = '{"mouthCues": [{"start": "0.00", "end": "0.40", "value": "A"}]}'
+    assert told(read(spelled)) == [("p", 0.0, 0.4)]
+
+
+def test_server_sent_events_of_one_line() -> None:
+    event = {"alignment": {"segments": [{"text": "my", "start": 0, "end": 0.4}]}, "chunk_seq": 0}
+    assert told(read(f"data: {json.dumps(event)}\n\n")) == [("my", 0.0, 0.4)]
+    assert told(read(lines(event))) == [("my", 0.0, 0.4)]
+
+
+def test_every_new_format_says_who_writes_it() -> None:
+    assert all(each.tool for each in FORMATS.values())
+    assert all(name in FORMATS for each in FORMATS.values() for name in each.rivals)
