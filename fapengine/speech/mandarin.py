@@ -125,7 +125,10 @@ def is_one_syllable(label: str) -> bool:
     >>> is_one_syllable("zhuang"), is_one_syllable("panda"), is_one_syllable("pan1da2")
     (True, False, True)
     """
-    return from_pinyin(label) is not None and (_unit(plain_pinyin(label)) is not None or plain_pinyin(label) != label)
+    plain = plain_pinyin(label)
+    return from_pinyin(label) is not None and (
+        _unit(plain) is not None or plain != label.lower() or not plain.isascii()
+    )
 
 
 def _unit(plain: str) -> str | None:
