@@ -230,12 +230,18 @@ class EspeakVoice:
         if formed.replaced:
             remarks.append(f"text: got bytes that are no UTF-8 ({formed.replaced}); they were not spoken")
         code = self.entry.code
-        unread = []
-        for place in () if words.isascii() and reads(code, "Latin") else words_of(words):
+        places = () if words.isascii() and reads(code, "Latin") else words_of(words)
+        foreign: dict[str, list[int]] = {}
+        for place in places:
             word = words[place.start : place.stop]
-            foreign = not all(reads(code, script) for script in scripts_in(word))
-            if foreign and is_spelled(word, self.transcribe(word)):
-                unread.append((word, formed.starts[place.start]))
+            if not all(reads(code, script) for script in scripts_in(word)):
+                foreign.setdefault(word, []).append(formed.starts[place.start])
+        unread = [
+            (word, start)
+            for word, starts in foreign.items()
+            if is_spelled(word, self.transcribe(word))
+            for start in starts
+        ]
         return (*remarks, *unread_remarks(unread, code))
 
     def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
