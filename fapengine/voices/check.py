@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.voices.sound_level import PAUSE, SoundLevel
-from fapengine.voices.sounding import MIN_PHONE_S, is_stop, is_vowel, opens_to_vowel
+from fapengine.voices.sounding import MIN_PHONE_S, ends_as, is_stop, is_vowel
 
 Law = Literal["order", "cover", "unknown", "dropped", "short", "loud pause", "open closure", "late vowel"]
 """Laws of a voice's phones, in the order in which they are checked.
@@ -38,7 +38,7 @@ loud pause
 open closure
     The silence before the burst of a stop belongs to the stop.
 late vowel
-    A vowel behind a nasal or a liquid begins where the sound gets bright.
+    A vowel behind a nasal begins where the sound gets bright.
 """
 EDGE_S = 0.001
 """Rounding that a voice may do at the ends of its sound."""
@@ -158,7 +158,7 @@ def _open_closures(phones: Sequence[Phone], sound: SoundLevel) -> Iterator[Breac
 
 def _late_vowels(phones: Sequence[Phone], sound: SoundLevel) -> Iterator[Breach]:
     for before, phone in pairwise(phones):
-        if not is_vowel(phone.label) or not opens_to_vowel(before.label):
+        if not is_vowel(phone.label) or ends_as(before.label) != "nasal":
             continue
         middle_s = before.start_s + 0.5 * before.duration_s
         bright_s = sound.brightens(middle_s, phone.start_s + 0.6 * phone.duration_s)

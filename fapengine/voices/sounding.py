@@ -36,8 +36,9 @@ MAX_GAP_S = 0.06
 """A nameless quiet that is shorter is the closure of the stop behind it."""
 MIN_PAUSE_S = 0.02
 """A shorter quiet between two phones is heard as neither's pause; the phone before keeps it."""
-MAX_RISE_S = 0.045
-"""Farthest that the mark of a vowel lies behind its beginning; measured 11 to 35 ms (English, 160 words a minute)."""
+MAX_RISE_S = {"nasal": 0.045, "liquid": 0.02}
+"""Farthest that the mark of a vowel lies behind its beginning. Behind nasals 11 to 49 ms were measured (English, 160
+words a minute). A liquid or a glide has no sharp end; at least 20 ms of the vowel were spoken before its mark."""
 MIN_PHONE_S = 0.005
 """A phone with less time than this has none of its own."""
 KEPT = 0.3
@@ -113,16 +114,20 @@ def is_vowel(label: str) -> bool:
     return first is not None and first.vowel
 
 
-def opens_to_vowel(label: str) -> bool:
-    """Whether the phone ends as a nasal or a liquid, behind which a vowel is heard by its brightness.
+def ends_as(label: str) -> str:
+    """``"nasal"`` or ``"liquid"`` for a phone that ends so, glides with the liquids; empty for all others.
+
+    Behind these a vowel is heard by its brightness.
 
     Examples
     --------
-    >>> opens_to_vowel("m"), opens_to_vowel("l"), opens_to_vowel("s")
-    (True, True, False)
+    >>> ends_as("m"), ends_as("l"), ends_as("s")
+    ('nasal', 'liquid', '')
     """
     last = _letter(label, -1)
-    return last is not None and not last.vowel and last.manner >= 0.6
+    if last is None or last.vowel or last.manner < 0.6:
+        return ""
+    return "nasal" if last.manner == 0.8 else "liquid"
 
 
 def _letter(label: str, index: int) -> ipa.Sound | None:
@@ -194,12 +199,12 @@ def _heard_s(marks: Sequence[Mark], index: int, sound: SoundLevel) -> float:
             kept = 0.5 if is_stop(before.label) else KEPT
             earliest_s = max(before.at_s + kept * length_s, mark.at_s - MAX_CLOSURE_S)
         return sound.quiet_until(mark.at_s, earliest_s)
-    if is_vowel(mark.label) and opens_to_vowel(before.label):
+    if is_vowel(mark.label) and (sonorant := ends_as(before.label)):
         end_s = marks[index + 1].at_s if index + 1 < len(marks) else sound.duration_s
         earliest_s = before.at_s + KEPT * length_s
         bright_s = sound.brightens(earliest_s, mark.at_s + 0.6 * (end_s - mark.at_s))
         if bright_s is not None:
-            return min(max(bright_s, mark.at_s - MAX_RISE_S), mark.at_s)
+            return min(max(bright_s, mark.at_s - MAX_RISE_S[sonorant]), mark.at_s)
     return mark.at_s
 
 

@@ -65,12 +65,12 @@ def test_after_a_pause_the_lips_close_before_the_burst() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("consonant", ["m", "n", "l", "ɹ"])
-def test_a_vowel_begins_where_the_sound_gets_bright(consonant: str) -> None:
+@pytest.mark.parametrize(("consonant", "ends_ms"), [("m", 180), ("n", 180), ("l", 190), ("ɹ", 190), ("z", 210)])
+def test_a_vowel_begins_where_the_sound_gets_bright(consonant: str, ends_ms: int) -> None:
+    """A nasal ends there; a liquid goes over into its vowel, so its mark gives way by 20 ms at most; others stay."""
     sound = sound_of((BRIGHT, 100), (DARK, 80), (BRIGHT, 220))
-    phones = told(sound, (0, "a"), (100, consonant), (210, "a"))
-    assert phones[1:] == [(consonant, 100, pytest.approx(180, abs=6)), ("a", pytest.approx(180, abs=6), 400)]
-    assert told(sound, (0, "a"), (100, "z"), (210, "a"))[2][1] == 210
+    (_, vowel) = told(sound, (0, "a"), (100, consonant), (210, "a"))[1:]
+    assert vowel == ("a", pytest.approx(ends_ms, abs=6), 400)
 
 
 def test_without_brightness_the_mark_stays() -> None:
