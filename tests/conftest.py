@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from tests import slow_tests
+from tests.processes import start
 
 SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent.parent.parent / "shared"))
 """Folder of measurement data; a name that does not exist shows what a clone without them runs."""
@@ -56,7 +57,7 @@ def null_sink(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str,
         "--log-level=error", "-L", f"module-native-protocol-unix socket={folder / 'socket'} auth-anonymous=1",
         "-L", "module-null-sink rate=48000 norewinds=1",
     ]  # fmt: skip
-    with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as server:
+    with start(command, env=environment, stderr=subprocess.DEVNULL) as server:
         try:
             _wait_for(folder / "socket", server)
             yield environment

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 LIST = Path(__file__).with_suffix(".txt")
-SLOW_TEST_S, SLOW_FILE_S = 1.0, 20.0
+SLOW_TEST_S, SLOW_FILE_S = 0.7, 8.0
 """Processor time from which a test, or a whole file, is slow."""
 
 

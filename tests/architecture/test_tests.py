@@ -1,6 +1,11 @@
 """What tests must not do, and that their lists are true."""
 
 import ast
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -40,3 +45,23 @@ def test_slow_tests_are_there() -> None:
         path, _, function = name.partition("::")
         assert (root / path).exists(), name
         assert not function or f"def {function}(" in (root / path).read_text(), name
+
+
+def test_no_program_outlives_tests_that_are_killed() -> None:
+    code = "import sys, time; from tests.processes import start; "
+    code += "print(start([sys.executable, '-c', 'import time; time.sleep(600)']).pid, flush=True); time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=TESTS.parent) as tests:
+        assert tests.stdout is not None
+        program = int(tests.stdout.readline())
+        os.kill(program, 0)
+        tests.send_signal(signal.SIGKILL)
+    until_s = time.monotonic() + 30
+    while Path(f"/proc/{program}/stat").exists() and "Z" not in Path(f"/proc/{program}/stat").read_text().split()[2]:
+        assert time.monotonic() < until_s, "the program runs on"
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))
+def test_programs_that_run_on_are_started_in_one_way(path: Path) -> None:
+    if path.name not in ("processes.py", Path(__file__).name):
+        assert "subprocess.Popen(" not in path.read_text(), "use tests.processes.start: it ends with the tests"

@@ -2,12 +2,10 @@
 
 import asyncio
 import base64
-import ctypes
 import io
 import itertools
 import os
 import shutil
-import signal
 import tempfile
 from ctypes.util import find_library
 from pathlib import Path
@@ -16,6 +14,8 @@ from typing import Any
 import aiohttp
 import numpy as np
 from PIL import Image
+
+from tests.processes import end_with_parent
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
@@ -28,7 +28,6 @@ MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist")
 """Draw with the same software OpenGL as the desktop renderer: twice as fast as the browser's own."""
 OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
-PR_SET_PDEATHSIG = 1
 START_LIMIT_S = 30.0
 CALL_LIMIT_S = 30.0
 
@@ -65,7 +64,7 @@ class Browser:
             stdout=asyncio.subprocess.DEVNULL,
             stderr=self._log,
             env=surroundings,
-            preexec_fn=_end_with_parent,
+            preexec_fn=end_with_parent,
         )
         self._session = aiohttp.ClientSession()
         async with asyncio.timeout(START_LIMIT_S):
@@ -153,8 +152,3 @@ class Browser:
                     self.complaints.append(str([one.get("value", one.get("description")) for one in params["args"]]))
                 case "Log.entryAdded", {"entry": {"level": "error" | "warning"} as entry}:
                     self.complaints.append(f"{entry['text']} {entry.get('url', '')}")
-
-
-def _end_with_parent() -> None:
-    """Have the kernel end the browser when the tests are killed."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -13,6 +13,7 @@ import pytest
 
 from tests.browser.chromium import Browser, find_chromium
 from tests.conftest import NO_BROWSER
+from tests.processes import start
 
 SIZE = (900, 620)
 PROGRAM = Path(__file__).with_name("serve_page.py")
@@ -31,7 +32,7 @@ class Server:
 
     def start(self, *arguments: str) -> None:
         command = [sys.executable, str(PROGRAM), str(self.port), str(self._head), *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.process = start(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
 

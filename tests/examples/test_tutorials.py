@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import start
+
 TUTORIALS = sorted((Path(__file__).resolve().parents[2] / "docs" / "tutorials").glob("*.md"))
 HOW_TO = TUTORIALS[0].parents[1] / "how-to"
 BLOCK = re.compile(r'^```(python|sh)(?: title="([\w.]+)")?\n(.*?)^```$', flags=re.S | re.M)
@@ -67,7 +69,7 @@ class Reader:
         self.printed += done.stdout
 
     def serve(self, words: list[str]) -> None:
-        self.server = subprocess.Popen(words, cwd=self.folder, env=environment(), stdout=subprocess.PIPE, text=True)
+        self.server = start(words, cwd=self.folder, env=environment(), stdout=subprocess.PIPE, text=True)
         assert self.server.stdout is not None
         assert self.server.stdout.readline().startswith("OSC in")
 

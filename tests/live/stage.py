@@ -18,6 +18,7 @@ from fapengine.live.wire.fap_osc import FapFrame, decode_frame
 from fapengine.mpeg4 import fap
 from fapengine.trajectory.style import Style
 from tests.english import english
+from tests.processes import start
 
 JAW = fap.column(3)
 
@@ -154,7 +155,7 @@ class Serve:
         command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--log", "json", "--port", str(port)]
         command += ["--without", "all", "--sink", f"osc://127.0.0.1:{ear.port}", *more]
         with log.open("w") as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=file, env=environment)
+            self.process = start(command, stdout=file, stderr=file, env=environment)
         STARTED.append(self.process)
         self.log = log
         wait(lambda: "\n" in log.read_text() or self.process.poll() is not None)

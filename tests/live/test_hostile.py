@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import random
 import socket
-import subprocess
 import sys
 from collections import Counter
 from itertools import islice
@@ -13,6 +12,7 @@ from fapengine.live.server.server import Server
 from fapengine.live.wire.speech_osc.counts import PeerCounts
 from tests.live.hostile import datagrams, streams
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
+from tests.processes import start
 
 FLOOD = """
 import socket, sys, time
@@ -122,7 +122,7 @@ def test_a_flood_costs_only_its_sender() -> None:
             await until(lambda: any("welcome" in message.address for message in anna.answers()))
             kinds = [b"/nobody/knows\0\0\0,\0\0\0", b"not osc at all", b"/blink\0\0,\0\0\0"]
             words = [sys.executable, "-c", FLOOD, str(server.osc_address[1]), "2.5", *(kind.hex() for kind in kinds)]
-            flood = subprocess.Popen(words)
+            flood = start(words)
             await until(lambda: server.receiver.counts.packets > 100)
             told, asked = Counter[str](), 0
             stop_s = asyncio.get_running_loop().time() + 1.5

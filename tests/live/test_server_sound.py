@@ -1,6 +1,5 @@
 """``fapengine serve --sound``: the server's voice is heard where the server runs, and the face moves with it."""
 
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -8,6 +7,7 @@ from pathlib import Path
 
 from tests.live import sound_ear
 from tests.live.stage import Ear, Sender, Serve, wait
+from tests.processes import start
 
 LOUD = 300.0
 """Of 32,768; silence is 0 at a null sink."""
@@ -19,7 +19,7 @@ def test_a_text_is_heard_and_seen_and_stops_when_it_is_told_to(null_sink: Mappin
     assert server.where["sound"].startswith("face: ")
     heard = tmp_path / "heard"
     with heard.open("w") as file:
-        listening = subprocess.Popen([sys.executable, sound_ear.__file__], env=null_sink, stdout=file)
+        listening = start([sys.executable, sound_ear.__file__], env=null_sink, stdout=file)
         try:
             _use(ear, server, heard)
         finally:

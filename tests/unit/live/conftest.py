@@ -9,6 +9,7 @@ import pytest
 
 from fapengine.files.heads.folder import HeadInfo, save_head
 from fapengine.mesh.default_head.head import build_head
+from tests.processes import start
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +17,7 @@ def virtual_display() -> Iterator[str]:
     """Name of a display of software (Xvfb), for processes that open a window."""
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
-    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+    with start(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
         os.close(write)
         with os.fdopen(read) as pipe:
             yield f":{pipe.readline().strip()}"

@@ -30,6 +30,7 @@ from fapengine.live.web.messages import pack_frame, text_of
 from fapengine.live.wire.fap_osc import FapFrame, SessionFrames, encode_frame
 from fapengine.mpeg4 import fap
 from fapengine.render.panel import Pressed, Said
+from tests.processes import start
 
 
 def until(done: Callable[[], bool], seconds: float = 40.0) -> bool:
@@ -50,7 +51,7 @@ def free_port() -> int:
 def serve(port: int, head: Path, *more: str) -> subprocess.Popen[bytes]:
     ports = ("--port", "0", "--web-port", str(port))
     command = [sys.executable, "-m", "fapengine", "serve", *ports, "--without", "all", "--head", str(head), *more]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def wav(frames: bytes, *, channels: int = 1, width: int = 2, rate_hz: int = 8000) -> bytes:

@@ -18,6 +18,7 @@ from fapengine.render.drawing import Drawing
 from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
 from fapengine.render.renderer import FaceRenderer
 from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted
+from tests.processes import start
 
 SIZE = (WIDTH + 320, 320)
 RIGHT = SIZE[0] - WIDTH
@@ -27,7 +28,7 @@ RIGHT = SIZE[0] - WIDTH
 def display() -> Iterator[None]:
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
-    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+    with start(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
         os.close(write)
         with os.fdopen(read) as pipe, pytest.MonkeyPatch.context() as patch:
             patch.setenv("DISPLAY", f":{pipe.readline().strip()}")
