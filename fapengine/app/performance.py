@@ -27,6 +27,10 @@ LEAD_S, TAIL_S = 0.3, 0.5
 """Silence before and behind a spoken text, in which the face starts and ends at rest."""
 
 
+SHORT_S = 0.25
+"""Time by which a sound may end before its phones: a last phone that nobody hears, rounding of a codec."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Performance:
     """A planned utterance: the face's motion, the phones that it shows, and their sound.
@@ -46,7 +50,7 @@ class Performance:
     text: str = ""
     """Words that were spoken, where they are known."""
     remarks: tuple[str, ...] = ()
-    """Sentences about what the voice did not speak as it is written."""
+    """Sentences about what was not spoken as it is written, or does not fit together."""
 
     @property
     def duration_s(self) -> float:
@@ -95,6 +99,20 @@ class Performance:
         )
 
 
+def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound | None, tuple[str, ...]]:
+    """Put silence behind a sound that ends before its phones do, and say so: it may be the wrong one, or cut."""
+    spoken_s = max((phone.end_s for phone in phones.phones if not phone.is_silence), default=0.0)
+    if sound is None or len(sound[0]) / sound[1] >= spoken_s - SHORT_S:
+        return sound, ()
+    samples, rate_hz = sound
+    lacking = round(spoken_s * rate_hz) - len(samples)
+    remark = (
+        f"sound: it ends at {len(samples) / rate_hz:.2f} s, but the timings speak until {spoken_s:.2f} s; are they of"
+        " this recording? silence was put behind it"
+    )
+    return (np.concatenate([samples, np.zeros(lacking, samples.dtype)]), rate_hz), (remark,)
+
+
 def perform(
     phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: str = "", remarks: tuple[str, ...] = ()
 ) -> Performance:
@@ -106,6 +124,7 @@ def perform(
         For a profile, an expression or a rate that cannot be.
     """
     profile = manner.profile if isinstance(manner.profile, Profile) else load_profile(manner.profile)
+    sound, lacking = _as_long_as_spoken(sound, phones)
     planned = plan(
         phones,
         profile,
@@ -115,7 +134,7 @@ def perform(
         style=manner.style,
         duration_s=len(sound[0]) / sound[1] if sound else None,
     )
-    return Performance(track=planned.track, phones=phones, sound=sound, text=text, remarks=remarks)
+    return Performance(track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking))
 
 
 def speak(

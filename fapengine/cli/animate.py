@@ -59,4 +59,6 @@ def animate(
         refuse_unknown(phones, str(timings))
     with report.stage("plan"):
         performance = perform(phones, sound, chosen, text=timings.name)
+    for remark in performance.remarks:
+        typer.echo(f"fapengine: {remark}", err=True)
     write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs)

@@ -17,10 +17,10 @@ __all__ = [
 
 SILENCES = frozenset(
     {"", "_", "sil", "silb", "sile", "silence", "sp", "ssp", "spn", "spnoise", "pau", "pause", "h#", "epi",
-     "<eps>", "<sil>", "<s>", "</s>", "#", "##", "{sl}", "<p:>", "<usb>", "<nib>", "<p>", "(.)", "...", "nsn", "noise",
-     "<noise>", "vocnoise", "<vocnoise>", "iver", "<iver>", "laugh", "<laugh>", "cutoff", "unknown", "{b_trans}",
-     "{e_trans}", "br", "ap", "+breath+", "+noise+", "+cough+", "+um+", "+uh+", "++breath++", "[noise]", "[silence]",
-     "[laughter]"}
+     "<eps>", "<sil>", "<s>", "</s>", "#", "##", "{sl}", "<p:>", "<usb>", "<nib>", "<p>", "(.)", "...", "ns", "nsn",
+     "noise", "<noise>", "vocnoise", "<vocnoise>", "iver", "<iver>", "laugh", "<laugh>", "cutoff", "unknown",
+     "{b_trans}", "{e_trans}", "br", "ap", "+breath+", "+noise+", "+cough+", "+um+", "+uh+", "++breath++", "[noise]",
+     "[silence]", "[laughter]"}
 )  # fmt: skip
 """Labels that tools write for silence and for sounds that are no speech, in small letters.
 

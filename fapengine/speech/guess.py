@@ -18,6 +18,9 @@ MIN_EXPLAINED = 0.6
 """Part of the different labels below which long labels are words."""
 WORD_LETTERS = 2.5
 """Letters a label above which unexplained labels are words."""
+MIN_CAPITALS = 5
+"""Labels in capitals from which on a file without small consonants is no X-SAMPA."""
+_BASIC = frozenset("ptkbdgmnlrszfv")
 _NEAR = 0.2
 """Distance of places of articulation within which a stop and what follows are one affricate."""
 
@@ -104,6 +107,10 @@ def guess(labels: Iterable[str]) -> Guess:
     }
     if capitals and any(len(label) > 1 for label in has["arpabet"]):
         has["x-sampa"] = has["pinyin"] = []  # neither is written in capitals alone
+    small = {label for label in different if label in _BASIC}
+    if not small and len([label for label in different if label.isupper()]) >= MIN_CAPITALS:
+        has["x-sampa"] = []  # every language has some of these consonants, and X-SAMPA writes them small
+    has["pinyin"] = [label for label in has["pinyin"] if not label.isupper() or capitals]
     certain = ("ipa", "x-sampa", "arpabet") if capitals else ("ipa", "x-sampa")
     sure = [name for name in GUESSED if name in certain or any(map(_tells, has[name]))]
     most = max(len(has[name]) for name in sure)

@@ -1,9 +1,11 @@
 """Papagayo and Moho: mouths by frame.
 
 Papagayo ``.pgo`` (version 1): name, sound, frames a second, length, then voices of phrases of words of ``frame mouth``.
-Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; it does not say how many frames make a second.
+Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; few say, by ``FPS 24``, how many frames make a
+second.
 """
 
+import re
 from dataclasses import dataclass, field
 
 from fapengine.errors import DataError
@@ -95,7 +97,10 @@ def parse_moho(data: bytes, *, rate_hz: float | None, alphabet: str | None = Non
     lines = _Lines(decode_text(data, "Moho").rstrip().splitlines())
     if lines.take("its first line") != "MohoSwitch1":
         raise DataError("Moho: expected a file that begins with MohoSwitch1", where="line 1")
+    if match := re.fullmatch(r"FPS (\d{1,3})", lines.lines[lines.at].strip() if len(lines.lines) > 1 else ""):
+        lines.take("frames a second")
+        rate_hz = rate_hz or float(match[1]) or None
     if rate_hz is None:
         raise DataError("Moho: the file does not say how many frames make a second; say it with columns='fps=24'")
-    onsets = [_mouth(lines, rate_hz) for _ in range(len(lines.lines) - 1)]
+    onsets = [_mouth(lines, rate_hz) for _ in range(len(lines.lines) - lines.at)]
     return track_of(until_next(onsets), "Moho", alphabet=alphabet or "preston-blair", level="viseme")

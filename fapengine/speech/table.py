@@ -1,8 +1,9 @@
 """Lists that no tool has a name for: CSV, TSV and JSON, with columns found by their usual names or declared.
 
-``start=begin,end=stop,label=sound,unit=ms`` says which column is what; what is not said is found by its name. A column
-that says its unit (``start_ms``) settles it. Where all times are whole numbers and nothing says the unit, seconds and
-milliseconds are both possible, and the file is refused until somebody says.
+``start=begin,end=stop,label=sound,unit=ms`` says which column is what; what is not said is found by its name. Columns
+of a list without a header are declared by their numbers, from 1. A column that says its unit (``start_ms``) settles
+it. Where all times are whole numbers and nothing says the unit, seconds and milliseconds are both possible, and the
+file is refused until somebody says.
 """
 
 import csv
@@ -30,6 +31,8 @@ UNITS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 
          "us": 1e-6, "ticks": 1e-7, "samples": None, "frames": None}  # fmt: skip
 """Lengths of units in s; samples and frames need ``hz`` or ``fps``."""
 _UNIT_AT_THE_END = re.compile(r"[_ ]?\(?(seconds|secs|sec|s|milliseconds|msec|ms|us)\)?$", re.IGNORECASE)
+MAX_COLUMNS = 100
+"""Columns of a list without names, at most."""
 _WORDS = frozenset({"word", "text", "token"})
 
 
@@ -125,7 +128,8 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
     said = parse_columns(columns or "")
     text = decode_text(data, "table")
     is_json = text.lstrip()[:1] in ("{", "[")
-    rows, places = _json_rows(data) if is_json else _csv_rows(text)
+    numbered = bool(said.names) and all(name.isdigit() for name in said.names.values())
+    rows, places = _json_rows(data) if is_json else _csv_rows(text, numbered)
     found = _found(list(rows[0]) if rows else [], said)
     lacking = [what for what in ("start", "label") if what not in found]
     if lacking or not ("end" in found or "length" in found):
@@ -147,10 +151,12 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
     return track_of(entries, "table", alphabet=alphabet)
 
 
-def _csv_rows(text: str) -> tuple[list[dict[str, str]], list[str]]:
+def _csv_rows(text: str, numbered: bool) -> tuple[list[dict[str, str]], list[str]]:
+    """Rows by the names of the first line, or by the numbers of the columns, from 1, where there are no names."""
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     try:
-        rows = list(csv.DictReader(io.StringIO("\n".join(line for _, line in lines)),
+        names = [str(number) for number in range(1, MAX_COLUMNS)] if numbered else None
+        rows = list(csv.DictReader(io.StringIO("\n".join(line for _, line in lines)), names,
                                    delimiter=_delimiter(lines[0][1] if lines else "")))  # fmt: skip
     except csv.Error as error:
         raise DataError(f"table: {error}") from error

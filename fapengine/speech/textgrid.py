@@ -224,7 +224,7 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
         If the file is damaged, ambiguous, or its intervals overlap.
     """
     tiers = parse_tiers(data)
-    chosen = choose_tier(tiers, tier, PHONE_TIERS, "phones")
+    chosen = _chosen(tiers, tier)
     entries = _entries(chosen)
     labels = [entry.label for entry in entries]
     kind = kind_of(chosen.name)
@@ -251,6 +251,14 @@ def _refuse_blanks(entries: list[Entry], expected: str) -> None:
     for entry in entries:
         if " " in entry.label:
             raise DataError(f"label: got {entry.label[:40]!r}, expected {expected}", where=entry.where)
+
+
+def _chosen(tiers: tuple[Tier, ...], wanted: str | None) -> Tier:
+    """Find the tier of phones; of a grid that has none, the tier of words."""
+    spoken = [tier for tier in tiers if kind_of(tier.name) == "words"]
+    if wanted is None and len(tiers) > 1 and len(spoken) == 1 and not any(kind_of(t.name) == "phones" for t in tiers):
+        return spoken[0]
+    return choose_tier(tiers, wanted, PHONE_TIERS, "phones")
 
 
 def kind_of(name: str) -> str:

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.files.sound import save_wav
 from fapengine.files.timeline import LIPS, MAX_ROWS, OTHER, ROUND, SILENT, UNKNOWN, VOWEL, colour, draw_timeline
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
@@ -150,3 +151,19 @@ def test_the_guessed_alphabet_is_printed_and_two_readings_are_refused(tmp_path: 
     assert "labels read" not in run("animate", two, "--alphabet", "pinyin", "--strict", "-o", tmp_path / "talk.fap")
     report = json.loads(run("animate", two, "--alphabet", "pinyin", "--json", "-o", tmp_path / "talk.fap"))
     assert (report["alphabet"], report["alphabet_guessed"]) == ("pinyin", False)
+
+
+def test_a_sound_that_ends_before_its_timings_is_told_and_nothing_is_cut(tmp_path: Path) -> None:
+    talk = tmp_path / "talk.pho"
+    talk.write_text("m 400\na 1600\n")
+    save_wav(tmp_path / "short.wav", np.zeros(8000, np.int16), 16000)
+    result = CliRunner().invoke(
+        app, ["animate", str(talk), "--audio", str(tmp_path / "short.wav"), "-o", str(tmp_path / "talk.fap"), "--json"]
+    )
+    assert "it ends at 0.50 s, but the timings speak until 2.00 s" in result.stderr
+    assert json.loads(result.stdout)["duration_s"] == pytest.approx(2.0)
+    save_wav(tmp_path / "right.wav", np.zeros(31000, np.int16), 16000)
+    fine = CliRunner().invoke(
+        app, ["animate", str(talk), "--audio", str(tmp_path / "right.wav"), "-o", str(tmp_path / "talk.fap"), "--json"]
+    )
+    assert fine.stderr == ""

@@ -124,6 +124,45 @@ def test_silences(label: str, silent: bool) -> None:
     assert alphabets.is_silence(label) == silent
 
 
+def test_capitals_without_small_consonants_are_no_xsampa() -> None:
+    labels = [
+        "AE",
+        "AX",
+        "A~",
+        "D",
+        "E",
+        "EU",
+        "E~",
+        "F",
+        "H",
+        "J",
+        "K",
+        "L",
+        "M",
+        "N",
+        "NJ",
+        "O",
+        "P",
+        "R",
+        "S",
+        "T",
+        "V",
+        "Z",
+        "ZH",
+        "a",
+        "e",
+        "i",
+        "o",
+        "o~",
+        "u",
+        "y",
+    ]  # GlobalPhone, French
+    assert guess(labels).alphabet == "arpabet"
+    track = read(" ".join(labels))
+    assert track.phones[labels.index("P")].label == "p"
+    assert {unknown.label for unknown in find_unknown(track)} >= {"A~", "EU", "NJ"}
+
+
 def test_words_that_mean_noises_are_words() -> None:
     entries = [Entry(i, i + 1, word, "") for i, word in enumerate(["silence", "noise", "<eps>", "laugh"])]
     assert shown(track_of(entries, "test", level="word", spelled=True)) == ["silence", "noise", SILENCE, "laugh"]

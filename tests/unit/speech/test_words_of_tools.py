@@ -111,6 +111,8 @@ def test_assemblyai_is_milliseconds() -> None:
         ("von;bis;laut\n0,0;0,4;m\n0,4;1,0;a\n", "start=von,end=bis,label=laut", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
         ("Phone,Start (s),Length (s)\nm,0,0.4\na,0.4,0.6\n", "", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
         ("frame,to,phone\n0,10,m\n10,25,a\n", "start=frame,fps=25", [("m", 0.0, 0.4), ("a", 0.4, 1.0)]),
+        ("Dis-moi,0.38,1.1\nvole,1.1,1.5\n", "label=1,start=2,end=3", [
+            ("_", 0.0, 0.38), ("Dis-moi", 0.38, 1.1), ("vole", 1.1, 1.5)]),
         (json.dumps({"file": "x", "segs": [{"t0": 0.0, "t1": 0.4, "symbol": "m"}]}), "", [("m", 0.0, 0.4)]),
     ],
 )  # fmt: skip
@@ -287,3 +289,16 @@ def test_server_sent_events_of_one_line() -> None:
 def test_every_new_format_says_who_writes_it() -> None:
     assert all(each.tool for each in FORMATS.values())
     assert all(name in FORMATS for each in FORMATS.values() for name in each.rivals)
+
+
+def test_a_moho_file_that_says_its_rate() -> None:
+    assert told(read("MohoSwitch1\nFPS 10\n1 MBP\n5 AI\n"))[0] == ("m", 0.0, 0.4)
+    with pytest.raises(DataError, match="fps=24"):
+        read("MohoSwitch1\nFPS 0\n1 MBP\n")
+
+
+def test_a_grid_of_words_and_phrases_is_one_of_words() -> None:
+    words = SHORT_TEXTGRID.replace('"phones"', '"word"').replace("<exists>\n1", "<exists>\n2")
+    phrases = SHORT_TEXTGRID[SHORT_TEXTGRID.index('"IntervalTier"') :].replace('"phones"', '"phrase"')
+    assert [phone.label for phone in read(words + phrases).phones] == ["m", "ˈaɪ"]
+    assert read(words + phrases).spelled
