@@ -15,6 +15,7 @@ from fapengine.speech.textgrid import decode_text
 from fapengine.speech.word_lists import walk
 
 _ROWS = 50
+_EVENTS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,16 @@ def is_pho(sample: Sample) -> bool:
         if len(name) > MAX_PHO_LABEL or (len(points) > 1 and points != sorted(points)):
             return False
     return True
+
+
+def any_event_has(*keys: str) -> Callable[[Sample], bool]:
+    """Test for any of some keys of one of the first objects: streams begin with sound or with what they were asked."""
+
+    def test(sample: Sample) -> bool:
+        events = sample.document.entries()[:_EVENTS] if sample.document is not None else []
+        return any(event.has(key) for event in events for key in keys)
+
+    return test
 
 
 def has_list(*keys: str) -> Callable[[Sample], bool]:

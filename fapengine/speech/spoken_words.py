@@ -1,10 +1,15 @@
-"""Words with times in JSON of other shapes: Gentle, aeneas, Inworld, Fish Audio.
+"""Words with times in JSON of other shapes: Gentle, PocketSphinx, aeneas, Inworld, Fish Audio.
 
 Gentle (lowerquality/gentle): ``words`` with ``start``, ``end`` and ``phones`` of Kaldi's ARPAbet with durations; a word
-whose ``case`` is not ``success`` has no times. aeneas: ``fragments`` with ``begin``, ``end`` (texts) and ``lines``.
+whose ``case`` is not ``success`` has no times. PocketSphinx 5: lines of begin ``b``, duration ``d``, text ``t`` and
+parts ``w``: words, in which phones lie if they were asked for. aeneas: ``fragments`` with ``begin``, ``end`` (texts)
+and ``lines``.
 Inworld TTS 1.5: ``timestampInfo.wordAlignment``, parallel lists, with ``phoneticDetails`` of IPA and visemes.
 Fish Audio: events with ``alignment.segments``, snapshots that replace each other, and the offset of their chunk.
 """
+
+import re
+from dataclasses import replace
 
 from fapengine.errors import DataError
 from fapengine.speech.documents import Node, parse_document, same_length
@@ -55,6 +60,34 @@ def _cut(entries: list[Entry]) -> list[Entry]:
             entry.start_s, later.start_s, entry.label, entry.where, entry.word)
         for entry, later in zip(entries, [*entries[1:], None], strict=True)
     ]  # fmt: skip
+
+
+def parse_pocketsphinx(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones, or the words where there are none.
+
+    Raises
+    ------
+    DataError
+        If keys lack or times are wrong.
+    """
+    phones: list[Entry] = []
+    words: list[Entry | tuple[str, str]] = []
+    for word in (word for line in parse_document(data, "PocketSphinx").entries() for word in walk(line, "w[]")):
+        text = re.sub(r"\(\d+\)$", "", word["t"].text())  # go(2) is another pronunciation of go
+        words.append(_begin_and_length(word, text))
+        phones += [_begin_and_length(phone, phone["t"].text(), text) for phone in walk(word, "w[]")]
+    if phones:
+        spoken = [replace(phone, word="" if phone.word.startswith("<") else phone.word) for phone in phones]
+        return track_of(_cut(spoken), "PocketSphinx", alphabet=alphabet or "arpabet")
+    spoken_words = [word for word in words if isinstance(word, Entry) and not word.label.startswith(("<", "["))]
+    return track_of(
+        timed_words(spoken_words, "PocketSphinx", "align a text"), "PocketSphinx", level="word", spelled=True
+    )
+
+
+def _begin_and_length(node: Node, label: str, word: str = "") -> Entry:
+    start_s = node["b"].number()
+    return Entry(start_s, start_s + node["d"].number(), label, node.where, word)
 
 
 def parse_aeneas(data: bytes) -> PhoneTrack:

@@ -164,6 +164,15 @@ SAMPLES: dict[str, str] = {
     "gentle words": json.dumps({"transcript": "my oh", "words": [
         {"alignedWord": "my", "case": "success", "start": 0.0, "end": 0.4, "word": "my", "phones": []},
         {"alignedWord": "oh", "case": "success", "start": 0.5, "end": 1.0, "word": "oh", "phones": []}]}),
+    "pocketsphinx": lines({"b": 0, "d": 1.0, "p": 1.0, "t": "my", "w": [
+        {"b": 0.0, "d": 1.0, "p": 1.0, "t": "my(2)", "w": [
+            {"b": 0.0, "d": 0.4, "p": 1.0, "t": "M"}, {"b": 0.4, "d": 0.6, "p": 1.0, "t": "AY"}]}]}),
+    "pocketsphinx words": lines({"b": 0, "d": 1.0, "p": 1.0, "t": "my oh", "w": [
+        {"b": 0.0, "d": 0.4, "p": 1.0, "t": "my"}, {"b": 0.4, "d": 0.1, "p": 1.0, "t": "<sil>"},
+        {"b": 0.5, "d": 0.5, "p": 1.0, "t": "oh"}]}),
+    "cartesia stream": lines(
+        {"type": "chunk", "data": ""}, {"type": "chunk", "data": ""},
+        {"type": "timestamps", "word_timestamps": {"words": ["my", "oh"], "start": [0, 0.5], "end": [0.4, 1]}}),
     "aeneas": json.dumps({"fragments": [
         {"begin": "0.000", "children": [], "end": "0.400", "id": "f000001", "language": "eng", "lines": ["my"]},
         {"begin": "0.500", "children": [], "end": "1.000", "id": "f000002", "language": "eng", "lines": ["oh"]}]}),

@@ -49,7 +49,7 @@ OTHERS: dict[str, list[tuple[str, float, float]]] = {
     "align": [("_", 0.0, 0.4), ("bin", 0.4, 0.8), ("blue", 0.8, 1.0)],
     **{
         name: [("my", 0.0, 0.4), ("_", 0.4, 0.5), ("oh", 0.5, 1.0)]
-        for name in (*WORDS, "gentle words", "inworld words", "table words")
+        for name in (*WORDS, "pocketsphinx words", "cartesia stream", "gentle words", "inworld words", "table words")
     },
     "openai-words": [("My", 0.0, 0.4), ("_", 0.4, 0.5), ("Oh", 0.5, 1.0)],
     "ctm words": [("montreal", 0.0, 0.4), ("_", 0.4, 0.5), ("aligner", 0.5, 1.0)],
@@ -66,7 +66,8 @@ LEVELS = {
     "polly": "viseme", "polly words": "word", "azure": "viseme", "azure lines": "viseme", "elevenlabs": "character",
     "elevenlabs stream": "character", "elevenlabs aligned": "word", "cartesia words": "word", "kokoro": "word",
     "headtts": "viseme", "rhubarb-json": "viseme", "rhubarb-xml": "viseme", "rhubarb-tsv": "viseme", "align": "word",
-    "xlabel words": "word", **dict.fromkeys(WORDS, "word"), "gentle words": "word", "inworld words": "word",
+    "xlabel words": "word", **dict.fromkeys(WORDS, "word"), "gentle words": "word", "pocketsphinx words": "word",
+    "cartesia stream": "word", "inworld words": "word",
     "table words": "word", "ctm words": "word", "inworld visemes": "viseme", "papagayo": "viseme", "moho": "viseme",
     "utau": "character",
 }  # fmt: skip
@@ -95,7 +96,7 @@ def test_pauses_of_voicevox_are_scaled(fixed_s: dict[str, float], pause_s: float
 @pytest.mark.conformance
 def test_every_format_has_a_sample() -> None:
     assert {name.split()[0] for name in SAMPLES} == set(FORMATS)
-    assert len(FORMATS) >= 45
+    assert len(FORMATS) >= 46
 
 
 @pytest.mark.conformance
@@ -112,7 +113,17 @@ def test_format_is_found_and_read(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["textgrid chronological", "mfa-json", "mfa-csv", "espeak-json", "cartesia", "phone-list"]
+    "name",
+    [
+        "textgrid chronological",
+        "mfa-json",
+        "mfa-csv",
+        "espeak-json",
+        "cartesia",
+        "phone-list",
+        "gentle",
+        "pocketsphinx",
+    ],
 )
 def test_phones_know_their_word(name: str) -> None:
     assert [phone.word for phone in parse_timings(SAMPLES[name].encode()).phones if phone.label != SILENCE] == [
