@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 FADE_S = 0.15
 """Time over which a change of plan is blended in."""
+MOMENTUM_S = 0.15
+"""Longest time over which velocity and acceleration fade when speech is cancelled, however long the fade."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
 BEHIND_PHONES = AHEAD_PHONES + 3
@@ -199,8 +201,21 @@ class StreamingPlanner:
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         self._phones = []
-        self._replan(edge, fade_s)
+        self._replan(edge, min(fade_s, MOMENTUM_S))
+        if fade_s > MOMENTUM_S:
+            self._stand_still_then_rest(edge, fade_s)
         self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
+
+    def _stand_still_then_rest(self, edge: float, fade_s: float) -> None:
+        """Let the last plan fade slowly: its value over ``fade_s``, its velocity and acceleration in less.
+
+        A velocity that faded over seconds would carry the face far out of its way.
+        """
+        plan = self._plans[-1]
+        times_s = np.array([edge, edge + fade_s])
+        values = np.stack([plan.left_over[0], np.zeros_like(plan.left_over[0])])
+        moving = plan.left_over * [[0.0], [1.0], [1.0]]
+        self._plans[-1] = StreamPlan(edge, hermite.Path.through(times_s, values), plan.fade_s, moving)
 
     def _replan(self, edge: float, fade_s: float) -> None:
         """Plan ahead of the edge; what the new plan lacks there is added and fades."""

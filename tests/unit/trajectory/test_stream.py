@@ -114,6 +114,24 @@ def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fa
     assert planner.frames(np.arange(at_s + 2, at_s + 3, 0.01)).any()
 
 
+@given(LABELS, LENGTHS, st.floats(0.2, 1.0), st.floats(0.01, 10.0))
+def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, share, fade_s):
+    uncancelled, planner = StreamingPlanner(english(), Style.still()), StreamingPlanner(english(), Style.still())
+    spoken = phones(["m", "ɑ", "b", "i", *labels, "ɑ", "b"], each_s)
+    uncancelled.feed(spoken)
+    planner.feed(spoken)
+    at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
+    before = uncancelled.frames(np.arange(0.0, spoken[-1].end_s, 1 / 60))
+    planner.frames([at_s])
+    planner.cancel(at_s, fade_s=fade_s)
+    after = planner.frames(np.linspace(at_s, at_s + fade_s + 0.5, 200))
+    gap = [-(faps[:, fap.column(4)] + faps[:, fap.column(5)]) for faps in (before, after)]
+    assert gap[1].min() >= 0  # lips never cross
+    # FAPU. A mouth that was held shut shows what was below it; 4,900 (102 mm) when velocity faded as slowly.
+    assert gap[1].max() <= 1.25 * max(gap[0].max(), 300) + 120
+    assert not after[-1].any()
+
+
 def test_what_stands_before_a_coming_cancel_is_still_said():
     """Also when new phones are fed before that moment."""
     labels = ["b", "aɪ", "t", "s", "ʌ", "n"]
