@@ -4,6 +4,7 @@ A verb's module imports typer alone at its top; everything heavy is imported ins
 ``fapengine --help`` answers at once.
 """
 
+import signal
 import sys
 
 import typer
@@ -59,6 +60,7 @@ app.add_typer(head.head, name="head")
 
 def main() -> None:
     """Run the command line."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leave as by Ctrl-C: nothing half written
     try:
         app()
     except FapEngineError as error:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
+from fapengine.files.paths import replacing
 from fapengine.files.pictures import save_png
 from fapengine.files.video import FORMATS
 
@@ -66,8 +67,7 @@ def write_animation(
     rate = Fraction(rate_hz).limit_denominator(1001)
     count = 0
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with av.open(str(path), "w", options={"loop": "0"}) as container:
+        with replacing(path) as new, av.open(str(new), "w", options={"loop": "0"}) as container:
             stream: Any = container.add_stream(ENCODERS[path.suffix], rate=rate)
             stream.height, stream.width = start[0].shape[:2]
             stream.pix_fmt = "pal8" if path.suffix == ".gif" else {3: "yuv420p", 4: "yuva420p"}[start[0].shape[2]]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, UsageError
+from fapengine.files.paths import replacing
 from fapengine.speech import ipa
 
 Picture = NDArray[np.uint8]
@@ -39,11 +40,8 @@ def save_png(path: Path, picture: Picture) -> None:
     ResourceError
         If it cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(picture).save(path, format="PNG")
-    except OSError as error:
-        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with replacing(path) as new:
+        Image.fromarray(picture).save(new, format="PNG")
 
 
 def load_picture(path: Path) -> Picture:

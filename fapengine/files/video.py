@@ -1,16 +1,18 @@
 """Video files with sound, through PyAV (FFmpeg inside the wheel)."""
 
-from collections.abc import Callable, Iterable
+import heapq
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import av
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.paths import replacing
 
 CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac")}
 """Video and sound codec by suffix."""
@@ -19,10 +21,13 @@ FORMATS = {3: "rgb24", 4: "rgba"}
 """FFmpeg's name of a picture with so many components."""
 X264_OPTIONS = {"preset": "veryfast", "crf": "20", "tune": "animation"}
 VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
+MUXER_OPTIONS = {".mp4": {"movflags": "faststart"}}
+"""The list of an MP4's frames stands first, so that a browser plays it while it loads."""
 SOUND_RATE_HZ = 48000
 """Both AAC and Opus take it."""
 
 Picture = NDArray[np.uint8]
+Packet: TypeAlias = "av.Packet[Any]"
 
 
 def write_video(
@@ -65,32 +70,51 @@ def write_video(
         raise UsageError(f"video: got {path.name}, expected a name that ends with {', '.join(CODECS)}")
     video_codec, sound_codec = CODECS[path.suffix]
     count = 0
+
+    def encoded() -> None:
+        nonlocal count
+        count += 1
+        on_frame()
+
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with av.open(str(path), "w") as container:
+        with replacing(path) as new, av.open(str(new), "w", options=MUXER_OPTIONS.get(path.suffix, {})) as container:
             stream: Any = container.add_stream(video_codec, rate=Fraction(rate_hz).limit_denominator(1001))
             stream.options = X264_OPTIONS if video_codec == "libx264" else VP9_OPTIONS
             stream.codec_context.thread_count = 0
-            voice: Any = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono") if sound else None
-            for picture in frames:
-                if not count:
-                    _take_form(stream, picture, path)
-                    if stream.height % 2 or stream.width % 2:
-                        raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=FORMATS[picture.shape[2]])))
-                count += 1
-                on_frame()
-            container.mux(stream.encode(None))
-            if voice is not None and sound is not None:
-                _encode_sound(container, voice, *sound)
+            packets = [_encoded_pictures(stream, frames, path, encoded)]
+            if sound:
+                voice: Any = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono")
+                packets.append(_encoded_sound(voice, *sound))
+            # Side by side in the file, so that neither waits in memory for the other.
+            for packet in heapq.merge(*packets, key=_time_of):
+                container.mux(packet)
     except (av.FFmpegError, OSError) as error:
         raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
     return count
 
 
+def _time_of(packet: Packet) -> Fraction:
+    """When a decoder needs it, s."""
+    return (packet.dts or 0) * packet.time_base
+
+
+def _encoded_pictures(
+    stream: Any, frames: Iterable[Picture], path: Path, on_frame: Callable[[], None]
+) -> Iterator[Packet]:
+    """Encode pictures; the first one gives the stream its form."""
+    for number, picture in enumerate(frames):
+        if not number:
+            _take_form(stream, picture, path)
+        yield from stream.encode(av.VideoFrame.from_ndarray(picture, format=FORMATS[picture.shape[2]]))
+        on_frame()
+    yield from stream.encode(None)
+
+
 def _take_form(stream: Any, picture: Picture, path: Path) -> None:
     """Set a stream up for pictures of this size and number of components."""
     stream.height, stream.width, components = picture.shape
+    if stream.height % 2 or stream.width % 2:
+        raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
     if components == 4 and path.suffix not in ALPHA_KINDS:
         raise UsageError(f"video: got pictures with alpha, but {path.suffix} holds none; expected .webm")
     stream.pix_fmt = "yuva420p" if components == 4 else "yuv420p"
@@ -99,16 +123,18 @@ def _take_form(stream: Any, picture: Picture, path: Path) -> None:
         stream.options = {**stream.options, "auto-alt-ref": "0"}  # libvpx refuses both together
 
 
-def _encode_sound(
-    container: av.container.OutputContainer, stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int
-) -> None:
+def _encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int) -> Iterator[Packet]:
+    """Encode sound, a second after the other."""
     resampler = av.AudioResampler(format=stream.format, layout="mono", rate=SOUND_RATE_HZ, frame_size=stream.frame_size)
-    whole = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples).reshape(1, -1), format="s16", layout="mono")
-    whole.sample_rate = rate_hz
-    whole.pts = 0
-    for piece in (*resampler.resample(whole), *resampler.resample(None)):
-        container.mux(stream.encode(piece))
-    container.mux(stream.encode(None))
+    for start in range(0, len(samples), rate_hz):
+        second = np.ascontiguousarray(samples[start : start + rate_hz]).reshape(1, -1)
+        whole = av.AudioFrame.from_ndarray(second, format="s16", layout="mono")
+        whole.sample_rate, whole.pts, whole.time_base = rate_hz, start, Fraction(1, rate_hz)
+        for piece in resampler.resample(whole):
+            yield from stream.encode(piece)
+    for piece in resampler.resample(None):
+        yield from stream.encode(piece)
+    yield from stream.encode(None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

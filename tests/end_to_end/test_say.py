@@ -1,8 +1,10 @@
 """The main job, as a user runs it: a sentence in, files out, and what they hold."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from fapengine.files.video import Video, load_video
 from fapengine.mesh.default_head.head import build_head
 from fapengine.render.camera import preset
 from fapengine.voices.espeak import EspeakVoice
+from tests.processes import start
 
 SENTENCE = "Bright sunshine shimmers on the ocean."
 LEAD_S = 0.3
@@ -192,6 +195,25 @@ def test_an_error_of_the_installed_program_is_one_line_too(tmp_path: Path) -> No
     text = run("say", "Hello", "--camera", "under", "-o", str(tmp_path / "x.fap"), code=2).stderr
     assert "front" in text
     assert len(text.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_film_that_is_stopped_leaves_the_earlier_one(number: signal.Signals, folder: Path, tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.write_bytes(b"an earlier film")
+    command = [sys.executable, "-m", "fapengine", "render", str(folder / "demo.fap"), "-o", str(film)]
+    with start(command, stderr=subprocess.PIPE, text=True) as drawing:
+        until_s = time.monotonic() + 60
+        while len(list(tmp_path.iterdir())) < 2:  # until the new one is begun
+            assert drawing.poll() is None
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+        drawing.send_signal(number)
+        text = drawing.communicate(timeout=60)[1]
+    assert drawing.returncode not in (0, 1, 2, 3)
+    assert "Traceback" not in text
+    assert film.read_bytes() == b"an earlier film"
+    assert number == signal.SIGKILL or list(tmp_path.iterdir()) == [film]
 
 
 def test_bad_data_exits_with_1(tmp_path: Path) -> None:

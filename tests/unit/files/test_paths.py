@@ -1,0 +1,138 @@
+"""A file is written whole, or what stood there stays."""
+
+import os
+import resource
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fapengine.errors import ResourceError
+from fapengine.files.animation import write_animation
+from fapengine.files.paths import replacing, write_bytes
+from fapengine.files.pictures import save_png
+from fapengine.files.video import write_video
+
+GOOD = b"an earlier, good file"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "out.bin"
+    path.write_bytes(GOOD)
+    return path
+
+
+@pytest.fixture
+def full_disk() -> Iterator[None]:
+    """No file may grow beyond 4 kB, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
+def test_what_stood_there_stays_whatever_ends_the_writing(path: Path, stop: type[BaseException]) -> None:
+    with pytest.raises(stop), replacing(path) as new:  # noqa: PT012
+        new.write_bytes(b"half")
+        raise stop
+    assert path.read_bytes() == GOOD
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_it_is_there_at_once_with_the_mode_of_the_old_one(path: Path) -> None:
+    path.chmod(0o640)
+    with replacing(path) as new:
+        new.write_bytes(b"new")
+        assert path.read_bytes() == GOOD
+    assert path.read_bytes() == b"new"
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_folders_are_made_and_a_new_file_has_the_mode_of_any_new_file(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "a" / "b.bin", b"new")
+    (tmp_path / "plain").touch()
+    assert (tmp_path / "a" / "b.bin").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_links_are_followed_and_devices_written_as_they_are(path: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link.bin"
+    link.symlink_to(path.name)
+    write_bytes(link, b"new")
+    assert link.is_symlink()
+    assert path.read_bytes() == b"new"
+    write_bytes(Path("/dev/null"), b"nothing")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_folder_in_the_way_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ResourceError, match="cannot be written"):
+        write_bytes(tmp_path, b"new")
+
+
+def pictures(count: int) -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(1)
+    return (rng.integers(0, 256, (64, 64, 3), np.uint8) for _ in range(count))
+
+
+WRITERS: dict[str, Callable[[Path, int], object]] = {
+    "out.bin": lambda path, count: write_bytes(path, os.urandom(1000 * count)),
+    "out.png": lambda path, count: save_png(path, next(pictures(count))),
+    "out.mp4": lambda path, count: write_video(path, pictures(count), rate_hz=30),
+    "out.mkv": lambda path, count: write_video(path, pictures(count), rate_hz=30),
+    "out.webp": lambda path, count: write_animation(path, pictures(count), rate_hz=30),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_leaves_the_good_file(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(GOOD)
+    with pytest.raises(ResourceError, match=f"{name}: cannot be written"):
+        WRITERS[name](path, 60)
+    assert path.read_bytes() == GOOD
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_frames_that_fail_leave_the_good_film(tmp_path: Path) -> None:
+    path = tmp_path / "out.mp4"
+    path.write_bytes(GOOD)
+
+    def failing() -> Iterator[np.ndarray]:
+        yield from pictures(20)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video(path, failing(), rate_hz=30)
+    assert path.read_bytes() == GOOD
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_mp4_begins_with_its_list_of_frames_and_holds_sound_beside_its_pictures(tmp_path: Path) -> None:
+    path = tmp_path / "out.mp4"
+    sound = (np.random.default_rng(1).integers(-9000, 9000, 3 * 22050).astype(np.int16), 22050)
+    assert write_video(path, pictures(90), rate_hz=30, sound=sound) == 90
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")
+    assert chunks_take_turns(path)
+
+
+def chunks_take_turns(path: Path) -> bool:
+    """Whether sound and pictures lie within a second of each other all through the file."""
+    import av
+
+    latest = {"audio": 0.0, "video": 0.0}
+    with av.open(str(path)) as container:
+        for packet in sorted(
+            (packet for packet in container.demux() if packet.pts is not None), key=lambda one: one.pos or 0
+        ):
+            latest[packet.stream.type] = float(packet.pts * packet.time_base)
+            if abs(latest["audio"] - latest["video"]) > 1.0:
+                return False
+    return min(latest.values()) > 2.0
