@@ -14,7 +14,7 @@ dense_face.npz  a face in whose fields the motion is expressed: ``vertices`` (V,
                 ``expr_names``, and ``mediapipe468``, the vertex of each point; ours was ICT-FaceKit (MIT)
 markers.csv     layouts of markers: columns ``layout, marker, vertex, mediapipe, x_mm, y_mm, z_mm, description``
 
-``make detector`` makes the tracker's environment; ``pip install --group data`` adds PocketSphinx.
+``make detector`` makes the tracker's environment; the extra ``ear`` adds PocketSphinx.
 
 Steps: (1) every frame is tracked on its own; (2) pixels become mm by the outer eye corners, which are set to those of
 the dense face, one scale a clip: the speaker's true size is unknown, so mm are good to about 5 %; (3) head motion is

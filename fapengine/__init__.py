@@ -9,23 +9,23 @@ without notice. A name is imported when it is first used: importing this package
 
 The folders are floors; imports go down only (``pyproject.toml``, import-linter):
 
-====  ======================================  ==========================================================
-14    ``cli``                                 one file a verb: options and printing
-13    ``app``                                 what a verb does, for Python too
-12    ``live``                                sessions in real time
-11    ``render`` ``files`` ``voices``         the edge: pictures, paths, sound
-10    ``_resources``                          the data inside the package
-9     ``laboratory``                          recordings to a profile, with its evidence
-8     ``trajectory``                          speech to motion
-7     ``profiles``                            the data that make one face speak
-6     ``models`` ``speech`` ``retarget``      learned spaces; phones and timings; other rigs
-5     ``codec`` ``capture`` ``mesh``          FBA and ``.fap``; recordings; the head
-4     ``geometry``                            rotations and splines, without a face word
-3     ``mpeg4``                               the standard's tables and ``FapTrack``
-2     ``_strict_toml``                        TOML into checked dataclasses
-1     ``_arrays``                             checked, read-only arrays
-0     ``errors``                              all exceptions
-====  ======================================  ==========================================================
+====  ==========================================  ==========================================================
+14    ``cli``                                     one file a verb: options and printing
+13    ``app``                                     what a verb does, for Python too
+12    ``live``                                    sessions in real time
+11    ``render`` ``files`` ``voices`` ``ears``    the edge: pictures, paths, sound
+10    ``_resources``                              the data inside the package
+9     ``laboratory``                              recordings to a profile, with its evidence
+8     ``trajectory``                              speech to motion
+7     ``profiles``                                the data that make one face speak
+6     ``models`` ``speech`` ``retarget``          learned spaces; phones and timings; other rigs
+5     ``codec`` ``capture`` ``mesh``              FBA and ``.fap``; recordings; the head
+4     ``geometry``                                rotations and splines, without a face word
+3     ``mpeg4``                                   the standard's tables and ``FapTrack``
+2     ``_strict_toml``                            TOML into checked dataclasses
+1     ``_arrays``                                 checked, read-only arrays
+0     ``errors``                                  all exceptions
+====  ==========================================  ==========================================================
 """
 
 from importlib import import_module

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fapengine.app.hearing import hear, is_sound
 from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
 from fapengine.codec.encoder import EncoderOptions
@@ -188,6 +189,9 @@ def animate(
     timings: str | Path | PhoneTrack,
     *,
     sound: str | Path | Sound | None = None,
+    transcript: str | None = None,
+    language: str = "en-us",
+    channel: int | None = None,
     voice: str | VoiceChoice | Voice = "en-us",
     expressions: Expressions = (),
     style: Style | None = None,
@@ -195,14 +199,21 @@ def animate(
     seed: int = 1,
     rate_hz: float = 30.0,
 ) -> Performance:
-    """Animate phone timings that another tool made.
+    """Animate a recording, or phone timings that another tool made.
 
     Parameters
     ----------
     timings : str, Path or PhoneTrack
-        A file of any format that ``fapengine animate`` reads, found from its content; or the phones themselves.
+        A recording (``.wav``, ``.mp3``, a video ...), whose phones are heard; a file of any format of timings that
+        ``fapengine animate`` reads, found from its content; or the phones themselves.
     sound : str, Path or ((N,) int16, int), optional
         The sound that the timings belong to: a file, or mono samples and their rate in Hz.
+    transcript : str, optional
+        What is said in a recording; without it, phones are heard less surely.
+    language : str
+        Of the transcript.
+    channel : int, optional
+        Channel of the sound, 1 for the first; by default the mean of all.
     voice : str or Voice
         Pronounces timings that have words only.
     expressions, style, profile, seed, rate_hz
@@ -213,12 +224,21 @@ def animate(
     UsageError
         If a file cannot be read or a choice cannot be.
     DataError
-        If a file's content is wrong.
+        If a file's content is wrong, or the transcript is of something else.
+    ResourceError
+        If a recording is to be heard and PocketSphinx is not installed.
     """
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
+    if not isinstance(timings, PhoneTrack) and is_sound(Path(timings)):
+        if sound is not None:
+            raise UsageError(f"sound: got {sound!r}, but {timings} is a recording itself; expected none")
+        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel)
+        return perform(hearing.phones, load_sound(Path(timings), channel=channel), manner, text=transcript or "")
+    if transcript is not None:
+        raise UsageError("transcript: got one, expected none with phone timings, which say themselves what is spoken")
     phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))
-    heard = load_sound(Path(sound)) if isinstance(sound, str | Path) else sound
+    heard = load_sound(Path(sound), channel=channel) if isinstance(sound, str | Path) else sound
     return perform(pronounced(phones, voice), heard, manner)
 
 

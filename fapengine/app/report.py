@@ -31,6 +31,9 @@ class Report:
     reading: Reading | None = None
     """Alphabet that the labels of a file were read in; None where they were IPA from the start, or are words."""
 
+    notes: tuple[str, ...] = ()
+    """Remarks of the ear: words that a voice pronounced, places where text and sound differ."""
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time what happens inside."""
@@ -55,6 +58,7 @@ class Report:
             "times_real_time": self.duration_s / self.total_s if self.total_s else 0.0,
             "phones": self.phones,
             "level": self.level,
+            "heard": list(self.notes),
             "unknown_phones": [
                 {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
                 for each in self.unknown

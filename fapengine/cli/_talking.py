@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fapengine.app.performance import Performance
@@ -20,8 +21,8 @@ class Advance:
     def __init__(self, progress: Progress, total: int, description: str) -> None:
         self._progress, self._task = progress, progress.add_task(description, total=total)
 
-    def __call__(self) -> None:
-        self._progress.advance(self._task)
+    def __call__(self, steps: float = 1) -> None:
+        self._progress.advance(self._task, steps)
 
 
 @contextmanager
@@ -67,6 +68,8 @@ def print_report(report: Report, *, as_json: bool) -> None:
         f" {report.duration_s / report.total_s:.1f} times real time",
         soft_wrap=True,
     )
+    for note in report.notes:
+        console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)
     if report.level != "phone":
         console.print(f"{'timings':>14}  of each {report.level}, not of each phone", soft_wrap=True)
     if report.reading is not None and report.reading.guessed:

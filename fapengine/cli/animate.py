@@ -1,21 +1,28 @@
-"""``fapengine animate``: phone timings, and the sound they belong to, to a talking face."""
+"""``fapengine animate``: a recording, or phone timings and their sound, to a talking face."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fapengine.cli import _hearing
 from fapengine.cli import options as shared
 
 
 def animate(
-    timings: Annotated[Path, typer.Argument(help="Phone timings; their format is found from the content.")],
+    source: Annotated[
+        Path, typer.Argument(help="Sound or video; or phone timings, whose format is found from the content.")
+    ],
     manner: shared.MannerOptions,
     drawing: shared.DrawingOptions,
     audio: Annotated[
-        Path | None, typer.Option("--audio", "-a", help="The sound: WAV, MP3, FLAC, Ogg or any video.")
+        Path | None, typer.Option("--audio", "-a", help="The sound of timings: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
+    text: _hearing.Text = None,
+    transcript: _hearing.Transcript = None,
+    language: _hearing.Language = "en-us",
+    channel: _hearing.Channel = None,
     file_format: Annotated[
         str | None, typer.Option("--format", help="Of the timings, if the content does not tell: textgrid, htk, ...")
     ] = None,
@@ -36,29 +43,60 @@ def animate(
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Animate phone timings that another tool made.
+    """Animate a recording, or phone timings that another tool made.
 
-    Example: fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
+    Phones of a recording are heard: with its words (--text, --transcript) about as well as if they were timed by hand;
+    without them the mouth still follows. Music and noise do not move it.
+
+    Examples: fapengine animate talk.wav --text talk.txt -o out/talk.mp4
+
+    fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
     """
+    from fapengine.app.hearing import is_sound
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
     from fapengine.app.talk import check, refuse_unknown
+    from fapengine.cli._hearing import hear_with_bar, transcript_of
     from fapengine.cli._talking import write_and_print
+    from fapengine.errors import UsageError
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
+    listens = is_sound(source)
+    of_timings = {
+        "--audio": audio,
+        "--format": file_format,
+        "--tier": tier,
+        "--alphabet": alphabet,
+        "--columns": columns,
+    }
+    of_sound = {"--text": text, "--transcript": transcript}
+    for name, value in (of_timings if listens else of_sound).items():
+        if value is not None:
+            kind = (
+                "a recording; expected phone timings" if listens else "no name of a recording; expected .wav, .mp3, ..."
+            )
+            raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
     chosen, how = manner.value(), drawing.value()
-    inputs = [timings, *([audio] if audio else [])]
+    inputs = [source, *([audio] if audio else [])]
     check(output, chosen, how, inputs=inputs)
     report = Report()
+    if listens:
+        words = transcript_of(text, transcript)
+        with report.stage("listen"):
+            hearing = hear_with_bar(source, transcript=words, language=language, channel=channel)
+        phones, report.notes = hearing.phones, hearing.notes
+    else:
+        with report.stage("read"):
+            read = load_timings(source, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
+            phones = pronounced(read, voice)
     with report.stage("read"):
-        read = load_timings(timings, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
-        phones = pronounced(read, voice)
-        sound = load_sound(audio) if audio else None
+        recording = source if listens else audio
+        sound = load_sound(recording, channel=channel) if recording else None
     if strict:
-        refuse_unknown(phones, str(timings))
+        refuse_unknown(phones, str(source))
     with report.stage("plan"):
-        performance = perform(phones, sound, chosen, text=timings.name)
+        performance = perform(phones, sound, chosen, text=source.name)
     for remark in performance.remarks:
         typer.echo(f"fapengine: {remark}", err=True)
     write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs)

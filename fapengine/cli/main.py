@@ -9,7 +9,7 @@ import sys
 
 import typer
 
-from fapengine.cli import animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve, view
+from fapengine.cli import align, animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve, view
 from fapengine.cli._verb import verb
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
@@ -25,6 +25,7 @@ VERBS = (
     serve.serve,
     view.view,
     animate.animate,
+    align.align,
     render.render,
     encode.encode,
     decode.decode,

@@ -1,6 +1,6 @@
 """``PhoneTrack``: timed phones, the type between every timing format and the animation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from typing import Literal
@@ -26,10 +26,14 @@ class Phone:
     """0 none, 1 primary, 2 secondary."""
     word: str = ""
     """The word it belongs to, if known."""
+    confidence: float = 1.0
+    """Sureness of who heard it, 0..1; 1 too where nobody doubts."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
+        if not 0 <= self.confidence <= 1:
+            raise UsageError(f"confidence of {self.label!r}: got {self.confidence}, expected 0..1")
         if not self.label:
             raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")
 
@@ -112,7 +116,7 @@ class PhoneTrack:
                 now_s = phone.start_s
             if phone.end_s > now_s:
                 follows = phone.start_s == now_s
-                append(phone if follows else Phone(phone.label, now_s, phone.end_s, phone.stress, phone.word))
+                append(phone if follows else replace(phone, start_s=now_s))
                 now_s = phone.end_s
         return cls(tuple(filled), level, spelled, reading)
 

@@ -1,0 +1,165 @@
+"""A sound file to phones, with its text or without."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, UsageError
+from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.sound import inspect_sound, stream_sound
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.textgrid import decode_text
+from fapengine.speech.writing import WRITERS, check_writable, format_phone_json
+
+if TYPE_CHECKING:
+    from fapengine.ears.loudness import Sounding
+    from fapengine.ears.recording import Mismatch
+    from fapengine.ears.sphinx_aligner import SphinxAligner
+
+SOUND_SUFFIXES = frozenset({
+    ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
+    ".wma", ".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi",
+})  # fmt: skip
+"""Endings of names that are taken for sound where phone timings could be meant, too."""
+MAX_UNHEARD = 0.5
+"""Share of a text's words that may be missing in the sound; above, it is the text of something else."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hearing:
+    """What was heard in a sound file."""
+
+    phones: PhoneTrack
+    soundings: "tuple[Sounding, ...]"
+    """Loudness and pitch of each phone."""
+    notes: tuple[str, ...]
+    """Remarks for the user: words that were pronounced by a voice, places where text and sound differ."""
+    mismatches: "tuple[Mismatch, ...]"
+
+
+def is_sound(path: Path) -> bool:
+    """Tell whether a name is that of sound or video."""
+    return path.suffix.lower() in SOUND_SUFFIXES
+
+
+def read_text(path: Path) -> str:
+    """Read a text file. Raises ``UsageError`` if it cannot be read and ``DataError`` if it is no text."""
+    try:
+        return decode_text(read_bytes(path), "text")
+    except DataError as error:
+        raise type(error)(f"{path}: {error.message}", where=error.where) from error
+
+
+def hear(
+    path: Path,
+    *,
+    transcript: str | None = None,
+    language: str = "en-us",
+    channel: int | None = None,
+    on_heard: Callable[[float], None] = lambda _: None,
+) -> Hearing:
+    """Find the phones of a sound file.
+
+    Parameters
+    ----------
+    path : Path
+        Sound or video.
+    transcript : str, optional
+        What is said; by default, phones are heard without it.
+    language : str
+        Of the text: a voice of espeak-ng, which pronounces what the dictionary of American English lacks, and all of
+        any other language.
+    channel : int, optional
+        Channel of the file, 1 for the first; by default the mean of all.
+    on_heard : callable
+        Called with the seconds of each piece that was heard.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, has no such channel, or there is no word in the text.
+    DataError
+        If the file holds no sound, or more than half of the text is not said in it.
+    ResourceError
+        If PocketSphinx is not installed, or espeak-ng where it is needed.
+    """
+    from fapengine.ears.recording import follow, listen
+
+    def sound() -> Iterator[NDArray[np.int16]]:
+        heard = 0
+        for piece in stream_sound(path, rate_hz=16_000, channel=channel):
+            heard += len(piece)
+            yield piece
+        if not heard:
+            raise DataError(f"{path}: holds no sound")
+
+    inspect_sound(path)  # refuses before models are loaded
+    if transcript is None:
+        recording = listen(sound(), on_heard=on_heard)
+        return Hearing(recording.phones, recording.soundings, (), ())
+    aligner = _aligner(transcript, language)
+    recording = follow(sound(), aligner, on_heard=on_heard)
+    notes = [str(mismatch) for mismatch in recording.mismatches]
+    if recording.unheard > MAX_UNHEARD:
+        listed = "; ".join(notes[:3])
+        raise DataError(
+            f"text: {100 * recording.unheard:.0f} % of its words are not said in the sound ({listed})", where=str(path)
+        )
+    if aligner.pronounced:
+        listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
+        notes.insert(0, f"not in the dictionary, pronounced by espeak-ng: {listed}")
+    return Hearing(recording.phones, recording.soundings, tuple(notes), recording.mismatches)
+
+
+def write_phones(hearing: Hearing, path: Path) -> None:
+    """Write phones as the name asks for: TextGrid, CTM, JSON (with loudness and pitch), ``.pho``.
+
+    Raises
+    ------
+    UsageError
+        If the name's ending is unknown.
+    ResourceError
+        If the file cannot be written.
+    """
+    check_writable(path.suffix)
+    if path.suffix.lower() == ".json":
+        extra = [
+            {"loudness_db": round(sounding.loudness_db, 1), "pitch_hz": round(sounding.pitch_hz, 1)}
+            for sounding in hearing.soundings
+        ]
+        write_bytes(path, format_phone_json(hearing.phones, extra))
+    else:
+        write_bytes(path, WRITERS[path.suffix.lower()](hearing.phones))
+
+
+def _aligner(transcript: str, language: str) -> "SphinxAligner":
+    from fapengine.ears.pronunciations import words_of
+    from fapengine.ears.sphinx_aligner import SphinxAligner
+
+    words = words_of(transcript)
+    if not words:
+        raise UsageError(f"transcript: got {transcript[:40]!r}, expected words")
+    english = language.lower().replace("_", "-").split("-")[0] == "en"
+    return SphinxAligner(words, _pronouncer(language), dictionary=english)
+
+
+def _pronouncer(language: str) -> Callable[[str], tuple[Phone, ...]]:
+    """Speak words with a voice that is loaded when the first word needs it."""
+    from fapengine.voices.choice import VoiceChoice
+    from fapengine.voices.protocol import Voice
+
+    loaded: list[Voice] = []
+
+    def pronounce(word: str) -> tuple[Phone, ...]:
+        if not loaded:
+            loaded.append(VoiceChoice(language).load())
+        try:
+            return loaded[0].speak(word).phones.phones
+        except UsageError:  # nothing to speak
+            return ()
+
+    return pronounce

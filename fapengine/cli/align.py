@@ -1,0 +1,58 @@
+"""``fapengine align``: a recording to timed phones, with its text or without."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fapengine.cli import _hearing
+from fapengine.cli import options as shared
+
+
+def align(
+    sound: Annotated[Path, typer.Argument(help="WAV, FLAC, MP3, Ogg, Opus, M4A or any video.")],
+    text: _hearing.Text = None,
+    transcript: _hearing.Transcript = None,
+    language: _hearing.Language = "en-us",
+    channel: _hearing.Channel = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help=".TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA).")
+    ] = Path("out/talk.TextGrid"),
+    as_json: shared.AsJson = False,
+) -> None:
+    """Find when each phone of a recording is said.
+
+    With the words that are said (--text, --transcript) half of the phones lie within 10 ms of where they are; without
+    them, one in ten of p b m is missed. A TextGrid can be mended by hand in Praat, and animated as any timings.
+
+    Example: fapengine align talk.wav --text talk.txt -o talk.TextGrid
+    """
+    import json
+
+    from rich.console import Console
+    from rich.markup import escape
+
+    from fapengine.app.hearing import write_phones
+    from fapengine.cli._hearing import hear_with_bar, transcript_of
+    from fapengine.speech.writing import check_writable
+
+    check_writable(output.suffix)
+    words = transcript_of(text, transcript)
+    hearing = hear_with_bar(sound, transcript=words, language=language, channel=channel)
+    write_phones(hearing, output)
+    spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
+    if as_json:
+        result = {
+            "file": str(output), "duration_s": hearing.phones.duration_s, "phones": spoken,
+            "heard": list(hearing.notes),
+            "mismatches": [
+                {"start_s": each.start_s, "end_s": each.end_s, "words": list(each.words)} for each in hearing.mismatches
+            ],
+        }  # fmt: skip
+        print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        return
+    console = Console(highlight=False)
+    console.print(f"[bold]{'phones':>14}[/]  {escape(str(output))}", soft_wrap=True)
+    console.print(f"{'speech':>14}  {hearing.phones.duration_s:.2f} s, {spoken} phones", soft_wrap=True)
+    for note in hearing.notes:
+        console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)

@@ -1,0 +1,187 @@
+"""An ear that knows the text: PocketSphinx finds when each of its phones is said."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.ears.loudness import HOP, loudness_db
+from fapengine.ears.pronunciations import Pronounce, Pronunciation, dictionary_key, of_dictionary, of_voice
+from fapengine.ears.sphinx import decode, ipa_of, new_aligner
+from fapengine.errors import UsageError
+
+BEAMS = (1e-48, 1e-120)
+"""Beams of the first try and, if it loses the way, of the second."""
+LOUD_DB = 25.0
+"""Range below the loudest frames in which a frame counts as spoken, where words are placed by loudness alone."""
+_OWN = "fapengine_"
+"""Beginning of names that no dictionary has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """One phone of a word of the text."""
+
+    word: int
+    """Index of the word."""
+    label: str
+    """IPA."""
+    stress: int
+    first: int
+    """First frame of 10 ms."""
+    behind: int
+    """Frame behind its last."""
+    model: str
+    """Phones of the model that it was heard as."""
+
+
+class SphinxAligner:
+    """Finds the phones of a text in its sound. Stateful: it has learned the text's words.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The text, as of :func:`.pronunciations.words_of`.
+    pronounce : callable, optional
+        Speaks words that the dictionary lacks.
+    dictionary : bool
+        Look words up in the model's dictionary (American English); otherwise ``pronounce`` speaks all.
+
+    Raises
+    ------
+    UsageError
+        If there is no word, or one that nobody can pronounce.
+    ResourceError
+        If PocketSphinx is not installed.
+    """
+
+    def __init__(self, words: Sequence[str], pronounce: Pronounce | None = None, *, dictionary: bool = True) -> None:
+        if not words:
+            raise UsageError("text: got no word, expected some")
+        self.words = tuple(words)
+        self.dictionary = dictionary
+        """Whether words come from the model's dictionary, which is of its own language."""
+        self._decoders = [new_aligner(beam=BEAMS[0])]
+        self._own: dict[str, tuple[str, Pronunciation]] = {}
+        self.pronounced: tuple[str, ...] = ()
+        """Words that the dictionary lacks, which ``pronounce`` spoke; of English alone."""
+        strange: list[str] = []
+        for word in dict.fromkeys(self.words):
+            if dictionary and self._lookup(word):
+                continue
+            spoken = of_voice(pronounce(word)) if pronounce else Pronunciation((), ())
+            if not spoken.spelling:
+                strange.append(word)
+                continue
+            self._own[word] = f"{_OWN}{len(self._own)}", spoken
+        if strange:
+            raise UsageError(f"text: got {', '.join(map(repr, strange[:10]))}, expected words that can be pronounced")
+        if dictionary:
+            self.pronounced = tuple(self._own)
+        self._learn(self._decoders[0])
+
+    def model_phones(self, index: int) -> list[str]:
+        """Phones of the model for one word."""
+        word = self.words[index]
+        spelling = self._own[word][1].spelling if word in self._own else self._lookup(word)
+        return spelling.split()
+
+    def align(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+        """Find the phones of some words in a piece of sound.
+
+        Parameters
+        ----------
+        samples : (N,) int16
+            At :data:`.protocol.RATE_HZ`.
+        first, behind : int
+            First of the words, and the one behind the last.
+
+        Returns
+        -------
+        list of Aligned
+            In order; between them is silence. Where the model loses its way, twice, words are placed by loudness.
+        """
+        if first >= behind:
+            return []
+        keys = [self._key(word) for word in self.words[first:behind]]
+        for attempt in range(len(BEAMS)):
+            if attempt == len(self._decoders):
+                self._decoders.append(new_aligner(beam=BEAMS[attempt]))
+                self._learn(self._decoders[attempt])
+            found = self._try(self._decoders[attempt], samples, keys, first)
+            if found is not None:
+                return found
+        return self.placed(samples, first, behind)
+
+    def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+        """Spread words evenly over the loud parts of a piece, (N,) int16; for what cannot be aligned."""
+        levels = loudness_db(samples)
+        loud = np.flatnonzero(levels >= levels.max(initial=-100.0) - LOUD_DB)
+        units = [
+            (index, label, stress, names)
+            for index in range(first, behind)
+            for (label, stress), names in zip(*self._told(index), strict=True)
+        ]
+        if not len(loud) or len(loud) < len(units):
+            return []
+        edges = loud[np.linspace(0, len(loud) - 1, len(units) + 1).round().astype(int)].tolist()
+        return [
+            Aligned(index, label, stress, start, stop, " ".join(names))
+            for (index, label, stress, names), start, stop in zip(units, edges, edges[1:], strict=False)
+            if stop > start
+        ]
+
+    def _told(self, index: int) -> tuple[tuple[tuple[str, int], ...], tuple[tuple[str, ...], ...]]:
+        word = self.words[index]
+        spoken = self._own[word][1] if word in self._own else of_dictionary(self._lookup(word).split())
+        return spoken.phones, spoken.model
+
+    def _try(self, decoder: Any, samples: NDArray[np.int16], keys: Sequence[str], first: int) -> list[Aligned] | None:
+        try:
+            decoder.set_align_text(" ".join(keys))
+            decode(decoder, samples)  # words first
+            if decoder.hyp() is None:
+                return None
+            decoder.set_alignment()
+            decode(decoder, samples)  # then the phones inside them
+            alignment = decoder.get_alignment()
+        except RuntimeError:  # its only word for everything
+            return None
+        spoken = [
+            (word.name, [(phone.name, phone.start, phone.start + phone.duration) for phone in word])
+            for word in alignment
+            if not word.name.startswith(("<", "+", "["))
+        ]
+        if [name.split("(")[0] for name, _ in spoken] != list(keys):
+            return None
+        return [
+            aligned
+            for index, (_, phones) in enumerate(spoken, start=first)
+            for aligned in self._phones(index, phones, -(-len(samples) // HOP))
+        ]
+
+    def _phones(self, index: int, phones: Sequence[tuple[str, int, int]], frames: int) -> list[Aligned]:
+        word = self.words[index]
+        if word not in self._own:
+            return [Aligned(index, ipa_of(name), 0, a, min(b, frames), name) for name, a, b in phones]
+        spoken = self._own[word][1]
+        told: list[Aligned] = []
+        at = 0
+        for (label, stress), names in zip(spoken.phones, spoken.model, strict=True):
+            if names:  # a glottal stop has none, and is a part of what comes behind it
+                behind = min(phones[at + len(names) - 1][2], frames)
+                told.append(Aligned(index, label, stress, phones[at][1], behind, " ".join(names)))
+                at += len(names)
+        return told
+
+    def _lookup(self, word: str) -> str:
+        return self._decoders[0].lookup_word(dictionary_key(word)) or ""
+
+    def _key(self, word: str) -> str:
+        return self._own[word][0] if word in self._own else dictionary_key(word)
+
+    def _learn(self, decoder: Any) -> None:
+        for number, (key, spoken) in enumerate(self._own.values(), start=1):
+            decoder.add_word(key, spoken.spelling, number == len(self._own))  # the last one rebuilds the search

@@ -1,0 +1,124 @@
+"""``animate`` of a recording and ``align``, from the command line to files."""
+
+import json
+import wave
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fapengine
+from fapengine.cli.main import app
+from fapengine.ears.protocol import RATE_HZ
+from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.files.fap import load_fap
+from fapengine.files.sound import save_wav
+from fapengine.files.video import load_video
+from tests.unit.ears.speech import BABY, FAPU_MM, closures, met, no_speech, spoken
+
+
+def run(*arguments: object) -> int:
+    code: int = app([str(argument) for argument in arguments], standalone_mode=False) or 0
+    return code
+
+
+@pytest.fixture(scope="module")
+def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("talk") / "talk.wav"
+    save_wav(path, spoken("slt", BABY).samples, RATE_HZ)
+    return path
+
+
+@pytest.mark.parametrize("words", [BABY, None])
+def test_the_mouth_is_shut_on_the_m_of_the_sound(talk: Path, tmp_path: Path, words: str | None) -> None:
+    options = ["--transcript", words] if words else []
+    run("animate", talk, *options, "-o", tmp_path / "face.mp4", "--size", "64x64", "--fps", 25, "--without", "all")
+    video = load_video(tmp_path / "face.mp4")
+    speech = spoken("slt", BABY)
+    assert video.sound_duration_s == pytest.approx(len(speech.samples) / RATE_HZ, abs=0.1)
+    values = load_fap(tmp_path / "face.fap").values
+    opening_mm = -(values[:, 3] + values[:, 4]) * FAPU_MM
+    truth = closures(speech.phones)
+    shut = [opening_mm[max(round(at_s * 25) - 1, 0) : round(at_s * 25) + 2].min() < 1.0 for at_s in truth]
+    assert sum(shut) >= (len(truth) if words else 0.7 * len(truth))
+    assert opening_mm.max() > 6.0
+
+
+def test_music_moves_nothing(tmp_path: Path) -> None:
+    save_wav(tmp_path / "music.wav", no_speech()["music"], RATE_HZ)
+    still = fapengine.Style.still()
+    track = fapengine.animate(tmp_path / "music.wav", style=still).track
+    assert np.abs(track.values[:, 2:]).max() * FAPU_MM < 1.0
+
+
+def test_align_writes_what_animate_reads(talk: Path, tmp_path: Path) -> None:
+    (tmp_path / "talk.txt").write_text(BABY)
+    run("align", talk, "--text", tmp_path / "talk.txt", "-o", tmp_path / "talk.TextGrid")
+    heard = fapengine.animate(tmp_path / "talk.TextGrid", sound=talk)
+    truth = closures(spoken("slt", BABY).phones)
+    assert met(truth, closures(heard.phones)) == len(truth)
+    assert {phone.word for phone in heard.phones.phones} >= {"My", "bumped", "bowl"}
+    run("align", talk, "--transcript", BABY, "-o", tmp_path / "a.json")
+    rows = json.loads((tmp_path / "a.json").read_text())["phones"]
+    assert {"phone", "start", "end", "word", "confidence", "loudness_db", "pitch_hz"} == set(rows[0])
+
+
+def test_words_that_are_pronounced_are_told(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run("align", talk, "--transcript", "My bayby brother bumped the big blue bowl", "-o", tmp_path / "a.ctm", "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert told["heard"] == ["not in the dictionary, pronounced by espeak-ng: bayby"]
+    assert told["mismatches"] == []
+    assert told["phones"] > 20
+
+
+def test_one_channel_of_two_speakers(tmp_path: Path) -> None:
+    mine, yours = spoken("rms", BABY).samples, no_speech()["music"]
+    both = np.zeros((max(len(mine), len(yours)), 2), "<i2")
+    both[: len(mine), 1], both[: len(yours), 0] = mine, yours
+    with wave.open(str(tmp_path / "two.wav"), "wb") as out:
+        out.setnchannels(2)
+        out.setsampwidth(2)
+        out.setframerate(RATE_HZ)
+        out.writeframes(both.tobytes())
+    heard = fapengine.animate(tmp_path / "two.wav", channel=2, transcript=BABY)
+    truth = closures(spoken("rms", BABY).phones)
+    assert met(truth, closures(heard.phones)) == len(truth)
+    assert all(phone.is_silence for phone in fapengine.animate(tmp_path / "two.wav", channel=1).phones.phones)
+
+
+def test_refusals(talk: Path, tmp_path: Path) -> None:
+    pho = tmp_path / "talk.pho"
+    pho.write_text("m 80\na 120\n")
+    empty = tmp_path / "empty.wav"
+    empty.write_bytes(b"")
+    cases: list[tuple[list[object], type[FapEngineError], str]] = [
+        (["animate", talk, "--audio", talk], UsageError, "--audio: got .* is a recording"),
+        (["animate", pho, "--transcript", "x"], UsageError, "--transcript: got x"),
+        (["align", talk, "--transcript", "x", "--text", pho], UsageError, "got both, expected one"),
+        (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
+        (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1\.\.1"),
+        (["align", empty, "-o", tmp_path / "a.pho"], DataError, "cannot be decoded as sound"),
+        (["align", talk, "--transcript", "?!"], UsageError, "--transcript: .* expected words"),
+        (
+            ["align", talk, "--transcript", "The weather forecast for tomorrow is probably wrong."],
+            DataError,
+            "not said",
+        ),
+        (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "xx"),
+    ]
+    for arguments, kind, message in cases:
+        with pytest.raises(kind, match=message):
+            run(*arguments)
+    with pytest.raises(UsageError, match="is a recording itself"):
+        fapengine.animate(talk, sound=talk)
+    with pytest.raises(UsageError, match="transcript: got one"):
+        fapengine.animate(pho, transcript="mama")
+
+
+def test_a_recording_is_never_written_over(talk: Path, tmp_path: Path) -> None:
+    own = tmp_path / "own.wav"
+    own.write_bytes(talk.read_bytes())
+    before = own.stat().st_mtime_ns
+    run("animate", own, "-o", tmp_path / "own.fap")
+    assert own.stat().st_mtime_ns == before
+    assert own.read_bytes() == talk.read_bytes()

@@ -1,0 +1,128 @@
+"""Phones from sound alone: what is heard, what is no speech, and that pieces do not matter."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine.ears.commit import due
+from fapengine.ears.protocol import RATE_HZ, Ear
+from fapengine.ears.recording import listen
+from fapengine.ears.sphinx_ear import BLOCK, SphinxEar
+from fapengine.errors import UsageError
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from tests.unit.ears.speech import BABY, POPPIES, closures, met, no_speech, opening_mm, spoken
+
+
+@pytest.fixture(scope="module")
+def ear() -> SphinxEar:
+    return SphinxEar()
+
+
+def heard(ear: Ear, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
+    ear.reset()
+    phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]
+    return phones + ear.end()
+
+
+def test_lips_move_as_with_the_true_phones(ear: SphinxEar) -> None:
+    likeness, asked, hits, told, false = [], 0, 0, 0, 0
+    for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
+        speech = spoken(voice, text)
+        duration_s = len(speech.samples) / RATE_HZ
+        track = PhoneTrack.of(heard(ear, speech.samples))
+        likeness.append(
+            np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1]
+        )  # fmt: skip
+        truth, found = closures(speech.phones), closures(track)
+        asked, hits = asked + len(truth), hits + met(truth, found)
+        told, false = told + len(found), false + len(found) - met(found, truth)
+    assert np.median(likeness) > 0.65  # bench/ears.py measures ten sentences of each voice
+    assert hits >= 0.75 * asked
+    assert false <= 0.2 * told
+
+
+@pytest.mark.parametrize("name", no_speech(0.1))
+@pytest.mark.parametrize("streamed", [True, False])
+def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SphinxEar, name: str, streamed: bool) -> None:
+    samples = no_speech()[name]
+    phones = PhoneTrack.of(heard(ear, samples)) if streamed else listen([samples]).phones
+    assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
+    assert phones.duration_s == pytest.approx(4.0)
+
+
+def test_without_the_gate_music_is_heard(ear: SphinxEar) -> None:
+    music = PhoneTrack.of(heard(SphinxEar(only_speech=False), no_speech()["music"]))
+    assert opening_mm(music, 4.0).max() > 3.0  # so the test above can fail
+
+
+def test_speech_after_music_is_heard(ear: SphinxEar) -> None:
+    speech = spoken("rms", BABY)
+    quiet = np.zeros(RATE_HZ // 2, np.int16)
+    phones = PhoneTrack.of(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
+    truth = [4.5 + at_s for at_s in closures(speech.phones)]
+    assert met(truth, closures(phones)) >= 0.6 * len(truth)
+    assert all(at_s > 4.0 for at_s in closures(phones))
+
+
+def test_phones_are_told_behind_the_look_ahead_and_stay(ear: SphinxEar) -> None:
+    samples = spoken("slt", POPPIES).samples
+    ear.reset()
+    told: list[Phone] = []
+    latest_s = []
+    for start in range(0, len(samples), 320):
+        new = ear.push(samples[start : start + 320])
+        now_s = (start + 320) / RATE_HZ
+        assert all(phone.end_s <= now_s - ear.look_ahead_s + 1e-9 for phone in new)
+        latest_s += [now_s - phone.end_s for phone in new if not phone.is_silence]
+        told += new
+    assert np.median(latest_s) < ear.look_ahead_s + 2 * BLOCK / RATE_HZ
+    told += ear.end()
+    assert told[0].start_s == 0
+    assert told[-1].end_s == pytest.approx(len(samples) / RATE_HZ)
+    for before, after in pairwise(told):
+        assert after.start_s == pytest.approx(before.end_s, abs=1e-9)
+
+
+@settings(max_examples=4)
+@given(size_ms=st.sampled_from([10, 20, 37, 200]), first=st.integers(0, 4000))
+def test_pieces_of_any_length_give_the_same_phones(ear: SphinxEar, size_ms: int, first: int) -> None:
+    samples = spoken("rms", BABY).samples
+    whole = heard(ear, samples)
+    step = size_ms * RATE_HZ // 1000
+    assert heard(ear, samples, [first, *range(first + step, len(samples), step)]) == whole
+    assert len(whole) > 15
+
+
+def test_a_long_talk_is_cut_in_its_pauses(ear: SphinxEar) -> None:
+    one = np.concatenate([spoken("rms", BABY).samples, np.zeros(RATE_HZ, np.int16)])
+    phones = heard(ear, np.tile(one, 3))
+    truth = closures(spoken("rms", BABY).phones)
+    for round_ in range(3):
+        start_s = round_ * len(one) / RATE_HZ
+        found = [at_s - start_s for at_s in closures(PhoneTrack.of(phones))]
+        assert met(truth, found) >= 0.6 * len(truth)
+
+
+def test_what_is_told_stays_whatever_comes() -> None:
+    first = due([("m", 0, 8), ("a", 8, 30)], 0, 15, silence=SILENCE)
+    assert first == [("m", 0, 8)]
+    # now the m is thought to be longer, and something else
+    assert due([("n", 0, 12), ("a", 12, 30)], 8, 40, silence=SILENCE) == [("n", 8, 12), ("a", 12, 30)]
+    assert due([("n", 0, 10), ("a", 10, 30)], 8, 40, silence=SILENCE) == [("a", 8, 30)]  # 20 ms are no phone
+
+
+def test_refuses_a_look_ahead_that_cannot_be() -> None:
+    for look_ahead_s in (0.0, 2.0):
+        with pytest.raises(UsageError, match="look_ahead_s"):
+            SphinxEar(look_ahead_s)
+
+
+def test_nothing_and_one_sample(ear: SphinxEar) -> None:
+    assert heard(ear, np.zeros(0, np.int16)) == []
+    (phone,) = heard(ear, np.ones(1, np.int16))
+    assert phone == Phone(SILENCE, 0.0, 1 / RATE_HZ)
+    assert listen([np.ones(1, np.int16)]).phones.duration_s == pytest.approx(1 / RATE_HZ)
+    assert listen([]).phones.phones == ()
