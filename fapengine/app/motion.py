@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
+from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
@@ -87,7 +88,8 @@ def save(
     at_s : float
         Time of the frame that ``.png`` shows.
     shapes : str
-        Columns of ``.csv``: ``"arkit"`` (52), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
+        Columns of ``.csv``: ``"arkit"`` (52), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``; ``"rhubarb"``: nine
+        mouth shapes with their times, in Rhubarb's files ``.json``, ``.tsv``, ``.xml`` or ``.dat``.
     kbit_s : float, optional
         Bit rate of ``.fba``; by default as ``encoding`` says.
     encoding : EncoderOptions, optional
@@ -108,7 +110,10 @@ def save(
         If the file cannot be written, or there is no OpenGL.
     """
     path = Path(path)
-    if path.suffix == ".fap":
+    check_cues(path, shapes)
+    if is_cues(path):
+        save_cues_of_motion(path, track)
+    elif path.suffix == ".fap":
         save_fap(path, track)
     elif path.suffix == ".fba":
         if kbit_s is not None and encoding is not None:

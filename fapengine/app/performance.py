@@ -9,6 +9,7 @@ import numpy as np
 from fapengine.app.hearing import hear, is_sound
 from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
+from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
@@ -84,7 +85,14 @@ class Performance:
         encoding: EncoderOptions | None = None,
         on_frame: Callable[[], None] = lambda: None,
     ) -> Path:
-        """Save it as what the name asks for, with its sound: see :func:`fapengine.save`."""
+        """Save it as what the name asks for, with its sound: see :func:`fapengine.save`.
+
+        Mouth shapes (``shapes="rhubarb"``) come from the phones, which tell more than the motion.
+        """
+        if shapes == RHUBARB:
+            check_cues(Path(path), shapes)
+            save_cues_of_phones(Path(path), self.phones, self.duration_s)
+            return Path(path)
         return save(
             self.track,
             path,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine.app.manner import Manner, check_expressions
+from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_phones
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.errors import DataError, UsageError
@@ -28,7 +29,9 @@ KEY_FRACTION = 0.3
 """Part of a phone's duration after which it is shown: its keyframe."""
 
 
-def check(path: Path, manner: Manner, drawing: Drawing, *, inputs: Collection[Path] = ()) -> None:
+def check(
+    path: Path, manner: Manner, drawing: Drawing, *, inputs: Collection[Path] = (), shapes: str | None = None
+) -> None:
     """Refuse choices that cannot be met before any work is done.
 
     Raises
@@ -42,9 +45,12 @@ def check(path: Path, manner: Manner, drawing: Drawing, *, inputs: Collection[Pa
             raise UsageError(
                 f"path: got {path}, but {written} is read, and would be written over; expected another name"
             )
+    check_cues(path, shapes)
+    check_expressions(manner.expressions)
+    if is_cues(path):
+        return
     if not (is_moving(path) or path.suffix == ".fap"):
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
-    check_expressions(manner.expressions)
     if path.suffix != ".fap":
         check_moving(path, rate_hz=manner.rate_hz, size=drawing.size, alpha=drawing.components == 4)
 
@@ -80,6 +86,7 @@ def write_talk(
     head: str = DEFAULT_HEAD,
     drawing: Drawing,
     inputs: Collection[Path] = (),
+    recording: Path | None = None,
     on_frame: Callable[[], None] = lambda: None,
 ) -> None:
     """Write every file, and fill in the report.
@@ -88,13 +95,16 @@ def write_talk(
     ----------
     performance : Performance
     path : Path
-        A moving picture, or ``.fap`` for FAPs and sound alone. What belongs to it stands beside it.
+        A moving picture, ``.fap`` for FAPs and sound alone, or one of Rhubarb's files for mouth shapes. What belongs to
+        it stands beside it.
     report : Report
     head : str
         Whose face: see :func:`fapengine.files.heads.folder.load_head`.
     drawing : Drawing
     inputs : collection of Path
         The user's own files: a recording that stands where the sound would be written stays as it is.
+    recording : Path, optional
+        File that the sound came from; files of mouth shapes name it.
     on_frame : callable
         Called after each frame that is drawn.
 
@@ -107,6 +117,9 @@ def write_talk(
     """
     note_speech(performance, report)
     track, sound = performance.track, performance.sound
+    if is_cues(path):
+        _write_cues(performance, path, report, recording)
+        return
     save_fap(beside(path, ".fap"), track)
     own_sound = _is_among(beside(path, ".wav"), inputs)
     if sound is not None and not own_sound:
@@ -124,6 +137,16 @@ def write_talk(
     report.files.append((beside(path, ".fap"), "FAPs"))
     if sound is not None:
         report.files.append((beside(path, ".wav"), "sound, as it was" if own_sound else "sound"))
+
+
+def _write_cues(performance: Performance, path: Path, report: Report, recording: Path | None) -> None:
+    """Write mouth shapes, and the sound if no file has it yet."""
+    if performance.sound is not None and recording is None:
+        recording = beside(path, ".wav")
+        save_wav(recording, *performance.sound)
+        report.files.append((recording, "sound"))
+    save_cues_of_phones(path, performance.phones, performance.duration_s, recording)
+    report.files.insert(0, (path, "mouth shapes"))
 
 
 def _is_among(path: Path, files: Collection[Path]) -> bool:

@@ -43,10 +43,14 @@ def write_and_print(
     drawing: Drawing,
     as_json: bool,
     inputs: Collection[Path] = (),
+    recording: Path | None = None,
 ) -> None:
     """Write every file of a performance under a progress bar, then print the report."""
     with progress("drawing", len(performance.track)) as advance:
-        write_talk(performance, output, report, head=head, drawing=drawing, inputs=inputs, on_frame=advance)
+        write_talk(
+            performance, output, report,
+            head=head, drawing=drawing, inputs=inputs, recording=recording, on_frame=advance,
+        )  # fmt: skip
     print_report(report, as_json=as_json)
 
 

@@ -19,6 +19,7 @@ def animate(
         Path | None, typer.Option("--audio", "-a", help="The sound of timings: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
+    shapes: shared.Shapes = None,
     text: _hearing.Text = None,
     transcript: _hearing.Transcript = None,
     language: _hearing.Language = "en-us",
@@ -79,7 +80,7 @@ def animate(
             raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
     chosen, how = manner.value(), drawing.value()
     inputs = [source, *([audio] if audio else [])]
-    check(output, chosen, how, inputs=inputs)
+    check(output, chosen, how, inputs=inputs, shapes=shapes)
     report = Report()
     if listens:
         words = transcript_of(text, transcript)
@@ -99,4 +100,6 @@ def animate(
         performance = perform(phones, sound, chosen, text=source.name)
     for remark in performance.remarks:
         typer.echo(f"fapengine: {remark}", err=True)
-    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs)
+    write_and_print(
+        performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs, recording=recording
+    )

@@ -4,23 +4,32 @@ from pathlib import Path
 
 import typer
 
-OUT_KINDS = (".fap", ".csv")
+OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat")
 
 
 def convert(
     motion: Path = typer.Argument(
         ..., help="FAPs (.fap, .fba), or a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json)."
     ),
-    output: Path = typer.Option(..., "--output", "-o", help="FAPs (.fap), or a table of shapes and the head (.csv)."),
+    output: Path = typer.Option(
+        ...,
+        "--output",
+        "-o",
+        help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat).",
+    ),
     shapes: str = typer.Option(
-        "arkit", "--shapes", help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar)."
+        "arkit",
+        "--shapes",
+        help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of .json, .tsv, .xml,"
+        " .dat: rhubarb (nine mouth shapes, as Rhubarb writes them).",
     ),
 ) -> None:
     """Convert face motion: FAPs to blend shapes or visemes of avatars, and back.
 
     Example: fapengine convert talk.fap -o talk.csv; fapengine convert talk.fap --shapes oculus -o visemes.csv;
-    fapengine convert livelink.csv -o take.fap
+    fapengine convert livelink.csv -o take.fap; fapengine convert take.fap --shapes rhubarb -o take.json
     """
+    from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
@@ -29,8 +38,11 @@ def convert(
 
     if output.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
+    check_cues(output, shapes)
     track = load_motion(motion)
-    if output.suffix == ".fap":
+    if is_cues(output):
+        save_cues_of_motion(output, track)
+    elif output.suffix == ".fap":
         save_fap(output, track)
     else:
         write_bytes(output, format_blend_csv(track, shapes))

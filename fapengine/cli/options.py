@@ -22,7 +22,7 @@ Output = Annotated[
         "--output",
         "-o",
         help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder), or"
-        " .fap for the FAPs alone.",
+        " .fap for the FAPs alone; with --shapes, mouth shapes: .json, .tsv, .xml or .dat.",
     ),
 ]
 ProfileName = Annotated[
@@ -63,6 +63,9 @@ Seed = Annotated[
         help="Chance of blinks, glances and head motion; the same seed, the same face.",
         rich_help_panel=MANNER,
     ),
+]
+Shapes = Annotated[
+    str | None, typer.Option("--shapes", help="Mouth shapes in place of a moving face: rhubarb, the nine of Rhubarb.")
 ]
 Strict = Annotated[bool, typer.Option("--strict", help="An unknown phone is an error, not a neutral vowel.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

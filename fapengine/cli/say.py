@@ -15,6 +15,7 @@ def say(
     drawing: shared.DrawingOptions,
     live_output: shared.LiveOptions,
     output: shared.Output = Path("out/talk.mp4"),
+    shapes: shared.Shapes = None,
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
@@ -54,7 +55,7 @@ def say(
     from fapengine.speech.text import decoded, speakable
 
     chosen, how = manner.value(), drawing.value()
-    check(output, chosen, how)
+    check(output, chosen, how, shapes=shapes)
     report = Report()
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):

@@ -1,0 +1,86 @@
+"""FAPs to Rhubarb's mouth shapes, frame by frame: which of its drawings this mouth looks like.
+
+Theory of operation
+-------------------
+Four lengths on an adult's face decide, in mm against rest: how far the lips are open, how much narrower the mouth is,
+how high the lower lip stands, and how low the jaw. Lips that touch are A; those of a face at rest touch as well, so a
+mouth that is shut, with its jaw up, is X, unless the lips part within :data:`PAUSE_S` before and behind. A lower lip at
+the teeth is G. What is open is F or E where the mouth is narrow, else B, C or D by its opening. Thresholds lie between
+the medians of the shapes in planned speech of the shipped profile (106 to 21 cues of a shape; opening of B 6.7, C 7.6,
+D 11.4, E 7.5, F 4.5, G 1.2 mm; narrowing of E and F 5.3, of B, C, D 3.0 mm). H is a tongue behind the teeth, which
+these lengths do not tell, so it never comes out.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.mpeg4 import fap
+from fapengine.retarget.blend import weights_mm
+from fapengine.retarget.moods import find_moods, moods_to_faps
+
+SHUT_MM = 0.7
+"""Opening against rest under which lips touch; closures of the planner leave 0.3 mm at most."""
+BITTEN_OPENING_MM, BITTEN_LOWER_MM, BITTEN_UPPER_MM = 2.5, -0.7, 0.0
+"""Greatest opening of G, least height of its lower lip, and how low its upper lip may be: on p b m it comes down."""
+NARROW_MM = 4.5
+"""Narrowing from which lips are round."""
+PUCKERED_OPENING_MM = 6.0
+"""Greatest opening of F; rounder lips that are wider open are E."""
+OPEN_MM, WIDE_OPEN_MM = 7.0, 9.5
+"""Least opening of C and of D."""
+JAW_UP_MM = 1.0
+"""Jaws of closed lips that speak are lower than this (4 mm, median)."""
+PAUSE_S = 0.15
+"""A closure of speech is over by then."""
+
+
+def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
+    """Find the shape of each frame.
+
+    Parameters
+    ----------
+    faps : (T, 68) FAPU
+        What a mood adds to them (:mod:`.moods`) is taken away.
+    rate_hz : float
+        Frames a second.
+
+    Returns
+    -------
+    list of str
+        T letters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> approximate_shapes(np.zeros((2, 68)), 30.0)
+    ['X', 'X']
+    """
+    values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    if not len(values):
+        return []
+    moods, _ = find_moods(values)
+    moved = (values - moods_to_faps(moods)) * weights_mm()
+    upper, lower, left, right = (moved[:, fap.column(number)] for number in (4, 5, 6, 7))
+    jaw = values[:, fap.column(3)] * weights_mm()[fap.column(3)]  # brows that move make a little surprise, and its jaw
+    opening, round_lips = -(upper + lower), left + right < -NARROW_MM
+    shut, jaw_up = opening < SHUT_MM, jaw < JAW_UP_MM
+    speaking = ~jaw_up | _near(~shut, round(PAUSE_S * rate_hz))
+    bitten = (opening < BITTEN_OPENING_MM) & (lower > BITTEN_LOWER_MM) & (upper < BITTEN_UPPER_MM) & ~jaw_up
+    names = np.select(
+        [bitten, shut & speaking, shut, round_lips & (opening < PUCKERED_OPENING_MM), round_lips,
+         opening < OPEN_MM, opening < WIDE_OPEN_MM],
+        ["G", "A", "X", "F", "E", "B", "C"],
+        "D",
+    )  # fmt: skip
+    return [str(name) for name in names]
+
+
+def _near(parted: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Whether lips are parted both within ``reach`` frames before and within ``reach`` behind each frame."""
+    count = np.concatenate([[0], np.cumsum(parted)])
+    here = np.arange(len(parted))
+    before = count[here + 1] - count[np.maximum(here - reach, 0)]
+    behind = count[np.minimum(here + reach + 1, len(parted))] - count[here]
+    near: NDArray[np.bool_] = (before > 0) & (behind > 0)
+    return near
