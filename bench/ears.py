@@ -1,0 +1,216 @@
+"""How well do the ears hear? The lips of their phones against those of the true phones, and against filmed ones.
+
+    python -m bench.ears [--filmed FOLDER] [--long MINUTES]
+
+Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
+the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; p b m that have one within
+80 ms, and those told that have none; distance of phones' starts from the true ones, median. ``--filmed`` is a folder
+with ``sentences.tsv`` (id, text), the sounds, and ``../speech_train.npz``, whose lips are the truth. ``--long`` also
+hears a recording of so many minutes, made of the sentences, with the text, and measures memory and speed.
+
+To compare another ear, add a row to :data:`EARS`.
+"""
+
+import argparse
+import resource
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.ears.loudness import loudness_db
+from fapengine.ears.pronunciations import words_of
+from fapengine.ears.protocol import RATE_HZ
+from fapengine.ears.recording import follow, listen
+from fapengine.ears.sphinx_aligner import SphinxAligner
+from fapengine.ears.sphinx_ear import SphinxEar
+from fapengine.files.sound import load_sound
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.voices.espeak import EspeakVoice
+from tests.unit.ears.speech import VOICES, Spoken, closures, met, opening_mm, spoken
+
+SENTENCES = (
+    "Bright sunshine shimmers on the ocean.", "My baby brother bumped the big blue bowl.",
+    "Please give me five more minutes before you leave.", "The weather forecast for tomorrow is probably wrong.",
+    "Many people prefer to walk home from the market.", "What time does the first train to Birmingham depart?",
+    "A voice agent needs a face that people can read.", "Vivid purple poppies bloom behind the barn.",
+    "Thank you very much for calling, how may I help you?", "She used the phone to book a table for four.",
+)  # fmt: skip
+LATE_S = 0.083
+FILMED_HZ = 25.0
+UPPER, LOWER = 13, 14
+"""Numbers of the inner lips' middles among MediaPipe's points."""
+
+Array = np.ndarray
+
+
+def pronounce(word: str):
+    return EspeakVoice("en-us").speak(word).phones.phones
+
+
+def aligned(speech: Spoken) -> PhoneTrack:
+    return follow([speech.samples], SphinxAligner(words_of(speech.text), pronounce)).phones
+
+
+def alone(speech: Spoken) -> PhoneTrack:
+    return listen([speech.samples]).phones
+
+
+class Streamed:
+    """The ear as it hears live, new for each sentence."""
+
+    def __init__(self, look_ahead_s: float) -> None:
+        self._ear = SphinxEar(look_ahead_s)
+
+    def __call__(self, speech: Spoken) -> PhoneTrack:
+        """Hear a sentence."""
+        self._ear.reset()
+        return PhoneTrack.of(self._ear.push(speech.samples) + self._ear.end())
+
+
+EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
+    "with the text": aligned,
+    "sound alone": alone,
+    "sound alone, streamed, 150 ms behind": Streamed(0.15),
+}
+"""Name to what makes phones of a sentence. Rivals come here."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A sentence with the opening of the lips that is taken for true."""
+
+    speech: Spoken
+    opening: Array
+    rate_hz: float
+
+
+def loudness_opening(clip: Clip) -> Array:
+    """Open as wide as it is loud: what companion apps do."""
+    levels = 10 ** (loudness_db(clip.speech.samples) / 20)
+    smooth = np.convolve(levels, np.ones(8) / 8, mode="same")
+    return np.interp(np.arange(len(clip.opening)) / clip.rate_hz, np.arange(len(smooth)) / 100, smooth)
+
+
+def likeness(one: Array, other: Array) -> float:
+    return 0.0 if not one.std() or not other.std() else float(np.corrcoef(one, other)[0, 1])
+
+
+def figures(name: str, clips: Sequence[Clip], hear: Callable[[Spoken], PhoneTrack], *, phones: bool) -> str:
+    r, off_s, asked, hits, told, false = [], [], 0, 0, 0, 0
+    began_s = time.perf_counter()
+    tracks = [hear(clip.speech) for clip in clips]
+    took_s = time.perf_counter() - began_s
+    for clip, track in zip(clips, tracks, strict=True):
+        opening = opening_mm(track, len(clip.opening) / clip.rate_hz, clip.rate_hz)
+        r.append(likeness(opening, clip.opening))
+        truth, found = closures(clip.speech.phones), closures(track)
+        asked, hits = asked + len(truth), hits + met(truth, found)
+        told, false = told + len(found), false + len(found) - met(found, truth)
+        starts = np.array([phone.start_s for phone in track.phones])
+        off_s += [float(np.abs(starts - phone.start_s).min()) for phone in clip.speech.phones.phones if len(starts)]
+    sound_s = sum(len(clip.speech.samples) for clip in clips) / RATE_HZ
+    row = f"{name:38s} {np.median(r):6.3f} {np.percentile(r, 10):6.3f} {min(r):6.3f}"
+    if phones:
+        row += f"  {hits}/{asked} {100 * hits / asked:5.1f} %  {false}/{told} {100 * false / max(told, 1):4.1f} %"
+        row += f"  {1000 * np.median(off_s):4.0f} ms"
+    return f"{row}  {sound_s / took_s:5.1f} x real time"
+
+
+def spoken_clips() -> list[Clip]:
+    clips = []
+    for voice in VOICES:
+        for text in SENTENCES:
+            speech = spoken(voice, text)
+            clips.append(Clip(speech, opening_mm(speech.phones, len(speech.samples) / RATE_HZ), 60.0))
+    return clips
+
+
+def filmed_clips(folder: Path) -> list[Clip]:
+    from fapengine.speech.alphabets import SILENCES, to_ipa
+    from fapengine.speech.phone_track import SILENCE, Phone
+
+    data = np.load(folder.parent / "speech_train.npz", allow_pickle=False)
+    points = data["marker_mediapipe"].tolist()
+    steps = data["marker_delta"].T.astype(np.int32)
+    clips = []
+    for line in (folder / "sentences.tsv").read_text().split("\n"):
+        name, _, text = line.partition("\t")
+        if not text:
+            continue
+        index = data["ids"].tolist().index(name)
+        start, length = int(data["offset"][index]), int(data["n_frames"][index])
+        moved = np.cumsum(steps[start : start + length], axis=0).reshape(length, -1, 3) * float(data["marker_step_mm"])
+        opening = moved[:, points.index(UPPER), 1] - moved[:, points.index(LOWER), 1]
+        mine = np.flatnonzero(data["phone_clip"] == index)
+        phones = [
+            Phone(
+                SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0],
+                float(data["phone_start"][n]), float(data["phone_end"][n]),
+            )
+            for n, label in zip(mine, data["phone"][mine].tolist(), strict=True)
+        ]  # fmt: skip
+        samples, _ = load_sound(folder / f"{name}.flac", rate_hz=RATE_HZ)
+        clips.append(Clip(Spoken(text, samples, PhoneTrack.of(phones, tolerance_s=0.01)), opening, FILMED_HZ))
+    return clips
+
+
+def table(title: str, clips: list[Clip], *, phones: bool) -> None:
+    print(f"\n{title}: {len(clips)} sentences")
+    head = f"{'':38s} {'r':>6s} {'10 %':>6s} {'worst':>6s}"
+    print(head + ("  p b m met       false       starts" if phones else ""))
+    for name, hear in EARS.items():
+        print(figures(name, clips, hear, phones=phones), flush=True)
+    r = [likeness(loudness_opening(clip), clip.opening) for clip in clips]
+    print(f"{'loudness (control)':38s} {np.median(r):6.3f} {np.percentile(r, 10):6.3f} {min(r):6.3f}")
+    true = [opening_mm(c.speech.phones, len(c.opening) / c.rate_hz, c.rate_hz) for c in clips]
+    late = [likeness(np.roll(t, round(LATE_S * c.rate_hz)), c.opening) for t, c in zip(true, clips, strict=True)]
+    print(f"{'the true phones, 83 ms late (control)':38s} {np.median(late):6.3f}")
+    if not phones:
+        r = [likeness(t, c.opening) for t, c in zip(true, clips, strict=True)]
+        print(f"{'the true phones':38s} {np.median(r):6.3f} {np.percentile(r, 10):6.3f} {min(r):6.3f}")
+
+
+def long_recording(minutes: float) -> None:
+    parts = [spoken("rms", text) for text in SENTENCES]
+    pause = np.zeros(RATE_HZ // 2, np.int16)
+    once_s = sum(len(part.samples) + len(pause) for part in parts) / RATE_HZ
+    rounds = max(round(60 * minutes / once_s), 1)
+    words = words_of(" ".join(SENTENCES)) * rounds
+    pieces = (samples for _ in range(rounds) for part in parts for samples in (part.samples, pause))
+    aligner = SphinxAligner(words, pronounce)
+    grown: list[int] = []
+    began_s = time.perf_counter()
+    recording = follow(
+        pieces, aligner, on_heard=lambda _: grown.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    )
+    took_s = time.perf_counter() - began_s
+    truth, start_s = [], 0.0
+    for part in parts * rounds:
+        truth += [start_s + at_s for at_s in closures(part.phones)]
+        start_s += (len(part.samples) + len(pause)) / RATE_HZ
+    hits = met(truth, closures(recording.phones))
+    speed, mebibytes = start_s / took_s, [kibibytes / 1024 for kibibytes in grown]
+    print(f"\n{start_s / 60:.1f} minutes with the text: {speed:.1f} x real time, p b m met {hits}/{len(truth)}")
+    print(
+        f"{len(recording.mismatches)} mismatches; peak memory {mebibytes[len(grown) // 5]:.0f} MiB after a fifth of it,"
+    )
+    print(f"{mebibytes[-1]:.0f} MiB at the end")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--filmed", type=Path, help="folder of sounds whose lips are filmed")
+    parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
+    options = parser.parse_args()
+    table("flite, four voices", spoken_clips(), phones=True)
+    if options.filmed:
+        table("filmed lips", filmed_clips(options.filmed), phones=False)
+    if options.long:
+        long_recording(options.long)
+
+
+if __name__ == "__main__":
+    main()
