@@ -19,7 +19,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ExpressionTarget, PhoneTarget, Profile
-from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
 from fapengine.trajectory.keyframes import place_keyframes

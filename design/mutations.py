@@ -192,12 +192,12 @@ MUTATIONS = (
         ("tests/unit/live/test_server_ingress.py",),
     ),
     Mutation(
-        "scaled pauses", "fapengine/speech/voicevox.py", "length_s * pauses", "length_s",
+        "scaled pauses", "fapengine/speech/formats/voicevox.py", "length_s * pauses", "length_s",
         "VOICEVOX multiplies pauses by pauseLengthScale",
         ("tests/unit/speech/test_formats.py::test_pauses_of_voicevox_are_scaled",),
     ),
     Mutation(
-        "overlap of labels", "fapengine/speech/entries.py", "OVERLAP_S = 1e-3", "OVERLAP_S = 0.1",
+        "overlap of labels", "fapengine/speech/formats/entries.py", "OVERLAP_S = 1e-3", "OVERLAP_S = 0.1",
         "labels that overlap by more than a millisecond are refused",
         ("tests/unit/speech",),
     ),

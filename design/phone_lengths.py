@@ -10,7 +10,7 @@ from collections import defaultdict
 import numpy as np
 
 from design.data_files import FOLDER, asked_path
-from fapengine.speech.alphabets import SILENCES, from_arpabet
+from fapengine.speech.alphabets.convert import SILENCES, from_arpabet
 from fapengine.voices.pronounce import kinds
 
 LONG = ("i", "u", "ɑ", "ɔ", "ɝ")

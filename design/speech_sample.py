@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fapengine.files.profiles import load_profile
 from fapengine.profiles import Profile
-from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.targets import resolve

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
+from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.formats.writing import WRITERS, check_writable, format_phone_json
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.speech.textgrid import decode_text
-from fapengine.speech.writing import WRITERS, check_writable, format_phone_json
 
 if TYPE_CHECKING:
     from fapengine.ears.loudness import Sounding

@@ -13,7 +13,7 @@ from fapengine.files.paths import read_bytes
 from fapengine.files.pictures import save_png
 from fapengine.files.timeline import draw_timeline
 from fapengine.speech import ipa
-from fapengine.speech.formats import FORMATS, guess_format
+from fapengine.speech.formats.registry import FORMATS, guess_format
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.unknown import find_unknown
 

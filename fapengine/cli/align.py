@@ -34,7 +34,7 @@ def align(
 
     from fapengine.app.hearing import write_phones
     from fapengine.cli._hearing import hear_with_bar, transcript_of
-    from fapengine.speech.writing import check_writable
+    from fapengine.speech.formats.writing import check_writable
 
     check_writable(output.suffix)
     words = transcript_of(text, transcript)

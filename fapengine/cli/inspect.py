@@ -26,7 +26,7 @@ def inspect(
     from fapengine._resources import profile_ids
     from fapengine.errors import UnsupportedError
     from fapengine.files.paths import read_bytes
-    from fapengine.speech.formats import guess_format
+    from fapengine.speech.formats.registry import guess_format
 
     if (path / "profile.toml").is_file() or str(path) in profile_ids():
         from fapengine.cli._inspect_profile import inspect_profile

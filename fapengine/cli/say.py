@@ -51,8 +51,8 @@ def say(
     from fapengine.app.talk import check, refuse_unknown
     from fapengine.cli._talking import write_and_print
     from fapengine.cli._verb import with_flags
-    from fapengine.speech.ssml import check_ssml
-    from fapengine.speech.text import decoded, speakable
+    from fapengine.speech.text.normal_form import decoded, speakable
+    from fapengine.speech.text.ssml import check_ssml
 
     chosen, how = manner.value(), drawing.value()
     check(output, chosen, how, shapes=shapes)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError
-from fapengine.speech.alphabets import from_arpabet
+from fapengine.speech.alphabets.convert import from_arpabet
 from fapengine.speech.phone_track import SILENCE
 
 Frames = tuple[str, int, int]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fapengine.errors import DataError
 from fapengine.files.paths import read_bytes
-from fapengine.speech.formats import FORMATS, ParseOptions, parse_timings
+from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
 __all__ = ["FORMATS", "load_timings"]
@@ -29,10 +29,12 @@ def load_timings(
     tier : str, optional
         For formats with tiers: the phone tier; for MFA's CSV: the speaker.
     alphabet : str, optional
-        What the labels are, where the format does not fix it: one of :data:`fapengine.speech.alphabets.ALPHABETS`.
+        What the labels are, where the format does not fix it: one of
+        :data:`fapengine.speech.alphabets.convert.ALPHABETS`.
 
     columns : str, optional
-        For lists that no tool has a name for: what its columns are. See :func:`fapengine.speech.table.parse_columns`.
+        For lists that no tool has a name for: what its columns are. See
+        :func:`fapengine.speech.formats.table.parse_columns`.
 
     Raises
     ------

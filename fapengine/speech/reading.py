@@ -26,7 +26,7 @@ class Reading:
     """What the labels of a track were taken for."""
 
     alphabet: str
-    """One of :data:`fapengine.speech.alphabets.ALPHABETS`."""
+    """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`."""
     guessed: bool = False
     """True where neither the format nor the caller named the alphabet."""
     others: tuple[str, ...] = ()

@@ -13,7 +13,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.text import same_word
+from fapengine.speech.text.normal_form import same_word
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.ramps import Ramp
 

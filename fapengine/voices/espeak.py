@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.scripts import is_spelled, reads, scripts_in, unread_remarks
-from fapengine.speech.ssml import check_ssml, find_tag
-from fapengine.speech.text import SpeakableText, speakable
-from fapengine.speech.words import without_tags, words_of
+from fapengine.speech.text.normal_form import SpeakableText, speakable
+from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_remarks
+from fapengine.speech.text.ssml import check_ssml, find_tag
+from fapengine.speech.text.words import without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import read_label
 from fapengine.voices.espeak_words import with_whole_words
@@ -179,7 +179,7 @@ class EspeakVoice:
     """Language code in any spelling: see :meth:`fapengine.voices.catalogue.Catalogue.find`."""
     rate_wpm: int = DEFAULT_RATE_WPM
     ssml: bool = False
-    """Flag of texts that are SSML: see :mod:`fapengine.speech.ssml`."""
+    """Flag of texts that are SSML: see :mod:`fapengine.speech.text.ssml`."""
 
     def __post_init__(self) -> None:
         if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:

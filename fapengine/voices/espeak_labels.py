@@ -8,8 +8,8 @@ import re
 import unicodedata
 
 from fapengine.speech import ipa
-from fapengine.speech.alphabets import from_set
-from fapengine.speech.phone_sets import ESPEAK
+from fapengine.speech.alphabets.convert import from_set
+from fapengine.speech.alphabets.phone_sets import ESPEAK
 
 NAME_BYTES = 8
 """Length of a name in an event (speak_lib.h); a longer one is cut."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from fapengine.speech.words import attribute
+from fapengine.speech.text.words import attribute
 
 Event = tuple[int, int, int, int, bytes]
 """Sample, kind, position in the text from 1, length, name of the phone."""

@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from fapengine.speech.lines import parse_flite
+from fapengine.speech.formats.lines import parse_flite
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import pronounce

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from fapengine.speech import ipa
-from fapengine.speech.japanese import OPENJTALK, from_kana
-from fapengine.speech.mandarin import from_pinyin, plain_pinyin
-from fapengine.speech.xsampa import LETTERS, MARKS, UNSEEN, from_xsampa
+from fapengine.speech.alphabets.japanese import OPENJTALK, from_kana
+from fapengine.speech.alphabets.mandarin import from_pinyin, plain_pinyin
+from fapengine.speech.alphabets.xsampa import LETTERS, MARKS, UNSEEN, from_xsampa
 
 XSAMPA_DIFFERENCES = {
     "k_<": "ƙ has left the IPA; the mark falls away, k is seen",

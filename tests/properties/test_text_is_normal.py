@@ -5,7 +5,7 @@ import unicodedata
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fapengine.speech.text import speakable
+from fapengine.speech.text.normal_form import speakable
 
 ANY = st.text(st.characters(codec=None, categories=None), max_size=40) | st.text(
     # Where the rules meet: marks, joiners, jamo, surrogates, forms, terminal codes.

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
-from fapengine.speech.formats import FORMATS, parse_timings
+from fapengine.speech.formats.registry import FORMATS, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
 from ..unit.speech.samples import SAMPLES

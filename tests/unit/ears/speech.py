@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.files.sound import load_sound
-from fapengine.speech.lines import parse_flite
+from fapengine.speech.formats.lines import parse_flite
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style

@@ -11,7 +11,7 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.session import Interval, Session, Take
 from fapengine.laboratory.fit import FitOptions, fit_session
 from fapengine.laboratory.setup import Setup
-from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 
 SENTENCES = 120
 SKULL = np.array([[60, 95, 60], [-60, 95, 60], [0, 110, 75], [70, 60, 30], [-70, 60, 30]], float)

@@ -7,8 +7,8 @@ from fapengine.live.wire.speech_osc import phone_labels
 from fapengine.live.wire.speech_osc.schema import WirePhone
 from fapengine.mpeg4.visemes import VISEMES, Expression
 from fapengine.speech import ipa
-from fapengine.speech.alphabets import ALPHABETS
-from fapengine.speech.phone_sets import PHONE_SETS
+from fapengine.speech.alphabets.convert import ALPHABETS
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone
 
 OCULUS = ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou")

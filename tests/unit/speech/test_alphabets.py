@@ -2,11 +2,12 @@
 
 import pytest
 
-from fapengine.speech import alphabets, ipa
-from fapengine.speech.arpabet import ARPABET
-from fapengine.speech.entries import Entry, track_of
-from fapengine.speech.guess import explains, guess, is_one_phone
-from fapengine.speech.phone_sets import MISAKI, MRPA, OPENJTALK
+from fapengine.speech import ipa
+from fapengine.speech.alphabets import convert as alphabets
+from fapengine.speech.alphabets.arpabet import ARPABET
+from fapengine.speech.alphabets.guess import explains, guess, is_one_phone
+from fapengine.speech.alphabets.phone_sets import MISAKI, MRPA, OPENJTALK
+from fapengine.speech.formats.entries import Entry, track_of
 from fapengine.speech.phone_track import SILENCE, PhoneTrack
 from fapengine.speech.unknown import find_unknown
 

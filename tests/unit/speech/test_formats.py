@@ -8,10 +8,11 @@ import pytest
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.files.sessions import _phones
 from fapengine.files.timings import load_timings
-from fapengine.speech import alphabets, ipa
-from fapengine.speech.documents import MAX_BYTES, parse_document
-from fapengine.speech.formats import FORMATS, ParseOptions, guess_format, parse_timings
-from fapengine.speech.phone_sets import PHONE_SETS
+from fapengine.speech import ipa
+from fapengine.speech.alphabets import convert as alphabets
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
+from fapengine.speech.formats.documents import MAX_BYTES, parse_document
+from fapengine.speech.formats.registry import FORMATS, ParseOptions, guess_format, parse_timings
 from fapengine.speech.phone_track import SILENCE, PhoneTrack
 
 from .samples import SAMPLES, lines

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fapengine.speech.text import decoded, same_word, speakable
+from fapengine.speech.text.normal_form import decoded, same_word, speakable
 
 CASES = [
     ("plain text, 1,234.50!", "plain text, 1,234.50!"),

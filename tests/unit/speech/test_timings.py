@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.files.timings import load_timings
-from fapengine.speech import alphabets, ipa
-from fapengine.speech.guess import guess_alphabet
-from fapengine.speech.pho import parse_pho
+from fapengine.speech import ipa
+from fapengine.speech.alphabets import convert as alphabets
+from fapengine.speech.alphabets.guess import guess_alphabet
+from fapengine.speech.formats.pho import parse_pho
+from fapengine.speech.formats.textgrid import parse_textgrid
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.speech.textgrid import parse_textgrid
 
 LONG = '''File type = "ooTextFile"
 Object class = "TextGrid"

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.speech.words import attribute, without_tags, words_of
+from fapengine.speech.text.words import attribute, without_tags, words_of
 
 WORDS = [
     ("", []),

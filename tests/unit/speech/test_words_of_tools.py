@@ -8,12 +8,12 @@ import pytest
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.timings import load_timings
-from fapengine.speech.documents import Node
-from fapengine.speech.entries import Entry
-from fapengine.speech.formats import FORMATS, ParseOptions, parse_timings
+from fapengine.speech.formats.documents import Node
+from fapengine.speech.formats.entries import Entry
+from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
+from fapengine.speech.formats.table import parse_columns
+from fapengine.speech.formats.word_lists import timed_words, walk
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.table import parse_columns
-from fapengine.speech.word_lists import timed_words, walk
 
 from .samples import SAMPLES, SHORT_TEXTGRID, lines
 

@@ -3,11 +3,11 @@
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.speech.formats import parse_timings
+from fapengine.speech.alphabets.xsampa import from_xsampa
+from fapengine.speech.formats.registry import parse_timings
+from fapengine.speech.formats.writing import WRITERS, check_writable, format_ctm, to_xsampa
 from fapengine.speech.ipa import SOUNDS
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.speech.writing import WRITERS, check_writable, format_ctm, to_xsampa
-from fapengine.speech.xsampa import from_xsampa
 
 TRACK = PhoneTrack(
     (

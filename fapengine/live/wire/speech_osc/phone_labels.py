@@ -1,8 +1,8 @@
 """What senders call phones and visemes, as IPA.
 
-A viseme is shown as a phone that looks like it (:mod:`fapengine.speech.phone_sets`). Names without a prefix are Oculus'
-(``PP``, ``viseme_PP``, ``vrc.v_pp``) or numbers of MPEG-4, which are Oculus' too; ``az:19``, ``rh:D`` and ``po:p`` are
-those of Azure, Rhubarb and Polly.
+A viseme is shown as a phone that looks like it (:mod:`fapengine.speech.alphabets.phone_sets`). Names without a prefix
+are Oculus' (``PP``, ``viseme_PP``, ``vrc.v_pp``) or numbers of MPEG-4, which are Oculus' too; ``az:19``, ``rh:D`` and
+``po:p`` are those of Azure, Rhubarb and Polly.
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from functools import lru_cache
 
 from fapengine.live.wire.speech_osc.schema import LABEL_BYTES, PRIMARY_STRESS, SECONDARY_STRESS, WirePhone
 from fapengine.mpeg4.visemes import VISEMES
-from fapengine.speech import alphabets
-from fapengine.speech.guess import guess_alphabet
-from fapengine.speech.phone_sets import PHONE_SETS
+from fapengine.speech.alphabets import convert as alphabets
+from fapengine.speech.alphabets.guess import guess_alphabet
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone
 
 UNKNOWN = "?"

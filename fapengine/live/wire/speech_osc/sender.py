@@ -47,7 +47,7 @@ class OscSender:
         1..32 bytes.
     phone_set, language : str
         Of the labels: ``"ipa"``, ``"arpabet"``, ``"x-sampa"`` and others
-        (:data:`fapengine.speech.alphabets.ALPHABETS`).
+        (:data:`fapengine.speech.alphabets.convert.ALPHABETS`).
     token : str
         If the engine wants window.
     instance : int

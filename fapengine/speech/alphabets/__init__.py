@@ -1,0 +1,1 @@
+"""Alphabets of phones, and sets of phones that tools use: labels into IPA."""

@@ -1,0 +1,172 @@
+"""Which alphabet labels are written in: the one that has most of them as whole labels.
+
+Almost any text can be cut into letters of IPA or X-SAMPA, so letters prove nothing. A label counts for an alphabet if
+it is one of its labels, and for IPA and X-SAMPA, which are built of letters, if it is one phone: a vowel or diphthong,
+a consonant, an affricate. Each different label counts once.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from fapengine.speech import ipa
+from fapengine.speech.alphabets import convert as alphabets
+from fapengine.speech.alphabets.mandarin import is_one_syllable
+
+GUESSED = ("arpabet", "ipa", "x-sampa", "openjtalk", "mrpa", "pinyin", "kana")
+"""Alphabets among which is guessed; of those that explain equally much, the first."""
+MIN_EXPLAINED = 0.6
+"""Part of the different labels below which long labels are words."""
+WORD_LETTERS = 2.5
+"""Letters a label above which unexplained labels are words."""
+MIN_CAPITALS = 5
+"""Labels in capitals from which on a file without small consonants is no X-SAMPA."""
+_BASIC = frozenset("ptkbdgmnlrszfv")
+_NEAR = 0.2
+"""Distance of places of articulation within which a stop and what follows are one affricate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """An alphabet, and how sure it is."""
+
+    alphabet: str
+    explained: float
+    """Part of the different labels that the alphabet has, 0..1."""
+    others: tuple[str, ...]
+    """Alphabets that explain as many, and mean something else by some."""
+    words: bool
+    """True where the labels look like words rather than phones of any alphabet."""
+
+
+def is_one_phone(label: str) -> bool:
+    """Whether IPA is one phone: a vowel or diphthong, a consonant, an affricate, a glide or liquid with its vowel.
+
+    Examples
+    --------
+    >>> [is_one_phone(label) for label in ("aɪ", "t͡ʃ", "ju", "ɑːɹ", "ŋɡ", "sh", "eng", "blah", "aa")]
+    [True, True, True, True, True, False, False, False, False]
+    """
+    letters = ipa.letters(label)
+    sounds = [ipa.SOUNDS[letter] for letter in letters]
+    if len(letters) < 2 or any(tie in label for tie in ipa.TIES):
+        return bool(letters)
+    if any(a == b for a, b in pairwise(letters)):
+        return False
+    if all(sound.vowel for sound in sounds):
+        return len(sounds) <= 3 and not (label.isascii() and letters[-1] == "y")  # ay, oy: no IPA writes them so
+    if not any(sound.vowel for sound in sounds):
+        first, second = sounds[:2]
+        near = first.manner in (0.0, 0.8) and abs(first.place - second.place) <= _NEAR
+        return len(sounds) == 2 and (near or "".join(letters) in ("kp", "ɡb", "ŋm"))
+    vowels = [sound.vowel for sound in sounds]
+    if letters[0] in "jwɥ":
+        return all(vowels[1:]) and len(vowels) <= 3
+    return (letters[-1] in "ɹɻɫ" and all(vowels[:-1]) and len(vowels) <= 3) or letters in (
+        ("ə", "l"),
+        ("ə", "n"),
+        ("ə", "m"),
+    )
+
+
+def explains(alphabet: str, label: str) -> bool:
+    """Whether an alphabet has this label.
+
+    Examples
+    --------
+    >>> explains("arpabet", "iy"), explains("ipa", "sh"), explains("x-sampa", "tS"), explains("mrpa", "e@")
+    (True, False, True, True)
+    """
+    as_ipa, _ = alphabets.spelled_out(label, alphabet)
+    if alphabet in ("ipa", "x-sampa"):
+        return as_ipa is not None and is_one_phone(as_ipa)
+    return as_ipa is not None and (alphabet != "pinyin" or is_one_syllable(label))
+
+
+def guess(labels: Iterable[str]) -> Guess:
+    """Find the alphabet that has most of the different labels, silences aside.
+
+    Examples
+    --------
+    >>> [guess(labels.split()).alphabet for labels in ("SH IY DCL D", "hh_B ah0_E", "k o N ch i")]
+    ['arpabet', 'arpabet', 'openjtalk']
+    >>> guess(["m", "ao"]).others, guess(["The", "birch", "canoe"]).words
+    (('ipa', 'pinyin'), True)
+    """
+    different = sorted({label.strip() for label in labels if not alphabets.is_silence(label)})
+    if not different:
+        return Guess("ipa", 1.0, (), False)
+    mixed = _mixed_case(different)
+    capitals = all(label.upper() == label and label.isascii() for label in different)
+    has: dict[str, list[str]] = {
+        name: [
+            label
+            for label in different
+            if explains(name, label) and not (name == "arpabet" and mixed and not label.isupper())
+        ]
+        for name in GUESSED
+    }
+    if capitals and any(len(label) > 1 for label in has["arpabet"]):
+        has["x-sampa"] = has["pinyin"] = []  # neither is written in capitals alone
+    small = {label for label in different if label in _BASIC}
+    if not small and len([label for label in different if label.isupper()]) >= MIN_CAPITALS:
+        has["x-sampa"] = []  # every language has some of these consonants, and X-SAMPA writes them small
+    has["pinyin"] = [label for label in has["pinyin"] if not label.isupper() or capitals]
+    certain = ("ipa", "x-sampa", "arpabet") if capitals else ("ipa", "x-sampa")
+    sure = [name for name in GUESSED if name in certain or any(map(_tells, has[name]))]
+    most = max(len(has[name]) for name in sure)
+    best = next(name for name in sure if len(has[name]) == most)
+    others: tuple[str, ...] = ()
+    for name in sure:
+        if len(has[name]) == most and not any(_same(known, name, different) for known in (best, *others)):
+            others = (*others, name)
+    explained = most / len(different)
+    words = explained < MIN_EXPLAINED and sum(map(len, different)) / len(different) > WORD_LETTERS
+    return Guess(best, explained, others if explained >= MIN_EXPLAINED else (), words)
+
+
+def _tells(label: str) -> bool:
+    """Whether a label is evidence for an alphabet other than the IPA: a single small letter is none."""
+    return len(label) > 1 or not label.isascii()
+
+
+def _mixed_case(labels: Sequence[str]) -> bool:
+    """Whether labels come in capitals and in small letters, Kaldi's positions aside."""
+    plain = [alphabets.without_position(label) for label in labels]
+    return any(label != label.upper() for label in plain) and any(label != label.lower() for label in plain)
+
+
+def _same(one: str, other: str, labels: Sequence[str]) -> bool:
+    """Whether two alphabets read all labels alike, as far as lips and letters go."""
+    return all(
+        ipa.letters(alphabets.to_ipa(label, one)[0]) == ipa.letters(alphabets.to_ipa(label, other)[0])
+        for label in labels
+    )
+
+
+def guess_alphabet(labels: Iterable[str]) -> str:
+    """Name the alphabet that has most of the labels; ties go to ARPAbet, then IPA.
+
+    Examples
+    --------
+    >>> guess_alphabet(["B", "R", "AY1", "T"]), guess_alphabet(["b", "ɹ", "aɪ"]), guess_alphabet(["b", "{", "t"])
+    ('arpabet', 'ipa', 'x-sampa')
+    """
+    return guess(labels).alphabet
+
+
+def is_doubtful(label: str, alphabet: str, *, guessed: bool) -> bool:
+    """Whether a label is none of its alphabet although its letters can be read.
+
+    Of an alphabet that was named, IPA and X-SAMPA say themselves where a phone ends.
+
+    Examples
+    --------
+    >>> [is_doubtful("eng", alphabet, guessed=True) for alphabet in ("ipa", "arpabet", "mrpa")]
+    [True, False, True]
+    >>> is_doubtful("eng", "ipa", guessed=False)
+    False
+    """
+    if not guessed and alphabet in ("ipa", "x-sampa", "mfa"):
+        return False
+    return bool(ipa.letters(alphabets.to_ipa(label, alphabet)[0])) and not explains(alphabet, label)

@@ -1,0 +1,125 @@
+"""Japanese: kana mora by mora, and the phone labels of VOICEVOX, Open JTalk and Julius.
+
+Pronunciation after Okada, Handbook of the IPA (1999). Katakana and hiragana, full and half width, with every small
+vowel. What a moraic nasal or っ becomes is decided beside its neighbours (:mod:`fapengine.speech.neighbours`).
+"""
+
+import unicodedata
+
+from fapengine.speech.alphabets.phone_set import PhoneSet, joined
+from fapengine.speech.neighbours import assimilated
+
+# fmt: off
+_ROWS = {  # consonant: the five morae with a i u e o; a space where there is none
+    "": "アイウエオ", "k": "カキクケコ", "s": "サ スセソ", "t": "タ  テト", "n": "ナニヌネノ", "h": "ハ  ヘホ",
+    "m": "マミムメモ", "j": "ヤ ユ ヨ", "ɾ": "ラリルレロ", "w": "ワ   ヲ", "ɡ": "ガギグゲゴ", "z": "ザ ズゼゾ",
+    "d": "ダ  デド", "b": "バビブベボ", "p": "パピプペポ",
+}
+_VOWELS = dict(zip("アイウエオ", "aiɯeo", strict=True))
+_OTHERS = {
+    "シ": "ɕi", "チ": "tɕi", "ツ": "tsɯ", "ヒ": "çi", "フ": "ɸɯ", "ジ": "dʑi", "ヂ": "dʑi", "ヅ": "dzɯ", "ン": "ɴ",
+    "ッ": "ʔ", "ー": "ː", "ヴ": "bɯ", "ヷ": "ba", "ヸ": "bi", "ヹ": "be", "ヺ": "bo", "ヰ": "i", "ヱ": "e", "ヮ": "wa",
+    "ヵ": "ka", "ヶ": "ke", "ャ": "ja", "ュ": "jɯ", "ョ": "jo",
+}
+_PALATAL = {  # before a small ya, yu, yo
+    "キ": "kʲ", "シ": "ɕ", "チ": "tɕ", "ニ": "ɲ", "ヒ": "ç", "ミ": "mʲ", "リ": "ɾʲ", "ギ": "ɡʲ", "ジ": "dʑ", "ヂ": "dʑ",
+    "ビ": "bʲ", "ピ": "pʲ", "テ": "tʲ", "デ": "dʲ", "フ": "ɸʲ", "ヴ": "bʲ", "ツ": "tsʲ",
+}
+_BEFORE_SMALL_VOWELS = {  # consonant before ァィゥェォ, which take the place of the vowel
+    "ク": "kw", "グ": "ɡw", "ツ": "ts", "ス": "s", "ズ": "z", "フ": "ɸ", "ヴ": "b", "ウ": "w", "テ": "t", "デ": "d",
+    "ト": "t", "ド": "d", "シ": "ɕ", "ジ": "dʑ", "チ": "tɕ", "ヂ": "dʑ", "イ": "j", "キ": "kʲ", "ギ": "ɡʲ", "ニ": "ɲ",
+    "ヒ": "ç", "ミ": "mʲ", "リ": "ɾʲ", "ビ": "bʲ", "ピ": "pʲ", "ホ": "ɸ",
+}
+_SILENT = "、。？！・，．,.!?「」『』（）()…‥：；:; 　～\"'ˈ↓ꜜ"
+# fmt: on
+
+
+def _kana() -> dict[str, str]:
+    table = dict(_OTHERS)
+    for consonant, morae in _ROWS.items():
+        for vowel, mora in zip(_VOWELS.values(), morae.ljust(5), strict=True):
+            if mora != " ":
+                table[mora] = consonant + vowel
+    for mora, consonant in _PALATAL.items():
+        for small, vowel in zip("ャュョ", "aɯo", strict=True):
+            table[mora + small] = consonant + vowel
+    for small, vowel in zip("ァィゥェォ", _VOWELS.values(), strict=True):
+        table[small] = vowel
+        for mora, consonant in _BEFORE_SMALL_VOWELS.items():
+            table[mora + small] = consonant + vowel
+    for mora, sound in list(table.items()):
+        for small, vowel in zip("ァィゥェォ", _VOWELS.values(), strict=True):
+            if len(mora) == 1 and mora not in "ァィゥェォ" and sound.endswith(vowel):
+                table[mora + small] = sound + "ː"  # a small vowel behind its own only lengthens it
+    for mora in "クグ":
+        table[mora + "ヮ"] = table[mora + "ァ"]
+    table["ヲ"] = "o"  # a particle in all but songs
+    return table | dict.fromkeys(_SILENT, "")
+
+
+_MORAE = _kana()
+
+
+def plain_kana(label: str) -> str:
+    """Write katakana of full width for any kana; ゝ and ゞ repeat what stands before, 〜 is ー.
+
+    Examples
+    --------
+    >>> plain_kana("ｶﾞｯﾂ"), plain_kana("こゝろ"), plain_kana("すゞ"), plain_kana("あ〜")
+    ('ガッツ', 'ココロ', 'スズ', 'アー')
+    """
+    text = unicodedata.normalize("NFKC", label)
+    kana = "".join(chr(ord(letter) + 0x60) if "ぁ" <= letter <= "ゖ" else letter for letter in text)
+    out = ""
+    for letter in kana.replace("〜", "ー").replace("~", "ー"):
+        if letter in "ゝヽゞヾ" and out:
+            out += unicodedata.normalize("NFC", out[-1] + "\u3099") if letter in "ゞヾ" else out[-1]
+        else:
+            out += letter
+    return out
+
+
+def from_kana(label: str) -> str | None:
+    """IPA of one or more morae, empty for signs; None if it is no kana.
+
+    Examples
+    --------
+    >>> [from_kana(text) for text in ("きょ", "ヴォ", "しんぶん", "きっぷ", "、", "x")]
+    ['kʲo', 'bo', 'ɕimbɯɴ', 'kippɯ', '', None]
+    """
+    out = joined(plain_kana(label), _MORAE) if label else None
+    return None if out is None else assimilated(out)
+
+
+def _both_scripts() -> dict[str, str]:
+    katakana = {kana: sound for kana, sound in _MORAE.items() if kana not in _SILENT or sound}
+    hiragana = {
+        "".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヶ" else c for c in kana): sound for kana, sound in katakana.items()
+    }
+    return katakana | hiragana | {"、": "", "。": "", "？": "", "！": "", "・": ""}
+
+
+KANA = PhoneSet(
+    "kana", "Katakana and hiragana; pronunciation after Okada, Handbook of the IPA (1999)", "JIS X 0208 and 0201",
+    table=_both_scripts(), read=from_kana,
+)  # fmt: skip
+# fmt: off
+_LABELS = {
+    "a": "a", "i": "i", "u": "ɯ", "e": "e", "o": "o", "A": "a", "I": "i", "U": "ɯ", "E": "e", "O": "o", "N": "ɴ",
+    "cl": "ʔ", "pau": "", "k": "k", "ky": "kʲ", "kw": "kw", "g": "ɡ", "gy": "ɡʲ", "gw": "ɡw", "s": "s", "sh": "ɕ",
+    "z": "z", "j": "dʑ", "t": "t", "ts": "ts", "ty": "tʲ", "ch": "tɕ", "d": "d", "dy": "dʲ", "n": "n", "ny": "ɲ",
+    "h": "h", "hy": "ç", "f": "ɸ", "b": "b", "by": "bʲ", "p": "p", "py": "pʲ", "m": "m", "my": "mʲ", "y": "j",
+    "r": "ɾ", "ry": "ɾʲ", "w": "w", "v": "v",
+}
+# fmt: on
+VOICEVOX = PhoneSet(
+    "voicevox", "VOICEVOX ENGINE, mora_mapping: consonants and vowels of a mora", "VOICEVOX 0.14 and later", _LABELS
+)
+OPENJTALK = PhoneSet(
+    "openjtalk", "Open JTalk, mecab2njd's phones; Julius, segmentation kit's phones (q, long vowels, silB, silE)",
+    "Open JTalk 1.11, Julius 4.6",
+    table=_LABELS | {
+        "a:": "aː", "i:": "iː", "u:": "ɯː", "e:": "eː", "o:": "oː", "q": "ʔ", "fy": "ɸʲ", "vy": "bʲ", "zy": "dʑ",
+        "sy": "ɕ", "dz": "dz", "sil": "", "silB": "", "silE": "", "sp": "", "xx": "",
+    },
+)  # fmt: skip

@@ -1,0 +1,1 @@
+"""Timing formats: one reader a family, found by content."""

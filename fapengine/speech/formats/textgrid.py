@@ -1,0 +1,280 @@
+"""Praat TextGrid, long, short, chronological, binary, and collections of them: bytes to :class:`PhoneTrack`.
+
+Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
+``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
+"""
+
+import re
+from collections.abc import Iterator
+
+from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.speech.alphabets.guess import guess
+from fapengine.speech.formats.entries import Entry, track_of, with_words
+from fapengine.speech.formats.praat_binary import START, parse_binary_tiers
+from fapengine.speech.formats.tier import Tier
+from fapengine.speech.phone_track import PhoneTrack
+
+PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
+WORD_TIERS = ("words", "word", "ort-mau", "ort")
+
+_TOKEN = re.compile(r'"(?:[^"]|"")*"|<[a-z]+>|![^\n]*|"|[^\s"]+')
+
+
+def decode_text(data: bytes, what: str) -> str:
+    """Decode UTF-8, or UTF-16 with a byte-order mark.
+
+    Raises
+    ------
+    DataError
+        If the bytes are neither; ``where`` is the byte.
+    """
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark",
+            where=f"byte {error.start}",
+        ) from error
+
+
+class _Tokens:
+    """The numbers and texts of the file, in order, with their lines.
+
+    Stateful.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._found: Iterator[re.Match[str]] = _TOKEN.finditer(text)
+        self._at = self._end = 0
+
+    def where(self) -> str:
+        return f"line {self._text.count(chr(10), 0, self._at) + 1}"
+
+    def _next(self, wanted: str) -> str:
+        for match in self._found:
+            token = match.group()
+            self._at, self._end = match.span()
+            if token == '"':
+                raise DataError("text: the closing quote is missing", where=self.where())
+            if wanted == "text" and token[0] == '"':
+                return token[1:-1].replace('""', '"')
+            if wanted == "number" and re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", token):
+                return token
+            if token[0] == "<" and wanted == "flag":
+                return token
+            if token[0] in '"<':
+                raise DataError(f"TextGrid: got {token[:40]}, expected a {wanted}", where=self.where())
+        raise TruncatedError(f"TextGrid: the file ends where a {wanted} is expected", where="the end")
+
+    def text(self) -> str:
+        return self._next("text")
+
+    def number(self) -> float:
+        value = float(self._next("number"))
+        if value == value + 1:  # so large that a second is lost in it, or infinite
+            raise DataError(f"number: got {value:g}, expected a time or a count", where=self.where())
+        return value
+
+    def flag(self) -> str:
+        return self._next("flag")
+
+    def ended(self) -> bool:
+        """Tell whether nothing but comments follows."""
+        rest = re.compile(r"(?:\s|![^\n]*)*").match(self._text, self._end)
+        return rest is not None and rest.end() == len(self._text)
+
+    def count(self, what: str) -> int:
+        value = self.number()
+        if value != int(value) or not 0 <= value <= len(self._text):
+            raise DataError(f"{what}: got {value:g}, expected a count the file can hold", where=self.where())
+        return int(value)
+
+
+def parse_tiers(data: bytes) -> tuple[Tier, ...]:
+    """Read every interval tier; point tiers are passed over.
+
+    Raises
+    ------
+    DataError
+        For anything that is no TextGrid, with the line.
+    """
+    if data.startswith(START):
+        return parse_binary_tiers(data)
+    tokens = _Tokens(_praat_text(data))
+    kind = tokens.text()
+    if kind == "Praat chronological TextGrid text file":
+        return _chronological(tokens)
+    content = tokens.text() if kind in ("ooTextFile", "ooTextFile short") else ""
+    if content == "Collection":
+        return _collection(tokens)
+    if content != "TextGrid":
+        raise DataError('TextGrid: expected a file that begins with "ooTextFile" and "TextGrid"', where="line 1")
+    return _grid(tokens)
+
+
+def _praat_text(data: bytes) -> str:
+    """Decode; Praat wrote Latin-1 before Unicode, and still reads so what is no UTF-8."""
+    try:
+        return decode_text(data, "TextGrid")
+    except DataError:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff") or not re.fullmatch(rb"[\t\n\r\x20-\x7e\xa0-\xff]*", data):
+            raise
+        return data.decode("latin-1")
+
+
+def _collection(tokens: _Tokens) -> tuple[Tier, ...]:
+    """Read several objects in one file; tiers get the name of their grid before theirs."""
+    tiers: list[Tier] = []
+    count = tokens.count("number of objects")
+    for _ in range(count):
+        kind, name = tokens.text(), tokens.text()
+        if kind != "TextGrid":
+            raise UnsupportedError(
+                f"Praat: got a collection with a {kind[:40]}, expected TextGrids alone", where=tokens.where()
+            )
+        tiers += [Tier(f"{name} - {tier.name}" if count > 1 else tier.name, tier.intervals) for tier in _grid(tokens)]
+    return tuple(tiers)
+
+
+def _grid(tokens: _Tokens) -> tuple[Tier, ...]:
+    tokens.number(), tokens.number()
+    if tokens.flag() != "<exists>":
+        return ()
+    tiers: list[Tier] = []
+    for _ in range(tokens.count("number of tiers")):
+        tier_class, name = tokens.text(), tokens.text()
+        tokens.number(), tokens.number()
+        count = tokens.count(f"size of tier {name!r}")
+        if tier_class == "IntervalTier":
+            tiers.append(Tier(name, tuple((tokens.number(), tokens.number(), tokens.text()) for _ in range(count))))
+        elif tier_class == "TextTier":
+            for _ in range(count):
+                tokens.number(), tokens.text()
+        else:
+            raise DataError(f"tier class: got {tier_class!r}, expected IntervalTier or TextTier", where=tokens.where())
+    return tuple(tiers)
+
+
+def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
+    """Read the form in which all tiers share one list: tier number, time or times, text."""
+    tokens.number(), tokens.number()
+    classes: list[str] = []
+    names: list[str] = []
+    for _ in range(tokens.count("number of tiers")):
+        classes.append(tokens.text())
+        names.append(tokens.text())
+        tokens.number(), tokens.number()
+        if classes[-1] not in ("IntervalTier", "TextTier"):
+            raise DataError(f"tier class: got {classes[-1]!r}, expected IntervalTier or TextTier", where=tokens.where())
+    rows_by_tier: list[list[tuple[float, float, str]]] = [[] for _ in classes]
+    while not tokens.ended():
+        tier = tokens.count("tier number")
+        if not 1 <= tier <= len(classes):
+            raise DataError(f"tier number: got {tier}, expected 1..{len(classes)}", where=tokens.where())
+        if classes[tier - 1] == "IntervalTier":
+            rows_by_tier[tier - 1].append((tokens.number(), tokens.number(), tokens.text()))
+        else:
+            tokens.number(), tokens.text()
+    return tuple(
+        Tier(name, tuple(rows))
+        for name, kind, rows in zip(names, classes, rows_by_tier, strict=True)
+        if kind == "IntervalTier"
+    )
+
+
+def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
+    """Find a tier by name, or by the usual names, or because it is the only one.
+
+    Raises
+    ------
+    DataError
+        If none or several fit; the message lists the tiers.
+    """
+    names = [tier.name for tier in tiers]
+    if wanted is not None:
+        fitting = [tier for tier in tiers if tier.name.lower() == wanted.lower()]
+    else:
+        fitting = [tier for tier in tiers if re.split(r"\s*-\s+", tier.name.lower())[-1].strip() in usual]
+        fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
+    if len(fitting) != 1:
+        sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
+        raise DataError(
+            f"TextGrid: {len(fitting)} tiers {sought}, expected one; it has {names}; name one with tier=NAME"
+        )
+    return fitting[0]
+
+
+def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones of a TextGrid.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    tier : str, optional
+        Name of the phone tier; by default the one that is called phones, phonemes, segments, MAU...
+    alphabet : str, optional
+        One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed from all labels.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, ambiguous, or its intervals overlap.
+    """
+    tiers = parse_tiers(data)
+    chosen = _chosen(tiers, tier)
+    entries = _entries(chosen)
+    labels = [entry.label for entry in entries]
+    kind = kind_of(chosen.name)
+    if kind == "words" or (kind == "" and alphabet is None and guess(labels).words):
+        _refuse_blanks(entries, "one word; is this a tier of words?")
+        return track_of(entries, "TextGrid", level="word", spelled=True)
+    _refuse_blanks(entries, "one phone; is this a tier of phones?")
+    named = tuple(tier for tier in _same_owner(tiers, chosen) if kind_of(tier.name) == "words")
+    try:
+        words = _entries(choose_tier(named, None, WORD_TIERS, "words"))
+    except DataError:
+        words = []
+    return track_of(with_words(entries, words), "TextGrid", alphabet=alphabet)
+
+
+def _same_owner(tiers: tuple[Tier, ...], chosen: Tier) -> tuple[Tier, ...]:
+    """Return the tiers of the same speaker or grid, where names begin with it: ``A - phones``, ``A - words``."""
+    owner, dash, _ = chosen.name.rpartition(" - ")
+    others = tuple(tier for tier in tiers if tier is not chosen)
+    return tuple(tier for tier in others if tier.name.rpartition(" - ")[0] == owner) if dash else others
+
+
+def _refuse_blanks(entries: list[Entry], expected: str) -> None:
+    for entry in entries:
+        if " " in entry.label:
+            raise DataError(f"label: got {entry.label[:40]!r}, expected {expected}", where=entry.where)
+
+
+def _chosen(tiers: tuple[Tier, ...], wanted: str | None) -> Tier:
+    """Find the tier of phones; of a grid that has none, the tier of words."""
+    spoken = [tier for tier in tiers if kind_of(tier.name) == "words"]
+    if wanted is None and len(tiers) > 1 and len(spoken) == 1 and not any(kind_of(t.name) == "phones" for t in tiers):
+        return spoken[0]
+    return choose_tier(tiers, wanted, PHONE_TIERS, "phones")
+
+
+def kind_of(name: str) -> str:
+    """Tell what a tier of this name holds: phones, words, or "" where the name does not tell.
+
+    Examples
+    --------
+    >>> kind_of("Words"), kind_of("A - phones"), kind_of("notes")
+    ('words', 'phones', '')
+    """
+    plain = re.split(r"\s*-\s+", name.lower())[-1].strip()
+    return "phones" if plain in PHONE_TIERS else "words" if plain in WORD_TIERS else ""
+
+
+def _entries(tier: Tier) -> list[Entry]:
+    return [
+        Entry(start_s, end_s, label.strip(), f"tier {tier.name!r}, interval {number}")
+        for number, (start_s, end_s, label) in enumerate(tier.intervals, start=1)
+    ]

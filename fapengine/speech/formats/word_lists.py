@@ -1,0 +1,314 @@
+"""Words with times as speech recognisers and voices list them in JSON: one reader, and a row of data for each tool.
+
+Every tool has a list of words somewhere, each with a text, a start and an end; where the list is, what the keys are
+called and what a time means differs. A word without times, which aligners leave where they fail, gets the time between
+its neighbours, or is said together with the word before. What is timed in phrases is refused, and the message says how
+to ask for words. Sources: the tools' own documentation, as of 2026-11.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from fapengine.errors import DataError
+from fapengine.speech.formats.documents import Node, parse_document
+from fapengine.speech.formats.entries import Entry, shared_out, track_of
+from fapengine.speech.phone_track import PhoneTrack
+
+TICK_S = 1e-7
+"""Length of a tick of 100 ns, the unit of Azure and edge-tts."""
+MIN_WORD_S = 0.05
+"""Shortest time in s that a word without times is given between its neighbours."""
+_EDGES = ' \t\r\n.,!?;:…"“”„«»‹›()[]{}¿¡–—-*♪'
+_SPECIAL = re.compile(r"\[_.*\]|<.*>|\[[A-Z_ ]+\]")
+"""Tokens that are no text: [_BEG_], <end>, [BLANK_AUDIO]."""
+
+
+@dataclass(frozen=True, slots=True)
+class WordList:
+    """Where one tool keeps its timed words."""
+
+    name: str
+    tool: str
+    rows: tuple[str, ...]
+    """Paths of the list, the best first: keys with points between, ``[]`` for each item of a list."""
+    label: tuple[str, ...]
+    """Keys of the text, the best first; a point leads further in, a number into a list."""
+    start: tuple[str, ...] = ("start",)
+    end: tuple[str, ...] = ("end",)
+    length: tuple[str, ...] = ()
+    """Keys of the duration, where there is no end."""
+    unit_s: float = 1.0
+    """Length in s of the unit of times."""
+    pieces: bool = False
+    """True where the texts are pieces of words; one that begins with a blank begins a word."""
+    only: tuple[str, str] | None = None
+    """Key and value of the rows that are words, where others stand between."""
+    phrases: tuple[str, ...] = ()
+    """Paths of a list of phrases that the tool writes where it was not asked for words."""
+    never: tuple[str, ...] = ()
+    """Keys that no row has."""
+    hint: str = "ask the tool for word timestamps"
+
+
+# fmt: off
+WORD_LISTS: tuple[WordList, ...] = (
+    WordList("whisper", "WhisperX, faster-whisper, whisper-timestamped, stable-ts", ("segments[].words[]",),
+             ("word", "text")),
+    WordList("openai-words", "OpenAI, NeMo", ("words[]", "word_segments[]", "timestamp.word[]"), ("word",),
+             phrases=("segments[]",), hint="ask for words: word_timestamps=True, timestamp_granularities=['word']"),
+    WordList("whisper-cpp", "whisper.cpp", ("transcription[].tokens[]", "transcription[]"), ("text",),
+             ("offsets.from",), ("offsets.to",), unit_s=1e-3, pieces=True, phrases=("transcription[]",),
+             hint="ask for words: -ojf, or -ml 1"),
+    WordList("transformers", "Hugging Face pipelines", ("chunks[]",), ("text",), ("timestamp.0",), ("timestamp.1",),
+             hint="ask for words: return_timestamps='word'"),
+    WordList("vosk", "Vosk", ("result[]", "[].result[]", "alternatives[0].result[]"), ("word",)),
+    WordList("deepgram", "Deepgram", ("results.channels[].alternatives[0].words[]",
+                                      "[].channel.alternatives[0].words[]", "channel.alternatives[0].words[]"),
+             ("punctuated_word", "word")),
+    WordList("assemblyai", "AssemblyAI", ("words[]",), ("text",), unit_s=1e-3, never=("loss", "type", "logprob")),
+    WordList("aws-transcribe", "Amazon Transcribe", ("results.items[]",), ("alternatives.0.content",),
+             ("start_time",), ("end_time",), only=("type", "pronunciation")),
+    WordList("google-speech", "Google Cloud Speech-to-Text", ("results[].alternatives[0].words[]",
+             "response.results[].alternatives[0].words[]"), ("word",), ("startTime", "startOffset", "start_time"),
+             ("endTime", "endOffset", "end_time")),
+    WordList("soniox", "Soniox", ("tokens[]", "[].tokens[]"), ("text",), ("start_ms",), ("end_ms",), unit_s=1e-3,
+             pieces=True),
+    WordList("kokoro-fastapi", "Kokoro-FastAPI captioned speech", ("timestamps[]", "[].timestamps[]"), ("word",),
+             ("start_time",), ("end_time",)),
+    WordList("edge-tts", "edge-tts, Azure word boundaries",
+             ("[]", "[].Metadata[]", "Metadata[]"), ("text", "Data.text.Text"),
+             ("offset", "Data.Offset", "audio_offset"), (), ("duration", "Data.Duration"), unit_s=TICK_S,
+             only=("type", "WordBoundary"), hint="ask for words: boundary='WordBoundary'"),
+)
+# fmt: on
+
+
+def walk(node: Node, path: str) -> Iterator[Node]:
+    """Go down a path; what is not there yields nothing.
+
+    Examples
+    --------
+    >>> [item.value for item in walk(Node({"a": [{"b": 1}, {"b": 2}, {}]}), "a[].b")]
+    [1, 2]
+    """
+    first, _, rest = path.partition(".")
+    name, bracket, index = first.partition("[")
+    if name:
+        if not node.has(name):
+            return
+        node = node[name]
+    found = [node]
+    if bracket:
+        if not isinstance(node.value, list):
+            return
+        number = index.rstrip("]")
+        found = [item for at, item in enumerate(node.items()) if not number or at == int(number)]
+    for item in found:
+        yield from walk(item, rest) if rest else [item]
+
+
+def value_of(row: Node, keys: Sequence[str]) -> Node | None:
+    """Find the first of some dotted keys that a row has."""
+    for key in keys:
+        node: Node | None = row
+        for part in key.split("."):
+            if node is not None and part.isdigit() and isinstance(node.value, list):
+                node = next((item for at, item in enumerate(node.items()) if at == int(part)), None)
+            else:
+                node = node[part] if node is not None and node.has(part) else None
+        if node is not None and node.value is not None:
+            return node
+    return None
+
+
+def _is_word(row: Node, kind: WordList) -> bool:
+    if kind.only is None:
+        return True
+    key, wanted = kind.only
+    said = value_of(row, (key, key.capitalize(), "boundary_type"))
+    return said is None or said.value in (wanted, "Word", wanted.lower())
+
+
+def _times(row: Node, kind: WordList) -> tuple[float, float] | None:
+    """Start and end in s; None if the row has no times."""
+    start, end = value_of(row, kind.start), value_of(row, kind.end)
+    length = value_of(row, kind.length)
+    if end is None and length is None:
+        return None
+    start_s = seconds(start) * kind.unit_s if start is not None else 0.0
+    end_s = seconds(end) * kind.unit_s if end is not None else start_s + seconds(length or row) * kind.unit_s
+    return start_s, max(start_s, end_s)
+
+
+def seconds(node: Node) -> float:
+    """Return a number, ``"1.300s"``, or an object of seconds and nanos.
+
+    Examples
+    --------
+    >>> seconds(Node(1.3)), seconds(Node("1.300s")), seconds(Node({"seconds": "1", "nanos": 300000000}))
+    (1.3, 1.3, 1.3)
+    """
+    if isinstance(node.value, dict):
+        whole = node["seconds"].number() if node.has("seconds") else 0.0
+        return whole + (node["nanos"].number() / 1e9 if node.has("nanos") else 0.0)
+    if isinstance(node.value, str) and node.value.endswith("s"):
+        return Node(node.value[:-1], node.where).number()
+    return node.number()
+
+
+def rows_of(document: Node, kind: WordList) -> list[Node]:
+    """Find the rows of a tool's list of words; empty if this is no document of the tool."""
+    for path in kind.rows:
+        rows = list(walk(document, path if _listed(document, path) else path.removeprefix("[].")))
+        words = [row for row in rows if value_of(row, kind.label) is not None and _is_word(row, kind)]
+        timed = [row for row in words[:40] if value_of(row, (*kind.end, *kind.length)) is not None]
+        if timed and not any(row.has(key) for row in timed[:1] for key in kind.never):
+            return words
+    return []
+
+
+def _listed(document: Node, path: str) -> bool:
+    return isinstance(document.value, list) and path.startswith("[]")
+
+
+def is_word_list(kind: WordList, document: Node | None) -> bool:
+    """Whether a document is one of this tool's, with words or with phrases alone."""
+    if document is None:
+        return False
+    if rows_of(document, kind):
+        return True
+    phrases = (row for path in kind.phrases for row in walk(document, path))
+    return any(value_of(row, ("text",)) is not None and _times(row, kind) is not None for row in phrases)
+
+
+def words_without_blanks(label: str) -> str:
+    """Take punctuation off the edges of a word; the point of an abbreviation with points inside stays.
+
+    Examples
+    --------
+    >>> [words_without_blanks(word) for word in (" Hello,", "“we'll”", "a.m.", "—", "3.5%")]
+    ['Hello', "we'll", 'a.m.', '', '3.5%']
+    """
+    plain = label.strip(_EDGES)
+    return plain + "." if "." in plain and label.strip().startswith(plain + ".") and not plain[0].isdigit() else plain
+
+
+def joined_pieces(entries: Sequence[Entry]) -> list[Entry]:
+    """Join pieces of words: one that begins with a blank, or comes after one, begins a word.
+
+    Examples
+    --------
+    >>> [e.label for e in joined_pieces([Entry(0, 1, " Beau", ""), Entry(1, 2, "ti", ""), Entry(2, 3, " day", "")])]
+    ['Beauti', 'day']
+    """
+    words: list[Entry] = []
+    open_word = False
+    for entry in entries:
+        text = entry.label
+        if _SPECIAL.fullmatch(text.strip()):
+            open_word = False
+            continue
+        if text[:1].isspace() or not open_word:
+            words.append(replace(entry, label=text.strip()))
+        else:
+            words[-1] = replace(
+                words[-1], end_s=max(words[-1].end_s, entry.end_s), label=words[-1].label + text.strip()
+            )
+        open_word = not text[-1:].isspace()
+    return words
+
+
+def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str) -> list[Entry]:
+    """Make words that follow each other: punctuation off, untimed ones placed, overlaps cut at the next start.
+
+    Parameters
+    ----------
+    entries : sequence of Entry, or of (label, where)
+        In the order in which they are spoken; the latter have no times.
+    what, hint : str
+        Format and advice, for messages.
+
+    Raises
+    ------
+    DataError
+        If an entry holds several words, starts fall, or nothing is timed.
+    """
+    words: list[Entry] = []
+    waiting: list[tuple[str, str]] = []
+    for entry in entries:
+        label, where = (entry.label, entry.where) if isinstance(entry, Entry) else entry
+        plain = words_without_blanks(label)
+        if not plain:
+            continue
+        if re.search(r"\s", plain):
+            raise DataError(f"{what}: got {plain[:40]!r}, expected one word in each entry; {hint}", where=where)
+        if not isinstance(entry, Entry):
+            waiting.append((plain, where))
+            continue
+        words += _placed(waiting, words, entry.start_s)
+        waiting = []
+        words.append(replace(entry, label=plain))
+    if not any(isinstance(entry, Entry) for entry in entries):
+        raise DataError(f"{what}: got no timed word; {hint}")
+    words += _placed(waiting, words, None)
+    for index in range(len(words) - 1):
+        if words[index].start_s <= words[index + 1].start_s < words[index].end_s:
+            words[index] = replace(words[index], end_s=words[index + 1].start_s)
+    return words
+
+
+def _placed(waiting: list[tuple[str, str]], words: list[Entry], until_s: float | None) -> list[Entry]:
+    """Place words without times before ``until_s``; where there is no room, they are said with the word before."""
+    if not waiting:
+        return []
+    from_s = words[-1].end_s if words else 0.0
+    if until_s is not None and until_s - from_s >= MIN_WORD_S * len(waiting):
+        return shared_out(from_s, until_s, [label for label, _ in waiting], waiting[0][1])
+    if words:
+        words[-1] = replace(words[-1], label=" ".join([words[-1].label, *(label for label, _ in waiting)]))
+    return []
+
+
+def parse_word_list(data: bytes, *, kind: WordList, tier: str | None = None) -> PhoneTrack:
+    """Read the words of a tool's document.
+
+    Parameters
+    ----------
+    data : bytes
+        JSON, or JSON lines.
+    kind : WordList
+        The tool.
+    tier : str, optional
+        Number of the channel, where a recording has several.
+
+    Raises
+    ------
+    DataError
+        If there are no words but phrases, several channels, or times are wrong.
+    """
+    document = _one_channel(parse_document(data, kind.tool), tier, kind)
+    rows = rows_of(document, kind)
+    if not rows:
+        raise DataError(f"{kind.name}: got no word with times; {kind.hint}")
+    entries: list[Entry | tuple[str, str]] = []
+    for row in rows:
+        label, times = value_of(row, kind.label), _times(row, kind)
+        text = label.text() if label is not None else ""
+        entries.append((text, row.where) if times is None else Entry(*times, text, row.where))
+    if kind.pieces:
+        entries = [*joined_pieces([entry for entry in entries if isinstance(entry, Entry)])]
+    words = timed_words(entries, kind.name, kind.hint)
+    return track_of(words, kind.name, level="word", spelled=True)
+
+
+def _one_channel(document: Node, tier: str | None, kind: WordList) -> Node:
+    channels = list(walk(document, "results.channels[]"))
+    if len(channels) < 2:
+        return document
+    names = [str(number) for number in range(len(channels))]
+    if tier not in names:
+        raise DataError(
+            f"{kind.name}: got {len(channels)} channels, expected one; name one of {names} with tier=NUMBER"
+        )
+    return Node({"results": {"channels": [channels[int(tier or 0)].value]}})

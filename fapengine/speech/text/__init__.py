@@ -1,0 +1,1 @@
+"""Text as it comes: its normal form, its words and scripts, SSML."""
