@@ -34,7 +34,7 @@ from fapengine.laboratory.space import study_space
 from fapengine.models.viseme_space import MARKERS
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
-from fapengine.speech.alphabets import SILENCES, to_ipa
+from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of

@@ -8,9 +8,9 @@ from fapengine.errors import UsageError
 from fapengine.files.paths import write_bytes
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.rhubarb import approximate_shapes
-from fapengine.speech.mouth_cues import MouthCue, cues_of_frames, cues_of_phones
+from fapengine.speech.formats.mouth_cues import MouthCue, cues_of_frames, cues_of_phones
+from fapengine.speech.formats.rhubarb_files import ENDINGS, format_rhubarb
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.rhubarb_files import ENDINGS, format_rhubarb
 
 RHUBARB = "rhubarb"
 """Name of the set of shapes."""

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
-from fapengine.speech.formats import parse_timings
-from fapengine.speech.mouth_cues import (
+from fapengine.speech.formats.mouth_cues import (
     CONTACTS,
     MIN_CUE_CS,
     SHAPES,
@@ -21,8 +20,9 @@ from fapengine.speech.mouth_cues import (
     cues_of_phones,
     shape_of,
 )
+from fapengine.speech.formats.registry import parse_timings
+from fapengine.speech.formats.rhubarb_files import ENDINGS, format_rhubarb
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.speech.rhubarb_files import ENDINGS, format_rhubarb
 
 PHONES = st.lists(
     st.tuples(st.sampled_from([*sorted(ipa.SOUNDS), "aɪ", "t͡ʃ", SILENCE, "%%"]), st.floats(0.011, 0.4)), min_size=1

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from xml.sax.saxutils import escape
 
 from fapengine.errors import UsageError
-from fapengine.speech.mouth_cues import GRID_HZ, MouthCue
+from fapengine.speech.formats.mouth_cues import GRID_HZ, MouthCue
 
 ENDINGS = (".json", ".tsv", ".xml", ".dat")
 """Endings of the files."""
