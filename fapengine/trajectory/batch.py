@@ -311,6 +311,19 @@ class BatchPlanner:
         """
         return self._planners[self.row(session)].counts
 
+    def renew(self, session: int, time_s: float) -> None:
+        """Prepare one session's frame anew, as :meth:`frames` does for all; what it raises is this session's fault.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open.
+        """
+        row, count = np.array([self.row(session)]), len(self._planners)
+        times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
+        self._load(row, times)
+        self._renew_segments(row, times)
+
     def frames(self, time_s: float, overlay: Overlay | None = None) -> BatchFrames:
         """One frame of every session; what is shown is settled.
 

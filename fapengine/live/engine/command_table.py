@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from math import inf, isfinite
+from math import inf, isfinite, isnan
 from typing import Any, ClassVar, TypeVar, cast, get_type_hints
 
 from fapengine.errors import DataError, UsageError
@@ -85,7 +85,8 @@ class FieldSpec:
             If it does not.
         """
         if not self.low <= value <= self.high:
-            raise UsageError(f"{self.json or self.osc}: got {value}, expected {self.low:g}..{self.high:g}")
+            name = self.json or self.osc or "value"
+            raise UsageError(f"{name}: got {value}, expected {self.low:g}..{self.high:g}")
         return value
 
 
@@ -119,8 +120,10 @@ class Duration(FieldSpec):
         return value / self.per_s
 
     def checked(self, value: float) -> float:
-        """Bring a duration into the range."""
-        return min(max(value, self.low), self.high) if isfinite(value) else self.low
+        """Bring a duration into the range; what is no number is refused."""
+        if isnan(value):
+            raise UsageError(f"{self.json or self.osc}: got {value}, expected {self.low:g}..{self.high:g}")
+        return min(max(value, self.low), self.high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,8 +160,8 @@ class Time(FieldSpec):
 
     def checked(self, value: float | None) -> float | None:
         """Return a time that is finite, or None."""
-        if value is not None and not isfinite(value):
-            raise UsageError(f"{self.osc}: got {value}, expected a finite time")
+        if value is not None and not (isfinite(value) and self.low <= value <= self.high):
+            raise UsageError(f"{self.osc or 'time'}: got {value}, expected a finite time")
         return value
 
 

@@ -29,6 +29,10 @@ MAX_TURN_RAD = 1.5
 MIN_DURATION_S, MAX_DURATION_S = 0.01, 60.0
 """Bounds of ramps and fades."""
 MIN_FADE_S, MAX_FADE_S = 0.01, 10.0
+MAX_TIME_S = 1e12
+"""Bound of engine times, before 0 and behind: beyond it a double no longer tells one frame from the next."""
+MIN_POSITION_S, MAX_POSITION_S = -3600.0, 86_400.0
+"""Bounds of positions in an utterance."""
 EXPRESSIONS = {expression.name.lower(): expression for expression in Expression if expression}
 EXPRESSION_SYNONYMS = {
     "happy": Expression.JOY, "happiness": Expression.JOY, "smile": Expression.JOY, "sad": Expression.SADNESS,
@@ -50,6 +54,10 @@ _EXPRESSION = Choice(
     doc="joy, sadness, anger, fear, disgust, surprise or neutral",
 )
 _PARAMETER = Choice(what="parameter", osc="key", json="setting", values={name: name for name in PARAMETERS})
+_AT = FieldSpec(low=-MAX_TIME_S, high=MAX_TIME_S)
+_FADE = FieldSpec(low=MIN_FADE_S, high=MAX_FADE_S)
+_POSITION = FieldSpec(low=MIN_POSITION_S, high=MAX_POSITION_S)
+_COUNT = FieldSpec(low=0, high=2**31 - 1)
 _OVER = Duration(osc="over_us", json="over", low=MIN_DURATION_S, high=MAX_DURATION_S)
 
 
@@ -61,7 +69,7 @@ class Begin(Command):
     utterance: int
     anchor: Anchor = "now"
     """Start of its time: when the one before it is over, at ``at_s``, or when its sound is heard to play."""
-    at_s: float = 0.0
+    at_s: Annotated[float, _AT] = 0.0
     """Engine time, for ``"at"``."""
     revision: int = 0
 
@@ -85,8 +93,8 @@ class End(Command):
 
     SPEC: ClassVar[CommandSpec] = CommandSpec(doc="no phone follows", osc="/fap/1/utt/end")
     utterance: int
-    phone_count: int
-    duration_s: float
+    phone_count: Annotated[int, _COUNT]
+    duration_s: Annotated[float, FieldSpec(low=0.0, high=MAX_POSITION_S)]
     """Length of the utterance, its last silence included."""
     revision: int = 0
 
@@ -102,9 +110,9 @@ class Cancel(Command):
     SPEC: ClassVar[CommandSpec] = CommandSpec(doc="stop speaking", osc="/fap/1/utt/cancel", json="cancel")
     utterance: int | None = None
     """Number of the utterance; None: all there are, or see ``first``."""
-    at_s: float | None = None
+    at_s: Annotated[float | None, Time(low=-MAX_TIME_S, high=MAX_TIME_S)] = None
     """Engine time; None: at once."""
-    fade_s: float = 0.2
+    fade_s: Annotated[float, _FADE] = 0.2
     """Time from there until the face is at rest."""
     first: int = 0
     """Lowest number that is cancelled, with None for the utterance."""
@@ -137,7 +145,7 @@ class Seek(Command):
 
     SPEC: ClassVar[CommandSpec] = CommandSpec(doc="go on from elsewhere", osc="/fap/1/utt/seek")
     utterance: int
-    position_s: float
+    position_s: Annotated[float, _POSITION]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,9 +156,9 @@ class Audio(Command):
         doc="`position_s` of the sound is heard at engine time `at_s`", osc="/fap/1/audio", json="audio"
     )
     utterance: Annotated[int, FieldSpec(json="utterance", low=0, high=2**32 - 1, is_whole=True)]
-    at_s: Annotated[float, FieldSpec(json="at_s", low=-1e12, high=1e12)]
+    at_s: Annotated[float, FieldSpec(json="at_s", low=-MAX_TIME_S, high=MAX_TIME_S)]
     """Engine time at which this was so."""
-    position_s: Annotated[float, FieldSpec(json="position_s", low=-60.0, high=86_400.0)]
+    position_s: Annotated[float, FieldSpec(json="position_s", low=MIN_POSITION_S, high=MAX_POSITION_S)]
     """Position in the utterance."""
     rate: Annotated[float, FieldSpec(json="rate", low=0.0, high=4.0)] = 1.0
     """Speed of the sound; 0: it stands still."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, nextafter
 from operator import itemgetter
 from typing import Any
@@ -44,6 +45,16 @@ class EngineFrame:
     """(S, 68) FAPU; row s is ``sessions[s]``."""
     time_s: float
     """Engine time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fault:
+    """A session that was ended, for its frame could not be made. Each is a bug."""
+
+    session: str
+    error: Exception
+    counters: Counters
+    """Counts of what it had met with."""
 
 
 class Engine:
@@ -89,6 +100,7 @@ class Engine:
         self._rows: list[Session] = []
         self._names: tuple[str, ...] = ()
         self._events: list[Event] = []
+        self._faults: list[Fault] = []
         self._awake: set[str] = set()
         self._shown_s = -np.inf
         self._wake_s = np.zeros(0)
@@ -137,8 +149,11 @@ class Engine:
         UsageError
             If it is not open.
         """
+        self._session(session).cancel(Cancel(), now_s)
+        self._remove(session)
+
+    def _remove(self, session: str) -> None:
         closed = self._session(session)
-        closed.cancel(Cancel(), now_s)
         row = self._batch.row(closed.number)
         self._batch.close(closed.number)
         self._gestures.close(row)
@@ -161,7 +176,7 @@ class Engine:
         self._gestures.end(self._batch.row(self._session(session).number), at_s, max(now_s, self._shown_s))
 
     def apply(self, session: str, command: Command, now_s: float) -> None:
-        """Tell a session something. What it cannot use is counted (:meth:`counters`), not raised.
+        """Tell a session something. What cannot be meant, or cannot be used, is counted (:meth:`counters`), not raised.
 
         Raises
         ------
@@ -172,13 +187,12 @@ class Engine:
         self._awake.add(session)
         answer = _APPLY.get(type(command), Engine._gesture)
         try:
-            usable = checked(command) if command.SPEC.is_direct else command
-            answer(self, target, usable, max(now_s, self._shown_s))
+            answer(self, target, checked(command), max(now_s, self._shown_s))
         except UsageError:
             target.counters.refused += 1
 
     def frame(self, now_s: float) -> EngineFrame:
-        """One frame of every session.
+        """One frame of every session. One that fails is ended, the others go on: see :meth:`faults`.
 
         Parameters
         ----------
@@ -188,23 +202,30 @@ class Engine:
         Raises
         ------
         UsageError
-            If time goes back.
+            If time goes back, or is none.
         """
+        if not self._shown_s <= now_s < inf:
+            raise UsageError(f"time_s: got {now_s:g} s, expected rising times from {self._shown_s:g} s")
         for row in np.flatnonzero(self._wake_s <= now_s):
             self._awake.add(self._rows[row].name)
         awake = [self._by_name[name] for name in sorted(self._awake)]
-        for session in awake:
-            session.advance(now_s)
+        awake = [session for session in awake if self._succeeds(session, session.advance, now_s)]
         self._plan([session for session in awake if session.fresh], now_s)
         for session in awake:
+            if session.name not in self._by_name:
+                continue
             self._wake_s[self._batch.row(session.number)] = session.wake_s
         elapsed_s = now_s - self._shown_s
         self._awake.clear()
         if np.isfinite(elapsed_s):
-            for session in self._rows:
-                if session.slew_left_s:
-                    session.slew(elapsed_s)
-        frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
+            for session in [session for session in self._rows if session.slew_left_s]:
+                self._succeeds(session, session.slew, elapsed_s)
+        try:
+            frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
+        except Exception:  # one session's fault must not stop the other faces
+            if not self._end_guilty(now_s):
+                raise
+            frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
         self._shown_s = now_s
         return EngineFrame(self._names, frames.faps, now_s)
 
@@ -214,10 +235,39 @@ class Engine:
         urgency = sorted(((session.plan_by_s(), session) for session in sessions), key=itemgetter(0))
         for (urgent_s, due_s), session in urgency:
             if due_s <= now_s and planned < (URGENT_PLANS if urgent_s <= now_s else PLANS_A_FRAME):
-                session.flush(now_s)
+                self._succeeds(session, session.flush, now_s)
                 planned += 1
             else:
                 session.wake_s = min(session.wake_s, max(due_s, nextafter(now_s, inf)))
+
+    def _succeeds(self, session: Session, step: Callable[[float], None], argument: float) -> bool:
+        """Take a step of one session; one that fails is ended."""
+        try:
+            step(argument)
+        except Exception as error:  # noqa: BLE001  a bug, but one session's: the other faces go on
+            self._faults.append(Fault(session.name, error, session.counters))
+            self._events += [
+                Event(session.name, utterance.number, "error", self._shown_s) for utterance in session.queue
+            ]
+            self._remove(session.name)
+            return False
+        return True
+
+    def _end_guilty(self, now_s: float) -> bool:
+        """Find the sessions for which a frame of all failed, one by one, and end them."""
+        before = len(self._faults)
+        for session in tuple(self._rows):
+            self._succeeds(session, partial(self._prepare, session), now_s)
+        return len(self._faults) > before
+
+    def _prepare(self, session: Session, now_s: float) -> None:
+        self._gestures.draw(self._batch.row(session.number), now_s)
+        self._batch.renew(session.number, now_s)
+
+    def faults(self) -> list[Fault]:
+        """Tell which sessions were ended for a fault since it was last asked."""
+        faults, self._faults = self._faults, []
+        return faults
 
     def events(self) -> list[Event]:
         """Tell what has happened since it was last asked."""

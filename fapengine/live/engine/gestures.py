@@ -122,12 +122,16 @@ class BatchGestures:
         self._ramps.send(row, generator.end(at_s, now_s))
         self._due_s[row] = generator.due_s
 
+    def draw(self, row: int, now_s: float) -> None:
+        """Let come what has become due."""
+        generator = self._generators[row]
+        self._ramps.send(row, generator.draw(now_s))
+        self._due_s[row] = generator.due_s
+
     def overlay(self, now_s: float) -> Overlay:
         """Everything but speech, of all rows, at a time that never goes back."""
         for row in np.flatnonzero(self._due_s <= now_s):
-            generator = self._generators[row]
-            self._ramps.send(int(row), generator.draw(now_s))
-            self._due_s[row] = generator.due_s
+            self.draw(int(row), now_s)
         levels = self._ramps.values(now_s)
         expression = self._expression_faps @ levels[: len(EXPRESSIONS)]
         gestures = gesture_faps(levels, self._waves, now_s - self._begun_s)

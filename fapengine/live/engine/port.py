@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from fapengine.live.engine.commands import Command
-from fapengine.live.engine.engine import EngineFrame
+from fapengine.live.engine.engine import EngineFrame, Fault
 from fapengine.live.engine.session import Counters, Event, State
 from fapengine.live.engine.utterance import Utterance
 
@@ -40,6 +40,10 @@ class EnginePort(Protocol):
 
     def events(self) -> list[Event]:
         """Take what happened since the last call."""
+        ...
+
+    def faults(self) -> list[Fault]:
+        """Take the sessions that were ended for a fault since the last call."""
         ...
 
     def state(self, session: str) -> State:

@@ -320,6 +320,7 @@ class Hub:
             self._look_s = now_s + LOOK_EVERY_S
             self._close_idle(now_s)
         shown = self.engine.frame(now_s)
+        self._tell_faults(now_s)
         self.engine.collect()
         sessions = tuple(shown.sessions)
         faps = self._with_pins(sessions, shown.faps) if self._pins else shown.faps
@@ -365,6 +366,17 @@ class Hub:
     def stop(self) -> None:
         """Let :meth:`run` end after its frame."""
         self._stopped = True
+
+    def _tell_faults(self, now_s: float) -> None:
+        """Log what failed; a session that somebody holds begins anew, at rest."""
+        for fault in self.engine.faults():
+            self.counts.faulted += 1
+            log.error(
+                "%s: ended, its frame could not be made", fault.session,
+                exc_info=fault.error, extra={"session": fault.session},
+            )  # fmt: skip
+            if fault.session in self._holders:
+                self.engine.open(fault.session, now_s)
 
     def _hurry_unheard(self, now_s: float) -> None:
         """Let what waits for a sound that is not heard of go on by the clock, one behind the other."""

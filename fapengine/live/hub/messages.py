@@ -59,5 +59,7 @@ class HubCounts:
     """Frames that were due and never shown."""
     listeners_dropped: int = 0
     idle_closed: int = 0
+    faulted: int = 0
+    """Sessions ended because their frame could not be made: each is a bug, told of in the log."""
     unheard: int = 0
     """Utterances whose player never said where it is."""

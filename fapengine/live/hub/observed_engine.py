@@ -6,7 +6,7 @@ from collections.abc import Callable
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Cancel, Command
 from fapengine.live.engine.counts import summed
-from fapengine.live.engine.engine import EngineFrame
+from fapengine.live.engine.engine import EngineFrame, Fault
 from fapengine.live.engine.port import EnginePort
 from fapengine.live.engine.session import Counters, Event, State
 from fapengine.live.engine.utterance import Utterance
@@ -85,6 +85,14 @@ class ObservedEngine:
     def frame(self, now_s: float) -> EngineFrame:
         """One frame of every session; see :meth:`EnginePort.frame`."""
         return self.inner.frame(now_s)
+
+    def faults(self) -> list[Fault]:
+        """Take the sessions that were ended for a fault; see :meth:`EnginePort.faults`."""
+        faults = self.inner.faults()
+        for fault in faults:
+            self._closed = summed(self._closed, fault.counters)
+            self.touched_s.pop(fault.session, None)
+        return faults
 
     def state(self, session: str) -> State:
         """Tell what a session is doing; see :meth:`EnginePort.state`."""

@@ -23,6 +23,7 @@ HUB = {
     "skipped": "Frames that were due and never shown.",
     "listeners_dropped": "Listeners that failed.",
     "idle_closed": "Sessions closed because nobody talked to them.",
+    "faulted": "Sessions ended for a fault of their own; the log has each.",
     "unheard": "Utterances whose player never said where the sound is.",
 }
 

@@ -2,7 +2,7 @@
 
 from dataclasses import astuple
 from itertools import pairwise
-from math import inf
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -641,3 +641,70 @@ def test_many_clauses_at_once_are_planned_over_several_frames_and_in_time(monkey
     assert sum(counts) == 40
     assert 2 < max(counts) < 10
     assert not any(face.counters(f"s{n}").late for n in range(40))
+
+
+NO_COMMANDS = [
+    Begin(2, "at", nan),
+    Begin(2, "at", -inf),
+    End(1, -1, 1.0),
+    End(1, 3, nan),
+    Cancel(at_s=nan),
+    Cancel(at_s=inf),
+    Cancel(at_s=0.4, fade_s=0.0),
+    Cancel(at_s=0.4, fade_s=-1.0),
+    Cancel(fade_s=nan),
+    Cancel(fade_s=1e9),
+    Pause(fade_s=nan),
+    Seek(1, nan),
+    Seek(1, inf),
+    Audio(1, at_s=0.2, position_s=2.6, rate=nan),
+    Audio(1, at_s=0.2, position_s=2.6, rate=-1.0),
+    Audio(1, at_s=-inf, position_s=0.0),
+    Audio(1, at_s=0.2, position_s=inf),
+    Express(Expression.JOY, at_s=inf),
+    Express(Expression.JOY, attack_s=nan),
+    TurnHead(roll_rad=nan, pitch_rad=0.0, yaw_rad=0.0),
+]
+
+
+@pytest.mark.parametrize("command", NO_COMMANDS, ids=repr)
+def test_a_command_that_cannot_be_meant_is_refused_and_changes_nothing(command):
+    told, untold = engine(), engine()
+    for face in (told, untold):
+        say(face, sentence())
+    shown = [frames(face, 0.0, 0.3) for face in (told, untold)]
+    told.apply("anna", command, 0.3)
+    shown = [frames(face, 0.3, 1.5) for face in (told, untold)]
+    assert np.array_equal(*shown)
+    assert (told.counters("anna").refused, untold.counters("anna").refused) == (1, 0)
+
+
+@pytest.mark.parametrize("part", ["advance", "flush", "draw", "plan_at"])
+def test_a_session_that_fails_is_ended_alone(part, monkeypatch):
+    face, alone = engine(Style()), engine(Style())
+    face.open("bert", 0.0)
+    shown = [frames(faces, 0.0, 0.1) for faces in (face, alone)]
+    for faces in (face, alone):
+        say(faces, sentence(), now_s=0.1)
+    say(face, sentence(), session="bert", now_s=0.1)
+    guilty = {"draw": face._gestures._generators[1], "plan_at": face._batch._planners[1]}.get(part, face._rows[1])
+    face._gestures._due_s[1] = 0.0
+    whole = getattr(type(guilty), part)
+
+    def fail(self, *arguments):
+        if self is guilty:
+            raise OverflowError("too much")
+        return whole(self, *arguments)
+
+    monkeypatch.setattr(type(guilty), part, fail)
+    shown += [frames(faces, 0.1, 1.0) for faces in (face, alone)]
+    assert np.array_equal(*shown[:2])
+    assert np.array_equal(*shown[2:])
+    assert face.sessions == ("anna",)
+    (fault,) = face.faults()
+    assert (fault.session, str(fault.error), fault.counters.utterances) == ("bert", "too much", 1)
+    assert face.faults() == []
+    assert [event.kind for event in face.events() if event.session == "bert"][-1] == "error"
+    face.open("bert", 1.0)
+    say(face, sentence(), session="bert", now_s=1.0)
+    assert opening(frames(face, 1.0, 2.0, row=1)).max() > 100

@@ -10,7 +10,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express, Pause
 from fapengine.live.engine.engine import Engine
-from fapengine.live.engine.session import Limits
+from fapengine.live.engine.session import Limits, Session
 from fapengine.live.hub import hub as hubs
 from fapengine.live.hub.hub import Hub
 from fapengine.mpeg4 import fap
@@ -362,3 +362,31 @@ def test_it_runs_at_its_rate_until_stopped() -> None:
     assert all(now_s >= due_s - 1e-5 for now_s, due_s in before)
     assert numbers == sorted(set(numbers))
     assert numbers[-1] + 1 - len(numbers) == hub.counts.skipped == hub.pacer.skipped
+
+
+def test_a_session_that_fails_is_counted_and_told_of_and_one_that_is_watched_begins_anew(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub, clock = hub_of()
+    hub.hold("watched")
+    for session in ("free", "watched", "whole"):
+        hub.open(session)
+        for command in (Begin(1), Append(1, 0, PHONES), End(1, len(PHONES), 1.0)):
+            hub.apply(session, command)
+    advance = Session.advance
+
+    def fail(session: Session, now_s: float) -> None:
+        if session.name != "whole":
+            raise OverflowError("too much")
+        advance(session, now_s)
+
+    monkeypatch.setattr(Session, "advance", fail)
+    with caplog.at_level(logging.ERROR):
+        run(hub, clock, 0.02)
+    monkeypatch.undo()
+    frames = run(hub, clock, 0.3)
+    assert frames[-1].sessions == ("whole", "watched")
+    assert np.abs(frames[-1].faps[0]).max() > 0
+    assert hub.counts.faulted == 2
+    assert caplog.text.count("OverflowError: too much") == 2
+    assert hub.engine.totals().utterances == 3
