@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import fapengine
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
-from fapengine.speech.formats import parse_timings
+from fapengine.speech.formats.registry import parse_timings
 
 
 def run(*arguments: object) -> str:
