@@ -87,8 +87,6 @@ def heard_as(label: str) -> tuple[str, ...]:
     >>> heard_as("aɪ"), heard_as("ts"), heard_as("yː"), heard_as("ʔ")
     (('AY',), ('T', 'S'), ('IY',), ())
     """
-    if label in SOUNDS_LIKE:  # ç comes apart into c and a cedilla
-        return (SOUNDS_LIKE[label],)
     letters = ipa.letters(label) or ("ə",)
     whole = "".join(letters)
     if whole in MODEL_NAMES:

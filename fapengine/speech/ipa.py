@@ -145,6 +145,10 @@ def normalise(label: str) -> str:
     return unicodedata.normalize("NFC", "".join(kept)) or label
 
 
+CEDILLA = "\u0327"
+"""Mark of ç, the one letter of IPA that Unicode takes apart though it is another sound than its base."""
+
+
 @cache
 def letters(label: str) -> tuple[str, ...]:
     """Split a label into known IPA letters; marks, ties and lengths fall away.
@@ -153,11 +157,13 @@ def letters(label: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> letters("t͡ʃ"), letters("ɑː"), letters("spn"), letters("%")
-    (('t', 'ʃ'), ('ɑ',), ('s', 'p', 'n'), ())
+    >>> letters("t͡ʃ"), letters("ɑː"), letters("spn"), letters("%"), letters("ç")
+    (('t', 'ʃ'), ('ɑ',), ('s', 'p', 'n'), (), ('ç',))
     """
     known_letters: list[str] = []
     for letter in unicodedata.normalize("NFD", label):
+        if letter == CEDILLA and known_letters and known_letters[-1] == "c":
+            known_letters[-1] = "ç"
         category = unicodedata.category(letter)
         if letter in STRESS or letter in TIES or letter in LENGTH or category in ("Mn", "Lm", "Sk", "Cf"):
             continue

@@ -88,8 +88,6 @@ def to_xsampa(label: str) -> str:
     >>> to_xsampa("tʃ"), to_xsampa("aɪ"), to_xsampa("ɹ")
     ('tS', 'aI', 'r\\')
     """
-    if label in _XSAMPA:  # ç comes apart into c and a cedilla
-        return _XSAMPA[label]
     spelled = "".join(
         letter if letter in _ASCII_AS_THEY_ARE else _XSAMPA.get(letter, letter) for letter in ipa.letters(label)
     ).replace("ɡ", "g")
