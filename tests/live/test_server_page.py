@@ -5,7 +5,9 @@ import json
 
 import aiohttp
 import numpy as np
+import pytest
 
+from fapengine.live.server import web_site
 from fapengine.live.server.config import Listen
 from fapengine.live.server.server import Server
 from fapengine.live.web.messages import FRAME
@@ -15,7 +17,9 @@ from tests.english import english
 from tests.live.stage import Sender, config_of, on_a_loop, until
 
 
-def test_what_a_sender_says_is_seen_on_the_page_and_counted() -> None:
+def test_what_a_sender_says_is_seen_on_the_page_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_site, "IDLE_S", 0.2)  # a page that is connected is not idle
+
     async def main() -> None:
         config = config_of(token="t")
         listen = Listen(port=0, web_port=0, metrics_port=0, token="t")

@@ -49,7 +49,9 @@ silence_s = 2.0         # an utterance without an end is over when nothing more 
 wait_s = 30.0           # one whose turn it is and whose sound does not come is given up
 idle_close_s = 120.0    # a session that nobody talks to or watches is closed
 packets_a_peer = 256    # waiting to be understood
-streams = 256           # TCP connections
+streams = 256           # TCP connections of senders
+connections = 512       # connections of the page, and as many of the metrics
+connections_an_address = 128  # of any one of them, from one address
 
 [log]
 level = "info"          # debug, info, warning, error
@@ -122,6 +124,8 @@ class Caps(Checked):
     idle_close_s: Annotated[float, Meta(ge=1.0, le=86_400.0)] = 120.0
     packets_a_peer: Annotated[int, Meta(ge=1, le=100_000)] = 256
     streams: Annotated[int, Meta(ge=1, le=10_000)] = 256
+    connections: Annotated[int, Meta(ge=1, le=10_000)] = 512
+    connections_an_address: Annotated[int, Meta(ge=1, le=10_000)] = 128
 
     @property
     def engine(self) -> Limits:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from fapengine.errors import DataError, ResourceError
+from fapengine.live.server.doors import Door
 from fapengine.live.server.ingress import Ingress
 from fapengine.live.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder, encode_length, encode_slip
 
@@ -21,7 +22,6 @@ RECEIVE_BUFFER = 4 << 20
 """Size of the receive buffer that the system is asked for, bytes; it may give less."""
 REST_S = 0.003
 """Interval at which a socket is read while much comes; it is also read before each frame."""
-STREAMS = 256
 UNREAD_BYTES = 256 << 10
 """Replies that a stream's peer may leave unread; more are dropped."""
 STREAM_WAITING = 32
@@ -30,6 +30,8 @@ CROWDED_S = 0.05
 """A stream that finds no place in the queue tries again after so long."""
 MAX_CALLERS = 8192
 """Addresses remembered, so that a caller is not made anew for each datagram."""
+FIRST_S, IDLE_S = 10.0, 600.0
+"""Time in which a stream must send its first packet, and after each packet the next; then its place is another's."""
 SLIP_FIRST = b"\xc0/#"
 
 
@@ -126,14 +128,16 @@ class Stream(asyncio.Protocol):
     Stateful.
     """
 
-    def __init__(self, ingress: Ingress, streams: set["Stream"], max_streams: int) -> None:
-        self._ingress, self._streams, self._most = ingress, streams, max_streams
+    def __init__(self, ingress: Ingress, streams: set["Stream"], door: Door) -> None:
+        self._ingress, self._streams, self._door = ingress, streams, door
+        self._heard_s: float | None = None
+        self._timer: asyncio.TimerHandle | None = None
         self._decoder: SlipDecoder | LengthDecoder | None = None
         self._frame: Callable[[bytes], bytes] = encode_slip
         self._held: deque[bytes] = deque()
         self._paused = False
         self._transport: asyncio.Transport | None = None
-        self.name = "tcp://?"
+        self.name, self._host = "tcp://?", ""
 
     def __str__(self) -> str:
         return self.name
@@ -146,12 +150,14 @@ class Stream(asyncio.Protocol):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         host, port = transport.get_extra_info("peername")[:2]
         self.name = f"tcp://{host}:{port}"
-        if len(self._streams) >= self._most or self._ingress.closed:
+        self._host = str(host)
+        if self._ingress.closed or not self._door.enter(self._host):
             self._ingress.counts.streams_refused += 1
             self._transport.abort()
             return
         self._streams.add(self)
         self._ingress.counts.streams += 1
+        self._timer = asyncio.get_running_loop().call_later(FIRST_S, self._look)
 
     def data_received(self, data: bytes) -> None:
         """Cut the stream into packets."""
@@ -167,6 +173,8 @@ class Stream(asyncio.Protocol):
             self._ingress.counts.streams_broken += 1
             self._drop()
             return
+        if packets:
+            self._heard_s = asyncio.get_running_loop().time()
         self._ingress.counts.stream_packets += len(packets)
         self._held += packets
         self.go_on()
@@ -215,12 +223,27 @@ class Stream(asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         """Forget the peer."""
         self._ingress.held_back.pop(self, None)
+        if self._timer is not None:
+            self._timer.cancel()
         if self in self._streams:
+            self._door.leave(self._host)
             self._streams.discard(self)
             self._ingress.counts.streams -= 1
         forget = getattr(self._ingress.receiver, "forget", None)
         if forget is not None:
             forget(self)
+
+    def _look(self) -> None:
+        """Hang up on whom nothing was heard of; look again when that could next be so."""
+        loop = asyncio.get_running_loop()
+        due_s = loop.time() if self._heard_s is None else self._heard_s + IDLE_S
+        if self._paused:  # it waits for us
+            due_s = loop.time() + IDLE_S
+        if due_s > loop.time():
+            self._timer = loop.call_at(due_s, self._look)
+            return
+        self._door.counts.timed_out += 1
+        self._drop()
 
     def close(self) -> None:
         """Send what is still to be sent, and end."""
@@ -250,7 +273,7 @@ class TcpListener:
         self.address: tuple[str, int] = server.sockets[0].getsockname()[:2]
 
     @classmethod
-    async def open(cls, ingress: Ingress, host: str, port: int, *, max_streams: int = STREAMS) -> "TcpListener":
+    async def open(cls, ingress: Ingress, host: str, port: int, door: Door) -> "TcpListener":
         """Listen.
 
         Raises
@@ -260,9 +283,7 @@ class TcpListener:
         """
         streams: set[Stream] = set()
         listening = bound(host, port, socket.SOCK_STREAM)
-        server = await asyncio.get_running_loop().create_server(
-            lambda: Stream(ingress, streams, max_streams), sock=listening
-        )
+        server = await asyncio.get_running_loop().create_server(lambda: Stream(ingress, streams, door), sock=listening)
         return cls(server, streams)
 
     async def close(self) -> None:

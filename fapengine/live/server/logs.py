@@ -37,6 +37,40 @@ class Lines(logging.Formatter):
         return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
 
 
+AT_ONCE, WITHIN_S = 5, 10.0
+"""Records of one kind that are written within so long; more are only counted."""
+MAX_KINDS = 1000
+
+
+class SeldomFilter(logging.Filter):
+    """A filter of records that repeat themselves: what anybody can cause must not fill a disk.
+
+    Two records are of one kind if they have the same text but for its arguments.
+    Stateful.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kinds: dict[tuple[str, str], list[float]] = {}
+        """Kind to when its first record of the latest 10 s came, how many came since, how many were not written."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is written; the first one after others that were not tells how many they were."""
+        kind = (record.name, str(record.msg))
+        if len(self._kinds) > MAX_KINDS:
+            self._kinds.clear()
+        seen = self._kinds.setdefault(kind, [record.created, 0, 0])
+        if record.created - seen[0] >= WITHIN_S:
+            if seen[2]:
+                record.msg, record.args = f"{record.getMessage()} ({seen[2]:.0f} more like it before)", None
+            seen[:] = record.created, 0, 0
+        seen[1] += 1
+        if seen[1] <= AT_ONCE or record.levelno < logging.WARNING:
+            return True
+        seen[2] += 1
+        return False
+
+
 def begin_log(level: str, form: str, stream: TextIO | None = None) -> logging.Handler:
     """Send what fapengine logs to a stream, standard error by default.
 
@@ -49,6 +83,7 @@ def begin_log(level: str, form: str, stream: TextIO | None = None) -> logging.Ha
     """
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonLines() if form == "json" else Lines())
+    handler.addFilter(SeldomFilter())
     root = logging.getLogger("fapengine")
     root.setLevel(level.upper())
     root.addHandler(handler)

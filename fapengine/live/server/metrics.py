@@ -10,6 +10,7 @@ from prometheus_client.registry import Collector
 from fapengine.live.engine.session import Counters
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubCounts
+from fapengine.live.server.doors import Door
 from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.sinks import Sink
 from fapengine.live.web.connection import WebCounts
@@ -58,6 +59,8 @@ class ServerMetrics(Collector):
         self._hub, self._ingress, self._peers, self._texts, self._sinks = hub, ingress, peers, texts, sinks
         self.page: WebCounts | None = None
         """Counts of the page, where there is one."""
+        self.doors: Mapping[str, Door] = {}
+        """Ports by name."""
         self._registry = CollectorRegistry()
         self._registry.register(self)
         self.tick_s = Histogram(
@@ -93,6 +96,7 @@ class ServerMetrics(Collector):
         yield _labelled("texts", "Texts that senders wanted spoken, by what became of them.", asdict(self._texts))
         yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=ingress.streams)
         yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
+        yield from self._connections()
         if self.page is not None:
             page = asdict(self.page)
             yield GaugeMetricFamily("fapengine_pages", "Pages that are connected.", value=page.pop("pages"))
@@ -106,6 +110,18 @@ class ServerMetrics(Collector):
         for state in STATES:
             sessions.add_metric([state], states.count(state))
         yield sessions
+
+    def _connections(self) -> Iterator[Metric]:
+        connections = GaugeMetricFamily("fapengine_connections", "Open connections, by port.", labels=["door"])
+        lost = CounterMetricFamily(
+            "fapengine_connections_lost", "Those refused or hung up on.", labels=["door", "kind"]
+        )
+        for name, door in self.doors.items():
+            connections.add_metric([name], door.counts.open)
+            lost.add_metric([name, "refused"], door.counts.refused)
+            lost.add_metric([name, "timed_out"], door.counts.timed_out)
+        yield connections
+        yield lost
 
     def _sent(self) -> Iterator[Metric]:
         sent = CounterMetricFamily("fapengine_sent", "Datagrams or planes that sinks sent.", labels=["sink"])

@@ -28,11 +28,14 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
 from fapengine.live.hub.hub import Hub
 from fapengine.live.server.config import ServeConfig
+from fapengine.live.server.doors import Door, raise_file_limit, shared_out
 from fapengine.live.server.fair_queue import FairQueue
 from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.listeners import TcpListener, UdpListener
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
+from fapengine.live.server.web_site import Site, open_site
+from fapengine.live.web.admission import harden, refusal
 from fapengine.live.wire.speech_osc.counts import TextRequest
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
 from fapengine.mesh.face_mesh import FaceMesh
@@ -47,17 +50,6 @@ TEXTS_AT_ONCE = 16
 log = logging.getLogger("fapengine.server")
 
 
-@dataclass(slots=True)
-class _Site:
-    """A running web server.
-
-    Stateful.
-    """
-
-    runner: web.AppRunner
-    address: tuple[str, int]
-
-
 @dataclass(slots=True, eq=False)
 class _Parts:
     """The parts of a server that are open.
@@ -68,7 +60,7 @@ class _Parts:
     datagrams: UdpListener | None = None
     streams: TcpListener | None = None
     sinks: list[Sink] = field(default_factory=list)
-    sites: list[_Site] = field(default_factory=list)
+    sites: list[Site] = field(default_factory=list)
     texts: set[asyncio.Task[None]] = field(default_factory=set)
     speaker: Playback | None = None
 
@@ -110,8 +102,10 @@ class Server:
         queue = FairQueue(packets_a_peer=config.limits.packets_a_peer)
         self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
+        self.doors = _doors_of(config)
         self._parts = _Parts()
         self.metrics = ServerMetrics(self.hub, self.ingress, self.receiver.counts, self.texts, self._parts.sinks)
+        self.metrics.doors = self.doors
         self._head = head
         self._draining = False
         self._stop = asyncio.Event()
@@ -204,17 +198,17 @@ class Server:
                 voice=self.config.voice,
             )
             self.metrics.page = app[COUNTS]
-            parts.sites.append(await _serve(app, listen.host, listen.web_port))
+            parts.sites.append(await open_site(app, listen.host, listen.web_port, self.doors["page"]))
         if listen.metrics_port is not None:
             app = web.Application()
+            harden(app)
             app.router.add_get("/metrics", self._answer_metrics)
-            parts.sites.append(await _serve(app, listen.host, listen.metrics_port))
+            parts.sites.append(await open_site(app, listen.host, listen.metrics_port, self.doors["metrics"]))
 
     async def _doors(self, host: str, port: int) -> tuple[UdpListener, TcpListener]:
         """Open UDP and TCP at one port; a free one is tried again where only one of both is."""
-        max_streams = self.config.limits.streams
         for left in range(9, -1, -1):
-            streams = await TcpListener.open(self.ingress, host, port, max_streams=max_streams)
+            streams = await TcpListener.open(self.ingress, host, port, self.doors["osc"])
             try:
                 return UdpListener(self.ingress, host, streams.address[1]), streams
             except ResourceError:
@@ -294,7 +288,7 @@ class Server:
         if parts.speaker is not None:
             parts.speaker.close()
         for site in parts.sites:
-            await site.runner.cleanup()
+            await site.close()
         for sink in parts.sinks:
             await sink.close()
         if parts.datagrams is not None:
@@ -306,9 +300,8 @@ class Server:
         parts.datagrams = parts.streams = parts.speaker = None
 
     async def _answer_metrics(self, request: web.Request) -> web.Response:
-        token = self.config.listen.token
-        if token is not None and request.headers.get("Authorization") != f"Bearer {token}":
-            raise web.HTTPForbidden(text="send the token: Authorization: Bearer TOKEN")
+        if trouble := refusal(request, self.config.listen.token):
+            raise web.HTTPForbidden(text=trouble)
         return web.Response(body=self.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
 
     def _log_event(self, event: Event) -> None:
@@ -318,25 +311,22 @@ class Server:
             log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=details)
 
 
-async def _serve(app: web.Application, host: str, port: int) -> _Site:
-    """Let a web application listen.
+def _doors_of(config: ServeConfig) -> dict[str, Door]:
+    """Give each port its share of what this process may open."""
+    limits = config.limits
+    most = {"osc": limits.streams, "page": limits.connections, "metrics": limits.connections}
+    shares = shared_out(list(most.values()), raise_file_limit())
+    return {
+        name: Door(share, min(share, limits.connections_an_address)) for name, share in zip(most, shares, strict=True)
+    }
 
-    Raises
-    ------
-    ResourceError
-        If the port is taken.
-    """
-    runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    try:
-        await web.TCPSite(runner, host, port).start()
-    except OSError as error:
-        await runner.cleanup()
-        raise ResourceError(
-            f"TCP port {port} on {host}: {error.strerror or error}; choose another port, or see who has it: ss -lnp"
-        ) from error
-    address = runner.addresses[0]
-    return _Site(runner, (address[0], address[1]))
+
+def _tell_loop_trouble(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Log in a line, which is not repeated each time, that no connection can be taken; all else as ever."""
+    if "socket.accept()" in str(context.get("message")):
+        log.error("no connection can be taken: %s", context.get("exception"))
+    else:
+        loop.default_exception_handler(context)
 
 
 async def serve(server: Server, ready: Callable[[], None] | None = None) -> None:
@@ -348,6 +338,9 @@ async def serve(server: Server, ready: Callable[[], None] | None = None) -> None
     ready : callable, optional
         Called when everything is open.
     """
+    loop = asyncio.get_running_loop()
+    if loop.get_exception_handler() is None:
+        loop.set_exception_handler(_tell_loop_trouble)
     await server.start()
     if ready is not None:
         ready()

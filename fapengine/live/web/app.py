@@ -1,25 +1,19 @@
-"""The web server: page, head, shaders, sounds, and the WebSocket that they talk over.
-
-Only pages of this very server may talk to it: a page of another origin is refused, and so is a name that is no address
-while no token is asked for, for anybody can make a name point here (DNS rebinding).
-"""
+"""The web server: page, head, shaders, sounds, and the WebSocket that they talk over (:mod:`.admission`: who may)."""
 
 import gzip
-import hmac
-import ipaddress
 import json
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import PurePosixPath
-from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, web
 
 from fapengine import _resources
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.hub.hub import Hub
+from fapengine.live.web.admission import harden, refusal
 from fapengine.live.web.connection import Connection, WebCounts
 from fapengine.live.web.head_binary import head_binary
 from fapengine.live.web.messages import MAX_MESSAGE, PROTOCOL, session_name, text_of
@@ -37,12 +31,6 @@ HEARTBEAT_S = 20.0
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 NOT_FOR_ALL = ("/head.bin", "/setup.json")
 """Files that only those may have who may watch: the face may be somebody's own."""
-HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-cache",
-}
 
 log = logging.getLogger("fapengine.web")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -106,7 +94,7 @@ class _Server:
             wav = self.sounds.wav(request.query.get("session", DEFAULT_SESSION), int(number))
         if wav is None:
             raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
-        return web.Response(body=wav, content_type="audio/wav", headers=HEADERS)
+        return web.Response(body=wav, content_type="audio/wav")
 
     async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
         """Answer with a file of the page, packed for whoever can unpack it."""
@@ -114,22 +102,13 @@ class _Server:
             self.admit(request)
         if "gzip" in request.headers.get("Accept-Encoding", ""):
             return web.Response(
-                body=packed, content_type=kind, charset=_charset(kind), headers=HEADERS | {"Content-Encoding": "gzip"}
+                body=packed, content_type=kind, charset=_charset(kind), headers={"Content-Encoding": "gzip"}
             )
-        return web.Response(body=body, content_type=kind, charset=_charset(kind), headers=HEADERS)
+        return web.Response(body=body, content_type=kind, charset=_charset(kind))
 
     def admit(self, request: web.Request) -> None:
         """Refuse whoever may not be here."""
-        origin, host = request.headers.get("Origin"), request.host
-        trouble = ""
-        if self.token is not None:
-            token = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
-            if not hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self.token.encode()):
-                trouble = "The token is missing or wrong: open the address that the server printed."
-        elif not _is_address(host):
-            trouble = f"Asked for as {host!r}: use the address, or start the server with a token."
-        if origin is not None and origin.partition("://")[2] != host:
-            trouble = f"A page of {origin} may not talk to this server."
+        trouble = refusal(request, self.token)
         if trouble:
             self.counts.refused += 1
             raise web.HTTPForbidden(text=trouble)
@@ -192,6 +171,7 @@ def make_app(
     server = _Server(hub, token, hello, heard_here, voice)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
+    harden(app)
     app[SERVER], app[COUNTS] = server, server.counts
     app.on_shutdown.append(server.stop)
     app.router.add_get("/ws", server.socket)
@@ -216,11 +196,3 @@ def page_files(head: FaceMesh, voices: dict[str, str]) -> dict[str, tuple[str, b
 
 def _charset(kind: str) -> str | None:
     return "utf-8" if kind.startswith(("text/", "application/json", "image/svg")) else None
-
-
-def _is_address(host: str) -> bool:
-    try:
-        name = urlsplit(f"//{host}").hostname or ""
-        return name == "localhost" or name.endswith(".localhost") or bool(ipaddress.ip_address(name))
-    except ValueError:
-        return False

@@ -12,6 +12,7 @@ import pytest
 
 from fapengine.errors import ResourceError
 from fapengine.live.server import listeners
+from fapengine.live.server.doors import Door
 from fapengine.live.server.fair_queue import FairQueue
 from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.listeners import Stream, TcpListener, UdpListener
@@ -202,7 +203,7 @@ def test_answers_that_cannot_be_sent_are_counted() -> None:
 @pytest.mark.parametrize("frame", [encode_slip, lambda packet: packet + b"\xc0", encode_length])
 def test_streams_find_their_framing_and_are_answered_in_it(frame: Callable[[bytes], bytes]) -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         loop = asyncio.get_running_loop()
         one = guest(door.address[1])
         for byte in frame(b"/ping") + frame(b"/a"):
@@ -236,7 +237,7 @@ def test_streams_find_their_framing_and_are_answered_in_it(frame: Callable[[byte
 )
 def test_what_is_no_framing_is_hung_up_on(data: bytes, count: str) -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         one = guest(door.address[1])
         loop = asyncio.get_running_loop()
         await loop.sock_sendall(one, data)
@@ -255,7 +256,7 @@ def test_what_is_no_framing_is_hung_up_on(data: bytes, count: str) -> None:
 
 def test_a_stream_that_ends_inside_a_packet_is_counted() -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         for data in (b"\xc0/unterminated", struct.pack(">i", 100) + b"/", b""):
             with guest(door.address[1]) as one:
                 await until(lambda: ingress.counts.streams == 1)
@@ -269,7 +270,7 @@ def test_a_stream_that_ends_inside_a_packet_is_counted() -> None:
 def test_a_stream_that_sends_faster_is_not_read_and_loses_nothing() -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
         echo.takes_s = 0.0001
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         one = guest(door.address[1])
         sent = [b"/%d" % number for number in range(3000)]
         sending = asyncio.create_task(asyncio.get_running_loop().sock_sendall(one, b"".join(map(encode_slip, sent))))
@@ -292,7 +293,7 @@ def test_a_stream_waits_for_a_place_in_a_crowd(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(listeners, "CROWDED_S", 0.001)
 
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         ingress._working = True  # nobody takes anything out
         ingress.queue.put("crowd", b"/crowd")
         one = guest(door.address[1])
@@ -312,7 +313,7 @@ def test_a_peer_that_does_not_read_is_not_waited_for(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(listeners, "UNREAD_BYTES", 10_000)
 
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(64, 64))
         one = guest(door.address[1])
         await asyncio.get_running_loop().sock_sendall(one, encode_slip(b"/a"))
         await until(lambda: len(echo.got) == 1)
@@ -331,7 +332,7 @@ def test_a_peer_that_does_not_read_is_not_waited_for(monkeypatch: pytest.MonkeyP
 
 def test_too_many_streams_are_turned_away_and_a_closed_intake_takes_none() -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
-        door = await TcpListener.open(ingress, "127.0.0.1", 0, max_streams=1)
+        door = await TcpListener.open(ingress, "127.0.0.1", 0, Door(1, 1))
         loop = asyncio.get_running_loop()
         with guest(door.address[1]) as first:
             await until(lambda: ingress.counts.streams == 1)
@@ -363,7 +364,7 @@ def test_ports_and_hosts_that_cannot_be_had() -> None:
         with pytest.raises(ResourceError, match=rf"UDP port {port} on 127\.0\.0\.1: .*; choose another port"):
             UdpListener(ingress, "127.0.0.1", port)
         with pytest.raises(ResourceError, match=r"TCP no.such.host.invalid:1"):
-            await TcpListener.open(ingress, "no.such.host.invalid", 1)
+            await TcpListener.open(ingress, "no.such.host.invalid", 1, Door(1, 1))
         door.close()
 
     run(main)
@@ -371,7 +372,7 @@ def test_ports_and_hosts_that_cannot_be_had() -> None:
 
 def test_data_behind_the_end_of_a_connection_is_ignored() -> None:
     async def main(ingress: Ingress, echo: Echo) -> None:
-        stream = Stream(ingress, set(), 1)
+        stream = Stream(ingress, set(), Door(1, 1))
         stream.data_received(b"\xc0/a\xc0")
         stream.eof_received()
         stream.close()

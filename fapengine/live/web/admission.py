@@ -1,0 +1,60 @@
+"""Who may ask a web port, and what every answer carries.
+
+Only pages of this very server may talk to it: a page of another origin is refused, and so is a name that is no address
+while no token is asked for, for anybody can make a name point here (DNS rebinding).
+"""
+
+import hmac
+import ipaddress
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+SERVER = "fapengine"
+"""Name that answers carry; no version, which would tell what to try."""
+
+
+def refusal(request: web.Request, token: str | None) -> str:
+    """Say why a request is refused; empty if it is not.
+
+    Parameters
+    ----------
+    token : str, optional
+        What must be brought along; None: nothing, then only names that are addresses are answered.
+    """
+    origin, host = request.headers.get("Origin"), request.host
+    if origin is not None and origin.partition("://")[2] != host:
+        return f"A page of {origin} may not talk to this server."
+    if token is not None:
+        brought = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(brought.encode("utf-8", "surrogateescape"), token.encode()):
+            return "The token is missing or wrong: open the address that the server printed."
+    elif not _is_address(host):
+        return f"Asked for as {host!r}: use the address, or start the server with a token."
+    return ""
+
+
+def harden(app: web.Application) -> None:
+    """Let every answer of an application carry :data:`HEADERS`, errors included."""
+
+    async def add(_: web.Request, answer: web.StreamResponse) -> None:
+        for name, value in HEADERS.items():
+            answer.headers.setdefault(name, value)
+        answer.headers["Server"] = SERVER
+
+    app.on_response_prepare.append(add)
+
+
+def _is_address(host: str) -> bool:
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == "localhost" or name.endswith(".localhost") or bool(ipaddress.ip_address(name))
+    except ValueError:
+        return False
