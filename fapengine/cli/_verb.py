@@ -18,6 +18,7 @@ from fapengine.errors import DataError, FapEngineError, UsageError
 ALIASES = {
     "path": "output", "rate_hz": "fps", "rate_wpm": "rate", "expressions": "expression", "sinks": "sink",
     "kbit_s": "kbps", "loudness_db": "loudness", "format": "log", "metrics_port": "metrics",
+    "offset_s": "offset",
 }  # fmt: skip
 """Library's names of parameters to those of the verbs, where they differ."""
 

@@ -9,7 +9,22 @@ import sys
 
 import typer
 
-from fapengine.cli import align, animate, convert, decode, doctor, encode, fit, head, inspect, render, say, serve, view
+from fapengine.cli import (
+    align,
+    animate,
+    convert,
+    decode,
+    doctor,
+    encode,
+    fit,
+    head,
+    inspect,
+    render,
+    say,
+    score,
+    serve,
+    view,
+)
 from fapengine.cli._verb import verb
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 
@@ -31,6 +46,7 @@ VERBS = (
     decode.decode,
     convert.convert,
     inspect.inspect,
+    score.score,
     fit.fit,
     doctor.doctor,
 )

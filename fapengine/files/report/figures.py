@@ -1,12 +1,11 @@
 """The pictures of a fit's report, drawn with matplotlib; each function gives one as bytes of SVG."""
 
-import io
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import ResourceError
+from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, new_figure, to_svg
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import Fitted
 from fapengine.laboratory.prepare import Prepared
@@ -14,36 +13,11 @@ from fapengine.laboratory.selection import Selection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
-INK, FAINT, WARM, COOL, GREEN = "#20242a", "#a9adb4", "#c8543c", "#2f6aa8", "#3d8b5f"
 MODES_SHOWN, ARROW_MM = 8, 14.0
 """Components that get a picture, and the length of the longest arrow there."""
-
-
-def _figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
-) -> tuple["Figure", list["Axes"]]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ResourceError('the report needs matplotlib: pip install "fapengine[lab]", or report=False') from error
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
-    for plot in axes.flat:
-        plot.spines[["top", "right"]].set_visible(False)
-    return figure, list(axes.flat)
-
-
-def _svg(figure: "Figure") -> bytes:
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.hashsalt": "fapengine", "font.size": 9}):
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None}, dpi=110)
-    return buffer.getvalue()
 
 
 def _bare(axes: "Axes") -> None:
@@ -55,7 +29,7 @@ def _bare(axes: "Axes") -> None:
 
 def markers(prepared: Prepared, selection: Selection | None) -> bytes:
     """Draw the neutral pose from the front, feature points named, the chosen subset marked."""
-    figure, (axes,) = _figure(6.4, 6.0)
+    figure, (axes,) = new_figure(6.4, 6.0)
     x, y = prepared.neutral_mm[:, 0], prepared.neutral_mm[:, 1]
     axes.scatter(x, y, s=14, color=FAINT, label="marker")
     named = [index for index, point in enumerate(prepared.points) if point]
@@ -67,12 +41,12 @@ def markers(prepared: Prepared, selection: Selection | None) -> bytes:
         axes.scatter(x[chosen], y[chosen], s=90, facecolors="none", edgecolors=WARM, linewidths=1.6, label="chosen")
     axes.legend(loc="upper right", fontsize=7, frameon=False)
     _bare(axes)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def subset(selection: Selection) -> bytes:
     """Choice of k, the diagonal of R (figure 2 of paper 000), and what more sentences change (its figure 3)."""
-    figure, (curve, diagonal, amount) = _figure(10.5, 3.2, 1, 3)
+    figure, (curve, diagonal, amount) = new_figure(10.5, 3.2, 1, 3)
     error = selection.curve
     curve.errorbar(error.k, error.mean_mm, error.standard_error_mm, color=COOL, marker="o", markersize=3, capsize=2)
     curve.axvline(selection.k, color=WARM, linestyle="--", linewidth=1)
@@ -88,7 +62,7 @@ def subset(selection: Selection) -> bytes:
     diagonal.set(xlabel="k", ylabel="R_kk, mm", title="how much each marker adds")
     amount.plot(np.arange(1, len(selection.by_amount) + 1), selection.by_amount, linewidth=1)
     amount.set(xlabel="sentences", ylabel="R_kk / norm", title="with more sentences", ylim=(0, None))
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def regions(prepared: Prepared, selection: Selection) -> bytes:
@@ -96,7 +70,7 @@ def regions(prepared: Prepared, selection: Selection) -> bytes:
     columns, rows = selection.grid_mm
     count = len(selection.regions.weights)
     wide = min(count, 5)
-    figure, axes = _figure(2.1 * wide, 2.5 * -(-count // wide), -(-count // wide), wide)
+    figure, axes = new_figure(2.1 * wide, 2.5 * -(-count // wide), -(-count // wide), wide)
     x, y = prepared.neutral_mm[:, 0], prepared.neutral_mm[:, 1]
     extent = (columns[0], columns[-1], rows[0], rows[-1])
     for plot, weights, marker in zip(axes, selection.regions.weights, selection.swapped.primary, strict=False):
@@ -107,14 +81,14 @@ def regions(prepared: Prepared, selection: Selection) -> bytes:
         plot.set_title(prepared.points[marker] or prepared.labels[marker], fontsize=8)
     for plot in axes:
         _bare(plot)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def space(fitted: Fitted) -> bytes:
     """Variance carried, and held-out error, against the number of components."""
     study = fitted.space
     count = min(len(study.share), 20)
-    figure, (variance, error) = _figure(8.0, 3.0, 1, 2)
+    figure, (variance, error) = new_figure(8.0, 3.0, 1, 2)
     k = np.arange(1, count + 1)
     variance.plot(k, 100 * study.share[:count], color=COOL, marker="o", markersize=3)
     variance.set(xlabel="components", ylabel="variance carried, %", title="fluent speech")
@@ -124,7 +98,7 @@ def space(fitted: Fitted) -> bytes:
     for axes in (variance, error):
         axes.axvline(study.space.mode_count, color=WARM, linestyle="--", linewidth=1)
         axes.set_xticks(k[::2])
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def components(fitted: Fitted) -> bytes:
@@ -133,7 +107,7 @@ def components(fitted: Fitted) -> bytes:
     points = study.space.points
     neutral = np.stack([_place(fitted.prepared, point, study.borrowed) for point in points])
     shown = min(study.space.mode_count, MODES_SHOWN)
-    figure, axes = _figure(2.5 * min(shown, 4), 4.2 * -(-shown // 4), 2 * -(-shown // 4), min(shown, 4))
+    figure, axes = new_figure(2.5 * min(shown, 4), 4.2 * -(-shown // 4), 2 * -(-shown // 4), min(shown, 4))
     for index in range(shown):
         row, column = divmod(index, min(shown, 4))
         mode = study.space.modes_mm[index]
@@ -152,7 +126,7 @@ def components(fitted: Fitted) -> bytes:
         front.set_title(f"{index + 1}: {name.name}\nstandard deviation {study.spread_mm[index]:.1f} mm", fontsize=7.5)
     for plot in axes:
         _bare(plot)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def _place(prepared: Prepared, point: str, borrowed: dict[str, str]) -> Array:
@@ -163,7 +137,7 @@ def _place(prepared: Prepared, point: str, borrowed: dict[str, str]) -> Array:
 
 def phone_map(fitted: Fitted) -> bytes:
     """Phones and expressions in the first two components; bars are standard errors."""
-    figure, (axes,) = _figure(6.6, 5.4)
+    figure, (axes,) = new_figure(6.6, 5.4)
     for name, study in sorted(fitted.phones.items()):
         x, y = study.target.targets[0, :2] if study.target.targets.shape[1] > 1 else (study.target.targets[0, 0], 0.0)
         bar = study.error[0]
@@ -174,13 +148,13 @@ def phone_map(fitted: Fitted) -> bytes:
     names = fitted.space.names
     axes.set(xlabel=f"1: {names[0].name}, mm", ylabel=f"2: {names[1].name}, mm" if len(names) > 1 else "")
     axes.set_title("phones; red ones must touch", fontsize=9)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def prediction(fitted: Fitted) -> bytes:
     """Draw captured and predicted mouth opening of one held-out take."""
     assert fitted.prediction is not None
-    figure, (axes,) = _figure(9.0, 2.6)
+    figure, (axes,) = new_figure(9.0, 2.6)
     captured, predicted = fitted.prediction.opening_mm
     times = np.arange(len(captured)) / fitted.prepared.rate_hz
     axes.plot(times, captured, color=INK, label="captured")
@@ -194,12 +168,12 @@ def prediction(fitted: Fitted) -> bytes:
             )  # fmt: skip
     axes.set(xlabel="s", ylabel="opening against rest, mm")
     axes.legend(frameon=False, fontsize=8)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def reduction(fitted: Fitted) -> bytes:
     """Via points a frame against the error that they leave."""
-    figure, (axes,) = _figure(4.6, 3.0)
+    figure, (axes,) = new_figure(4.6, 3.0)
     axes.plot(
         [100 * trial.share for trial in fitted.reduction],
         [trial.max_mm for trial in fitted.reduction],
@@ -216,26 +190,26 @@ def reduction(fitted: Fitted) -> bytes:
     )
     axes.set(xlabel="via points, % of frames", ylabel="error, mm", ylim=(0, None))
     axes.legend(frameon=False)
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def gaps(prepared: Prepared) -> bytes:
     """How often each marker was seen, and how well hidden entries are filled at each rank."""
     assert prepared.gaps is not None
-    figure, (seen, rank) = _figure(9.0, 2.8, 1, 2)
+    figure, (seen, rank) = new_figure(9.0, 2.8, 1, 2)
     order = np.argsort(prepared.gaps.seen)
     seen.bar(np.arange(len(order)), 100 * prepared.gaps.seen[order], width=1.0, color=COOL)
     seen.set(xlabel="markers, by visibility", ylabel="frames that show it, %", ylim=(0, 100))
     rank.plot(prepared.gaps.ranks, prepared.gaps.error_mm, "o-", color=COOL)
     rank.axvline(prepared.gaps.rank, color=WARM, linestyle="--", linewidth=1)
     rank.set(xlabel="rank of the model", ylabel="mm", title="error of hidden entries", ylim=(0, None))
-    return _svg(figure)
+    return to_svg(figure)
 
 
 def dense(study: DenseStudy) -> bytes:
     """How far each dense mode moves each vertex of the reference scan."""
     count = min(4, len(study.modes.modes_mm))
-    figure, axes = _figure(2.6 * count, 3.2, 1, count)
+    figure, axes = new_figure(2.6 * count, 3.2, 1, count)
     some = np.linspace(0, len(study.modes.mean_mm) - 1, min(len(study.modes.mean_mm), 6000)).astype(int)
     some = some[np.argsort(study.modes.mean_mm[some, 2])]
     length = np.linalg.norm(study.modes.modes_mm, axis=-1)
@@ -245,4 +219,4 @@ def dense(study: DenseStudy) -> bytes:
         figure.colorbar(dots, ax=plot, location="bottom", label="mm per sd", shrink=0.8)
         plot.set_title(f"dense mode {index + 1}", fontsize=8)
         _bare(plot)
-    return _svg(figure)
+    return to_svg(figure)

@@ -1,21 +1,11 @@
 """The report of a fit: one HTML file, all pictures inside it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 from fapengine.files.report import figures
+from fapengine.files.report.parts import page, picture, table
 from fapengine.laboratory.fit import Fitted
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #20242a; background: #faf9f6; max-width: 62rem; margin: 2rem auto;
-  padding: 0 1rem }
-h1 { font-size: 1.7rem; margin-bottom: .2rem } h2 { margin-top: 2.4rem; border-bottom: 1px solid #ddd }
-table { border-collapse: collapse; font-size: .9rem; margin: .6rem 0 }
-td, th { padding: .15rem .7rem; text-align: left }
-tr:nth-child(even) { background: #f0efea } th { border-bottom: 1px solid #bbb } td.n { text-align: right }
-.warn { background: #fdf1e3; border-left: 4px solid #c8843c; padding: .5rem 1rem } figure { margin: 1rem 0 }
-figcaption { color: #70757d; font-size: .88rem } svg { max-width: 100%; height: auto } .note { color: #70757d }
-"""
 
 UNCERTAINTY = (
     "Points from a video tracker are themselves uncertain by about 0.7 mm on the lips, and their depth is inferred:"
@@ -36,7 +26,7 @@ def write_report(fitted: Fitted) -> bytes:
         f"<h1>{escape(profile.id)}</h1>",
         f'<p class="note">{escape(profile.origin["source"])} · {escape(profile.language)} ·'
         f" licence: {escape(profile.licence)} · <code>{escape(profile.origin['command'])}</code></p>",
-        _table(
+        table(
             ("", ""),
             [(key, profile.origin[key]) for key in ("takes", "variance", "held_out") if key in profile.origin]
             + [("phones", str(len(profile.phones))), ("expressions", _expressions(fitted))],
@@ -44,7 +34,7 @@ def write_report(fitted: Fitted) -> bytes:
         _warnings(fitted.warnings),
         f'<p class="note">{UNCERTAINTY}</p>',
         "<h2>Markers</h2>",
-        _picture(figures.markers(fitted.prepared, fitted.selection), "The neutral pose, seen from the front."),
+        picture(figures.markers(fitted.prepared, fitted.selection), "The neutral pose, seen from the front."),
         *_gaps(fitted),
         *_selection(fitted),
         *_space(fitted),
@@ -52,23 +42,7 @@ def write_report(fitted: Fitted) -> bytes:
         *_prediction(fitted),
         *_dense(fitted),
     ]
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(profile.id)}: fit</title>'
-    return f"{head}<style>{STYLE}</style>{''.join(parts)}</html>\n".encode()
-
-
-def _picture(svg: bytes, caption: str) -> str:
-    drawing = svg[svg.index(b"<svg") :].decode()
-    return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    def cell(value: str) -> str:
-        number = any(header) and value.replace(".", "").replace("-", "").replace(" ", "").isdigit()
-        return f'<td class="n">{escape(value)}</td>' if number else f"<td>{escape(value)}</td>"
-
-    top = "".join(f"<th>{escape(name)}</th>" for name in header) if any(header) else ""
-    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
-    return f"<table>{f'<tr>{top}</tr>' if top else ''}{body}</table>"
+    return page(f"{profile.id}: fit", parts)
 
 
 def _warnings(warnings: Sequence[str]) -> str:
@@ -94,7 +68,7 @@ def _gaps(fitted: Fitted) -> list[str]:
         f"Filled by a model of rank {study.rank}; entries hidden for the trial come back within"
         f" {study.error_mm[study.ranks.index(study.rank)]:.2f} mm (root mean square)."
     )
-    return ["<h2>Gaps</h2>", _picture(figures.gaps(fitted.prepared), text)]
+    return ["<h2>Gaps</h2>", picture(figures.gaps(fitted.prepared), text)]
 
 
 def _selection(fitted: Fitted) -> list[str]:
@@ -112,17 +86,17 @@ def _selection(fitted: Fitted) -> list[str]:
         f" QR alone would take {escape(', '.join(names[i] for i in study.plain.primary))}.</p>",
         f"<p>The data have rank {study.factor.rank()}; R_kk falls most behind k = {int(gaps.argmax()) + 1}, to"
         f" 1/{gaps.max():.1f}.</p>",
-        _picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
-        _table(
+        picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
+        table(
             (f"error of the driven markers in {judged}", "mm"),
             [(name, f"{value:.3f}") for name, value in study.held_out_mm.items()],
         ),
         f"<p>Ten draws of three quarters of the sentences agree on {100 * study.stability:.0f} % of the {study.k}:</p>",
-        _table(
+        table(
             ("trial", *(f"{n + 1}." for n in range(study.trials.shape[1]))),
             [(str(n), *(names[i] for i in row)) for n, row in enumerate(study.trials, 1)],
         ),
-        _picture(
+        picture(
             figures.regions(prepared, study),
             "Kinematic regions: red moves with the circled marker, blue against it (weights −1 to 1).",
         ),
@@ -146,9 +120,9 @@ def _space(fitted: Fitted) -> list[str]:
         "<h2>Viseme space</h2>",
         f"<p>{study.space.mode_count} components of {3 * study.space.marker_count}; {study.dimensions} have a standard"
         " deviation above a thousandth of the first one's.</p>",
-        _picture(figures.space(fitted), "Dashed: what was kept."),
-        _table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows),
-        _picture(
+        picture(figures.space(fitted), "Dashed: what was kept."),
+        table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows),
+        picture(
             figures.components(fitted),
             "Above from the front, below from the side (forward is right). Red: positive weights, blue: negative.",
         ),
@@ -169,8 +143,8 @@ def _phones(fitted: Fitted) -> list[str]:
     ]
     return [
         "<h2>Phones</h2>",
-        _picture(figures.phone_map(fitted), "Medians at 30 % of the phone."),
-        _table(("phone", "tokens", "keys", "touches", "standard error, mm", "origin"), rows),
+        picture(figures.phone_map(fitted), "Medians at 30 % of the phone."),
+        table(("phone", "tokens", "keys", "touches", "standard error, mm", "origin"), rows),
     ]
 
 
@@ -181,7 +155,7 @@ def _prediction(fitted: Fitted) -> list[str]:
         parts.append("<p>Not judged: no take with phones was held out.</p>")
     else:
         parts += [
-            _table(
+            table(
                 ("held-out takes from their phones alone", ""),
                 [
                     ("mean lip error, mm", f"{study.lips_mm:.2f}"),
@@ -190,7 +164,7 @@ def _prediction(fitted: Fitted) -> list[str]:
                     ("opening, slope", f"{study.opening_slope:.2f}"),
                 ],
             ),
-            _picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
+            picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
         ]
     if fitted.reduction:
         rows = [
@@ -205,10 +179,10 @@ def _prediction(fitted: Fitted) -> list[str]:
         ]
         parts += [
             "<h2>Via points</h2>",
-            _picture(
+            picture(
                 figures.reduction(fitted), "The longest held-out take, low-passed at 12 Hz, as minimum-jerk splines."
             ),
-            _table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows),
+            table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows),
         ]
     return parts
 
@@ -229,8 +203,8 @@ def _dense(fitted: Fitted) -> list[str]:
     ]
     return [
         "<h2>Dense face</h2>",
-        _table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows),
+        table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows),
         f"<p>A scan predicted from the others: {study.left_out_mm[0]:.2f} mm by dense modes (ridge"
         f" {study.modes.ridge:g}), {study.left_out_mm[1]:.2f} mm by the linear estimator, mean over vertices.</p>",
-        _picture(figures.dense(study), "How far a standard deviation moves each vertex."),
+        picture(figures.dense(study), "How far a standard deviation moves each vertex."),
     ]

@@ -1,0 +1,118 @@
+"""How good is a lip sync, whoever made it: recordings, timings and sound from files, scored."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.manner import DEFAULT_PROFILE, Manner
+from fapengine.app.performance import perform, pronounced
+from fapengine.errors import UsageError
+from fapengine.files.motion import load_motion
+from fapengine.files.paths import write_bytes
+from fapengine.files.sound import load_sound
+from fapengine.files.timings import load_timings
+from fapengine.mpeg4.track import FapTrack
+from fapengine.scoring.contacts import CLOSED_MM
+from fapengine.scoring.mouth import mouth_of
+from fapengine.scoring.score import Score, score_motion
+from fapengine.scoring.timing import GRID_HZ
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.style import Style
+
+STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=False)
+"""Nothing but the mouth moves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoreJob:
+    """What to score, and against what."""
+
+    made: Path
+    """Recording: anything that :func:`fapengine.load` reads."""
+    against: Path | None = None
+    """Another recording of the same speech."""
+    phones: Path | None = None
+    """Timings of its phones, or of its words."""
+    plan: bool = False
+    """True to compare with the plan of the phones, in place of another recording."""
+    audio: Path | None = None
+    """Sound of it."""
+    offset_s: float = 0.0
+    """Time of the others at which the recording begins."""
+    closed_mm: float = CLOSED_MM
+    """Opening under which lips count as closed."""
+    voice: str = "en-us"
+    """Whose pronunciation, where the timings have words only."""
+    output: Path | None = None
+    """Where the report is written, HTML."""
+
+
+def run_score(job: ScoreJob) -> Score:
+    """Score a recording, and write the report if one is asked for.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or the plan is asked for without phones or beside another recording.
+    DataError
+        If a file's content is wrong.
+    ResourceError
+        If the report cannot be written, or matplotlib is not installed.
+    """
+    if job.plan and (job.phones is None or job.against is not None):
+        raise UsageError("plan: expected phones, and no other recording to compare with")
+    if job.output is not None and job.output.suffix not in (".html", ".htm"):
+        raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
+    made = load_motion(job.made)
+    phones = pronounced(load_timings(job.phones), job.voice) if job.phones is not None else None
+    truth = load_motion(job.against) if job.against is not None else None
+    if job.plan and phones is not None:
+        truth = plan_of(phones, made.rate_hz)
+    power = power_of(*load_sound(job.audio)) if job.audio is not None else None
+    score = score_motion(
+        made, truth=truth, phones=phones, power=power, offset_s=job.offset_s, closed_mm=job.closed_mm
+    )  # fmt: skip
+    if job.output is not None:
+        from fapengine.files.report.score_page import write_score_report
+
+        report = write_score_report(
+            score,
+            mouth_of(made, offset_s=job.offset_s),
+            title=job.made.name,
+            notes=notes_of(job, score),
+            truth=None if truth is None else mouth_of(truth),
+            phones=phones,
+        )
+        write_bytes(job.output, report)
+    return score
+
+
+def plan_of(phones: PhoneTrack, rate_hz: float) -> FapTrack:
+    """Plan what the shipped profile does with phones: a yardstick for others, not a person's truth."""
+    return perform(phones, None, Manner(profile=DEFAULT_PROFILE, style=STILL, rate_hz=min(max(rate_hz, 25), 240))).track
+
+
+def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
+    """Mean square of each 10 ms of a sound, full scale 1."""
+    edges = np.round(np.arange(int(len(samples) / rate_hz * GRID_HZ) + 1) * rate_hz / GRID_HZ).astype(np.int64)
+    if len(edges) < 2:
+        return np.zeros(0)
+    total = np.concatenate([[0.0], np.cumsum((samples.astype(np.float64) / 2**15) ** 2)])
+    power: NDArray[np.float64] = np.diff(total[edges]) / np.diff(edges)
+    return power
+
+
+def notes_of(job: ScoreJob, score: Score) -> list[str]:
+    """Say in sentences what was compared, and what stands behind the figures."""
+    notes = [f"{score.frames} frames in {score.duration_s:.2f} s; lips count as closed below {job.closed_mm:g} mm."]
+    if job.against is not None:
+        notes.append(f"Compared with {job.against.name}.")
+    if job.plan:
+        notes.append("Compared with fapengine's own plan of the phones: likeness to it is not likeness to a person.")
+    if job.phones is not None:
+        notes.append(f"Phones of {job.phones.name}.")
+    if score.phones is None and score.truth is None:
+        notes.append("Nothing to compare with: another recording or phones tell whether the lips are right.")
+    return notes

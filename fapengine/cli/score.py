@@ -1,0 +1,65 @@
+"""``fapengine score``: how good is a lip sync, whoever made it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fapengine.cli.options import AsJson
+
+
+def score(
+    made: Annotated[
+        Path,
+        typer.Argument(help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json)."),
+    ],
+    against: Annotated[
+        Path | None, typer.Option("--against", help="Another recording of the same speech: the truth.")
+    ] = None,
+    phones: Annotated[Path | None, typer.Option("--phones", help="Timings of what is said, in any format.")] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="With --phones: compare with fapengine's own plan, as if it were a truth.")
+    ] = False,
+    audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Its sound: do lips grow with loudness?")] = None,
+    offset: Annotated[
+        float, typer.Option("--offset", help="Seconds of the others at which the recording begins.")
+    ] = 0.0,
+    closed_mm: Annotated[
+        float, typer.Option("--closed-mm", help="Opening against rest below which lips count as closed.")
+    ] = 1.0,
+    voice: Annotated[
+        str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
+    ] = "en-us",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with pictures (.html).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score a lip sync, anybody's: closures, timing, likeness, loudness, head and blinks.
+
+    Against phones it tells whether p b m close and f v meet the teeth, and how late; against a true recording also how
+    like its lips are. A recording of a tool that gives visemes only: fapengine animate makes a motion of it first.
+
+    Example: fapengine score theirs.csv --phones talk.TextGrid --audio talk.wav -o out/score.html
+
+    fapengine score theirs.csv --against mocap.fap --json
+    """
+    from fapengine.app.score import ScoreJob, notes_of, run_score
+    from fapengine.files.report.score_page import score_rows
+
+    job = ScoreJob(
+        made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
+        voice=voice, output=output,
+    )  # fmt: skip
+    found = run_score(job)
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(found.as_dict(), indent=2))
+        return
+    for name, rows in score_rows(found).items():
+        typer.echo(name)
+        for measure, figure, meaning in rows:
+            typer.echo(f"  {measure:30} {figure:22} {meaning}".rstrip())
+    for note in notes_of(job, found):
+        typer.echo(note)
+    if output is not None:
+        typer.echo(f"look at {output}")

@@ -1,0 +1,127 @@
+"""The report of a score: figures in tables, the openings over time, and which closures were missed."""
+
+from collections.abc import Iterable
+from html import escape
+
+import numpy as np
+
+from fapengine.files.report.parts import COOL, FAINT, INK, WARM, new_figure, page, picture, table, to_svg
+from fapengine.scoring.contacts import is_bilabial, is_labiodental
+from fapengine.scoring.mouth import Mouth
+from fapengine.scoring.score import Score
+from fapengine.speech.phone_track import PhoneTrack
+
+ROW_S, MAX_ROWS = 6.0, 20
+"""Seconds that a row of the picture shows, and how many rows a long recording gets."""
+
+Rows = list[tuple[str, str, str]]
+"""Measure, figure, what it means."""
+
+
+def score_rows(score: Score) -> dict[str, Rows]:
+    """Put every figure into words: rows of measure, figure and meaning, by section."""
+    sections: dict[str, Rows] = {}
+    if score.phones is not None:
+        closures, teeth, timing = score.phones.closures, score.phones.teeth, score.phones.timing
+        sections["Against the phones"] = [
+            ("p b m that close", _share(closures.recall, f"{closures.met} of {closures.wanted}"), "recall"),
+            ("shut time that is called for", _share(closures.precision), "precision, pauses left out"),
+            ("f v that meet the teeth", _share(teeth.recall, f"{teeth.met} of {teeth.wanted}"), "recall"),
+            ("lag", _number(timing.lag_ms, "ms"), "positive: late"),
+        ]
+    if score.truth is not None:
+        closures, timing, like = score.truth.closures, score.truth.timing, score.truth.likeness
+        sections["Against the other recording"] = [
+            ("its closures that are made", _share(closures.recall, f"{closures.met} of {closures.wanted}"), "recall"),
+            ("shut time that it shares", _share(closures.precision), "precision"),
+            ("lag", _number(timing.lag_ms, "ms"), "positive: late"),
+            ("mean temporal misalignment", _number(timing.mtm_ms, "ms"), f"of {_share(timing.met)} of its extrema"),
+            ("opening, correlation", _number(like.opening_r, digits=3), "1 is the same course"),
+            ("opening, slope", _number(like.opening_slope, digits=2), "0.5 opens half as far"),
+            ("opening, mean distance", _number(like.opening_mm, "mm", 2), "MOD"),
+            ("width, correlation", _number(like.width_r, digits=3), ""),
+            ("width, slope", _number(like.width_slope, digits=2), ""),
+            ("lip points, mean distance", _number(like.lips_mm, "mm", 2), "16 points"),
+            ("LVE", _number(like.lve_mm2, "mm²", 2), "largest squared distance, mean over frames"),
+            ("LVE without the square", _number(like.lve_root_mm, "mm", 2), ""),
+        ]
+    if score.intensity is not None:
+        sections["Against the sound"] = [
+            ("SLCC", _number(score.intensity.slcc, digits=2), f"over {score.intensity.windows} windows of 1 s"),
+            ("opening and level", _number(score.intensity.opening_r, digits=2), "correlation, pauses left out"),
+        ]
+    named = [("this recording", score.behaviour)]
+    if score.truth is not None:
+        named.append(("the other recording", score.truth.behaviour))
+    sections["Head and eyes"] = [
+        (
+            name,
+            f"{found.blinks_per_minute:.0f} blinks a minute, of {_number(found.blink_ms, 'ms')}",
+            f"head {found.head_deg[0]:.1f}°, {found.head_deg[1]:.1f}°, {found.head_deg[2]:.1f}° (standard deviation of"
+            f" pitch, yaw, roll), {found.head_deg_s:.1f}°/s",
+        )
+        for name, found in named
+    ]
+    return sections
+
+
+def write_score_report(
+    score: Score, mouth: Mouth, *, title: str, notes: Iterable[str], truth: Mouth | None, phones: PhoneTrack | None
+) -> bytes:
+    """Make the page: UTF-8 HTML without any reference outside of it.
+
+    Raises
+    ------
+    ResourceError
+        If matplotlib is not installed.
+    """
+    parts = [f"<h1>{escape(title)}</h1>"]
+    parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
+    for name, rows in score_rows(score).items():
+        parts += [f"<h2>{name}</h2>", table(("", "", ""), rows)]
+    caption = "Opening of the lips against rest."
+    if phones is not None:
+        caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
+    parts += ["<h2>Opening</h2>", picture(_openings(score, mouth, truth, phones), caption)]
+    return page(f"{title}: score", parts)
+
+
+def _openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:
+    end_s = max(mouth.end_s, truth.end_s if truth is not None else 0.0)
+    count = int(np.clip(np.ceil(end_s / ROW_S), 1, MAX_ROWS))
+    figure, rows = new_figure(10.0, 1.9 * count + 0.3, count, 1, sharey=True)
+    missed = [*score.phones.closures.missed_s, *score.phones.teeth.missed_s] if score.phones else []
+    if score.phones is None and score.truth is not None:
+        missed = list(score.truth.closures.missed_s)
+    for index, axes in enumerate(rows):
+        start, stop = index * ROW_S, min((index + 1) * ROW_S, max(end_s, index * ROW_S + 0.5))
+        for phone in phones.phones if phones is not None else ():
+            if phone.end_s <= start or phone.start_s >= stop or phone.is_silence:
+                continue
+            if is_bilabial(phone) or is_labiodental(phone):
+                colour = WARM if is_bilabial(phone) else COOL
+                axes.axvspan(phone.start_s, phone.end_s, color=colour, alpha=0.18, linewidth=0)
+            axes.annotate(
+                phone.label, ((phone.start_s + phone.end_s) / 2, 1.0), xycoords=("data", "axes fraction"),
+                ha="center", fontsize=7, color=FAINT, annotation_clip=True,
+            )  # fmt: skip
+        axes.axhline(score.closed_mm, color=FAINT, linestyle=":", linewidth=1)
+        if truth is not None:
+            axes.plot(truth.times_s, truth.opening_mm, color=INK, linewidth=1, label="the other recording")
+        axes.plot(mouth.times_s, mouth.opening_mm, color=WARM, linewidth=1.3, label="this recording")
+        here = [time for time in missed if start <= time <= stop]
+        axes.plot(here, np.interp(here, mouth.times_s, mouth.opening_mm), "x", color=WARM, markersize=8)
+        axes.set(xlim=(start, stop), ylabel="mm")
+    rows[-1].set_xlabel("s" if count * ROW_S >= end_s else f"s (the first {count * ROW_S:.0f} of {end_s:.0f} s)")
+    rows[0].legend(frameon=False, fontsize=8, loc="upper right")
+    return to_svg(figure)
+
+
+def _share(value: float | None, counted: str = "") -> str:
+    if value is None:
+        return "none"
+    return f"{100 * value:.0f} %" + (f" ({counted})" if counted else "")
+
+
+def _number(value: float | None, unit: str = "", digits: int = 0) -> str:
+    return "none" if value is None else f"{value:.{digits}f} {unit}".strip()
