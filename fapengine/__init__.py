@@ -15,7 +15,7 @@ The folders are floors; imports go down only (``pyproject.toml``, import-linter)
 12    ``live``                                    sessions in real time
 11    ``render`` ``files`` ``voices`` ``ears``    the edge: pictures, paths, sound
 10    ``_resources``                              the data inside the package
-9     ``laboratory``                              recordings to a profile, with its evidence
+9     ``laboratory`` ``scoring``                  recordings to a profile, with evidence; scores of lip syncs
 8     ``trajectory``                              speech to motion
 7     ``profiles``                                the data that make one face speak
 6     ``models`` ``speech`` ``retarget``          learned spaces; phones and timings; other rigs

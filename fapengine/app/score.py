@@ -44,9 +44,9 @@ class ScoreJob:
     closed_mm: float = CLOSED_MM
     """Opening under which lips count as closed."""
     voice: str = "en-us"
-    """Whose pronunciation, where the timings have words only."""
+    """Voice that pronounces timings which have words only."""
     output: Path | None = None
-    """Where the report is written, HTML."""
+    """File for the report, HTML; None for none."""
 
 
 def run_score(job: ScoreJob) -> Score:
@@ -95,7 +95,7 @@ def plan_of(phones: PhoneTrack, rate_hz: float) -> FapTrack:
 
 
 def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
-    """Mean square of each 10 ms of a sound, full scale 1."""
+    """Mean square of each 10 ms of a sound, (N,) float64, full scale 1."""
     edges = np.round(np.arange(int(len(samples) / rate_hz * GRID_HZ) + 1) * rate_hz / GRID_HZ).astype(np.int64)
     if len(edges) < 2:
         return np.zeros(0)

@@ -12,10 +12,10 @@ from fapengine.scoring.timing import GRID_HZ, grid
 
 Array = NDArray[np.float64]
 
-BLINK_SHUT, BLINK_MOST_S = 0.5, 0.6
+BLINK_SHUT, MAX_BLINK_S = 0.5, 0.6
 """An eye is shut from half its opening on; longer than that it sleeps (blinks last 0.1 to 0.4 s; Schiffman, "Sensation
-and Perception", 2001)."""
-WINDOW_S, HOP_S, LEAST_WINDOWS = 1.0, 0.5, 6
+and Perception", 2001, cited from memory)."""
+WINDOW_S, HOP_S, MIN_WINDOWS = 1.0, 0.5, 6
 """Windows in which loudness and motion are compared, and how few of them say nothing."""
 LEVEL_FLOOR_DB = -50.0
 """Sound further below its loudest moment is a pause."""
@@ -65,7 +65,7 @@ def behaviour_of(mouth: Mouth) -> Behaviour:
 
 
 def _is_blink(span: tuple[float, float], mouth: Mouth) -> bool:
-    return span[1] - span[0] <= BLINK_MOST_S and span[0] > mouth.times_s[0] and span[1] < mouth.end_s
+    return span[1] - span[0] <= MAX_BLINK_S and span[0] > mouth.times_s[0] and span[1] < mouth.end_s
 
 
 def intensity_of(mouth: Mouth, power: Array) -> Intensity:
@@ -90,7 +90,7 @@ def intensity_of(mouth: Mouth, power: Array) -> Intensity:
     starts = range(0, len(times_s) - width + 1, hop)
     loud = np.array([np.sqrt(power[start : start + width].mean()) for start in starts])
     lips = np.array([np.sqrt((motion[start : start + width] ** 2).mean()) for start in starts])
-    enough = len(starts) >= LEAST_WINDOWS
+    enough = len(starts) >= MIN_WINDOWS
     peak = power.max() if len(power) else 0.0
     level = 10 * np.log10(np.maximum(power, 1e-12 * max(peak, 1e-30)) / max(peak, 1e-30))
     spoken = level > LEVEL_FLOOR_DB

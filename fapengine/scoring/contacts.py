@@ -17,8 +17,8 @@ CLOSED_MM = 1.0
 """Opening against rest under which lips count as closed. Of 49 p b m of 40 filmed sentences, 49 pass below it and 45
 below 0.5 mm; video trackers are uncertain by 0.7 mm on the lips."""
 TEETH_MM = 2.5
-"""How far under its height at rest, where the teeth's edge is, the lower lip may stay on f and v. 16 of 19 filmed ones
-come that near (13 to 1.5 mm); a vowel's lower lip is 5 mm and more below."""
+"""Distance under its height at rest, where the teeth's edge is, that the lower lip may keep on f and v. 16 of 19 filmed
+ones come that near (13 to 1.5 mm); a vowel's lower lip is 5 mm and more below."""
 TOLERANCE_S = 0.02
 """Half a frame at 25 Hz: how far outside its phone a contact may be."""
 SLACK_S = 0.05
@@ -85,7 +85,7 @@ def teeth_of_phones(mouth: Mouth, phones: PhoneTrack) -> Contacts:
 
 
 def runs(flags: NDArray[np.bool_], times_s: NDArray[np.float64]) -> list[Span]:
-    """First and last time of each run of true flags."""
+    """First and last time of each run of true flags; ``flags`` and ``times_s`` are (T,)."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [(float(times_s[start]), float(times_s[stop])) for start, stop in zip(starts, stops, strict=True)]

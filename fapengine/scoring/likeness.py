@@ -9,8 +9,8 @@ from fapengine.scoring.mouth import Mouth
 
 Array = NDArray[np.float64]
 
-LEAST_MM = 1e-6
-"""What varies by less does not move, and correlates with nothing."""
+MIN_MM = 1e-6
+"""Range below which a length does not move, and correlates with nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +61,14 @@ def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
 
 def correlation(one: Array, other: Array) -> float | None:
     """Pearson's r of two (T,) arrays; None if one of them does not vary."""
-    if len(one) < 2 or np.ptp(one) < LEAST_MM or np.ptp(other) < LEAST_MM:
+    if len(one) < 2 or np.ptp(one) < MIN_MM or np.ptp(other) < MIN_MM:
         return None
     return float(np.corrcoef(one, other)[0, 1])
 
 
 def slope(made: Array, true: Array) -> float | None:
-    """Slope of the regression of ``made`` on ``true``; None if the truth does not vary."""
-    if len(true) < 2 or np.ptp(true) < LEAST_MM:
+    """Slope of the regression of ``made`` on ``true``, both (T,); None if the truth does not vary."""
+    if len(true) < 2 or np.ptp(true) < MIN_MM:
         return None
     centred = true - true.mean()
     return float(centred @ made / (centred @ centred))

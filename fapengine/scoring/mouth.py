@@ -63,7 +63,7 @@ class Mouth:
         return float(self.times_s[-1])
 
     def at(self, times_s: ArrayLike) -> "Mouth":
-        """Look at other times: between frames linearly, outside at the first and the last."""
+        """Look at other times, (N,) s: between frames linearly, outside at the first and the last."""
         wanted = np.asarray(times_s, dtype=np.float64)
 
         def moved(values: Array) -> Array:

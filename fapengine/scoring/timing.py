@@ -36,7 +36,7 @@ SMOOTHING_S = 2 / 30
 """Standard deviation: two frames of the published measure."""
 MET_S = 0.02
 """Distance from the path at which an extremum still counts as met: half a frame of the published measure."""
-LEAST_MM = 0.1
+MIN_PROMINENCE_MM = 0.1
 """Extrema that stand out by less are noise."""
 PHONE_SMOOTHING_S = 0.04
 """Smoothing of what phones lead to expect: lips that move that fast follow their phones closely."""
@@ -69,7 +69,7 @@ def timing_of_phones(mouth: Mouth, phones: PhoneTrack) -> Timing:
 
 
 def grid(end_s: float) -> Array:
-    """Return times from 0 to an end at :data:`GRID_HZ`."""
+    """Return times from 0 to an end, (T,) s at :data:`GRID_HZ`."""
     return np.arange(int(max(end_s, 0.0) * GRID_HZ) + 1) / GRID_HZ
 
 
@@ -96,7 +96,7 @@ def _opens(phone: Phone) -> float:
 def lag_ms(made: Array, true: Array) -> float | None:
     """Shift of ``made`` against ``true``, both (T,) at :data:`GRID_HZ`, ms; None if either does not move."""
     reach = min(int(REACH_S * GRID_HZ), len(made) - 2)
-    if reach < 1 or np.ptp(made) < LEAST_MM or np.ptp(true) < 1e-6:
+    if reach < 1 or np.ptp(made) < MIN_PROMINENCE_MM or np.ptp(true) < 1e-6:
         return None
     a, b = made - made.mean(), true - true.mean()
     score = np.correlate(np.pad(a, reach), b, "valid")
@@ -108,16 +108,16 @@ def lag_ms(made: Array, true: Array) -> float | None:
 
 
 def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:
-    """Mean temporal misalignment in ms of openings at :data:`GRID_HZ`, and the share of extrema that it rests on."""
+    """Mean temporal misalignment in ms of openings, (T,) mm at :data:`GRID_HZ`, and the share of extrema met."""
     made, true = (gaussian_filter1d(each, SMOOTHING_S * GRID_HZ) for each in (made, true))
     first, last = warp(np.gradient(true), np.gradient(made), int(REACH_S * GRID_HZ))
-    extrema = {sign: find_peaks(sign * true, prominence=LEAST_MM)[0] for sign in (1, -1)}
+    extrema = {sign: find_peaks(sign * true, prominence=MIN_PROMINENCE_MM)[0] for sign in (1, -1)}
     every = np.unique(np.concatenate([*extrema.values()]))
     if not len(every):
         return None, None
     found: list[int] = []
     for sign, places in extrema.items():
-        answers = find_peaks(sign * made, prominence=LEAST_MM)[0]
+        answers = find_peaks(sign * made, prominence=MIN_PROMINENCE_MM)[0]
         for place in places:
             position = int(np.searchsorted(every, place))
             left = every[position - 1] if position else 0

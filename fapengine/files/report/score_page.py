@@ -12,7 +12,7 @@ from fapengine.scoring.score import Score
 from fapengine.speech.phone_track import PhoneTrack
 
 ROW_S, MAX_ROWS = 6.0, 20
-"""Seconds that a row of the picture shows, and how many rows a long recording gets."""
+"""Most seconds that a row of the picture shows, and most rows that a long recording gets."""
 
 Rows = list[tuple[str, str, str]]
 """Measure, figure, what it means."""
@@ -82,19 +82,21 @@ def write_score_report(
     caption = "Opening of the lips against rest."
     if phones is not None:
         caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
-    parts += ["<h2>Opening</h2>", picture(_openings(score, mouth, truth, phones), caption)]
+    parts += ["<h2>Opening</h2>", picture(draw_openings(score, mouth, truth, phones), caption)]
     return page(f"{title}: score", parts)
 
 
-def _openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:
+def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:
+    """Draw openings over time, with the phones that touch, and crosses where a contact was not made."""
     end_s = max(mouth.end_s, truth.end_s if truth is not None else 0.0)
     count = int(np.clip(np.ceil(end_s / ROW_S), 1, MAX_ROWS))
+    row_s = max(min(end_s / count, ROW_S), 0.1)
     figure, rows = new_figure(10.0, 1.9 * count + 0.3, count, 1, sharey=True)
     missed = [*score.phones.closures.missed_s, *score.phones.teeth.missed_s] if score.phones else []
     if score.phones is None and score.truth is not None:
         missed = list(score.truth.closures.missed_s)
     for index, axes in enumerate(rows):
-        start, stop = index * ROW_S, min((index + 1) * ROW_S, max(end_s, index * ROW_S + 0.5))
+        start, stop = index * row_s, (index + 1) * row_s
         for phone in phones.phones if phones is not None else ():
             if phone.end_s <= start or phone.start_s >= stop or phone.is_silence:
                 continue
@@ -113,7 +115,7 @@ def _openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrac
         axes.plot(here, np.interp(here, mouth.times_s, mouth.opening_mm), "x", color=WARM, markersize=8)
         axes.set(xlim=(start, stop), ylabel="mm")
     rows[-1].set_xlabel("s" if count * ROW_S >= end_s else f"s (the first {count * ROW_S:.0f} of {end_s:.0f} s)")
-    rows[0].legend(frameon=False, fontsize=8, loc="upper right")
+    rows[0].legend(fontsize=8, loc="upper right", framealpha=0.8, edgecolor="none")
     return to_svg(figure)
 
 

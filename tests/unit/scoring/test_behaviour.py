@@ -6,7 +6,7 @@ import pytest
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.behaviour import LEAST_WINDOWS, behaviour_of, intensity_of
+from fapengine.scoring.behaviour import MIN_WINDOWS, behaviour_of, intensity_of
 from fapengine.scoring.mouth import Mouth, mouth_of
 
 RATE_HZ = 50.0
@@ -62,4 +62,4 @@ def test_too_short_or_silent_says_nothing() -> None:
     assert intensity_of(seen, np.ones(1200)).slcc is None
     assert intensity_of(seen, np.zeros(1200)).opening_r is None
     assert intensity_of(seen, np.zeros(0)).windows == 0
-    assert intensity_of(seen, np.ones(300)).windows < LEAST_WINDOWS
+    assert intensity_of(seen, np.ones(300)).windows < MIN_WINDOWS
