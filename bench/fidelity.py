@@ -42,6 +42,7 @@ from fapengine.trajectory.dominance import dominance as spread
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.phonetics import PUSHED, WIDTH, extend, layer_faps
 from fapengine.trajectory.targets import resolve
 
 INNER = tuple(f"2.{n}" for n in range(2, 10))
@@ -49,6 +50,8 @@ NAMES = (*MARKERS, *INNER)
 HELD_OUT, SEED = 100, 7
 CLOSED_MM = 1.5
 """Opening against rest below which lips count as closed: twice the tracker's uncertainty."""
+UNMEASURED = (*PUSHED, *(fap.column(number) for number in (44, 45, 46)))
+"""Columns of what the tracker does not know, depth and tongue: what the phonetic layer adds there is not judged."""
 GOAL = {"lips_mm": 1.45, "lve_mm": 2.3, "opening_r": 0.88, "width_r": 0.82, "opening_slope": 0.85, "closed": 0.98}
 
 Array = np.ndarray
@@ -208,11 +211,15 @@ def ours(method: str) -> Method:
 
     def predict(clip: Clip, profile: Profile, times: Array) -> Array:
         resolved, _ = resolve(clip.phones, profile, context=method == "context")
-        keys = place_keyframes(clip.phones, resolved, profile.space.mode_count)
-        moved = profile.space.to_points_mm(sample_path(method, resolved, keys, times))
+        spoken, modes = extend(resolved), profile.space.mode_count
+        keys = place_keyframes(clip.phones, spoken, modes + WIDTH)
+        path = sample_path(method, spoken, keys, times)
+        moved = profile.space.to_points_mm(path[:, :modes])
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
-        change = close_lips(faps, times, holds_of(resolved)) - faps
-        for row in fap.FAPS:  # what the closures add to the FAPs, back as displacements
+        layer = path[:, modes:] @ layer_faps(profile)
+        layer[:, list(UNMEASURED)] = 0.0
+        change = close_lips(faps + layer, times, holds_of(resolved)) - faps
+        for row in fap.FAPS:  # what the layer and the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]
             if np.abs(shift).max() > 0:
                 step = profile.fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
@@ -260,7 +267,8 @@ def judge(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str
     guess = np.concatenate([p[s] for p, s in zip(predicted, spoken, strict=True)])
     truth = np.concatenate([clip.lips[s] for clip, s in zip(clips, spoken, strict=True)])
     distance = np.linalg.norm(guess - truth, axis=-1)
-    found = {"lips_mm": distance.mean(), "lve_mm": distance.max(axis=1).mean()}
+    flat = np.linalg.norm((guess - truth)[..., :2], axis=-1)
+    found = {"lips_mm": distance.mean(), "lips_xy_mm": flat.mean(), "lve_mm": distance.max(axis=1).mean()}
     for name, (one, other), axis in (("opening", corpus.middle, 1), ("width", corpus.corners, 0)):
         a, b = (lips[:, one, axis] - lips[:, other, axis] for lips in (guess, truth))
         moves = np.ptp(a) > 1e-9
@@ -318,8 +326,8 @@ def timing(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[st
 
 
 COLUMNS = {
-    "lips_mm": "lips, mm", "lve_mm": "LVE, mm", "opening_r": "opening r", "opening_slope": "slope",
-    "width_r": "width r",
+    "lips_mm": "lips, mm", "lips_xy_mm": "x y, mm", "lve_mm": "LVE, mm",
+    "opening_r": "opening r", "opening_slope": "slope", "width_r": "width r",
     "width_slope": "slope", "closed": "p b m closed", "precision": "closing: precision", "recall": "recall",
     "fv_mm": "f v, mm", "lag_ms": "lag, ms", "velocity_ratio": "fast moves, ratio",
 }  # fmt: skip

@@ -36,8 +36,8 @@ ADULT = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.
 """Face whose millimetres weigh the FAPs against each other; any face's proportions do."""
 EYE_RADIUS_MM = 12.0
 """Radius that turns an eye's angle into millimetres."""
-UNSHAPED = (1, 2, 48, 49, 50)
-"""FAPs that no blendshape shows: visemes, expressions and the head's turns."""
+UNSHAPED = (1, 2, 43, 44, 46, 47, 48, 49, 50)
+"""FAPs that no blendshape shows: visemes, expressions, the tongue's ways but forward, and the head's turns."""
 STEPS = 200
 RIDGE = 1e-3
 """Share of the mean squared length of a blendshape; chooses the smaller weights where blendshapes are alike."""
@@ -61,6 +61,9 @@ class BlendMap:
     """Largest weight."""
     reluctance_mm: Array | None = None
     """(B,), optional: a blendshape is used only where it brings the face so much nearer to what is wanted."""
+    ignored: tuple[int, ...] = ()
+    """FAPs that do not count where weights are sought."""
+    _mm: Array = field(init=False, repr=False)
     _scaled: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
@@ -74,7 +77,10 @@ class BlendMap:
             raise UsageError(f"limit: got {self.limit}, expected a positive weight")
         checked = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
         object.__setattr__(self, "_reluctance", frozen(checked, "reluctance_mm", (len(shapes),), np.float64))
-        scaled = shapes * weights_mm()
+        millimetres = weights_mm().copy()
+        millimetres[[fap.column(number) for number in self.ignored]] = 0.0
+        object.__setattr__(self, "_mm", millimetres)
+        scaled = shapes * millimetres
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
             raise UsageError("faps: got shapes that move nothing, expected some that do")
@@ -94,7 +100,7 @@ class BlendMap:
     def approximate_weights(self, faps: ArrayLike) -> Array:
         """Find the weights that move a face most alike: (T, 68) FAPU -> (T, B), each 0 to ``limit``."""
         wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-        goal = (wanted * weights_mm()) @ self._scaled.T - self._reluctance
+        goal = (wanted * self._mm) @ self._scaled.T - self._reluctance
         most = self.limit * self._lengths
         weights_now = np.clip(goal * self._rate, 0.0, most)
         ahead, momentum = weights_now, 1.0
@@ -121,7 +127,7 @@ class BlendMap:
             Each 0 to ``limit``.
         """
         wanted = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        goal = self._scaled @ (wanted * weights_mm()) - self._reluctance
+        goal = self._scaled @ (wanted * self._mm) - self._reluctance
         most = self.limit * self._lengths
         side = np.zeros(len(goal), np.int8)
         if near is not None:
@@ -150,7 +156,7 @@ class BlendMap:
         if missing:
             raise UsageError(f"names: got {missing[0]!r}, expected one of {', '.join(self.names)}")
         rows = [self.names.index(name) for name in names]
-        return BlendMap(tuple(names), self.faps[rows], self.limit, self._reluctance[rows])
+        return BlendMap(tuple(names), self.faps[rows], self.limit, self._reluctance[rows], self.ignored)
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:

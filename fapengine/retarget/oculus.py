@@ -24,6 +24,8 @@ OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
 """Names in the order of the API, 0..14."""
 PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
 """Visemes that are known by their looks; the others are used where they bring more than :data:`RELUCTANCE_MM`."""
+DEPTH = (16, 17)
+"""FAPs that tell little of which viseme it is: a p beside u is as far forward as the u."""
 RELUCTANCE_MM = 0.2
 """Half the accuracy that is lost without it (0.1 mm) buys that every vowel is shown by its own viseme."""
 
@@ -34,7 +36,7 @@ def oculus_map() -> BlendMap:
     table = dict(VISEME_FAPS)
     names = OCULUS_NAMES[1:]
     cost = np.array([0.0 if name in PLAIN else RELUCTANCE_MM for name in names])
-    return BlendMap(names, rows_of(table, names), reluctance_mm=cost)
+    return BlendMap(names, rows_of(table, names), reluctance_mm=cost, ignored=DEPTH)
 
 
 def approximate_visemes(faps: ArrayLike) -> Array:

@@ -20,6 +20,7 @@ from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.moods import MOODS, mood_map, moods_to_faps, rows_of
+from fapengine.retarget.oculus import DEPTH
 from fapengine.retarget.viseme_table import EXPRESSION_FAPS, VISEME_FAPS
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ LOOK_RAD = np.deg2rad(30.0)
 @cache
 def vowel_map() -> BlendMap:
     """Make the map of the five vowels."""
-    return BlendMap(tuple(VOWELS), rows_of(dict(VISEME_FAPS), tuple(VOWELS.values())))
+    return BlendMap(tuple(VOWELS), rows_of(dict(VISEME_FAPS), tuple(VOWELS.values())), ignored=DEPTH)
 
 
 def approximate_presets(faps: ArrayLike) -> Array:

@@ -9,8 +9,11 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 
+from fapengine.speech.articulation import ARTICULATIONS
 from fapengine.speech.features import feature_distance
 
+ROUNDED_MM = 5.0
+"""Half of what u protrudes by."""
 STRESS = {"ˈ": 1, "ˌ": 2}
 TIES = "\u0361\u035c"
 LENGTH = "ːˑ"
@@ -197,21 +200,37 @@ def distance(one: str, other: str) -> float:
     )
 
 
+def is_rounded(letter: str) -> bool:
+    """Whether lips come forward for a letter, by :data:`ROUNDED_MM` or more.
+
+    Examples
+    --------
+    >>> [letter for letter in "iyɪʏʃɕjɥɹ" if is_rounded(letter)]
+    ['y', 'ʏ', 'ʃ', 'ɥ', 'ɹ']
+    """
+    return ARTICULATIONS[letter].push >= ROUNDED_MM
+
+
 def nearest(letter: str, known: tuple[str, ...]) -> str:
     """Return the letter of ``known`` that is articulated most like ``letter``.
 
-    Panphon's feature distance decides, but only among letters whose lips do the same: a phone never closes the lips, or
-    sets them against the teeth, because an inner feature such as nasality agrees. Ties go to what looks more alike
-    (:func:`distance`), then to the earlier letter.
+    Panphon's feature distance decides, but only among letters whose lips do the same: a phone never closes the lips,
+    sets them against the teeth or rounds them because an inner feature such as nasality agrees. Ties go to what looks
+    more alike (:func:`distance`), then to the earlier letter. Of vowels looks alone decide: panphon's *tense* sets ʊ
+    nearer to ɔ than to u, which opens half as far.
 
     Examples
     --------
     >>> nearest("ɸ", ("m", "s", "a")), nearest("ŋ", ("m", "k", "s"))
     ('m', 'k')
+    >>> nearest("ʏ", ("i", "ɪ", "u")), nearest("ɻ", ("j", "ɹ")), nearest("ɕ", ("s", "ʃ"))
+    ('u', 'ɹ', 's')
     """
+    sound = SOUNDS[letter]
 
-    def order(candidate: str) -> tuple[float, int, float]:
-        lips = abs(round(2 * SOUNDS[letter].lips) - round(2 * SOUNDS[candidate].lips))
-        return lips, feature_distance(letter, candidate), distance(letter, candidate)
+    def order(candidate: str) -> tuple[float, bool, int, float]:
+        lips = abs(round(2 * sound.lips) - round(2 * SOUNDS[candidate].lips))
+        features = 0 if sound.vowel else feature_distance(letter, candidate)
+        return lips, is_rounded(letter) != is_rounded(candidate), features, distance(letter, candidate)
 
     return min(known, key=order)

@@ -30,6 +30,7 @@ from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
+from fapengine.trajectory.phonetics import ROUND, WIDTH, give_way, layer_faps, layer_gain, layer_points
 from fapengine.trajectory.stream import Counts, StreamingPlanner
 from fapengine.trajectory.style import Style, jaw_share
 
@@ -38,16 +39,17 @@ Array = NDArray[np.float64]
 KNOTS = 8
 """Number of knots of a plan in a session's window; two or three fall to a phone, so they last for a quarter of a second
 and more."""
-CONTACTS = ("lips", "teeth", "open")
+CONTACTS = ("lips", "teeth", "open", "jaw")
+SPOKEN = (*DETERMINED, 44, 45, 46)
 SPANS = tuple(
     slice(fap.column(first), fap.column(last) + 1)
     for first, last in zip(
-        (number for number in DETERMINED if number - 1 not in DETERMINED),
-        (number for number in DETERMINED if number + 1 not in DETERMINED),
+        (number for number in sorted(SPOKEN) if number - 1 not in SPOKEN),
+        (number for number in sorted(SPOKEN) if number + 1 not in SPOKEN),
         strict=True,
     )
 )
-"""Columns of the FAPs that a space determines."""
+"""Columns of the FAPs that speech moves: what a space determines, and the tongue."""
 EVERY = (slice(fap.column(3), fap.FAP_COUNT),)
 MIN_FAPU, MAX_FAPU = (to_codable(np.full((fap.FAP_COUNT, 1), limit).T).T for limit in (-np.inf, np.inf))
 """(68, 1) FAPU: what every FAP can carry."""
@@ -187,7 +189,8 @@ class BatchPlanner:
         self._row_of: dict[int, int] = {}
         self._opened = 0
         self._now_s = -np.inf
-        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count)
+        self._modes = profile.space.mode_count
+        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, self._modes + WIDTH)
         self._lift, self._back, self._outer = _lift(profile, self._style)
         self._jaws = jaw_share(profile).T
 
@@ -349,15 +352,21 @@ class BatchPlanner:
         self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
         weights = self._weights(times)
         openness: Array | float = self._style.openness
-        if overlay is not None:
-            weights = overlay.lips * weights + (overlay.jaw - overlay.lips) * (self._jaws @ weights)
+        modes, layer = weights[: self._modes], weights[self._modes :]
+        if overlay is None:
+            layer *= layer_gain(self._style.lips_gain)
+        else:
+            jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
+            modes *= overlay.lips
+            modes += jaws
+            layer *= layer_gain(self._style.lips_gain * overlay.lips)
             openness = np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
         lifted = self._lift @ weights
         faps = lifted[: fap.FAP_COUNT].T
         if overlay is not None:
-            faps += overlay.expression.T
-        lips, teeth, vowels = self._held(times)
-        settled = settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels)
+            faps += give_way(overlay.expression, layer[ROUND]).T
+        lips, teeth, vowels, high = self._held(times)
+        settled = settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels, jaw=high)
         points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
         points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
         if overlay is not None:
@@ -437,7 +446,7 @@ class BatchPlanner:
             state.quintic[:, power].T[:, rows] = coefficient
 
     def _weights(self, times_s: Array) -> Array:
-        """(K, S): where every session is in the space."""
+        """(K + axes, S): where every session is in the space, then :mod:`.phonetics`."""
         state, count = self._rows, len(times_s)
         s = np.clip((times_s - state.from_s[:count]) * state.rate[:count], 0.0, 1.0)
         powers = np.moveaxis(state.quintic[:count], 0, -1)
@@ -452,7 +461,7 @@ class BatchPlanner:
         return weights
 
     def _held(self, times_s: Array) -> Array:
-        """(3, S): what :func:`.closures.held` says of each session and contact, 0..1."""
+        """(4, S): what :func:`.closures.held` says of each session and contact, 0..1."""
         state, count = self._rows, len(times_s)
         starts, stops = state.hold_start_s[:count], state.hold_stop_s[:count]
         now = times_s[:, None]
@@ -484,8 +493,8 @@ def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp
 
     Returns
     -------
-    lift : (68 + 3M, K) float64
-        FAPU and mm per weight.
+    lift : (68 + 3M, K + axes) float64
+        FAPU and mm per weight, and per unit of :mod:`.phonetics`.
     back : (3M, 6) float64
         mm per FAPU.
     outer : (6,) int
@@ -501,4 +510,9 @@ def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp
         if row.point in markers:
             back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
     outer = np.array([fap.column(number) for number in numbers])
-    return (style.gains(profile) @ np.hstack([faps, points])).T, back.reshape(len(numbers), -1).T, outer
+    layer = np.hstack([layer_faps(profile), layer_points(profile, markers).reshape(WIDTH, -1)])
+    return (
+        np.vstack([style.gains(profile) @ np.hstack([faps, points]), layer]).T,
+        back.reshape(len(numbers), -1).T,
+        outer,
+    )

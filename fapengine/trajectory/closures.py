@@ -1,4 +1,4 @@
-"""Closures: contacts that are promised, of lips, of lips and teeth, and vowels that open. Settled in FAPs, last.
+"""Closures: contacts that are promised, of lips, of lips and teeth, vowels that open, jaws that are high. Settled last.
 
 Theory of operation
 -------------------
@@ -7,6 +7,7 @@ lifts the lower lip off the teeth, or presses a vowel shut. So the three pairs o
 are corrected last, in FAPs, and so in shares of the face's own mouth-nose distance; millimetres below are the recorded
 face's. Each contact has a *hold* with C2 ramps, a bump ``b`` between 0 and 1; with ``p`` for :func:`soft_positive`:
 
+0. ``jaw``: teeth are near each other in s and z; the jaw is down by at most :data:`SIBILANT_FAPU`.
 1. ``open``: an open vowel parts the lips by at least :data:`OPEN_FAPU`; ``b p(floor - opening)`` is added.
 2. ``teeth``: the lower lip rises to the upper teeth, its height in the neutral face, and not far beyond:
    ``b (p(height - lower) - p(lower - top))`` is added to it.
@@ -36,7 +37,7 @@ PAIRS = ((4, 5, 51, 52), (8, 10, 55, 57), (9, 11, 56, 58))
 ones are positive downwards and lower ones upwards, so a pair's opening is minus its sum."""
 LOWER_SHARE = 0.6
 """The lower lip does more of a closure; it has the jaw's help."""
-HOLD = {"lips": (0.0, 0.5), "teeth": (0.4, 0.7), "open": (0.35, 0.65)}
+HOLD = {"lips": (0.0, 0.5), "teeth": (0.4, 0.7), "open": (0.35, 0.65), "jaw": (0.2, 0.8)}
 """Part of a phone in which its contact holds, as fractions of its duration. Of those tried these fit the captured lips
 best: closures are tightest 20 ms before 0.3 of p b m, the lower lip is highest at 0.67 of f and v (median)."""
 MIN_HOLD_S = 0.04
@@ -55,6 +56,9 @@ OPEN_FAPU = 150.0
 """3.1 mm. Captured vowels with an open jaw, of 60 ms and more, open by 8.6 mm and more in 99 of 100 cases; what is
 promised is less, so that it shapes nothing that was not in the way. It is kept by vowels of 80 ms and more; between two
 closures shorter ones open by what the ramps leave (half of it at 60 ms)."""
+SIBILANT_FAPU = 240.0
+"""Greatest open_jaw: 5 mm at the chin. Planned s and z have 4.3 on the average, so what is promised shapes only what an
+expression or a style adds."""
 SIDE_OPENING = 0.6
 """Opening at the sides, as a share of the middle's."""
 
@@ -73,16 +77,16 @@ def hold_of(phone: Phone, contact: str = "lips") -> Hold:
     """Time in which a phone keeps its contact."""
     begin, end = HOLD[contact]
     start_s, stop_s = phone.start_s + begin * phone.duration_s, phone.start_s + end * phone.duration_s
-    if contact != "open" and stop_s - start_s < MIN_HOLD_S:
+    if contact in ("lips", "teeth") and stop_s - start_s < MIN_HOLD_S:
         start_s = max(min(start_s, phone.end_s - MIN_HOLD_S), phone.start_s)
         stop_s = start_s + MIN_HOLD_S
     return Hold(start_s, stop_s, contact)
 
 
 def hold_late(hold: Hold, edge_s: float) -> Hold | None:
-    """Put off a hold of which nothing may be seen before ``edge_s``; None for a vowel that is over by then."""
+    """Put off a hold of which nothing may be seen before ``edge_s``; None for a vowel or an s that is over by then."""
     start_s = edge_s + RAMP_S
-    if hold.contact == "open":
+    if hold.contact in ("open", "jaw"):
         return Hold(start_s, hold.stop_s, hold.contact) if start_s < hold.stop_s else None
     return Hold(start_s, max(hold.stop_s, start_s + MIN_HOLD_S), hold.contact)
 
@@ -108,17 +112,17 @@ def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: 
 
     ``openness``, 0..1, scales what open vowels are held to, for a face that mumbles.
     """
-    lips, teeth, vowels = (held(times_s, holds, contact) for contact in ("lips", "teeth", "open"))
-    return settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels)
+    lips, teeth, vowels, jaw = (held(times_s, holds, contact) for contact in ("lips", "teeth", "open", "jaw"))
+    return settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels, jaw=jaw)
 
 
-def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array) -> Array:
-    """Make contacts, frame by frame: steps 1 to 4 of the theory of operation.
+def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array) -> Array:
+    """Make contacts, frame by frame: steps 0 to 4 of the theory of operation.
 
     Parameters
     ----------
     faps : (..., 68) float64, FAPU
-    lips, teeth, vowels : (...) float64
+    lips, teeth, vowels, jaw : (...) float64
         How far each frame is under a hold, 0..1.
 
     Returns
@@ -126,6 +130,8 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array) -> Array:
     (..., 68) float64, FAPU
     """
     settled = faps.copy(order="K")
+    down = settled[..., fap.column(3)]
+    down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
     for index, numbers in enumerate(PAIRS):
         upper, lower = (settled[..., fap.column(number)] for number in numbers[:2])
         floor = OPEN_FAPU * (SIDE_OPENING if index else 1.0)

@@ -3,7 +3,8 @@
 Theory of operation
 -------------------
 Phones become keyframes, keyframes a path in the viseme space, the path displacements, these FAPs; expressions are added
-on the way. Closures are settled last (:mod:`.closures`), then gestures are added (:mod:`.gestures`).
+on the way. Behind the weights of the space the same path carries what no recording told: how far lips come forward, and
+the tongue (:mod:`.phonetics`). Closures are settled last (:mod:`.closures`), then gestures added (:mod:`.gestures`).
 
 What is promised for phones of 50 ms and more at natural rate, spoken at 0.5 to 3 times that rate, and tested:
 
@@ -31,6 +32,7 @@ from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.gestures import sample_gestures
 from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.phonetics import ROUND, WIDTH, extend, give_way, layer_faps, layer_gain
 from fapengine.trajectory.ramps import sample_ramps
 from fapengine.trajectory.style import Style as Style
 from fapengine.trajectory.targets import resolve
@@ -90,12 +92,15 @@ def plan(
     moods = [Mood(*item) for item in expressions.items()] if isinstance(expressions, Mapping) else expressions
 
     resolved, unknown = resolve(phones, profile, context=style.context)
-    keyframes = place_keyframes(phones, resolved, profile.space.mode_count)
-    path = sample_path(style.method, resolved, keyframes, times_s) @ style.gains(profile)
-    faps = displacements_to_faps(profile.space.to_points_mm(path), profile.space.points, profile.fapu)
+    modes, spoken = profile.space.mode_count, extend(resolved)
+    keyframes = place_keyframes(phones, spoken, modes + WIDTH)
+    path = sample_path(style.method, spoken, keyframes, times_s)
+    layer = layer_gain(style.lips_gain) * path[:, modes:]
+    moved_mm = profile.space.to_points_mm(path[:, :modes] @ style.gains(profile))
+    faps = displacements_to_faps(moved_mm, profile.space.points, profile.fapu) + layer @ layer_faps(profile)
     if moods:
         levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s)
-        faps += (expression_faps(profile) @ levels).T
+        faps += give_way(expression_faps(profile) @ levels, layer[:, ROUND]).T
     faps = close_lips(faps, times_s, holds_of(resolved), openness=style.openness)
     if style.has_gestures:
         faps += sample_gestures(times_s, end_s, phones.phones, style, rng)

@@ -28,6 +28,7 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, close_lips, hold_late, hold_of
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.phonetics import WIDTH, extend, layer_faps, layer_gain
 from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import Resolved, resolve
 
@@ -133,12 +134,15 @@ class StreamingPlanner:
     _shown_s: float = -np.inf
     _cancelled_s: float = -np.inf
     _gains: Array = field(init=False)
+    _width: int = field(init=False)
+    """Number of weights on the path: modes, and the axes of :mod:`.phonetics` behind them."""
 
     def __post_init__(self) -> None:
         self._gains = self.style.gains(self.profile)
+        self._width = self.profile.space.mode_count + WIDTH
         if not self.horizon_s >= 0:
             raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
-        modes = self.profile.space.mode_count
+        modes = self._width
         rest = hermite.Path.through(np.zeros(0), np.zeros((0, modes)))
         self._plans = [StreamPlan(-np.inf, rest, 0.0, np.zeros((3, modes)))]
 
@@ -219,12 +223,11 @@ class StreamingPlanner:
 
     def _replan(self, edge: float, fade_s: float) -> None:
         """Plan ahead of the edge; what the new plan lacks there is added and fades."""
-        modes = self.profile.space.mode_count
         over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
         self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
         track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
         resolved, _ = resolve(track, self.profile, context=self.style.context)
-        keys = place_keyframes(track, resolved, modes)
+        keys = place_keyframes(track, extend(resolved), self._width)
         path = hermite.Path.through(keys.times_s, keys.weights)
         self._renew_holds(resolved, edge)
         if not np.isfinite(edge):  # nothing shown yet: nothing to keep
@@ -276,11 +279,11 @@ class StreamingPlanner:
         self._shown_s = max(self._shown_s, time_s)
 
     def path(self, times_s: ArrayLike) -> Array:
-        """(T, K) mode weights at ``times_s``, planned so far; settles nothing."""
+        """(T, K + axes) at ``times_s``: mode weights, then :mod:`.phonetics`; planned so far, settles nothing."""
         times = np.asarray(times_s, dtype=np.float64)
         starts = np.array([plan.start_s for plan in self._plans])
         index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
-        weights = np.zeros((len(times), self.profile.space.mode_count))
+        weights = np.zeros((len(times), self._width))
         for number in np.unique(index):
             mine = index == number
             weights[mine] = self._plans[number].jet(times[mine])[0]
@@ -305,8 +308,10 @@ class StreamingPlanner:
         if times[0] < self._shown_s or (np.diff(times) < 0).any():
             raise UsageError(f"times_s: got {times[0]:g} s, expected rising times from {self._shown_s:g} s")
         space = self.profile.space
-        moved = space.to_points_mm(self.path(times) @ self._gains)
+        path = self.path(times)
+        moved = space.to_points_mm(path[:, : space.mode_count] @ self._gains)
         faps = displacements_to_faps(moved, space.points, self.profile.fapu)
+        faps += layer_gain(self.style.lips_gain) * path[:, space.mode_count :] @ layer_faps(self.profile)
         faps = close_lips(faps, times, self.holds, openness=self.style.openness)
         self.settle(float(times[-1]))
         return to_codable(faps)

@@ -118,9 +118,14 @@ class Style:
         """Share of the promised opening that an open vowel of this style keeps, 0..1."""
         return min(1.0, self.jaw_gain)
 
+    @property
+    def lips_gain(self) -> float:
+        """Size of the lips' movements, all told."""
+        return self.articulation * self.lips
+
     def gains(self, profile: Profile) -> NDArray[np.float64]:
         """Matrix that turns a path of weights, (T, K), into this style's: ``path @ gains``, (K, K)."""
-        jaws, lips = jaw_share(profile), self.articulation * self.lips
+        jaws, lips = jaw_share(profile), self.lips_gain
         gains: NDArray[np.float64] = lips * np.eye(len(jaws)) + (self.jaw_gain - lips) * jaws
         return gains
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fapengine.profiles import ContextModel, Profile
 from fapengine.speech import ipa
+from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import Token, targets, tokens_of
 
@@ -40,7 +41,7 @@ class Resolved:
     targets: NDArray[np.float64]
     """(keyframes, K)."""
     contact: str
-    """``none``, ``lips``, ``teeth``, or ``open`` for a vowel that must open."""
+    """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open, ``jaw`` for a sound that needs it high."""
 
 
 def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
@@ -71,12 +72,13 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
         phone = parts[0][0].phone
         if phone.is_silence:
             continue
-        contact, opens = "none", False
+        contact, opens, hisses = "none", False, False
         for token, _ in parts:
             contact = profile.phones[token.name].contact if contact == "none" else contact
             opens = opens or _opens(token.heard)
-        if contact == "none" and opens:
-            contact = "open"
+            hisses = hisses or not SIBILANTS.isdisjoint(token.heard)
+        if contact == "none":
+            contact = "open" if opens else "jaw" if hisses else contact
         times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
         resolved.append(Resolved(phone, times_s, weights, contact))
     return resolved, Counter(strange)

@@ -31,7 +31,7 @@ def speech() -> np.ndarray:
     labels = ["b", "ɹ", "aɪ", "t", "s", "ʌ", "n", "ʃ", "aɪ", "n", "m", "uː", "v", "z", "f", "aɪ", "v", "b", "ɪ", "ɡ"]
     phones = PhoneTrack.of([Phone(label, 0.3 + 0.11 * n, 0.41 + 0.11 * n) for n, label in enumerate(labels)])
     profile = parse_profile(profile_files("grid_s1_en"))
-    return plan(phones, profile, rng=np.random.default_rng(0), rate_hz=30).track.values
+    return plan(phones, profile, rng=np.random.default_rng(0), rate_hz=30).track.values.copy()
 
 
 @pytest.mark.conformance
@@ -76,6 +76,7 @@ def test_weights_come_back() -> None:
 def test_speech_comes_back_for_the_most_part() -> None:
     """The 52 shapes cannot say everything that 66 FAPs can; on the lips they say most of it."""
     faps = speech()
+    faps[:, fap.column(45)] = np.maximum(faps[:, fap.column(45)], 0)  # no shape draws the tongue back
     found = ARKIT.approximate_weights(faps)
     assert found.min() >= 0
     assert found.max() <= 1

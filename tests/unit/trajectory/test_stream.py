@@ -13,6 +13,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S
 from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.stream import AHEAD_PHONES, StreamingPlanner
 from fapengine.trajectory.targets import resolve
@@ -42,7 +43,7 @@ def times_until(end_s: float) -> np.ndarray:
 def offline(spoken: list[Phone], times: np.ndarray) -> np.ndarray:
     track = PhoneTrack.of(spoken)
     resolved, _ = resolve(track, english())
-    return place_keyframes(track, resolved, english().space.mode_count).sample(times)
+    return place_keyframes(track, extend(resolved), english().space.mode_count + WIDTH).sample(times)
 
 
 def opening(values: np.ndarray) -> np.ndarray:
