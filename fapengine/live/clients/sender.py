@@ -15,6 +15,10 @@ from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Literal, Self
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fapengine._arrays import frozen
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.engine.command_table import Command, shifted
 from fapengine.live.engine.commands import Anchor, Pause, Resume
@@ -173,6 +177,39 @@ class Client(GestureMethods):
         with self._telling():
             if utterance not in self._over:
                 self._sender.append(utterance, _phones(phones))
+
+    def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
+        """Let the engine's ear find the phones of a sound, as it comes.
+
+        The face moves as the sound does, 0.5 s after it was given, so play it so much later; or :meth:`begin` the
+        utterance at the time at which it will be heard.
+
+        Parameters
+        ----------
+        samples : (N,) int16
+            Mono; any length, as it comes from a microphone or a TTS.
+        rate_hz : int
+            8000..48000.
+        utterance : int, optional
+            One that is open, which the sound goes on with; by default it begins one. :meth:`end` says that it is over.
+
+        Returns
+        -------
+        int
+            Number of the utterance.
+
+        Raises
+        ------
+        UsageError
+            If the utterance was ended, has phones or begins now (:meth:`begin` without a time), or the rate is out of
+            range or another one than before.
+        """
+        pcm = frozen(samples, "samples", ("N",), np.int16)
+        with self._telling() as now_s:
+            number = self._sender.begin(now_s, anchor="sound") if utterance is None else utterance
+            if number not in self._over:
+                self._sender.sound(number, pcm, rate_hz, now_s)
+            return number
 
     def end(self, utterance: int, *, duration_s: float | None = None) -> None:
         """Say that no phone will follow."""

@@ -171,6 +171,10 @@ class Hub:
         """
         self.engine.apply(session, command, self.clock())
 
+    def new_number(self) -> int:
+        """Give the number of a new utterance of the server's own."""
+        return next(self._utterances)
+
     def pin(self, session: str, number: int, value: int | None) -> None:
         """Hold FAP ``number`` of a session at a value in FAPU, whatever the engine says; None lets it go.
 
@@ -264,7 +268,7 @@ class Hub:
         listeners = {key: entry for key, entry in self._listeners.speech.items() if entry[0] in (None, session)}
         if anchor is None:
             anchor = "audio" if any(plays for _, plays, _ in listeners.values()) else "now"
-        spoken = Spoken(session, next(self._utterances), text, speech, anchor)
+        spoken = Spoken(session, self.new_number(), text, speech, anchor)
         phones = speech.phones.phones
         self.apply(session, Begin(spoken.utterance, anchor))
         if self.engine.utterance(session, spoken.utterance) is None:

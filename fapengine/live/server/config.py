@@ -52,6 +52,7 @@ packets_a_peer = 256    # waiting to be understood
 streams = 256           # TCP connections of senders
 connections = 512       # connections of the page, and as many of the metrics
 connections_an_address = 128  # of any one of them, from one address
+ears = 4                # sessions that are moved by sound, each a process; 0: none
 
 [log]
 level = "info"          # debug, info, warning, error
@@ -126,6 +127,7 @@ class Caps(Checked):
     streams: Annotated[int, Meta(ge=1, le=10_000)] = 256
     connections: Annotated[int, Meta(ge=1, le=10_000)] = 512
     connections_an_address: Annotated[int, Meta(ge=1, le=10_000)] = 128
+    ears: Annotated[int, Meta(ge=0, le=64)] = 4
 
     @property
     def engine(self) -> Limits:

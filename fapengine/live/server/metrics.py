@@ -8,6 +8,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from fapengine.live.engine.session import Counters
+from fapengine.live.hub.hearing import HearingCounts
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubCounts
 from fapengine.live.server.doors import Door
@@ -52,10 +53,20 @@ class ServerMetrics(Collector):
     peers : PeerCounts
         Of all senders together.
     texts : TextCounts
+    hearing : HearingCounts
     sinks : iterable of Sink
     """
 
-    def __init__(self, hub: Hub, ingress: Ingress, peers: PeerCounts, texts: TextCounts, sinks: Iterable[Sink]) -> None:
+    def __init__(
+        self,
+        hub: Hub,
+        ingress: Ingress,
+        peers: PeerCounts,
+        texts: TextCounts,
+        hearing: HearingCounts,
+        sinks: Iterable[Sink],
+    ) -> None:
+        self._hearing = hearing
         self._hub, self._ingress, self._peers, self._texts, self._sinks = hub, ingress, peers, texts, sinks
         self.page: WebCounts | None = None
         """Counts of the page, where there is one."""
@@ -94,6 +105,9 @@ class ServerMetrics(Collector):
         }  # fmt: skip
         yield _labelled("intake", "What came in and what was refused, by kind.", came)
         yield _labelled("texts", "Texts that senders wanted spoken, by what became of them.", asdict(self._texts))
+        hearing = asdict(self._hearing)
+        yield GaugeMetricFamily("fapengine_ears", "Processes that hear sound.", value=hearing.pop("ears"))
+        yield _labelled("sound", "Sound that ears were given, s, and its phones, by what became of it.", hearing)
         yield GaugeMetricFamily("fapengine_streams", "Open TCP connections.", value=ingress.streams)
         yield GaugeMetricFamily("fapengine_packets_waiting", "Packets not yet understood.", value=len(queue))
         yield from self._connections()

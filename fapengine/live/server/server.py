@@ -26,6 +26,7 @@ from fapengine.live.audio.playback import Playback
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
+from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.server.config import ServeConfig
 from fapengine.live.server.doors import Door, raise_file_limit, shared_out
@@ -103,8 +104,11 @@ class Server:
         self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
         self.doors = _doors_of(config)
+        self.hearing = Hearing(self.hub, max_ears=config.limits.ears)
         self._parts = _Parts()
-        self.metrics = ServerMetrics(self.hub, self.ingress, self.receiver.counts, self.texts, self._parts.sinks)
+        self.metrics = ServerMetrics(
+            self.hub, self.ingress, self.receiver.counts, self.texts, self.hearing.counts, self._parts.sinks
+        )
         self.metrics.doors = self.doors
         self._head = head
         self._draining = False
@@ -227,6 +231,7 @@ class Server:
             begun_s = now_s
             late(max(0.0, now_s - due_s))
             before(now_s)
+            self._hear(now_s)
             if speaker is not None:
                 speaker.follow(clock())
 
@@ -246,6 +251,18 @@ class Server:
             task = asyncio.create_task(self._speak(request))
             self._parts.texts.add(task)
             task.add_done_callback(self._parts.texts.discard)
+
+    def _hear(self, now_s: float) -> None:
+        for request in self.receiver.sounds(now_s):
+            try:
+                self.hearing.hear(
+                    request.session, request.utterance, request.samples, request.rate_hz,
+                    first_s=request.first_s, is_placed=request.is_placed, is_last=request.is_last,
+                )  # fmt: skip
+            except ResourceError as error:
+                log.warning("sound is not heard: %s", error, extra={"session": request.session})
+                self.receiver.refuse_sound(request, "ears", now_s)
+        self.hearing.tick(now_s)
 
     async def _speak(self, request: TextRequest) -> None:
         voice = self.config.voice
@@ -285,6 +302,7 @@ class Server:
         parts = self._parts
         for task in tuple(parts.texts):
             task.cancel()
+        self.hearing.close()
         if parts.speaker is not None:
             parts.speaker.close()
         for site in parts.sites:

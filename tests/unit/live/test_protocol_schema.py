@@ -48,6 +48,14 @@ CASES = [
         ),
     ),
     (
+        schema.Sound("anna", 7, 480, 16_000, b"\x01\x00\xff\xff\x00\x80"),  # 1, -1, -32768
+        h(
+            "2f666170 2f312f73 6f756e64 00000000"  # /fap/1/sound
+            "2c736969 69620000"  # ,siiib
+            "616e6e61 00000000 00000007 000001e0 00003e80 00000006 0100ffff 00800000"
+        ),
+    ),
+    (
         schema.EndUtterance("a", 1, 2, 200_000, -5, 0),
         h(
             "2f666170 2f312f75 74742f65 6e640000"  # /fap/1/utt/end
@@ -122,6 +130,8 @@ def test_every_message_comes_back_and_its_required_arguments_are_required(kind):
     required = layout.required
     if kind is schema.Phones:
         value = PHONES
+    elif kind is schema.Sound:
+        value = next(value for value, _ in CASES if isinstance(value, kind))
     elif issubclass(kind, Command):
         value = next(value for value, _ in CASES if type(getattr(value, "command", None)) is kind)
     else:

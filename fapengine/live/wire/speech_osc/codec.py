@@ -14,16 +14,20 @@ from fapengine.errors import DataError
 from fapengine.live.engine.command_table import Command, defaults_of, fields_of
 from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc.schema import (
+    MAX_DATAGRAM,
     MAX_DURATION_US,
+    MAX_FIRST_SAMPLE,
     MAX_PHONES,
     PHONE_TAGS,
     SESSION_BYTES,
     Kind,
     Phones,
     SessionCommand,
+    Sound,
     Wire,
     WirePhone,
 )
+from fapengine.live.wire.speech_osc.sound_window import RATES_HZ
 
 CLAUSE = "docs/osc.md"
 _RANGES = {"i": (-(2**31), 2**31 - 1), "h": (-(2**63), 2**63 - 1)}
@@ -101,6 +105,8 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
     values = [_value(value, tag, expected.address) for value, tag in zip(arguments, expected.tags, strict=False)]
     make: Callable[..., Wire] = partial(_command, kind) if issubclass(kind, Command) else kind
     wire = _phones(values, message) if kind is Phones else make(*values)
+    if isinstance(wire, Sound):
+        _check_sound(wire)
     session = getattr(wire, "session", "-")
     if not 1 <= len(session.encode()) <= SESSION_BYTES:
         raise DataError(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes", clause=CLAUSE)
@@ -122,8 +128,24 @@ def _command(kind: type[Command], session: str, *values: Any) -> SessionCommand:
     return SessionCommand(session, make(**arguments))
 
 
-def _value(value: osc.Argument, tag: str, where: str) -> str | int | float:
+def _check_sound(wire: Sound) -> None:
+    length = len(wire.samples)
+    if not 0 < length <= MAX_DATAGRAM or length % 2:
+        raise DataError(f"{wire.ADDRESS}: got {length} bytes, expected 2..{MAX_DATAGRAM}, int16", clause=CLAUSE)
+    if not 0 <= wire.first_sample <= MAX_FIRST_SAMPLE or not RATES_HZ[0] <= wire.rate_hz <= RATES_HZ[1]:
+        raise DataError(
+            f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected 0..{MAX_FIRST_SAMPLE} at"
+            f" {RATES_HZ[0]}..{RATES_HZ[1]} Hz",
+            clause=CLAUSE,
+        )
+
+
+def _value(value: osc.Argument, tag: str, where: str) -> str | int | float | bytes:
     """Take an argument for what the schema says it is."""
+    if tag == "b":
+        if isinstance(value, bytes):
+            return value
+        raise DataError(f"{where}: got {value!r:.40}, expected a blob", clause=CLAUSE)
     if tag == "s":
         if isinstance(value, str):
             return value
@@ -139,7 +161,7 @@ def _value(value: osc.Argument, tag: str, where: str) -> str | int | float:
     return whole
 
 
-def _phones(values: list[str | int | float], message: osc.Message) -> Phones:
+def _phones(values: list[Any], message: osc.Message) -> Phones:
     arguments = message.arguments
     session, (utterance, sequence, first, count) = str(values[0]), map(int, values[1:])
     if not 1 <= count <= MAX_PHONES or not 0 <= first <= 1_000_000:
@@ -155,7 +177,7 @@ def _phones(values: list[str | int | float], message: osc.Message) -> Phones:
     if message.tags[5:stop] != tags or not all(map(math.isfinite, cast("tuple[float, ...]", flat[4::5]))):
         flat = tuple(_value(value, tag, Phones.ADDRESS) for value, tag in zip(flat, tags, strict=True))
     phones = tuple(map(_phone, *(cast("tuple[Any, ...]", flat[part::5]) for part in range(5))))
-    revision = _value(arguments[stop], "i", Phones.ADDRESS) if len(arguments) > stop else None
+    revision: Any = _value(arguments[stop], "i", Phones.ADDRESS) if len(arguments) > stop else None
     return Phones(session, utterance, sequence, first, phones, None if revision is None else int(revision))
 
 

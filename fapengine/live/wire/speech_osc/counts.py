@@ -3,6 +3,9 @@
 from collections.abc import Hashable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 @dataclass(slots=True)
 class PeerCounts:
@@ -26,6 +29,8 @@ class PeerCounts:
     """Messages that told nothing new."""
     lost: int = 0
     """Datagrams of phones that were sent and have not come (yet)."""
+    sound_lost: int = 0
+    """Samples of sound that did not come in time."""
     clamped: int = 0
     """Time tags that could not be meant."""
     odd_times: int = 0
@@ -47,6 +52,23 @@ class TextRequest:
     voice: str
     """Name as the sender gives it; empty: any."""
     peer: Hashable
+
+
+@dataclass(frozen=True, slots=True)
+class SoundRequest:
+    """Sound of an utterance in order and without holes; who has an ear finds its phones."""
+
+    session: str
+    utterance: int
+    """The engine's number."""
+    first_s: float
+    """Time in the utterance at which it was joined, mostly 0."""
+    rate_hz: int
+    samples: NDArray[np.int16]
+    """(N,) int16, mono."""
+    is_placed: bool
+    """True where the engine was told when the utterance begins; else it is for the ear to say."""
+    is_last: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from math import inf
 
 from fapengine.live.engine.utterance import gaps
 from fapengine.live.wire.speech_osc.schema import BeginUtterance, EndUtterance, Phones, WirePhone, checksum
+from fapengine.live.wire.speech_osc.sound_window import SoundWindow
 
 ACK_S = 0.02
 """Time in which acknowledgements are gathered into one."""
@@ -91,6 +92,10 @@ class ReceiveWindow:
     """Number of times that this clock had been set when it began."""
     heard_s: float = -inf
     """Time of the sender's last report of its sound."""
+    sound: SoundWindow | None = None
+    """Sound from which its phones are heard; None where they are told."""
+    is_placed: bool = True
+    """False where the ear is to say when it begins."""
     _passed: set[int] = field(default_factory=set)
     """Sequence numbers of datagrams that were passed over and may still come."""
 

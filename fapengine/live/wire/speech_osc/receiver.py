@@ -29,7 +29,7 @@ from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import codec as wire_format
 from fapengine.live.wire.speech_osc import phone_labels, schema
 from fapengine.live.wire.speech_osc.clock import SenderClock
-from fapengine.live.wire.speech_osc.counts import PeerCounts, Tally, TextRequest, WireLimits
+from fapengine.live.wire.speech_osc.counts import PeerCounts, SoundRequest, Tally, TextRequest, WireLimits
 from fapengine.live.wire.speech_osc.one_shot_messages import SimpleMode
 from fapengine.live.wire.speech_osc.peers import Arrival, Peer, Replies
 from fapengine.live.wire.speech_osc.session import WireSession, check_open, microseconds
@@ -89,6 +89,8 @@ class OscReceiver:
         self._asleep: OrderedDict[str, WireSession] = OrderedDict()
         self._numbers = count()
         self._texts: deque[TextRequest] = deque()
+        self._sounding: set[str] = set()
+        """Names of sessions whose sound may be released."""
         self._again: list[tuple[float, int, Hashable, bytes]] = []
         self._order = 0
 
@@ -170,6 +172,30 @@ class OscReceiver:
         taken = list(self._texts)
         self._texts.clear()
         return taken
+
+    def sounds(self, now_s: float) -> list[SoundRequest]:
+        """Take the sound that senders want heard; to be called about once a frame."""
+        tally = Tally(PeerCounts(), self.counts)
+        requests: list[SoundRequest] = []
+        for name in sorted(self._sounding):
+            session = self._sessions.get(name)
+            if session is not None:
+                requests += session.sounds(now_s, tally)
+            if session is None or not session.sounding:
+                self._sounding.discard(name)
+        return requests
+
+    def refuse_sound(self, request: SoundRequest, reason: str, now_s: float) -> None:
+        """Tell a session's senders, with the next :meth:`tick`, why an utterance's sound is not heard."""
+        session = self._sessions.get(request.session)
+        number = session.sender_number(request.utterance) if session is not None else None
+        if session is None or number is None:
+            return
+        self.counts.refused += 1
+        notice = schema.Notice(request.session, number, "error", engine_us=microseconds(now_s), reason=reason)
+        for peer in session.peers:
+            self._order += 1
+            heapq.heappush(self._again, (now_s, self._order, peer, wire_format.encode(notice)))
 
     def forget(self, peer: Hashable) -> None:
         """Drop a peer whose connection is closed. What it had begun is said as far as it came."""
@@ -300,6 +326,12 @@ class OscReceiver:
         if session is not None:
             session.phones(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
 
+    def _sound(self, wire: schema.Sound, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is not None:
+            session.sound(wire, arrival.now_s, arrival.peer.tally)
+            self._sounding.add(wire.session)
+
     def _end(self, wire: schema.EndUtterance, arrival: Arrival) -> None:
         session = self._session(wire.session, arrival)
         if session is not None:
@@ -426,6 +458,7 @@ _OBEY = cast(
         schema.Ping: OscReceiver._ping,
         schema.BeginUtterance: OscReceiver._begin,
         schema.Phones: OscReceiver._phones,
+        schema.Sound: OscReceiver._sound,
         schema.EndUtterance: OscReceiver._end,
         schema.CancelUtterance: OscReceiver._cancel,
         schema.SeekUtterance: OscReceiver._seek,

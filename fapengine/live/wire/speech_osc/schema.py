@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, get_args
+from typing import ClassVar, Literal, get_args
 
 from fapengine.errors import UsageError
 from fapengine.live.engine import commands
@@ -34,10 +34,15 @@ MAX_DURATION_US = 3_600_000_000 // 2
 NOW = -1
 """Number that means, as a time: at once; as an utterance: all."""
 
+WireAnchor = Literal["now", "at", "audio", "sound"]
+"""Ways in which the beginning of an utterance is set."""
 WANT_ACK, TCP, WILL_SEND_AUDIO = 1, 2, 4
 """Flags of :class:`Hello`."""
 PRIMARY_STRESS, SECONDARY_STRESS, WORD_INITIAL, PHRASE_FINAL = 1, 2, 4, 8
 """Flags of :class:`WirePhone`."""
+MAX_SAMPLES = 480
+"""Samples in one message: 30 ms at 16 kHz, and room for a begin beside them in a datagram."""
+MAX_FIRST_SAMPLE = 48_000 * 3600
 PHONE_TAGS = "siiif"
 """Type tags of each phone, behind those of :class:`Phones`."""
 
@@ -146,7 +151,7 @@ class BeginUtterance:
     utterance: int
     revision: int = 0
     anchor: str = "now"
-    """``now``, ``at`` or ``audio``."""
+    """``now``, ``at`` or ``audio``; ``sound``: the engine's ear says when, for its sound comes."""
     anchor_us: int = 0
     """Start for ``at``, in the sender's clock."""
     phone_set: str = ""
@@ -236,6 +241,23 @@ class AudioPosition:
 
 
 @dataclass(frozen=True, slots=True)
+class Sound:
+    """Sound of an utterance, whose phones an ear finds."""
+
+    ADDRESS: ClassVar[str] = "/fap/1/sound"
+    TAGS: ClassVar[str] = "siiib"
+    REQUIRED: ClassVar[int] = 5
+    session: str
+    utterance: int
+    first_sample: int
+    """Number of its first sample in the utterance."""
+    rate_hz: int
+    """The same in all of an utterance."""
+    samples: bytes
+    """int16, little-endian, mono."""
+
+
+@dataclass(frozen=True, slots=True)
 class SpeakText:
     """Have a text spoken by the server's voice."""
 
@@ -314,7 +336,7 @@ class SessionCommand:
 
 Described = (
     Hello | Bye | Ping | BeginUtterance | Phones | EndUtterance | CancelUtterance | SeekUtterance | AudioPosition
-    | SpeakText
+    | Sound | SpeakText
 )  # fmt: skip
 """Messages of a sender that are described here."""
 FromSender = Described | SessionCommand

@@ -7,11 +7,14 @@ Selective repeat (ARQ): each phone has a timer of its own. It runs out after wha
 :attr:`SendWindow.next_index` are acknowledged, and of those beyond it :attr:`SendWindow.acknowledged`.
 """
 
+import heapq
 from dataclasses import dataclass, field
 from math import inf, isfinite
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fapengine.errors import UsageError
-from fapengine.live.engine.commands import Anchor
 from fapengine.live.wire.speech_osc import schema
 from fapengine.live.wire.speech_osc.schema import Ack, WirePhone, checksum
 from fapengine.speech.phone_track import Phone
@@ -20,6 +23,10 @@ CHUNK = 8
 """Number of phones that are sent for the first time in one datagram."""
 PACE_S = 0.01
 """Time between the datagrams of an utterance that is known at once: far faster than speech, and no burst."""
+SOUND_PACE = 4.0
+"""Times its own speed at which sound is sent that is known at once."""
+SOUND_AGAIN_S = 0.03
+"""Time after which a piece of sound is sent a second time over UDP: no single loss is heard, nor most short bursts."""
 END_REPEATS_S = (0.0, 0.02, 0.06)
 DEADLINE_S = 0.3
 """Time after its end from which a phone is not sent any more."""
@@ -53,7 +60,7 @@ class SendWindow:
     """
 
     number: int
-    anchor: Anchor
+    anchor: schema.WireAnchor
     anchor_s: float
     """Start of the utterance's time, for ``"at"``."""
     created_s: float
@@ -83,6 +90,14 @@ class SendWindow:
     active_s: float = -inf
     """Time of the last news of it."""
     is_corrected: bool = False
+    sounds: list[tuple[float, int, schema.Sound]] = field(default_factory=list)
+    """Pieces of its sound that are still to be sent, as a heap: time, sample, message."""
+    samples: int = 0
+    """Number of samples of its sound so far."""
+    rate_hz: int = 0
+    """Rate of its sound; 0 where its phones are told."""
+    sound_s: float = -inf
+    """Time at which the next piece of its sound may be sent."""
     _sent: dict[int, _Sent] = field(default_factory=dict)
 
     @property
@@ -93,7 +108,7 @@ class SendWindow:
     @property
     def is_acknowledged(self) -> bool:
         """Whether all phones so far are known to have come."""
-        return self.is_begun and self.next_index >= len(self.phones)
+        return self.is_begun and self.next_index >= len(self.phones) and not self.sounds
 
     @property
     def is_complete(self) -> bool:
@@ -114,6 +129,19 @@ class SendWindow:
         self.chunks.append(chunk)
         self.next_s = now_s + PACE_S
         return chunk
+
+    def add_sound(self, session: str, samples: NDArray[np.int16], rate_hz: int, now_s: float, again_s: float) -> None:
+        """Queue sound, (N,) int16, in pieces, each once more after ``again_s`` if that is not infinite."""
+        self.rate_hz = rate_hz
+        for start in range(0, len(samples), schema.MAX_SAMPLES):
+            piece = samples[start : start + schema.MAX_SAMPLES].astype("<i2").tobytes()
+            message = schema.Sound(session, self.number, self.samples, rate_hz, piece)
+            at_s = max(now_s, self.sound_s)
+            for due_s in (at_s, at_s + again_s):
+                if due_s < inf:
+                    heapq.heappush(self.sounds, (due_s, self.samples, message))
+            self.samples += len(piece) // 2
+            self.sound_s = at_s + len(piece) / 2 / rate_hz / SOUND_PACE
 
     def note_sent(self, first: int, stop: int, now_s: float) -> None:
         """Remember that phones went out."""

@@ -18,13 +18,16 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from math import inf
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fapengine.errors import DataError, UsageError
-from fapengine.live.engine.commands import Anchor
 from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.clock import EngineClock
 from fapengine.live.wire.speech_osc.handshake import Handshake
-from fapengine.live.wire.speech_osc.send_window import END_REPEATS_S, PendingCancel, SendWindow, to_wire
+from fapengine.live.wire.speech_osc.send_window import END_REPEATS_S, SOUND_AGAIN_S, PendingCancel, SendWindow, to_wire
+from fapengine.live.wire.speech_osc.sound_window import RATES_HZ
 from fapengine.speech.phone_track import Phone
 
 CLOCK_WAIT_S = 0.25
@@ -130,15 +133,16 @@ class OscSender:
         """Whether the engine was heard of late."""
         return self._handshake.is_connected(now_s)
 
-    def begin(self, now_s: float, *, anchor: Anchor = "now", at_s: float = 0.0) -> int:
+    def begin(self, now_s: float, *, anchor: schema.WireAnchor = "now", at_s: float = 0.0) -> int:
         """Open an utterance, and give its number.
 
         Parameters
         ----------
         now_s : float
-        anchor : Anchor
+        anchor : WireAnchor
             ``"now"``: behind what is being said. ``"at"``: its time 0 is ``at_s`` of the sender's clock. ``"audio"``:
-            when :meth:`audio` tells where its sound is.
+            when :meth:`audio` tells where its sound is. ``"sound"``: as soon as the engine's ear can keep up with the
+            sound that comes.
         at_s : float
         """
         number = self._next_number
@@ -156,9 +160,36 @@ class OscSender:
             If it was ended, or a phone lies beyond half an hour.
         """
         window = self._find(utterance)
-        if window.is_ended:
-            raise UsageError(f"utterance {utterance}: got phones after its end")
+        if window.is_ended or window.rate_hz:
+            raise UsageError(f"utterance {utterance}: got phones {'after its end' if window.is_ended else 'and sound'}")
         window.phones += [to_wire(phone) for phone in phones]
+
+    def sound(self, utterance: int, samples: NDArray[np.int16], rate_hz: int, now_s: float) -> None:
+        """Add sound to an utterance, whose phones the engine's ear finds.
+
+        Parameters
+        ----------
+        utterance : int
+        samples : (N,) int16
+            Mono; they follow those given before.
+        rate_hz : int
+            8000..48000, the same in all of an utterance.
+        now_s : float
+
+        Raises
+        ------
+        UsageError
+            If it was ended, has phones or begins ``"now"``, or the rate is another one or out of range.
+        """
+        window = self._find(utterance)
+        if window.anchor == "now":
+            raise UsageError(f"utterance {utterance}: got sound, expected a beginning at a time, by its sound, or none")
+        if window.is_ended or window.phones:
+            raise UsageError(f"utterance {utterance}: got sound {'after its end' if window.is_ended else 'and phones'}")
+        if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1] or rate_hz != (window.rate_hz or rate_hz):
+            expected = window.rate_hz or f"{RATES_HZ[0]}..{RATES_HZ[1]}"
+            raise UsageError(f"rate_hz: got {rate_hz}, expected {expected}")
+        window.add_sound(self.session, samples, rate_hz, now_s, inf if self._reliable else SOUND_AGAIN_S)
 
     def end(self, utterance: int, *, duration_s: float | None = None) -> None:
         """Say that no phone will follow.
@@ -177,6 +208,8 @@ class OscSender:
         window = self._find(utterance)
         if not window.is_ended:
             window.is_ended, window.end_s = True, -inf
+            if duration_s is None and window.rate_hz:
+                duration_s = window.samples / window.rate_hz
             window.duration_us = -1 if duration_s is None else round(min(max(duration_s, 0.0), 1800.0) * 1e6)
 
     def revise(self, utterance: int, phones: Iterable[Phone | schema.WirePhone], now_s: float) -> None:
@@ -265,7 +298,9 @@ class OscSender:
                 times_s.append(window.next_s)
             if self._asks and not self._reliable:
                 times_s.append(window.next_timeout_s(now_s, self._answer_s))
-            if window.stop_sent >= len(window.phones):
+            if window.sounds:
+                times_s.append(window.sounds[0][0])
+            elif window.stop_sent >= len(window.phones):
                 times_s.append(window.end_s)
         return min(times_s)
 
@@ -384,7 +419,9 @@ class OscSender:
         if not (window.phones or window.is_announced or window.is_begun):  # so that its place in the queue is known
             window.is_announced = True
             put(self._bundle(self._opening(window, now_s)))
-        if window.is_ended and window.stop_sent >= len(window.phones) and now_s >= window.end_s:
+        while window.sounds and window.sounds[0][0] <= now_s:
+            put(self._bundle([*self._opening(window, now_s), heapq.heappop(window.sounds)[2]]))
+        if window.is_ended and not window.sounds and window.stop_sent >= len(window.phones) and now_s >= window.end_s:
             self._send_end(window, now_s, put)
 
     def _send_end(self, window: SendWindow, now_s: float, put: Callable[[bytes], None]) -> None:

@@ -11,6 +11,9 @@ utterance again that was over :data:`AGAIN_S` ago.
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
+from typing import get_args
+
+import numpy as np
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
@@ -18,7 +21,7 @@ from fapengine.live.engine.port import EnginePort
 from fapengine.live.engine.session import JUMP_S
 from fapengine.live.wire.speech_osc import phone_labels, schema
 from fapengine.live.wire.speech_osc.clock import SenderClock
-from fapengine.live.wire.speech_osc.counts import Tally
+from fapengine.live.wire.speech_osc.counts import SoundRequest, Tally
 from fapengine.live.wire.speech_osc.receive_window import (
     ACK_S,
     MAX_NACKS,
@@ -28,6 +31,7 @@ from fapengine.live.wire.speech_osc.receive_window import (
     ReceiveWindow,
     State,
 )
+from fapengine.live.wire.speech_osc.sound_window import SoundWindow
 from fapengine.speech.phone_track import Phone
 
 AGAIN_S = 2.0
@@ -69,6 +73,8 @@ class WireSession:
     """Flags of the hello of each peer that joined."""
     windows: dict[int, ReceiveWindow] = field(default_factory=dict)
     """Window of each of the sender's numbers, the latest last."""
+    sounding: set[int] = field(default_factory=set)
+    """Sender's numbers of utterances whose sound may be released."""
     pending: dict[int, Hashable] = field(default_factory=dict)
     """Peer to be answered, of each sender's number for which a timer runs."""
     _sender_numbers: dict[int, int] = field(default_factory=dict)
@@ -104,6 +110,7 @@ class WireSession:
     def forget(self) -> None:
         """Know of no utterance: the sender's numbers may begin again."""
         self.windows.clear()
+        self.sounding.clear()
         self._sender_numbers.clear()
         self.pending.clear()
         self._cancelled_below = -INT32
@@ -117,7 +124,7 @@ class WireSession:
         self, message: schema.BeginUtterance, clock: SenderClock, peer: Hashable, now_s: float, tally: Tally
     ) -> bool:
         """Open an utterance; False if the engine has no place for it."""
-        if message.anchor not in ("now", "at", "audio"):
+        if message.anchor not in get_args(schema.WireAnchor):
             tally.add("malformed")
             return True
         window = self.windows.get(message.utterance)
@@ -130,12 +137,17 @@ class WireSession:
         window = self._open_window(message.utterance)
         if window.is_over or (window.begun is not None and message.revision <= window.revision):
             tally.add("repeated")
+            if window.sound is not None:  # its sender puts it in front of the sound until it is acknowledged
+                self._due_ack(message.utterance, window, peer, now_s)
             return True
         phone_set = phone_labels.phone_set_named(message.phone_set) if message.phone_set else self.phone_set
         if phone_set is None:
             tally.add("refused")
             phone_set = self.phone_set
         window.begin(message, phone_set)
+        if message.anchor == "sound":
+            window.is_placed = False
+            return True
         self._tell_begin(window, message, clock, now_s)
         if self.engine.utterance(self.name, window.engine_number) is None:
             window.close(now_s)
@@ -166,6 +178,9 @@ class WireSession:
         if window is None or window.state is State.CANCELLED:
             tally.add("repeated")
             return
+        if window.sound is not None:
+            tally.add("refused")
+            return
         tally.add("lost", window.lost(message.sequence))
         if not window.is_over:
             if not window.take(message):
@@ -186,6 +201,11 @@ class WireSession:
         if window is None or window.state is State.CANCELLED:
             tally.add("repeated")
             return
+        if window.sound is not None:
+            rate_hz = window.sound.rate_hz
+            window.sound.finish(
+                round(message.duration_us * 1e-6 * rate_hz) if message.duration_us >= 0 else None, now_s
+            )
         if not window.is_over and window.finish(message):
             self._tell_end(window, now_s)
             self._check(window, message.utterance, now_s, tally)
@@ -305,6 +325,54 @@ class WireSession:
                 self._forget_one(next(iter(self.windows)))
         return window
 
+    def sound(self, message: schema.Sound, now_s: float, tally: Tally) -> None:
+        """Take sound in, instead of phones; its end is told as that of phones is."""
+        window = self._find(message.utterance)
+        if window is None or window.is_stopped:
+            tally.add("repeated")
+            return
+        if window.sound is None:
+            if window.phones or window.end is not None:
+                tally.add("refused")
+                return
+            window.sound = SoundWindow(message.rate_hz)
+            if window.begun is None:
+                window.is_placed = False  # its begin is not waited for
+                window.begin(schema.BeginUtterance(self.name, message.utterance), self.phone_set)
+        if message.rate_hz != window.sound.rate_hz:
+            tally.add("refused")
+            return
+        samples = np.frombuffer(message.samples, "<i2").astype(np.int16)
+        is_new = window.sound.take(message.first_sample, samples, now_s)
+        if not is_new:
+            tally.add("refused" if is_new is None else "repeated")
+        self.sounding.add(message.utterance)
+
+    def sounds(self, now_s: float, tally: Tally) -> list[SoundRequest]:
+        """Take what has come of sounds, in order."""
+        requests = []
+        for number in sorted(self.sounding):
+            window = self.windows.get(number)
+            sound = window.sound if window is not None else None
+            if window is None or sound is None or window.is_stopped:
+                self.sounding.discard(number)
+                continue
+            before = sound.lost
+            pieces = sound.release(now_s)
+            tally.add("sound_lost", sound.lost - before)
+            if sound.is_released:
+                self.sounding.discard(number)
+            if pieces or sound.is_released:
+                samples = np.concatenate(pieces) if pieces else np.zeros(0, np.int16)
+                first_s = sound.first / sound.rate_hz
+                requests.append(
+                    SoundRequest(
+                        self.name, window.engine_number, first_s, sound.rate_hz, samples, window.is_placed,
+                        sound.is_released,
+                    )
+                )  # fmt: skip
+        return requests
+
     def _forget_old(self, now_s: float) -> None:
         """Forget those that were over long ago, the oldest first."""
         for sender_number, window in list(self.windows.items()):
@@ -329,7 +397,7 @@ class WireSession:
         self.tell(Append(window.engine_number, first, engine_phones, window.revision), now_s)
 
     def _tell_end(self, window: ReceiveWindow, now_s: float) -> None:
-        if window.end is None or window.begun is None:
+        if window.end is None or window.begun is None or window.sound is not None:
             return
         latest_s = max((phone.start_us + phone.duration_us for phone in window.phones.values()), default=0) / 1e6
         duration_s = max(window.end.duration_us / 1e6, latest_s) if window.end.duration_us >= 0 else latest_s
