@@ -13,7 +13,7 @@ from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
 from fapengine.files.fap import save_fap
-from fapengine.files.motion import BLEND_ENDINGS, load_motion
+from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion
 from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
@@ -26,7 +26,7 @@ from fapengine.retarget.blend_tracks import format_blend_csv
 
 Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and how many of them a second."""
-LOADED = (".fap", ".fba", *BLEND_ENDINGS)
+LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 """Suffixes of face motion that can be loaded."""
 SAVED = f".fap, .fba, .csv, .wav, .png, {KINDS}"
 """Endings of a name to save to, in words."""
@@ -39,7 +39,7 @@ def load(path: str | Path) -> FapTrack:
     ----------
     path : str or Path
         FAPs (``.fap``), an MPEG-4 stream (``.fba``), or a table of ARKit, Oculus or VRM shapes (``.csv``; Azure's
-        frames ``.json``, ``.jsonl``).
+        frames ``.json``, ``.jsonl``), or a VMC stream that ``oscdump`` recorded (``.osc``).
 
     Raises
     ------

@@ -9,7 +9,8 @@ OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat")
 
 def convert(
     motion: Path = typer.Argument(
-        ..., help="FAPs (.fap, .fba), or a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json)."
+        ...,
+        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json), or VMC (.osc).",
     ),
     output: Path = typer.Option(
         ...,

@@ -11,7 +11,9 @@ from fapengine.cli.options import AsJson
 def score(
     made: Annotated[
         Path,
-        typer.Argument(help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json)."),
+        typer.Argument(
+            help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json), VMC (.osc)."
+        ),
     ],
     against: Annotated[
         Path | None, typer.Option("--against", help="Another recording of the same speech: the truth.")

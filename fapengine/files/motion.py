@@ -9,12 +9,14 @@ from fapengine.files.fba import load_fba
 from fapengine.files.paths import read_bytes
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import parse_blend_track
+from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
 
 BLEND_ENDINGS = (".csv", ".json", ".jsonl")
+RECORDED_ENDINGS = (".osc",)
 
 
 def load_motion(path: Path) -> FapTrack:
-    """Read FAPs: an FBA stream, blend shapes (.csv, .json), or .fap text.
+    """Read FAPs: an FBA stream, blend shapes (.csv, .json), a recorded VMC stream, or .fap text.
 
     Raises
     ------
@@ -26,9 +28,10 @@ def load_motion(path: Path) -> FapTrack:
     data = read_bytes(path)
     if data[:3] == b"\x00\x00\x01":
         return fill_track(load_fba(path))
-    if path.suffix.lower() not in BLEND_ENDINGS:
+    recorded = is_vmc_recording(data)
+    if path.suffix.lower() not in BLEND_ENDINGS and not recorded:
         return load_fap(path)
     try:
-        return parse_blend_track(data)
+        return parse_vmc_recording(data) if recorded else parse_blend_track(data)
     except DataError as error:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

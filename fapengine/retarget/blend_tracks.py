@@ -120,7 +120,7 @@ def _csv(text: str) -> Found:
     except csv.Error as error:
         raise DataError(f"blend shapes: is no table: {error}") from error
     header = [_bare(cell) for cell in rows[0]] if rows else []
-    shapes, columns = _find_set(header)
+    shapes, columns = find_set(header, where="line 1")
     wanted = {**columns, **{name: header.index(name) for name in HEAD if name in header}}
     table = np.zeros((len(rows) - 1, len(wanted)))
     for line, row in enumerate(rows[1:]):
@@ -141,8 +141,14 @@ def _csv(text: str) -> Found:
     return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, _rate(header, rows)
 
 
-def _find_set(header: list[str]) -> tuple[ShapeSet, dict[str, int]]:
-    """Find the set of which the header has most names, and the column of each."""
+def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]]:
+    """Find the set of which bare names in small letters are most, and the place of each name.
+
+    Raises
+    ------
+    DataError
+        If fewer than 8 names are of one set; ``where`` says which names were read.
+    """
     candidates: list[tuple[ShapeSet, dict[str, int]]] = []
     for shapes in SHAPE_SETS.values():
         spelled = [(_bare(name), name) for name in shapes.names]
@@ -153,7 +159,7 @@ def _find_set(header: list[str]) -> tuple[ShapeSet, dict[str, int]]:
         raise DataError(
             f"blend shapes: got {len(columns)} names of {shapes.key} in the header, expected at least {MIN_NAMES}"
             f" of one of {', '.join(SHAPE_SETS)}",
-            where="line 1",
+            where=where,
         )
     return shapes, columns
 
