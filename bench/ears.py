@@ -1,12 +1,14 @@
 """How well do the ears hear? The lips of their phones against those of the true phones, and against filmed ones.
 
-    python -m bench.ears [--filmed FOLDER] [--long MINUTES]
+    python -m bench.ears [--filmed FOLDER] [--long MINUTES] [--languages]
 
 Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
 the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; p b m that have one within
 80 ms, and those told that have none; distance of phones' starts from the true ones, median. ``--filmed`` is a folder
 with ``sentences.tsv`` (id, text), the sounds, and ``../speech_train.npz``, whose lips are the truth. ``--long`` also
 hears a recording of so many minutes, made of the sentences, with the text, and measures memory and speed.
+``--languages`` aligns five other languages, spoken by four speakers of espeak-ng other than the one who pronounces the
+words for the aligner; all are one program's, and some sound unlike people.
 
 To compare another ear, add a row to :data:`EARS`.
 """
@@ -29,7 +31,7 @@ from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.files.sound import load_sound
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from tests.unit.ears.speech import VOICES, Spoken, closures, met, opening_mm, spoken
+from tests.unit.ears.speech import VOICES, Spoken, closures, met, opening_mm, spoken, spoken_by_espeak
 
 SENTENCES = (
     "Bright sunshine shimmers on the ocean.", "My baby brother bumped the big blue bowl.",
@@ -38,6 +40,29 @@ SENTENCES = (
     "A voice agent needs a face that people can read.", "Vivid purple poppies bloom behind the barn.",
     "Thank you very much for calling, how may I help you?", "She used the phone to book a table for four.",
 )  # fmt: skip
+OTHER_LANGUAGES = {
+    "de": (
+        "Guten Morgen, wie geht es Ihnen heute?", "Mein Bruder wohnt seit vielen Jahren in Hamburg.",
+        "Wir möchten bitte zwei Tassen Kaffee bestellen.", "Am Abend spielen die Kinder gern im Park.",
+    ),
+    "fr": (
+        "Bonjour, comment allez-vous aujourd'hui?", "Mon petit frère habite à Paris depuis longtemps.",
+        "Nous voudrions deux tasses de café, s'il vous plaît.", "Le soir, les enfants jouent dans le parc.",
+    ),
+    "es": (
+        "Buenos días, cómo está usted hoy?", "Mi hermano pequeño vive en Barcelona desde hace mucho tiempo.",
+        "Por favor, queremos dos tazas de café.", "Por la tarde los niños juegan en el parque.",
+    ),
+    "it": (
+        "Buongiorno, come sta oggi?", "Mio fratello abita a Palermo da molti anni.",
+        "Vorremmo due tazze di caffè, per favore.", "La sera i bambini giocano volentieri nel parco.",
+    ),
+    "ru": (
+        "Доброе утро, как вы себя чувствуете?", "Мой брат много лет живёт в Москве.",
+        "Мы хотели бы заказать две чашки кофе.", "Вечером дети играют в парке.",
+    ),
+}  # fmt: skip
+SPEAKERS = ("f2", "m1", "m3", "pablo")
 LATE_S = 0.083
 FILMED_HZ = 25.0
 UPPER, LOWER = 13, 14
@@ -129,7 +154,7 @@ def spoken_clips() -> list[Clip]:
 
 
 def filmed_clips(folder: Path) -> list[Clip]:
-    from fapengine.speech.alphabets import SILENCES, to_ipa
+    from fapengine.speech.alphabets.convert import SILENCES, to_ipa
     from fapengine.speech.phone_track import SILENCE, Phone
 
     data = np.load(folder.parent / "speech_train.npz", allow_pickle=False)
@@ -155,6 +180,27 @@ def filmed_clips(folder: Path) -> list[Clip]:
         samples, _ = load_sound(folder / f"{name}.flac", rate_hz=RATE_HZ)
         clips.append(Clip(Spoken(text, samples, PhoneTrack.of(phones, tolerance_s=0.01)), opening, FILMED_HZ))
     return clips
+
+
+def language_clips(language: str) -> list[Clip]:
+    clips = []
+    for text, speaker in zip(OTHER_LANGUAGES[language], SPEAKERS, strict=True):
+        speech = spoken_by_espeak(f"{language}+{speaker}", text)
+        clips.append(Clip(speech, opening_mm(speech.phones, len(speech.samples) / RATE_HZ), 60.0))
+    return clips
+
+
+def languages() -> None:
+    print("\nother languages, with the text")
+    for language in OTHER_LANGUAGES:
+
+        def said(word: str, language: str = language):
+            return EspeakVoice(language).speak(word).phones.phones
+
+        def hear(speech: Spoken, said=said) -> PhoneTrack:
+            return follow([speech.samples], SphinxAligner(words_of(speech.text), said, dictionary=False)).phones
+
+        print(figures(language, language_clips(language), hear, phones=True), flush=True)
 
 
 def table(title: str, clips: list[Clip], *, phones: bool) -> None:
@@ -204,7 +250,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--filmed", type=Path, help="folder of sounds whose lips are filmed")
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
+    parser.add_argument("--languages", action="store_true", help="five other languages as well")
     options = parser.parse_args()
+    if options.languages:
+        languages()
     table("flite, four voices", spoken_clips(), phones=True)
     if options.filmed:
         table("filmed lips", filmed_clips(options.filmed), phones=False)

@@ -12,8 +12,8 @@ from fapengine.ears.pronunciations import Pronounce, Pronunciation, dictionary_k
 from fapengine.ears.sphinx import decode, ipa_of, new_aligner
 from fapengine.errors import UsageError
 
-BEAMS = (1e-48, 1e-120)
-"""Beams of the first try and, if it loses the way, of the second."""
+BEAMS = (1e-48, 1e-300)
+"""Beams of the first try and, if it loses the way, of the second, which cuts off nothing (as 1e-120 still did)."""
 LOUD_DB = 25.0
 """Range below the loudest frames in which a frame counts as spoken, where words are placed by loudness alone."""
 _OWN = "fapengine_"

@@ -6,7 +6,7 @@ code. What is asked for is looked up whole, then without its last subtag, and so
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from fapengine.errors import UsageError
@@ -36,9 +36,13 @@ class Catalogue:
     """All voices, by language code."""
 
     entries: tuple[VoiceEntry, ...]
+    variants: tuple[str, ...] = ()
+    """Names of speakers that every voice can take: ``f3`` is a woman, ``Andy`` a man."""
 
     @classmethod
-    def of(cls, voices: Iterable[tuple[str, str, Sequence[tuple[int, str]]]]) -> "Catalogue":
+    def of(
+        cls, voices: Iterable[tuple[str, str, Sequence[tuple[int, str]]]], variants: Iterable[str] = ()
+    ) -> "Catalogue":
         """Make a catalogue.
 
         Parameters
@@ -46,6 +50,8 @@ class Catalogue:
         voices : iterable of (str, str, sequence of (int, str))
             Name, identifier, and codes with priorities. A voice's first code is its own, unless another voice has the
             same: then each is called after the last part of its identifier.
+        variants : iterable of str
+            Names of speakers that every voice can take.
         """
         listed = [
             (name.strip(), identifier, tuple((priority, code.lower()) for priority, code in codes))
@@ -59,7 +65,7 @@ class Catalogue:
             known = {code for _, code in codes}
             extra = tuple((_LAST_PRIORITY, code) for code in dict.fromkeys((own, last_part)) if code not in known)
             entries.append(VoiceEntry(own, name, identifier, codes + extra))
-        return cls(tuple(sorted(entries, key=lambda entry: entry.code)))
+        return cls(tuple(sorted(entries, key=lambda entry: entry.code)), tuple(sorted(variants)))
 
     def find(self, asked: str) -> VoiceEntry:
         """Find the voice that a code means.
@@ -68,13 +74,21 @@ class Catalogue:
         ----------
         asked : str
             A language code in any spelling (``fr``, ``pt-PT``, ``en_US``, ``de_DE.UTF-8``), or an identifier
-            (``roa/fr``).
+            (``roa/fr``); with the name of a speaker behind a plus sign (``fr+f3``), that one speaks.
 
         Raises
         ------
         UsageError
-            If no voice speaks it; the message names similar codes.
+            If no voice speaks it, or there is no such speaker; the message names similar ones.
         """
+        language, _, speaker = asked.partition("+")
+        if speaker:
+            entry = self.find(language)
+            known = {variant.lower(): variant for variant in self.variants}
+            if speaker.strip().lower() not in known:
+                near = get_close_matches(speaker, self.variants, n=5, cutoff=0.3) or self.variants[:10]
+                raise UsageError(f"voice: got {asked!r}, expected a speaker behind the + such as {', '.join(near)}")
+            return replace(entry, identifier=f"{entry.identifier}+{known[speaker.strip().lower()]}")
         wanted = asked.strip().lower()
         for entry in self.entries:
             if wanted in (entry.code, entry.identifier.lower()):

@@ -127,7 +127,14 @@ def catalogue() -> Catalogue:
             record = records[index].contents
             listed.append((record.name.decode(), record.identifier.decode(), _codes(record)))
             index += 1
-    return Catalogue.of(entry for entry in listed if _has_dictionary(entry[1]))
+    return Catalogue.of((entry for entry in listed if _has_dictionary(entry[1])), _speakers())
+
+
+def _speakers() -> list[str]:
+    """Names of the variants that come with the library."""
+    import espeakng_loader
+
+    return [path.name for path in (Path(espeakng_loader.get_data_path()) / "voices" / "!v").iterdir()]
 
 
 def _codes(record: _VoiceRecord) -> list[tuple[int, str]]:

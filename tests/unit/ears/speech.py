@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import resample_poly
 
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.files.sound import load_sound
@@ -15,6 +16,7 @@ from fapengine.speech.formats.lines import parse_flite
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
+from fapengine.voices.espeak import EspeakVoice
 from tests.english import english
 
 VOICES = ("rms", "slt", "awb", "kal16")
@@ -42,6 +44,14 @@ def spoken(voice: str, text: str) -> Spoken:
         done = subprocess.run(command, capture_output=True, check=True, timeout=60)
         samples, _ = load_sound(path, rate_hz=RATE_HZ)
     return Spoken(text, samples, parse_flite(done.stdout))
+
+
+def spoken_by_espeak(voice: str, text: str) -> Spoken:
+    """Speak with espeak-ng, which knows its phones."""
+    speech = EspeakVoice(voice).speak(text)
+    count = round(len(speech.samples) * RATE_HZ / speech.sample_rate_hz)
+    samples = resample_poly(speech.samples.astype(float), RATE_HZ, speech.sample_rate_hz)[:count]
+    return Spoken(text, np.clip(samples, -32768, 32767).astype(np.int16), speech.phones)
 
 
 def opening_mm(phones: PhoneTrack, duration_s: float, rate_hz: float = 60.0) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """Language codes to voices, on a small catalogue written by hand and on the library's own."""
 
+import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
@@ -51,9 +52,24 @@ def test_codes_of_the_installed_voices(asked: str, identifier: str) -> None:
     assert espeak.catalogue().find(asked).identifier == identifier
 
 
-@pytest.mark.parametrize(
-    "asked", ["", "-", "xx", "xx-en", "english", "en+f3", "en us", "é", "en\0", "tl", "en-" + "a" * 9]
-)
+@pytest.mark.parametrize("asked", ["", "-", "xx", "xx-en", "english", "en us", "é", "en\0", "tl", "en-" + "a" * 9])
 def test_refuses(asked: str) -> None:
     with pytest.raises(UsageError, match="expected a language code such as"):
         espeak.catalogue().find(asked)
+
+
+def test_a_speaker_behind_a_plus_sign() -> None:
+    voices = espeak.catalogue()
+    assert voices.find("fr+f3").identifier == "roa/fr+f3"
+    assert voices.find("en_US+ANDY").identifier == "gmw/en-US+Andy"
+    assert voices.find("fr+f3").code == voices.find("fr").code
+    with pytest.raises(UsageError, match=r"speaker behind the \+ such as .*f3"):
+        voices.find("fr+f33")
+    with pytest.raises(UsageError, match="language code"):
+        voices.find("xx+f3")
+
+
+def test_speakers_sound_unlike_each_other() -> None:
+    one, other = (espeak.EspeakVoice(f"de{speaker}").speak("Guten Morgen.") for speaker in ("", "+f3"))
+    assert [phone.label for phone in one.phones.phones] == [phone.label for phone in other.phones.phones]
+    assert not np.array_equal(one.samples, other.samples)
