@@ -12,6 +12,10 @@ class UsageError(FapEngineError, ValueError):
     """The caller must change the call."""
 
 
+class NothingToSpeakError(UsageError):
+    """A text in which a voice finds nothing."""
+
+
 class DataError(FapEngineError, ValueError):
     """The bytes, the file or the profile must change.
 

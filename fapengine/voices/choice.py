@@ -1,6 +1,7 @@
 """A voice by its name, as the command line, the configuration and Python choose one."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated
 
 from msgspec import Meta
@@ -21,8 +22,8 @@ class VoiceChoice(Checked):
     ssml: bool = False
     """Flag of texts that are SSML."""
 
-    def load(self) -> Voice:
-        """Load the voice.
+    def load(self, most_s: float = inf) -> Voice:
+        """Load the voice; texts of more than ``most_s`` seconds of sound are refused.
 
         Raises
         ------
@@ -31,4 +32,4 @@ class VoiceChoice(Checked):
         ResourceError
             If espeak-ng is not installed.
         """
-        return EspeakVoice(self.name, self.rate_wpm, self.ssml)
+        return EspeakVoice(self.name, self.rate_wpm, self.ssml, most_s=most_s)

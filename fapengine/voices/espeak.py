@@ -8,14 +8,15 @@ GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
 
 import ctypes
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
+from math import inf
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import ResourceError, UsageError
+from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
 from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_remarks
@@ -187,6 +188,8 @@ class EspeakVoice:
     rate_wpm: int = DEFAULT_RATE_WPM
     ssml: bool = False
     """Flag of texts that are SSML: see :mod:`fapengine.speech.text.ssml`."""
+    most_s: float = field(default=inf, kw_only=True)
+    """Length of a text's sound in seconds; a text that grows longer is given up."""
 
     def __post_init__(self) -> None:
         if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:
@@ -208,7 +211,7 @@ class EspeakVoice:
         phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz)
         if all(phone.is_silence for phone in phones.phones):
             told = f"expected something to speak (voice {self.name!r} finds nothing in it)"
-            raise UsageError(f"text: got {_shortened(text)}, {told}")
+            raise NothingToSpeakError(f"text: got {_shortened(text)}, {told}")
         return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
 
     def transcribe(self, text: str) -> str:
@@ -254,6 +257,7 @@ class EspeakVoice:
     def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
         events: list[tuple[int, int, int, int, bytes]] = []
         pieces: list[bytes] = []
+        heard = 0
 
         def collect(wave, count, event) -> int:  # type: ignore[no-untyped-def]
             index = 0
@@ -262,9 +266,11 @@ class EspeakVoice:
                 name = bytes(entry.name) if entry.type == _EVENT_PHONEME else b""
                 events.append((entry.sample, entry.type, entry.text_position, entry.length, name))
                 index += 1
+            nonlocal heard
             if wave and count > 0:
                 pieces.append(ctypes.string_at(wave, 2 * count))
-            return 0
+                heard += count
+            return int(heard > self.most_s * rate_hz)  # 1: no more
 
         identifier = self.entry.identifier.encode()
         encoded = text.encode()
@@ -277,6 +283,10 @@ class EspeakVoice:
             _succeed(library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0), f"{self.rate_wpm} words a minute")
             _succeed(library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, flags, None, None), "a text")
             _succeed(library.espeak_Synchronize(), "a text")
+        if heard > self.most_s * rate_hz:
+            raise UsageError(
+                f"text: got {_shortened(text)}, whose sound is too long, expected at most {self.most_s:.0f} s more"
+            )
         return events, np.frombuffer(b"".join(pieces), dtype=np.int16), rate_hz
 
 

@@ -2,8 +2,8 @@
 
 Theory of operation
 -------------------
-Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak in a
-thread of their own and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions
+Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak beside it
+(:mod:`.speaker`) and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions
 and hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
 window). A listener that raises is dropped, told of in the log and counted: the other faces do not notice.
 
@@ -29,8 +29,10 @@ from fapengine.live.engine.session import Event
 from fapengine.live.hub.messages import HubCounts, HubFrame, HubFrames, Spoken
 from fapengine.live.hub.observed_engine import ObservedEngine
 from fapengine.live.hub.pacer import FramePacer
+from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
 from fapengine.mpeg4 import fap
-from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, EspeakVoice
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.voices.protocol import Speech
 
 __all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
@@ -42,8 +44,8 @@ LOOK_EVERY_S = 1.0
 PHONES_A_COMMAND = 64
 SOUND_WAIT_S = 1.5
 """An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
-MAX_TEXT = 4000
-"""Letters that are spoken at once."""
+MAX_TEXT, MAX_SOUND_S = 4000, 590.0
+"""Letters that are spoken at once, and seconds of their sound: an utterance may have 600 (``Limits.queued_s``)."""
 LEAD_S, TAIL_S = 0.15, 0.25
 """Silence around a voice: the mouth opens out of rest and comes back to it."""
 
@@ -58,17 +60,6 @@ class _Unheard:
     session: str
     utterance: int
     since_s: float
-
-
-@dataclass(slots=True, eq=False)
-class _Asked:
-    """A text that a voice is turning into sound.
-
-    Stateful.
-    """
-
-    session: str
-    is_cancelled: bool = False
 
 
 @dataclass(slots=True)
@@ -100,6 +91,10 @@ class Hub:
         Monotonic seconds; the engine's time.
     idle_close_s : float
         A session that nobody holds or talks to is closed after so long.
+    voice : PieceVoice, optional
+        Speaks texts; by default espeak-ng in a thread.
+    most_sound_s : float
+        Length of a text's sound; the rest of what an utterance may have is left to the silence around it.
     """
 
     def __init__(
@@ -109,6 +104,8 @@ class Hub:
         rate_hz: float = RATE_HZ,
         clock: Callable[[], float] = time.monotonic,
         idle_close_s: float = IDLE_CLOSE_S,
+        voice: PieceVoice | None = None,
+        most_sound_s: float = MAX_SOUND_S,
     ) -> None:
         self.engine = ObservedEngine(engine)
         self.counts = HubCounts()
@@ -121,9 +118,8 @@ class Hub:
         self._utterances = count(VOICE_UTTERANCES)
         self._holders: dict[str, int] = {}
         self._unheard: list[_Unheard] = []
-        self._asked: list[_Asked] = []
-        self._voice = asyncio.Lock()
-        """Texts are said in the order in which they came."""
+        self._asked: list[Asked] = []
+        self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
         self.engine.event_listeners.append(self._tell_event)
@@ -291,29 +287,29 @@ class Hub:
         rate_wpm: int = DEFAULT_RATE_WPM,
         ssml: bool = False,
     ) -> Spoken | None:
-        """Speak a text: the voice works in a thread, then the session says it, unless it was told to stop meanwhile.
+        """Speak a text, in turn with other sessions; then the session says it, unless it was told to stop meanwhile.
 
         Raises
         ------
         UsageError
-            If the session is not open, the text too long or empty, or the voice unknown.
+            If the session is not open or has too many texts that wait, the text is empty, or too long in letters or in
+            sound, or the voice unknown.
         ResourceError
             If the voice is not installed.
         """
         if len(text) > MAX_TEXT:
             raise UsageError(f"text: got {len(text)} letters, expected at most {MAX_TEXT}")
-        request = _Asked(session)
+        request = Asked(session)
         self._asked.append(request)
         try:
-            async with self._voice:
-                if request.is_cancelled:
-                    return None
-                speech = await asyncio.to_thread(_synthesise, text, voice, rate_wpm, ssml)
+            speech = await self.speaker.speak(request, text, VoiceChoice(voice, rate_wpm, ssml))
         finally:
             self._asked.remove(request)
+        if speech is None:
+            return None
         for remark in speech.remarks:
             log.warning("%s", remark, extra={"session": session})
-        return None if request.is_cancelled else self.say(session, speech, text=text)
+        return self.say(session, speech.padded(lead_s=LEAD_S, tail_s=TAIL_S), text=text)
 
     # Time
 
@@ -453,7 +449,3 @@ class Hub:
             log.exception("a listener failed and is dropped", extra={"listener": repr(listener)})
             listeners.pop(key, None)
             self.counts.listeners_dropped += 1
-
-
-def _synthesise(text: str, voice: str, rate_wpm: int, ssml: bool) -> Speech:
-    return EspeakVoice(voice, rate_wpm, ssml).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)

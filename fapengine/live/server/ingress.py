@@ -151,6 +151,10 @@ class Ingress:
                 break
         return len(self.queue) > 0
 
+    def answer(self, peer: Hashable, data: bytes) -> None:
+        """Send a packet to a peer that was heard."""
+        self._send([(peer, data)])
+
     def close(self) -> None:
         """Take nothing more in."""
         self.closed = True

@@ -35,18 +35,26 @@ from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.listeners import TcpListener, UdpListener
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
+from fapengine.live.server.voice_process import VoiceProcess
 from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.web.admission import harden, refusal
+from fapengine.live.wire.speech_osc.codec import encode
 from fapengine.live.wire.speech_osc.counts import TextRequest
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
+from fapengine.live.wire.speech_osc.schema import Notice
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
 from fapengine.voices.espeak import sample_rate_hz
 
 DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
 """Fade of the faces to rest when the server stops, and the time after which it ends."""
-TEXTS_AT_ONCE = 16
-"""Texts that wait for the voice; more are refused."""
+TEXTS_AT_ONCE = 64
+"""Texts of all OSC senders that wait for the voice; more are refused. One session may have fewer
+(:data:`fapengine.live.hub.speaker.MAX_TEXTS`)."""
+MAX_REASON = 300
+"""Letters of what a sender is told."""
+VOICE_SPARE_S = 0.5
+"""Part of an utterance that is not left to the voice: silence before and behind."""
 
 log = logging.getLogger("fapengine.server")
 
@@ -93,7 +101,14 @@ class Server:
             head = load_head(config.face.head)
         rng = np.random.default_rng(config.face.seed)
         engine = Engine(profile, rng=rng, limits=config.limits.engine, style=config.style)
-        self.hub = Hub(engine, rate_hz=config.face.rate_hz, idle_close_s=config.limits.idle_close_s)
+        self.voice = VoiceProcess()
+        self.hub = Hub(
+            engine,
+            rate_hz=config.face.rate_hz,
+            idle_close_s=config.limits.idle_close_s,
+            voice=self.voice,
+            most_sound_s=max(config.limits.queued_s - VOICE_SPARE_S, VOICE_SPARE_S),
+        )
         self.receiver = OscReceiver(
             self.hub.engine,
             token=config.listen.token,
@@ -247,6 +262,7 @@ class Server:
             if self._draining or len(self._parts.texts) >= TEXTS_AT_ONCE:
                 self.texts.refused += 1
                 log.warning("a text was not spoken: too many wait", extra={"session": request.session})
+                self._answer_text(request, "text: too many wait for the voice")
                 continue
             task = asyncio.create_task(self._speak(request))
             self._parts.texts.add(task)
@@ -277,11 +293,19 @@ class Server:
         except FapEngineError as error:
             self.texts.refused += 1
             log.warning("a text was not spoken: %s", error, extra={"session": request.session})
+            self._answer_text(request, str(error))
         else:
             self.texts.spoken += said is not None
 
+    def _answer_text(self, request: TextRequest, reason: str) -> None:
+        notice = Notice(
+            request.session, -1, "error", engine_us=round(self.hub.clock() * 1e6), reason=reason[:MAX_REASON]
+        )
+        self.ingress.answer(request.peer, encode(notice))
+
     async def _drain(self) -> None:
         self._draining = True
+        self.voice.close()
         self.ingress.close()
         sessions = len(self.hub.engine.sessions)
         log.info("stopping; faces come to rest: %d", sessions, extra={"sessions": sessions})
@@ -303,6 +327,8 @@ class Server:
         for task in tuple(parts.texts):
             task.cancel()
         self.hearing.close()
+        self.voice.close()
+        await self.voice.wait_closed()
         if parts.speaker is not None:
             parts.speaker.close()
         for site in parts.sites:

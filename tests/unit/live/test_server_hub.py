@@ -2,21 +2,22 @@
 
 import asyncio
 import logging
-import time
 
 import numpy as np
 import pytest
 
-from fapengine.errors import UsageError
+from fapengine.errors import NothingToSpeakError, UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Append, Audio, Begin, Blink, Cancel, End, Express, Pause
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits, Session
 from fapengine.live.hub import hub as hubs
+from fapengine.live.hub import speaker
 from fapengine.live.hub.hub import Hub
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Speech
 from tests.english import english
 
@@ -34,10 +35,31 @@ class Clock:
         return self.now_s
 
 
-def hub_of(**limits: object) -> tuple[Hub, Clock]:
+def hub_of(voice: object = None, **limits: object) -> tuple[Hub, Clock]:
     clock = Clock()
     engine = Engine(english(), rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.still())
-    return Hub(engine, clock=clock, idle_close_s=10.0), clock
+    return Hub(engine, clock=clock, idle_close_s=10.0, voice=voice), clock
+
+
+class ReadVoice:
+    """A voice that remembers what it was asked, and takes a step of the loop for a letter.
+
+    Stateful.
+    """
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, VoiceChoice, float]] = []
+
+    async def speak(self, text: str, choice: VoiceChoice, most_s: float) -> Speech:
+        self.asked.append((text, choice, most_s))
+        for _ in text:
+            await asyncio.sleep(0)
+        if not any(letter.isalnum() for letter in text):
+            raise NothingToSpeakError("text: nothing")
+        return spoken()
+
+    def close(self) -> None:
+        pass
 
 
 def run(hub: Hub, clock: Clock, seconds: float) -> list[hubs.HubFrames]:
@@ -274,18 +296,71 @@ def test_a_player_that_fails_is_dropped() -> None:
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
 
 
-def test_texts_are_said_in_the_order_in_which_they_came(monkeypatch: pytest.MonkeyPatch) -> None:
-    hub, _ = hub_of()
+def test_texts_of_a_session_are_said_in_the_order_in_which_they_came() -> None:
+    hub, _ = hub_of(ReadVoice())
     hub.open("a")
-    monkeypatch.setattr(hubs, "_synthesise", lambda text, *_: time.sleep(0.1 if text == "long" else 0.0) or spoken())
     said: list[str] = []
     hub.on_speech("a", lambda one: said.append(one.text), plays=False)
 
     async def ask() -> None:
-        await asyncio.gather(*(hub.speak("a", text) for text in ("long", "short", "shorter")))
+        await asyncio.gather(*(hub.speak("a", text) for text in ("a long one. " * 60, "short", "s")))
 
     asyncio.run(ask())
-    assert said == ["long", "short", "shorter"]
+    assert said == ["a long one. " * 60, "short", "s"]
+
+
+def test_a_long_text_costs_the_others_a_piece_each_and_not_all_of_it() -> None:
+    voice = ReadVoice()
+    hub, _ = hub_of(voice)
+    for session in "abc":
+        hub.open(session)
+
+    async def ask() -> None:
+        long = asyncio.create_task(hub.speak("a", "字" * 3000))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        await asyncio.gather(long, hub.speak("b", "b one."), hub.speak("c", "c one."), hub.speak("b", "b two."))
+
+    asyncio.run(ask())
+    order = [text[0] for text, _, _ in voice.asked]
+    assert order[:6] == ["字", "b", "c", "字", "b", "字"]
+    assert order[6:] == ["字"] * 7
+
+
+def test_pieces_become_one_sound_and_the_sound_has_a_limit() -> None:
+    voice = ReadVoice()
+    hub, _ = hub_of(voice)
+    hub.open("a")
+    sentence = "This is a sentence of the text. "
+    said = asyncio.run(hub.speak("a", sentence * 20 + "." * 300))
+    assert said.text == sentence * 20 + "." * 300
+    assert "".join(text for text, _, _ in voice.asked) == said.text
+    assert {text for text, _, _ in voice.asked} == {sentence * 9, sentence * 2 + "." * 236, "." * 64}
+    one = spoken()
+    parts = 3
+    pause_s = speaker.SENTENCE_PAUSE_S
+    assert said.speech.duration_s == pytest.approx(
+        hubs.LEAD_S + parts * one.duration_s + 2 * pause_s + hubs.TAIL_S, abs=1e-3
+    )
+    assert [most_s for _, _, most_s in voice.asked] == pytest.approx(
+        [hubs.MAX_SOUND_S - n * one.duration_s for n in (0, 1, 2, 3)]
+    )
+    with pytest.raises(UsageError, match="nothing"):
+        asyncio.run(hub.speak("a", "..."))
+
+
+def test_a_session_may_have_few_texts_waiting() -> None:
+    hub, _ = hub_of(ReadVoice())
+    hub.open("a")
+    hub.open("b")
+
+    async def ask() -> list[object]:
+        asks = [hub.speak("a", f"text {n}") for n in range(speaker.MAX_TEXTS + 1)]
+        return await asyncio.gather(*asks, hub.speak("b", "mine"), return_exceptions=True)
+
+    *answers, refused, other = asyncio.run(ask())
+    assert str(refused) == "text: got one more than 4 that wait for the voice"
+    assert [said.text for said in (*answers, other)] == ["text 0", "text 1", "text 2", "text 3", "mine"]
 
 
 def test_a_sound_whose_session_is_gone_is_forgotten() -> None:
@@ -298,18 +373,12 @@ def test_a_sound_whose_session_is_gone_is_forgotten() -> None:
     assert hub.counts.unheard == 0
 
 
-def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    hub, clock = hub_of()
+def test_text_is_spoken_by_the_voice_that_is_asked_for() -> None:
+    voice = ReadVoice()
+    hub, clock = hub_of(voice)
     hub.open("a")
-    asked = []
-
-    def synthesise(*what: object) -> Speech:
-        asked.append(what)
-        return spoken()
-
-    monkeypatch.setattr(hubs, "_synthesise", synthesise)
     said = asyncio.run(hub.speak("a", "Mama.", voice="de", rate_wpm=150))
-    assert asked == [("Mama.", "de", 150, False)]
+    assert voice.asked == [("Mama.", VoiceChoice("de", 150), hubs.MAX_SOUND_S)]
     assert said.text == "Mama."
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
     with pytest.raises(UsageError, match="text: got 4001 letters"):
@@ -317,15 +386,16 @@ def test_text_is_spoken_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_text_that_is_stopped_while_the_voice_works_is_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    hub, _ = hub_of()
+    voice = ReadVoice()
+    hub, _ = hub_of(voice)
     hub.open("a")
     hub.open("b")
 
-    def synthesise(*what: object) -> Speech:
+    async def speak(*_: object) -> Speech:
         hub.apply("a", Cancel(first=VOICE_UTTERANCES))
         return spoken()
 
-    monkeypatch.setattr(hubs, "_synthesise", synthesise)
+    monkeypatch.setattr(voice, "speak", speak)
     assert asyncio.run(hub.speak("a", "Mama.")) is None
     assert hub.engine.state("a") == "idle"
     assert asyncio.run(hub.speak("b", "Mama.")) is not None

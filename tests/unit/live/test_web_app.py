@@ -13,8 +13,8 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
-from fapengine.live.hub import hub as hubs
 from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.speaker import ThreadVoice
 from fapengine.live.web import app as web_app
 from fapengine.live.web import connection as connections
 from fapengine.live.web.app import COUNTS, DEFAULT_CHOICE, make_app
@@ -319,8 +319,8 @@ def test_the_server_speaks_with_its_own_voice_unless_the_page_chooses(
 ) -> None:
     asked = []
 
-    def synthesise(*what: object) -> Speech:
-        asked.append(what)
+    async def speak(_: object, text: str, choice: VoiceChoice, most_s: float) -> Speech:
+        asked.append((text, choice))
         return replace(EspeakVoice().speak("Mama."), remarks=("text: so it is",))
 
     async def use(client: TestClient, hub: Hub) -> None:
@@ -330,9 +330,9 @@ def test_the_server_speaks_with_its_own_voice_unless_the_page_chooses(
                 await socket.send_json({"type": "say", "text": "Mama.", **choice})
                 assert (await text_from(socket, "error"))["message"] == "text: so it is"
 
-    monkeypatch.setattr(hubs, "_synthesise", synthesise)
+    monkeypatch.setattr(ThreadVoice, "speak", speak)
     serve(head, use, voice=VoiceChoice("de", 200, ssml=True))
-    assert asked == [("Mama.", "de", 200, True), ("Mama.", "fr", 90, True)]
+    assert asked == [("Mama.", VoiceChoice("de", 200, ssml=True)), ("Mama.", VoiceChoice("fr", 90, ssml=True))]
 
 
 def test_a_full_server_says_so(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
