@@ -15,7 +15,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec floor0 geometry laboratory m
     trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+.PHONY: oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
     clean docs env dev tools
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
+	@echo "make oracles  other programs, for the table of python -m bench.ears: Rhubarb; needs Node"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
@@ -84,6 +85,11 @@ fuzz: $(VENV)/.ready-dev
 # Links and cross references that lead nowhere are errors.
 docs: $(VENV)/.ready-docs
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
+
+# Foreign programs that ours is compared with; they need Node and a network, and no test needs them.
+oracles:
+	mkdir -p out/oracles
+	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8
 
 fresh-machine:
 	.ci/fresh-machine

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.rivals import rivals
 from fapengine.ears.loudness import loudness_db
 from fapengine.ears.pronunciations import words_of
 from fapengine.ears.protocol import RATE_HZ
@@ -99,8 +100,9 @@ EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
     "sound alone, streamed, 150 ms behind": Streamed(0.15),
+    **rivals(),
 }
-"""Name to what makes phones of a sentence. Rivals come here."""
+"""Name to what makes phones of a sentence; rivals where ``make oracles`` installed them."""
 
 
 @dataclass(frozen=True)
