@@ -42,6 +42,9 @@ OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
 """FAPs whose points lie on the skin that :mod:`.skin` moves."""
 CORRECTION_MM = 16.0
 """Reach of the correction that keeps a feature point to its own FAP."""
+PUSH_SIDE = 0.35, 1.15
+"""Distances from the middle, in those of the lips' corners, between which skin that goes forward with a lip comes to
+rest. The corners rest, and skin that went on beside them made a fold like a moustache."""
 SLIT_MM = 6.0
 """Height over which the skin beside the mouth line passes from upper to lower lip."""
 
@@ -167,8 +170,11 @@ def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: 
     for owner in OWNERS:
         away = np.linalg.norm(at - places[fap.spec(owner).point], axis=1)
         around[owner] = int(away.argmin()), np.clip(1 - (away / CORRECTION_MM) ** 2, 0, None) ** 2
+    pushed = 1 - smoothstep((np.abs(at[:, 0]) / corners - PUSH_SIDE[0]) / (PUSH_SIDE[1] - PUSH_SIDE[0]))
     for number, moves in fields.items():
         moves *= share[skin, None]
+        if number in (16, 17):
+            moves *= pushed[:, None]
         if number in UPPER_LIP_FAPS:
             moves *= 1 - (between * (1 - above))[:, None]
         elif number in LOWER_LIP_FAPS:
