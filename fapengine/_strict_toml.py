@@ -6,6 +6,7 @@ name file, key, what was there and what was expected.
 
 import dataclasses
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from types import UnionType
@@ -17,6 +18,10 @@ from fapengine.errors import DataError, UsageError
 
 T = TypeVar("T")
 
+MAX_BYTES = 16 << 20
+MAX_DOTS = 500
+"""Parts of a key such as ``a.b.c``; the standard library's reader takes time by their square."""
+_BETWEEN = re.compile(r"[\n=,\[\]{}]")
 WORDS: dict[object, str] = {
     bool: "true or false",
     int: "a whole number",
@@ -82,10 +87,17 @@ def parse_toml(
     Traceback (most recent call last):
     fapengine.errors.DataError: got 70000, expected a whole number of 0..65535 (at page.toml, port)
     """
+    if len(data) > MAX_BYTES:
+        raise error(f"got {len(data)} bytes, expected at most {MAX_BYTES}", where=name)
     try:
-        document = tomllib.loads(data.decode())
+        text = data.decode()
+        if any(part.count(".") > MAX_DOTS for part in _BETWEEN.split(text)):
+            raise error(f"got a key of more than {MAX_DOTS} parts", where=name)
+        document = tomllib.loads(text)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as trouble:
         raise error(f"is not TOML: {trouble}", where=name) from trouble
+    except RecursionError as trouble:
+        raise error("got lists or tables that are nested too deeply", where=name) from trouble
     if schema is not None and isinstance(stated := document.get("schema"), int) and stated != schema:
         message = f"schema: got {stated}, expected {schema}; a file of another version must be made again"
         raise error(message, where=spell_path(name, "schema"))

@@ -1,6 +1,7 @@
 """Recordings as NumPy archives: ``positions`` (T, M, 3), ``labels``; if known ``rate_hz``, ``units``, ``valid``."""
 
 import io
+import math
 import struct
 import zipfile
 import zlib
@@ -18,8 +19,9 @@ DAMAGE = (
     ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
 )  # fmt: skip
 """Exceptions that zipfile and NumPy raise on archives that are cut or spoiled."""
-MAX_BYTES = 1 << 32
-"""Size of an array, unpacked, bytes; a small archive cannot ask for more."""
+MAX_FREE_BYTES, MAX_RATIO = 1 << 26, 100
+"""Size that all arrays may have as float64, bytes, whatever the archive has, and in times of the archive. Real
+motion packs to a half or a tenth; a small file cannot ask for gigabytes."""
 
 
 def parse_npz(data: bytes) -> RawTrack:
@@ -31,10 +33,9 @@ def parse_npz(data: bytes) -> RawTrack:
         If the archive is damaged, lacks positions or labels, or their shapes do not fit; ``where`` is the array.
     """
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_BYTES:
-            raise DataError(f"NPZ: got {size} bytes unpacked, expected at most {MAX_BYTES}")
+        size, most = _unpacked_bytes(data), max(MAX_FREE_BYTES, MAX_RATIO * len(data))
+        if size > most:
+            raise DataError(f"NPZ: got {size} bytes of numbers in an archive of {len(data)}, expected at most {most}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             arrays_by_name = {name: arrays[name] for name in arrays.files}
     except DataError:
@@ -70,6 +71,22 @@ def parse_npz(data: bytes) -> RawTrack:
         if name.endswith("_mm")
         else (str(units) if units is not None and units.dtype.kind in "US" else None),
     )
+
+
+def _unpacked_bytes(data: bytes) -> int:
+    """Size of all arrays as float64, by what their headers claim; nothing is unpacked."""
+    size = 0
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for entry in archive.infolist():
+            size += entry.file_size
+            if not entry.filename.endswith(".npy"):
+                continue
+            with archive.open(entry) as member:
+                version = np.lib.format.read_magic(member)
+                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+                shape, _, kind = read(member)
+            size += max(math.prod(shape) * 8 - entry.file_size, 0) if kind.kind in "fiub" else 0
+    return size
 
 
 def _rate(arrays_by_name: dict[str, NDArray[Any]]) -> float | None:

@@ -1,5 +1,7 @@
 """Pictures: PNG files, and contact sheets of labelled frames."""
 
+import io
+import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -9,11 +11,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fapengine.errors import DataError, UsageError
-from fapengine.files.paths import replacing
+from fapengine.files.paths import read_bytes, replacing
 from fapengine.speech import ipa
 
 Picture = NDArray[np.uint8]
 
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TIFF", "PPM")
+"""Formats that are read; others would call programs, or load what they name."""
+MAX_PIXELS = 50_000_000
+"""Size of a picture that is read; a small file may unpack to any."""
 TILE = 192
 """Side of a frame on a contact sheet, in pixels."""
 LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
@@ -50,13 +56,27 @@ def load_picture(path: Path) -> Picture:
     Raises
     ------
     DataError
-        If it is no picture.
+        If it is no picture, damaged, or larger than :data:`MAX_PIXELS`.
+    UsageError
+        If it is not there.
     """
+    data = read_bytes(path)
     try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read as a picture ({error.strerror or error})") from error
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # ours is the lower limit
+            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+                width, height = image.size
+                if width * height > MAX_PIXELS:
+                    raise DataError(f"{path}: got {width}x{height} pixels, expected at most {MAX_PIXELS:,} in all")
+                return np.asarray(image.convert("RGB"))
+    except DataError:
+        raise
+    except Exception as error:
+        raise DataError(f"{path}: cannot be read as a picture ({_in_a_line(error)})") from error
+
+
+def _in_a_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], *, title: str = "") -> Picture:

@@ -17,6 +17,8 @@ __all__ = ["LAST_S", "MAX_TIME_S", "OVERLAP_S", "Entry", "shared_out", "track_of
 
 MAX_TIME_S = 86_400.0
 """A day: later times are a mistake of unit, not speech."""
+EMPTY_S, A_PHONE_S = 600.0, 60.0
+"""Length that timings may have without a label, and for each label more: a short file is not a day of frames."""
 OVERLAP_S = 1e-3
 """Overlaps up to here are rounding."""
 LAST_S = 0.1
@@ -64,6 +66,7 @@ def track_of(
         _check(entry, timed[-1].end_s if timed else 0.0)
         if entry.end_s > entry.start_s:
             timed.append(entry)
+    _check_length(timed, what)
     if spelled:
         return PhoneTrack.of([_word(entry) for entry in timed], tolerance_s=OVERLAP_S, level=level, spelled=True)
     reading = reading_of(timed, alphabet)
@@ -73,6 +76,16 @@ def track_of(
     if reading.alphabet in JAPANESE:
         phones = in_japanese(phones)
     return PhoneTrack.of(phones, tolerance_s=OVERLAP_S, level=level, reading=reading)
+
+
+def _check_length(timed: Sequence[Entry], what: str) -> None:
+    count = sum(not alphabets.is_silence(entry.label.strip()) for entry in timed)
+    end_s, most_s = (timed[-1].end_s if timed else 0.0), EMPTY_S + A_PHONE_S * count
+    if end_s > most_s:
+        raise DataError(
+            f"{what}: got {count} labels in {end_s:.0f} s, expected at most {most_s:.0f} s for so few; cut the silence",
+            where=timed[-1].where,
+        )
 
 
 def reading_of(entries: Sequence[Entry], alphabet: str | None) -> Reading:
