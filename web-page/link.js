@@ -1,11 +1,12 @@
 // The WebSocket: comes back by itself after the server went away, later and later up to three seconds.
 
-import { parseFrame } from "./wire.js";
+import { packSound, parseFrame } from "./wire.js";
 
 const FIRST_WAIT_MS = 250;
 const MAX_WAIT_MS = 3000;
 const PING_EVERY_MS = 1000;
 const SILENCE_MS = 4000;
+const MAX_UNSENT = 1 << 16; // bytes of a line that is too slow for sound
 
 export class Link {
   // on: { state(name), refused(why), message(object), frame(frame, arrival), pong(sent, server, received) }; times in s.
@@ -97,6 +98,13 @@ export class Link {
       this.pings.set(++this.number, performance.now() / 1000);
       this.send("ping", { number: this.number });
     }
+  }
+
+  // Sound, as an Int16Array; left out where the line does not keep up.
+  sendSound(rate, samples) {
+    if (this.socket.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > MAX_UNSENT) return false;
+    this.socket.send(packSound(rate, samples));
+    return true;
   }
 
   // Returns whether it could be sent.

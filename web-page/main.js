@@ -4,6 +4,7 @@ import { FaceView } from "./face.js";
 import { between, turned, zoomed } from "./camera.js";
 import { parseHead } from "./head.js";
 import { Link } from "./link.js";
+import { Microphone } from "./microphone.js";
 import { Panel } from "./panel.js";
 import { Sound } from "./sound.js";
 import { Ticker } from "./ticker.js";
@@ -52,6 +53,7 @@ class Page {
     this.ticker = new Ticker(byId("ticker"));
     this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
     this.sound = new Sound((where) => this.report(where));
+    this.microphone = new Microphone((rate, samples) => this.link.sendSound(rate, samples));
     this.heardElsewhere = false; // the server plays the sound
     this.paused = false;
     this.faps = new Float32Array(68);
@@ -239,6 +241,7 @@ class Page {
     });
     byId("stop").addEventListener("click", () => this.hush());
     byId("sound").addEventListener("click", () => this.setSound(!this.sound.on));
+    byId("microphone").addEventListener("click", () => this.setMicrophone(!this.microphone.on));
   }
 
   async say(text) {
@@ -272,6 +275,24 @@ class Page {
     button.setAttribute("aria-pressed", on);
     button.textContent = this.heardElsewhere ? "At server" : on ? "Sound on" : "Sound off";
     button.title = this.heardElsewhere ? "The server plays the sound, on its machine" : "Sound on this page (M)";
+  }
+
+  async setMicrophone(wanted) {
+    try {
+      if (wanted) await this.microphone.enable();
+      else this.microphone.disable();
+      this.told(wanted ? "The face says what you say, half a second later." : "");
+    } catch (error) {
+      this.microphone.disable();
+      this.told(error.name === "NotAllowedError" ? "The microphone was not allowed." : error.message, true);
+    }
+    this.showMicrophone();
+  }
+
+  showMicrophone() {
+    const { on } = this.microphone;
+    byId("microphone").setAttribute("aria-pressed", on);
+    byId("microphone").textContent = on ? "Mic on" : "Mic off";
   }
 
   hush() {
@@ -365,7 +386,8 @@ class Page {
     }
   }
 
-  hello({ session, rate_hz, profile, voice, sound, paused }) {
+  hello({ session, rate_hz, profile, voice, ear, sound, paused }) {
+    byId("microphone").hidden = !ear;
     this.write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.clock = new ServerClock();

@@ -41,8 +41,8 @@ def find_chromium() -> str | None:
 class Browser:
     """Stateful: one browser and one page in it."""
 
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._size = size
+    def __init__(self, size: tuple[int, int], *flags: str) -> None:
+        self._size, self._flags = size, flags
         self._numbers = itertools.count(1)
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self.complaints: list[str] = []
@@ -54,7 +54,7 @@ class Browser:
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         graphics = MESA if find_library("GLESv2") and find_library("EGL") else OWN
         window = f"--window-size={self._size[0]},{self._size[1]}"
-        flags = (*FLAGS, *graphics, window, f"--user-data-dir={self._folder.name}")
+        flags = (*FLAGS, *self._flags, *graphics, window, f"--user-data-dir={self._folder.name}")
         self._log = (Path(self._folder.name) / "log").open("wb")
         surroundings = {**os.environ, "EGL_PLATFORM": "surfaceless", "LP_NUM_THREADS": "2"}
         self._process = await asyncio.create_subprocess_exec(

@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fapengine.ears.protocol import RATE_HZ
+from fapengine.files.sound import save_wav
 from tests.browser.chromium import Browser, find_chromium
 from tests.conftest import NO_BROWSER
 from tests.processes import start
+from tests.unit.ears.speech import BABY, spoken
 
 SIZE = (900, 620)
+MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
+"""Flags of a browser whose microphone is a file, over and over, and which asks nobody for leave."""
 PROGRAM = Path(__file__).with_name("serve_page.py")
 
 
@@ -101,9 +106,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 
 @pytest.fixture(scope="package")
-def _browser(server: Server) -> Iterator[Page]:
+def _browser(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    sound = tmp_path_factory.mktemp("microphone") / "baby.wav"
+    pause = np.zeros(RATE_HZ, np.int16)
+    save_wav(sound, np.concatenate([spoken("rms", BABY).samples, pause]), RATE_HZ)
     with asyncio.Runner() as runner:
-        browser = Browser(SIZE)
+        browser = Browser(SIZE, *MICROPHONE, f"--use-file-for-fake-audio-capture={sound}")
         runner.run(browser.__aenter__())
         try:
             yield Page(runner, browser, server)

@@ -15,6 +15,7 @@ from aiohttp import web
 from fapengine.files.heads.folder import HeadInfo, load_head, save_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.engine.engine import Engine
+from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.app import make_app
 from fapengine.mesh.default_head.head import build_head
@@ -26,12 +27,15 @@ async def serve(port: int, folder: Path, token: str | None, style: Style) -> Non
         save_head(folder, build_head(), HeadInfo(source="our own", licence="Apache-2.0"))
     engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1), style=style)
     hub = Hub(engine)
-    runner = web.AppRunner(make_app(hub, load_head(str(folder)), token=token, profile="grid_s1_en"), access_log=None)
+    hearing = Hearing(hub)
+    app = make_app(hub, load_head(str(folder)), token=token, profile="grid_s1_en", hearing=hearing)
+    runner = web.AppRunner(app, access_log=None)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", port).start()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, hub.stop)
     print("ready", flush=True)
-    await hub.run()
+    await hub.run(lambda now_s, due_s: hearing.tick(now_s))
+    hearing.close()
     await runner.cleanup()
 
 

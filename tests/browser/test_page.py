@@ -497,3 +497,30 @@ def test_without_webgl_the_page_says_so(page: Page) -> None:
     assert len(page.complaints) == 1
     page.complaints.clear()
     assert json.loads(page.run("JSON.stringify([typeof window.page])")) == ["undefined"]
+
+
+def test_the_microphone_moves_the_lips_and_lets_them_rest(page: Page) -> None:
+    page.open("mike")
+    page.until("!document.getElementById('microphone').hidden")
+    page.run(KEEP_FRAMES)
+    page.run("document.getElementById('microphone').click()")
+    page.until("document.getElementById('microphone').getAttribute('aria-pressed') === 'true'")
+    page.until("kept.texts.filter((text) => text.kind === 'finished').length >= 1")  # the sentence was once over
+    page.run("document.getElementById('microphone').click()")
+    page.until("document.getElementById('microphone').getAttribute('aria-pressed') === 'false'")
+    page.until(REST)
+    texts = page.run("kept.texts")
+    labels = [label for text in texts if text["type"] == "phones" for label, *_ in text["phones"]]
+    assert sum(label in ("p", "b", "m") for label in labels) >= 4  # of the eight of its sentence
+    assert page.run(f"Math.max(...kept.frames.map((frame) => frame.faps[{fap.column(3)}]))") > 50
+    assert not any(text["type"] == "error" for text in texts)
+
+
+def test_a_microphone_that_is_not_allowed_is_told(page: Page) -> None:
+    page.open("mike")
+    page.until("!document.getElementById('microphone').hidden")
+    page.run("""navigator.mediaDevices.getUserMedia = () =>
+        Promise.reject(new DOMException("Permission denied", "NotAllowedError"))""")
+    page.run("document.getElementById('microphone').click()")
+    page.until("document.getElementById('said').textContent === 'The microphone was not allowed.'")
+    assert page.run("document.getElementById('microphone').getAttribute('aria-pressed')") == "false"

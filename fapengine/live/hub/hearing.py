@@ -11,8 +11,9 @@ so much sound that it has not heard; what is more is refused and counted.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Protocol
 
 import numpy as np
@@ -114,6 +115,8 @@ class _Session:
     deaf_s: float = 0.0
     """Time in a microphone's stream before which phones are dropped: they were cancelled."""
     rate_hz: int = 0
+    source: Hashable = None
+    """Source of a microphone's sound."""
     ends: bool = False
     heard_s: float = 0.0
 
@@ -177,15 +180,29 @@ class Hearing:
             one.ends = True
             one.ear.end()
 
-    def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int) -> bool:
+    @property
+    def is_possible(self) -> bool:
+        """Whether there may be an ear: one is installed, and not forbidden."""
+        return self.max_ears > 0 and find_spec("pocketsphinx") is not None
+
+    def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
         """Take the next sound of a microphone, (N,) int16, as it comes; False if it was refused.
+
+        It is refused where too much waits, and as long as another source, or an utterance with sound, has the ear.
 
         Raises
         ------
         ResourceError
             If there is no ear for it.
         """
+        before = self._sessions.get(session)
+        if before is not None and not before.ends and before.rate_hz:
+            is_taken = before.source != source if before.is_endless else before.utterance is not None
+            if is_taken:
+                self.counts.refused_s += len(samples) / rate_hz
+                return False
         one = self._session(session, len(samples) / rate_hz)
+        one.source = source
         now_s = self.hub.clock()
         began_s = now_s - one.pushed_s - len(samples) / rate_hz
         late_s = began_s - one.zero_s

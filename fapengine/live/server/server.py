@@ -215,6 +215,7 @@ class Server:
                 profile=self.config.face.profile,
                 heard_here=sound.session,
                 voice=self.config.voice,
+                hearing=self.hearing,
             )
             self.metrics.page = app[COUNTS]
             parts.sites.append(await open_site(app, listen.host, listen.web_port, self.doors["page"]))

@@ -12,6 +12,7 @@ from aiohttp import WSCloseCode, web
 
 from fapengine import _resources
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.admission import harden, refusal
 from fapengine.live.web.connection import Connection, WebCounts
@@ -48,6 +49,7 @@ class _Server:
     hello: dict[str, object]
     heard_here: str | None
     voice: VoiceChoice
+    hearing: Hearing | None
     counts: WebCounts = field(default_factory=WebCounts)
     sounds: SoundCache = field(default_factory=SoundCache)
     views: dict[str, SessionView] = field(default_factory=dict)
@@ -74,7 +76,7 @@ class _Server:
             await socket.send_str(text_of("error", message=str(error)))
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
             return socket
-        connection = Connection(self.hub, view, socket, self.counts, self.voice)
+        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.hearing)
         self.connections.add(connection)
         try:
             greeting = {"sound": "server" if view.server_plays_audio else "page", "paused": view.is_paused}
@@ -133,6 +135,7 @@ def make_app(
     rate_hz: float | None = None,
     heard_here: str | None = None,
     voice: VoiceChoice = DEFAULT_CHOICE,
+    hearing: Hearing | None = None,
 ) -> web.Application:
     """Build the web application; whoever runs it also ticks the hub.
 
@@ -152,6 +155,8 @@ def make_app(
         The session whose sound the server plays itself; its pages play none.
     voice : VoiceChoice
         Speaks what pages type without choosing a voice.
+    hearing : Hearing, optional
+        Hears the microphones of pages; whoever ticks the hub ticks it too. By default none is offered.
 
     Returns
     -------
@@ -167,8 +172,11 @@ def make_app(
         voices = espeak.voices()
     except ResourceError:
         voices = {}
-    hello = {"protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices)}
-    server = _Server(hub, token, hello, heard_here, voice)
+    hello = {
+        "protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
+        "ear": hearing is not None and hearing.is_possible,
+    }  # fmt: skip
+    server = _Server(hub, token, hello, heard_here, voice, hearing)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
     harden(app)

@@ -7,9 +7,21 @@ from dataclasses import dataclass
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
-from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
-from fapengine.live.web.messages import Pin, Ping, Plays, ReleaseAll, Request, Say, Tell, parse_request, text_of
+from fapengine.live.web.messages import (
+    Pin,
+    Ping,
+    Plays,
+    ReleaseAll,
+    Request,
+    Say,
+    Tell,
+    parse_request,
+    parse_sound,
+    text_of,
+)
 from fapengine.live.web.send_queue import SendQueue, TokenBucket
 from fapengine.live.web.session_view import SessionView
 from fapengine.voices.choice import VoiceChoice
@@ -43,6 +55,8 @@ class WebCounts:
     """Messages beyond the allowance."""
     frames_dropped: int = 0
     """Frames that a slow page was not sent."""
+    unheard: int = 0
+    """Pieces of a microphone's sound that no ear took."""
     lost: int = 0
     """Pages closed because they did not keep up, or sent nothing but nonsense."""
 
@@ -64,12 +78,21 @@ class Connection:
         Shared by all.
     voice : VoiceChoice
         Speaks where the page does not choose.
+    hearing : Hearing, optional
+        Hears the page's microphone.
     """
 
     def __init__(
-        self, hub: Hub, view: SessionView, socket: web.WebSocketResponse, counts: WebCounts, voice: VoiceChoice
+        self,
+        hub: Hub,
+        view: SessionView,
+        socket: web.WebSocketResponse,
+        counts: WebCounts,
+        voice: VoiceChoice,
+        hearing: Hearing | None = None,
     ) -> None:
-        self._voice = voice
+        self._voice, self._hearing = voice, hearing
+        self._told_unheard = ""
         self._hub, self._view, self._socket, self._counts = hub, view, socket, counts
         self._outbox = SendQueue()
         self._waiting = asyncio.Event()
@@ -138,15 +161,32 @@ class Connection:
             self._refuse()
             return
         try:
-            if message.type is not WSMsgType.TEXT:
-                raise DataError(f"message: got {message.type.name.lower()}, expected text")
-            self._answer(parse_request(message.data))
+            if message.type is WSMsgType.BINARY:
+                self._listen(message.data)
+            elif message.type is WSMsgType.TEXT:
+                self._answer(parse_request(message.data))
+            else:
+                raise DataError(f"message: got {message.type.name.lower()}, expected text or sound")
         except DataError as error:
             self._counts.bad_messages += 1
             self._refuse()
             self.put_text(text_of("error", message=str(error)))
         except UsageError as error:
             self.put_text(text_of("error", message=str(error)))
+
+    def _listen(self, data: bytes) -> None:
+        rate_hz, samples = parse_sound(data)
+        trouble = "ear: this server has none"
+        if self._hearing is not None:
+            try:
+                is_heard = self._hearing.listen(self._view.session, samples, rate_hz, source=self)
+                trouble = "" if is_heard else "microphone: another one moves this face, or too much sound waits"
+            except ResourceError as error:
+                trouble = str(error)
+        self._counts.unheard += bool(trouble)
+        if trouble and trouble != self._told_unheard:  # once, not 25 times a second
+            self.put_text(text_of("error", message=trouble))
+        self._told_unheard = trouble
 
     def _refuse(self) -> None:
         self._refused += 1

@@ -1,8 +1,9 @@
 """What the page and the server say to each other over the WebSocket; nothing here knows a socket.
 
 From the server comes one JSON text (``hello``) first, then frames as binary messages (:data:`FRAME`, little-endian)
-and everything else as JSON texts with a ``type``. From the page come JSON texts alone, listed by :func:`structs`: those
-with commands are made from the list of commands (:mod:`fapengine.live.engine.commands`), the others stand here.
+and everything else as JSON texts with a ``type``. From the page come its microphone's sound as binary messages
+(:data:`SOUND_HEAD`) and JSON texts, listed by :func:`structs`: those with commands are made from the list of commands
+(:mod:`fapengine.live.engine.commands`), the others stand here.
 Times are seconds of the engine's clock; the page learns that clock from ``ping`` and ``pong``.
 """
 
@@ -30,6 +31,12 @@ PROTOCOL = "fapengine-web/1"
 FRAME = struct.Struct(f"<IId{fap.FAP_COUNT}i")
 """A frame: kind, number, engine time in s, FAP 1 to 68 in FAPU. Numbers rise by one; what is missing was left out."""
 FRAME_KIND = 1
+SOUND_HEAD = struct.Struct("<II")
+"""Head of a piece of sound: kind and samples a second; behind it int16 samples, little-endian, mono."""
+SOUND_KIND = 2
+SOUND_RATES_HZ = (8_000, 48_000)
+MAX_SAMPLES = 9_600
+"""Samples of one piece: 0.2 s at the highest rate."""
 MAX_MESSAGE = 16_384
 """Bytes of one JSON text from a page."""
 MAX_TEXT = 2000
@@ -139,6 +146,35 @@ def parse_request(text: str) -> Request:
     if isinstance(request, Pin):
         return Pin(_pinned(request.values))
     return Tell(_command(kind, request)) if kind not in _PAGE_MESSAGES else cast("Request", request)
+
+
+def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
+    """Read a piece of sound.
+
+    Returns
+    -------
+    rate_hz : int
+    samples : (N,) int16
+
+    Raises
+    ------
+    DataError
+        For anything else.
+
+    Examples
+    --------
+    >>> rate_hz, samples = parse_sound(SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(4))
+    >>> rate_hz, samples.tolist()
+    (16000, [0, 0])
+    """
+    length = len(data) - SOUND_HEAD.size
+    if not 0 < length <= 2 * MAX_SAMPLES or length % 2:
+        raise DataError(f"sound: got {len(data)} bytes, expected 8 and 2 for each of 1..{MAX_SAMPLES} samples")
+    kind, rate_hz = SOUND_HEAD.unpack_from(data)
+    if kind != SOUND_KIND or not SOUND_RATES_HZ[0] <= rate_hz <= SOUND_RATES_HZ[1]:
+        expected = f"kind {SOUND_KIND} at {SOUND_RATES_HZ[0]}..{SOUND_RATES_HZ[1]} Hz"
+        raise DataError(f"sound: got kind {kind} at {rate_hz} Hz, expected {expected}")
+    return rate_hz, np.frombuffer(data, "<i2", offset=SOUND_HEAD.size).astype(np.int16)
 
 
 def _command(kind: str, struct: Struct) -> Command:

@@ -13,12 +13,13 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
+from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.speaker import ThreadVoice
 from fapengine.live.web import app as web_app
 from fapengine.live.web import connection as connections
 from fapengine.live.web.app import COUNTS, DEFAULT_CHOICE, make_app
-from fapengine.live.web.messages import FRAME
+from fapengine.live.web.messages import FRAME, SOUND_HEAD, SOUND_KIND
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
@@ -221,7 +222,7 @@ def test_bytes_and_nonsense_are_counted_and_too_much_of_it_ends_the_connection(
         counts = client.app[COUNTS]
         async with client.ws_connect("/ws") as healthy, client.ws_connect("/ws") as socket:
             await socket.send_bytes(b"\0\1")
-            assert "got binary, expected text" in (await text_from(socket, "error"))["message"]
+            assert "sound: got" in (await text_from(socket, "error"))["message"]
             for _ in range(400):
                 await socket.send_str("{")
             while not socket.closed:
@@ -389,5 +390,51 @@ def test_a_server_that_stops_says_goodbye(head: FaceMesh) -> None:
             await socket.receive()
         assert socket.close_code == 1001
         await stopping
+
+    serve(head, use)
+
+
+def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceMesh) -> None:
+    piece = SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(1280)
+
+    async def run() -> None:
+        hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=100.0)
+        hearing = Hearing(hub, max_ears=1)
+        app = make_app(hub, head, hearing=hearing)
+        async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
+            ticking = asyncio.create_task(hub.run(lambda now_s, due_s: hearing.tick(now_s)))
+            try:
+                async with client.ws_connect("/ws?session=anna") as one, client.ws_connect("/ws?session=anna") as other:
+                    assert (await one.receive_json())["ear"]
+                    await one.send_bytes(piece)
+                    while not hearing.counts.ears:
+                        await asyncio.sleep(0.005)
+                    await other.send_bytes(piece)
+                    await other.send_bytes(piece)
+                    assert "another one moves this face" in (await text_from(other, "error"))["message"]
+                    while app[COUNTS].unheard < 2:  # told once, counted twice
+                        await asyncio.sleep(0.005)
+                    async with client.ws_connect("/ws?session=bert") as third:
+                        await third.send_bytes(piece)
+                        assert "one session more than 1" in (await text_from(third, "error"))["message"]
+                    kinds = [(1, 16_000, 4), (SOUND_KIND, 96_000, 4), (SOUND_KIND, 8000, 19_202)]
+                    wrong = [SOUND_HEAD.pack(kind, rate_hz) + bytes(length) for kind, rate_hz, length in kinds]
+                    for bad in (b"", piece[:7], piece[:-1], *wrong):
+                        await one.send_bytes(bad)
+                        assert "sound: got" in (await text_from(one, "error"))["message"]
+            finally:
+                hub.stop()
+                await ticking
+                hearing.close()
+
+    asyncio.run(run())
+
+
+def test_a_server_without_an_ear_says_so(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            assert (await socket.receive_json())["ear"] is False
+            await socket.send_bytes(SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(4))
+            assert (await text_from(socket, "error"))["message"] == "ear: this server has none"
 
     serve(head, use)
