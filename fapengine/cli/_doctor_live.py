@@ -8,6 +8,10 @@ MAX_FETCH_RATIO = 4.0
 """Ratio of sound fetched to sound heard, above which a device is no clock: ALSA's null device is beyond it."""
 
 
+EAR_S = 20.0
+"""Time that an ear is given to answer."""
+
+
 class LackError(Exception):
     """Something is missing; carries what was found and the line that mends it."""
 
@@ -99,3 +103,62 @@ def extra(*modules: str) -> str:
         except PackageNotFoundError:
             versions.append(name)
     return ", ".join(versions)
+
+
+def ear() -> str:
+    """Start an ear's process, and let it hear a second of noise.
+
+    Raises
+    ------
+    LackError
+        If it does not answer.
+    ResourceError
+        If there is none.
+    """
+    import time
+    from importlib import metadata
+
+    import numpy as np
+
+    from fapengine.ears.process import EarProcess
+    from fapengine.ears.protocol import RATE_HZ
+
+    noise = np.random.default_rng(1).normal(0.0, 1000.0, RATE_HZ).astype(np.int16)
+    begun_s = time.monotonic()
+    ready_s = np.inf
+    process = EarProcess.open()
+    try:
+        process.begin()
+        process.push(noise, RATE_HZ)
+        process.end()
+        while not any(heard.is_over for heard in process.poll()):
+            now_s = time.monotonic()
+            ready_s = min(ready_s, now_s) if process.is_ready else np.inf
+            if now_s - begun_s > EAR_S:
+                raise LackError(f"its process did not answer within {EAR_S:g} s", "")
+            time.sleep(0.01)
+    finally:
+        process.close()
+    speed = 1.0 / max(time.monotonic() - ready_s, 1e-3)
+    found = (
+        f"PocketSphinx {metadata.version('pocketsphinx')}, {speed:.1f} x real time, ready in {ready_s - begun_s:.1f} s"
+    )
+    if speed < 1.0:
+        raise LackError(f"{found}: too slow for live sound", "")
+    return found
+
+
+def microphone() -> str:
+    """List the input devices.
+
+    Raises
+    ------
+    LackError
+        If there is none.
+    """
+    from fapengine.live.audio.microphone import microphones
+
+    found = microphones()
+    if not found:
+        raise LackError("no input device", "plug one in; only live sound needs it")
+    return "; ".join(f"{device.number} {device.name}{' (default)' * device.is_default}" for device in found)

@@ -25,7 +25,7 @@ class Finding:
 
 
 def doctor(as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON.")) -> None:
-    """Say what works on this machine (OpenGL, window, voices, video, sound, ports, extras) and how to mend the rest.
+    """Say what works on this machine (OpenGL, window, voices, video, sound, ear, ports, extras), how to mend the rest.
 
     Opens the sound card for a moment, silently. Exits with 3 where no face could be drawn.
     """
@@ -41,6 +41,8 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check("voices", 'pip install "fapengine[voice]"', _voices),
         _check("video", "pip install --upgrade av", _video),
         _check("sound", "sudo apt-get install -y libportaudio2", live.sound),
+        _check("ear", 'pip install "fapengine[ear]"', live.ear),
+        _check("microphone", "plug one in; only live sound needs it", live.microphone),
         _check(f"port {OSC_PORT}, OSC in", "fapengine serve --port N", lambda: live.port_in(OSC_PORT)),
         _check(f"port {WEB_PORT}, page", "fapengine serve --web-port N", lambda: live.port_in(WEB_PORT)),
         _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),

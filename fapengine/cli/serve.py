@@ -55,6 +55,14 @@ def serve(
         ),
     ] = None,
     device: shared.Device = None,
+    listen_audio: Annotated[
+        str | None,
+        typer.Option(
+            "--listen-audio",
+            metavar="DEVICE",
+            help="Let a microphone of this machine move the session 'face': default, a number or a part of its name.",
+        ),
+    ] = None,
     token: Annotated[
         str | None,
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
@@ -98,7 +106,7 @@ def serve(
         parse_sink(url)
     own = load_config(config) if config else ServeConfig()
     listen = overridden(own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token)
-    speaker = overridden(own.sound, session=sound, device=device)
+    speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio)
     if speaker.device and not speaker.session:
         raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
     chosen = ServeConfig(
@@ -180,6 +188,8 @@ def _announce(server: "Server") -> None:
     lines += [("sink", str(sink.address)) for sink in server.sinks]
     if server.speaker is not None:
         lines.append(("sound", f"{server.speaker.session}: {server.speaker.description}"))
+    if server.microphone is not None:
+        lines.append(("listens", f"{config.sound.listens}: {server.microphone.description}"))
     if config.listen.metrics_port is not None:
         lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))
     log = logging.getLogger("fapengine.server")

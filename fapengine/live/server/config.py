@@ -40,6 +40,8 @@ ssml = false            # whether its texts are SSML, whose tags are obeyed
 [sound]
 session = ""            # whose voice this machine's loudspeaker plays, "face" say; "": nobody's, pages play their own
 device = ""             # its number, or a part of its name; "": the system's
+microphone = ""         # what this hears moves a face: "default", a number or a part of its name; "": none
+listens = "face"        # the session that it moves
 
 [limits]
 sessions = 1000
@@ -104,11 +106,17 @@ class SoundChoice(Checked):
     """Session that the loudspeaker plays; None or "": none."""
     device: str | None = None
     """Number of the sound device or a part of its name; None or "": the system's."""
+    microphone: str | None = None
+    """Microphone that moves a face: ``"default"``, its number or a part of its name; None or "": none."""
+    listens: str = "face"
+    """Session that the microphone moves."""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         object.__setattr__(self, "session", self.session or None)
         object.__setattr__(self, "device", self.device or None)
+        object.__setattr__(self, "microphone", self.microphone or None)
+        check_session(self.listens)
         if self.session is not None:
             check_session(self.session)
 

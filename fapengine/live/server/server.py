@@ -22,6 +22,7 @@ from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.files.heads.folder import load_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.audio.device import open_output
+from fapengine.live.audio.microphone import Microphone
 from fapengine.live.audio.playback import Playback
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
@@ -72,6 +73,7 @@ class _Parts:
     sites: list[Site] = field(default_factory=list)
     texts: set[asyncio.Task[None]] = field(default_factory=set)
     speaker: Playback | None = None
+    microphone: Microphone | None = None
 
 
 class Server:
@@ -154,6 +156,11 @@ class Server:
         return self._parts.sinks
 
     @property
+    def microphone(self) -> Microphone | None:
+        """What this machine's microphone is, if it moves a face."""
+        return self._parts.microphone
+
+    @property
     def speaker(self) -> Playback | None:
         """What plays a session's voice here, if that is wished for."""
         return self._parts.speaker
@@ -205,6 +212,9 @@ class Server:
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
             )
             parts.speaker.open(sample_rate_hz())
+        if sound.microphone is not None:
+            parts.microphone = Microphone(sound.microphone)
+            self.hub.hold(sound.listens)
         if listen.web_port is not None and self._head is not None:
             from fapengine.live.web.app import COUNTS, make_app  # the page's files are read then
 
@@ -279,7 +289,22 @@ class Server:
             except ResourceError as error:
                 log.warning("sound is not heard: %s", error, extra={"session": request.session})
                 self.receiver.refuse_sound(request, "ears", now_s)
+        self._listen()
         self.hearing.tick(now_s)
+
+    def _listen(self) -> None:
+        microphone, session = self._parts.microphone, self.config.sound.listens
+        if microphone is None or self._draining:
+            return
+        samples = microphone.take()
+        if not len(samples):
+            return
+        try:
+            self.hearing.listen(session, samples, microphone.rate_hz, source=microphone)
+        except ResourceError as error:
+            log.error("the microphone is not heard any more: %s", error, extra={"session": session})
+            microphone.close()
+            self._parts.microphone = None
 
     async def _speak(self, request: TextRequest) -> None:
         voice = self.config.voice
@@ -328,6 +353,9 @@ class Server:
         for task in tuple(parts.texts):
             task.cancel()
         self.hearing.close()
+        if parts.microphone is not None:
+            parts.microphone.close()
+            parts.microphone = None
         self.voice.close()
         await self.voice.wait_closed()
         if parts.speaker is not None:

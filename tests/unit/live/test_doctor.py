@@ -1,6 +1,7 @@
 """``fapengine doctor``: each part where it works, and where it does not."""
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from fapengine.cli import _doctor_live as doctor
 from fapengine.cli._doctor_live import LackError
 from fapengine.errors import ResourceError
-from fapengine.live.audio import device
+from fapengine.live.audio import device, microphone
 
 NULL_DEVICE = "</usr/share/alsa/alsa.conf>\npcm.!default { type null }\n"
 
@@ -38,6 +39,21 @@ def test_a_display_and_a_sound_card_work(null_sink: Mapping[str, str], virtual_d
     works, found = looked_at("sound", null_sink)
     assert works
     assert "ms of latency, followed; devices: " in found
+
+
+def test_an_ear_and_a_microphone_are_found(null_sink: Mapping[str, str]) -> None:
+    works, found = looked_at("ear", null_sink)
+    assert works
+    assert re.fullmatch(r"PocketSphinx [0-9.]+, [0-9.]+ x real time, ready in [0-9.]+ s\n", found)
+    works, found = looked_at("microphone", null_sink)  # the sink's monitor
+    assert works
+    assert "(default)" in found
+
+
+def test_without_an_input_there_is_no_microphone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(microphone, "microphones", list)
+    with pytest.raises(LackError, match="no input device"):
+        doctor.microphone()
 
 
 def test_no_display_and_a_device_that_keeps_no_time(tmp_path: Path) -> None:
