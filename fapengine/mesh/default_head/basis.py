@@ -45,6 +45,8 @@ CORRECTION_MM = 16.0
 PUSH_SIDE = 0.35, 1.15
 """Distances from the middle, in those of the lips' corners, between which skin that goes forward with a lip comes to
 rest. The corners rest, and skin that went on beside them made a fold like a moustache."""
+BLADE_MM = 7.0
+"""Length of the tongue that goes wholly with its tip."""
 SLIT_MM = 6.0
 """Height over which the skin beside the mouth line passes from upper to lower lip."""
 
@@ -251,9 +253,11 @@ def _tongue(
 ) -> None:
     vertices = head.tongue
     tip = points[feature_points["6.1"]]
-    share = np.clip(1 - (tip[2] - points[vertices, 2]) / 44.0, 0, 1)
+    behind = tip[2] - points[vertices, 2]
+    share = np.clip(1 - behind / 44.0, 0, 1)
+    blade = np.clip(1 - (behind - BLADE_MM) / (44.0 - BLADE_MM), 0, 1)
     for number in (43, 44, 45):
-        linear(number, vertices, share**1.6)
+        linear(number, vertices, blade**1.6)
     middle = points[feature_points["6.2"]]
     linear(46, vertices, np.clip(1 - ((points[vertices, 2] - middle[2]) / 30.0) ** 2, 0, 1) ** 2)
     edge = np.abs(points[vertices, 0]) * share

@@ -59,16 +59,17 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     return grid
 
 
-TONGUE_TIP = np.array([0.0, -40.0, 96.0])
+TONGUE_TIP = np.array([0.0, -36.0, 97.0])
+"""Place of the tip at rest: behind the edge between upper and lower teeth, where the standard's neutral face has it."""
 
 
 def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     """Add a flattened tube from root to tip; returns its indices, (N,), the tip last."""
-    share = np.linspace(0, 1, max(9, round(13 * detail)))
+    share = 1 - (1 - np.linspace(0, 1, max(9, round(13 * detail)))) ** 1.5  # rings stand closer at the tip
     around = np.linspace(0, 2 * np.pi, 4 * max(3, round(4 * detail)), endpoint=False)
-    half_width = 18.5 * (1 - 0.35 * share**2) * np.sqrt(np.clip(1 - share**6, 0, 1)) + 0.4
-    half_height = 7.5 * (1 - 0.45 * share) * np.sqrt(np.clip(1 - share**5, 0, 1)) + 0.3
-    y = -45.0 + 5.5 * np.sin(np.pi * (0.15 + 0.7 * share)) - 0.8 * share
+    half_width = 18.5 * (1 - 0.35 * share**2) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.4
+    half_height = 7.5 * (1 - 0.45 * share) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.3
+    y = -41.0 + 3.0 * np.sin(np.pi * (0.15 + 0.7 * share)) + 2.0 * share
     z = 52.0 + (TONGUE_TIP[2] - 52.0) * share
     height = np.sin(around) * half_height[:, None]
     groove = -1.2 * np.exp(-((np.cos(around) / 0.35) ** 2)) * (np.sin(around) > 0) * (1 - share[:, None] ** 3)

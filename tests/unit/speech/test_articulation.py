@@ -32,7 +32,7 @@ def test_rows_have_a_source_and_an_uncertainty_and_are_in_range(letter: str) -> 
     assert -1 <= row.round <= 1
     assert all(0 <= share <= 1 for share in row.insists)
     assert len(row.values) == len(row.insists) == len(AXES)
-    assert -12 <= row.tip_out <= 10
+    assert -12 <= row.tip_out <= 11
     assert -5 <= row.tip_up <= 10
     assert -5 <= row.body_up <= 10
     assert -1 <= row.push <= 10
