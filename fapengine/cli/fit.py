@@ -21,7 +21,7 @@ def fit(
     held_out: float = typer.Option(0.2, "--held-out", help="Share of takes to judge by, 0 to 0.5."),
     units: str | None = typer.Option(None, "--units", help="mm, cm, m or inch, for recordings that do not say."),
     up: str | None = typer.Option(None, "--up", help="Axis that points up: +y, +z, ..."),
-    seed: int = typer.Option(1, "--seed", help="Chance of the split into takes to learn from and to judge by."),
+    seed: int = typer.Option(1, "--seed", min=0, help="Chance of the split into takes to learn from and to judge by."),
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html beside the profile."),
     faps: bool = typer.Option(False, "--faps", help="Write every take as captured FAPs too: takes/TAKE.fap."),
     as_json: AsJson = False,

@@ -4,8 +4,12 @@ A verb's module imports typer alone at its top; everything heavy is imported ins
 ``fapengine --help`` answers at once.
 """
 
+import contextlib
+import os
 import signal
 import sys
+from io import TextIOWrapper
+from typing import NoReturn
 
 import typer
 
@@ -55,6 +59,10 @@ VERBS = (
 EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (UsageError, 2), (ResourceError, 3))
 
 
+DEBUG, FAULT = "FAPENGINE_DEBUG", 70
+"""Variable that, set to anything, shows the traceback of a bug; exit code of one (EX_SOFTWARE of sysexits.h)."""
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         from fapengine import __version__
@@ -78,8 +86,36 @@ app.add_typer(head.head, name="head")
 def main() -> None:
     """Run the command line."""
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leave as by Ctrl-C: nothing half written
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that has no IPA still shows the rest
     try:
-        app()
+        try:
+            app()
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except FapEngineError as error:
-        typer.echo(f"fapengine: {error}", err=True)
-        sys.exit(next(code for kind, code in EXIT_CODES if isinstance(error, kind)))
+        _end(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 3))
+    except MemoryError:
+        _end("not enough memory; give it less at once", 3)
+    except OSError as error:  # our files are dealt with elsewhere: this is the terminal, or a full disk
+        _end(f"output: cannot be written ({error.strerror or error})", 3)
+    except Exception as error:
+        if os.environ.get(DEBUG):
+            raise
+        told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        _end(f"{told}; this is a bug of fapengine, please report it with what {DEBUG}=1 shows", FAULT)
+
+
+def _end(message: str, code: int) -> NoReturn:
+    """Say in one line why, and end."""
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            typer.echo(f"fapengine: {message}", err=True)
+    if sys.stdout is not None:
+        try:
+            sys.stdout.flush()
+        except OSError:  # what cannot be written now cannot be at the end either, and Python would say so at length
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)

@@ -60,6 +60,7 @@ Seed = Annotated[
     int,
     typer.Option(
         "--seed",
+        min=0,
         help="Chance of blinks, glances and head motion; the same seed, the same face.",
         rich_help_panel=MANNER,
     ),

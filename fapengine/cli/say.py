@@ -51,12 +51,15 @@ def say(
     from fapengine.app.talk import check, refuse_unknown
     from fapengine.cli._talking import write_and_print
     from fapengine.cli._verb import with_flags
+    from fapengine.errors import UsageError
     from fapengine.speech.text.normal_form import decoded, speakable
     from fapengine.speech.text.ssml import check_ssml
 
     chosen, how = manner.value(), drawing.value()
     check(output, chosen, how, shapes=shapes)
     report = Report()
+    if text == "-" and sys.stdin is None:
+        raise UsageError("text: got -, but standard input is closed; expected a text")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
         speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
