@@ -218,6 +218,17 @@ def test_a_sound_waits_for_an_ear_that_starts() -> None:
     assert stage.commands(Begin) == [Begin(1, "at", pytest.approx(ready_s + DELAY_S, abs=0.03))]
 
 
+def test_what_is_cancelled_before_the_ear_is_there_is_never_said() -> None:
+    stage = Stage()
+    stage.hearing.hear("anna", 1, np.zeros(PIECE, np.int16), RATE_HZ, is_placed=False)
+    stage.ears[0].is_ready = False
+    stage.run(0.1)
+    stage.hub.apply("anna", Cancel(1))
+    stage.ears[0].is_ready = True
+    stage.run(0.1)
+    assert stage.commands(Begin) == []
+
+
 def test_ears_are_bounded_and_given_back() -> None:
     stage = Stage()
     silence = np.zeros(RATE_HZ, np.int16)
