@@ -69,7 +69,7 @@ def test_another_language_by_a_speaker_that_the_model_hears_badly(language: str,
     speech = spoken_by_espeak(f"{language}+m1", text)
     aligner = SphinxAligner(words_of(text), lambda word: pronounce(word, language), dictionary=False)
     found = follow([speech.samples], aligner)
-    assert found.mismatches == ()
+    assert found.unheard < 0.3
     truth = closures(speech.phones)
     assert met(truth, closures(found.phones)) >= len(truth) - 1 >= 2
     starts = [phone.start_s for phone in found.phones.phones]
