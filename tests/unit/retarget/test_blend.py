@@ -17,6 +17,8 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 
 ARKIT = arkit_map()
+PLAIN = BlendMap(ARKIT.names, ARKIT.faps)
+"""The same shapes, all at no cost: least squares and nothing else."""
 VECTORS = Path(__file__).resolve().parents[2] / "vectors"
 
 
@@ -85,14 +87,24 @@ def test_speech_comes_back_for_the_most_part() -> None:
     off = np.abs((back - faps) * weights_mm())[:, lips]
     moved = np.abs(faps * weights_mm())[:, lips]
     assert off.mean() < 0.25 * moved.mean()
-    assert ARKIT.error_mm(faps) < 2.5  # measured 2.05, the root of the sum over all FAPs
+    assert ARKIT.error_mm(faps) < 2.9  # measured 2.66, the root of the sum over all FAPs
     assert found[:, ARKIT_NAMES.index("jawOpen")].max() > 0.15
+
+
+def test_left_and_right_are_never_both_in_speech() -> None:
+    """Of a living face: with blinks, gaze, idle and emphasis."""
+    found = ARKIT.approximate_weights(speech())
+    for part in ("jaw", "mouth"):
+        left, right = (found[:, ARKIT_NAMES.index(f"{part}{side}")] for side in ("Left", "Right"))
+        assert np.minimum(left, right).max() < 0.02, part  # 0.42 if both cost nothing
+        assert np.maximum(left, right).max() < 0.1, part
+    assert found[:, ARKIT_NAMES.index("mouthPucker")].max() > 0.4
 
 
 def test_it_finds_the_optimum() -> None:
     faps = speech()[40:43]
-    found = ARKIT.approximate_weights(faps)
-    scaled = ARKIT.faps * weights_mm()
+    found = PLAIN.approximate_weights(faps)
+    scaled = PLAIN.faps * weights_mm()
     ridge = np.sqrt(RIDGE * (scaled**2).sum() / 52) * np.eye(52)
     for row, weights in zip(faps, found, strict=True):
         best = lsq_linear(np.vstack([scaled.T, ridge]), np.concatenate([row * weights_mm(), np.zeros(52)]), (0, 1))
@@ -112,18 +124,18 @@ def cost_of(weights: np.ndarray, faps: np.ndarray) -> float:
 def test_a_single_frame_is_solved_exactly_wherever_it_begins() -> None:
     rng = np.random.default_rng(3)
     frames = np.vstack([speech()[10:40:5], rng.normal(0, 300, (20, 68)).round(), np.zeros((1, 68))])
-    scaled = ARKIT.faps * weights_mm()
+    scaled = PLAIN.faps * weights_mm()
     ridge = np.sqrt(RIDGE * (scaled**2).sum() / 52) * np.eye(52)
     for row in frames:
         best = lsq_linear(
             np.vstack([scaled.T, ridge]), np.concatenate([row * weights_mm(), np.zeros(52)]), (0, 1), tol=1e-14
         ).x
-        found = ARKIT.solve_weights(row)
+        found = PLAIN.solve_weights(row)
         assert found.min() >= 0
         assert found.max() <= 1
         assert cost_of(found, row) <= cost_of(np.clip(best, 0, 1), row) + 1e-9
         for near in (rng.uniform(-0.5, 1.5, 52), np.zeros(52), np.ones(52)):
-            np.testing.assert_allclose(ARKIT.solve_weights(row, near), found, atol=1e-9)
+            np.testing.assert_allclose(PLAIN.solve_weights(row, near), found, atol=1e-9)
 
 
 def test_block_pivots_that_do_not_help_go_one_by_one() -> None:
