@@ -94,7 +94,7 @@ class Stage:
         return self.ears[-1]
 
     def run(self, duration_s: float, gives: Callable[[int], None] = lambda step: None) -> NDArray[np.float64]:
-        """Let time pass, 240 steps a second with a frame in every fourth; returns the opening of the lips, mm."""
+        """Let time pass, 200 steps a second with a frame in every third; returns the opening of the lips, mm."""
         first = len(self.faps)
         for step in range(round(duration_s * 200)):
             self.clock.now_s += 1 / 200
@@ -121,9 +121,8 @@ def piecewise(samples: NDArray[np.int16], take: Callable[[NDArray[np.int16]], ob
     return gives
 
 
-@pytest.mark.parametrize(("delay_s", "least"), [(DELAY_S, 0.75), (0.3, -1.0)])
-def test_the_delay_is_what_lips_need(monkeypatch: pytest.MonkeyPatch, delay_s: float, least: float) -> None:
-    monkeypatch.setattr(module, "DELAY_S", delay_s)
+@pytest.mark.parametrize("delay_s", [DELAY_S, 0.3])
+def test_the_delay_is_what_lips_need(monkeypatch: pytest.MonkeyPatch, delay_s: float) -> None:
     speech = spoken("slt", BABY)
     reference = opening_mm(speech.phones, len(speech.samples) / RATE_HZ, 200 / 3)
 
