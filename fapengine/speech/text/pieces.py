@@ -18,7 +18,7 @@ def pieces_of(text: str, letters: int = PIECE_LETTERS) -> list[str]:
     Examples
     --------
     >>> pieces_of("I saw Dr. Lee. He slept, and then he woke.", 30)
-    ['I saw Dr. ', 'Lee. He slept, ', 'and then he woke.']
+    ['I saw Dr. Lee. He slept, ', 'and then he woke.']
     >>> pieces_of("The sentence ends. The next begins.", 30)
     ['The sentence ends. ', 'The next begins.']
     >>> "".join(pieces_of("x" * 1000)) == "x" * 1000, len(pieces_of("x" * 1000))
