@@ -11,7 +11,7 @@ CONFORMANCE_AT_LEAST := 300
 SECONDS := 600
 # How long make soak uses a server.
 MINUTES := 30
-CORE_TESTS := $(addprefix tests/unit/,capture codec floor0 geometry laboratory mesh models mpeg4 profiles retarget scoring speech \
+CORE_TESTS := $(addprefix tests/unit/,capture codec geometry ground laboratory mesh models mpeg4 profiles retarget scoring speech \
     trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 

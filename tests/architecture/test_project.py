@@ -135,3 +135,11 @@ def test_changelog_keeps_its_form() -> None:
     assert all(re.fullmatch(r"## \d+\.\d+\.\d+ - \d{4}-\d{2}-\d{2}", line) for line in versions[1:])
     kinds = {line for line in lines if line.startswith("### ")}
     assert kinds <= {f"### {kind}" for kind in ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")}
+
+
+def test_folders_that_the_coverage_takes_are_there() -> None:
+    named = re.search(r"CORE_TESTS := \$\(addprefix tests/unit/,([\w \\\n]+)\)", (ROOT / "Makefile").read_text())
+    assert named
+    folders = named[1].replace("\\", " ").split()
+    assert len(folders) > 10
+    assert all((ROOT / "tests" / "unit" / folder).is_dir() for folder in folders)
