@@ -1,4 +1,4 @@
-"""How well do the ears hear? The lips of their phones against those of the true phones, and against filmed ones.
+"""Quality of the ears: lips by the phones that they hear, against lips by the true phones and against filmed lips.
 
     python -m bench.ears [--filmed FOLDER] [--long MINUTES] [--languages]
 

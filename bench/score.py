@@ -1,4 +1,4 @@
-"""What a person scores, and what our plan does: filmed sentences by the measures of ``fapengine score``.
+"""Scores of a filmed person and of our plan for the same sentences, by the measures of ``fapengine score``.
 
     python -m bench.score [--train data/speech_train.npz] [--every 13]
 

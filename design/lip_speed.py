@@ -1,4 +1,4 @@
-"""How fast captured lips part and meet: percentiles of speed and acceleration of the opening.
+"""Speed of captured lips as they part and meet: percentiles of speed and acceleration of the opening.
 
     python -m design.lip_speed data/speech_train.npz
 

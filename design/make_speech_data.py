@@ -68,7 +68,7 @@ SLOTS = (
     ),
     {"a": "again", "n": "now", "p": "please", "s": "soon"},
 )
-"""What each letter of a file's name says."""
+"""Words for each letter of a file's name."""
 SILENT = {"sil", "sp", ""}
 
 

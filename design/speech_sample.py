@@ -35,9 +35,9 @@ Arrays = Mapping[str, NDArray[Any]]
 STATISTICS = Path(__file__).resolve().parent.parent / "tests" / "vectors" / "speech" / "statistics.npz"
 RATE_HZ, FRAMES, STEP_MM = 25.0, 75, 0.02
 START_S = (0.45, 0.75)
-"""When the first phone begins."""
+"""Range of the first phone's start, s."""
 REST_SHARE = 0.25
-"""Of the speaker's own variation, what is left where nobody speaks."""
+"""Share of the speaker's own variation that is left where nobody speaks."""
 RESIDUAL_MODES = 16
 GRAMMAR = (
     "bin lay place set", "blue green red white", "at by in with", "a b c d e f g h i j k l m n o p q r s t u v x y z",
