@@ -16,9 +16,9 @@ from fapengine.speech.formats.writing import WRITERS, check_writable, format_pho
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
-    from fapengine.ears.loudness import Sounding
     from fapengine.ears.recording import Mismatch
     from fapengine.ears.sphinx_aligner import SphinxAligner
+    from fapengine.speech.prosody import Sounding
 
 SOUND_SUFFIXES = frozenset({
     ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",

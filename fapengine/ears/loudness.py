@@ -5,14 +5,13 @@ autocorrelation, normalised by the frame's energy; as in Boersma, "Accurate shor
 frequency", IFA Proceedings 17, 1993, without his path through the candidates).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.speech.phone_track import Phone
+from fapengine.speech.prosody import Sounding
 
 FRAME_HZ = 100
 HOP = RATE_HZ // FRAME_HZ
@@ -23,16 +22,6 @@ PITCH_HZ = (60.0, 450.0)
 VOICED = 0.5
 """Least likeness of a frame to itself, one period later, that counts as voiced."""
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
-
-
-@dataclass(frozen=True, slots=True)
-class Sounding:
-    """How a phone sounds."""
-
-    loudness_db: float
-    """Highest level in it, dB below full scale."""
-    pitch_hz: float
-    """Median of its voiced frames; 0 if there is none."""
 
 
 def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:

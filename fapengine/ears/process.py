@@ -20,15 +20,17 @@ import struct
 import subprocess
 import sys
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.ears.loudness import soundings
 from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.errors import ResourceError
 from fapengine.speech.phone_track import Phone
+from fapengine.speech.prosody import RunningProsody
 
 HEAD = struct.Struct("<BIII")
 SOUND, END = 1, 2
@@ -170,7 +172,10 @@ class EarProcess:
             heard = Heard(
                 entry["stream"],
                 entry["position_s"],
-                tuple(Phone(label, start_s, end_s, confidence=sure) for label, start_s, end_s, sure in entry["phones"]),
+                tuple(
+                    Phone(label, start_s, end_s, stress, confidence=sure, loudness_db=loudness_db)
+                    for label, start_s, end_s, stress, sure, loudness_db in entry["phones"]
+                ),
                 entry["is_over"],
             )
             if heard.stream == self._stream:
@@ -198,6 +203,10 @@ class _Stream:
     def __init__(self, ear: Ear, number: int, rate_hz: int) -> None:
         self.number, self._ear, self._rate_hz = number, ear, rate_hz
         self._came = 0
+        self._prosody = RunningProsody()
+        self._sound = np.zeros(0, np.int16)
+        self._forgotten = 0
+        """Samples before those of ``_sound``: their phones are told."""
         self._resampler: Any = None
         if rate_hz != RATE_HZ:
             from av import AudioResampler
@@ -207,12 +216,30 @@ class _Stream:
 
     def push(self, samples: NDArray[np.int16]) -> Heard:
         self._came += len(samples)
-        phones = [phone for piece in self._resampled(samples) for phone in self._ear.push(piece)]
-        return Heard(self.number, self._came / self._rate_hz, tuple(phones))
+        phones = [phone for piece in self._resampled(samples) for phone in self._push(piece)]
+        return Heard(self.number, self._came / self._rate_hz, tuple(self._as_said(phones)))
 
     def end(self) -> Heard:
-        phones = [phone for piece in self._resampled(None) for phone in self._ear.push(piece)]
-        return Heard(self.number, self._came / self._rate_hz, (*phones, *self._ear.end()), is_over=True)
+        phones = [phone for piece in self._resampled(None) for phone in self._push(piece)] + self._ear.end()
+        return Heard(self.number, self._came / self._rate_hz, tuple(self._as_said(phones)), is_over=True)
+
+    def _push(self, piece: NDArray[np.int16]) -> list[Phone]:
+        self._sound = np.concatenate([self._sound, piece])
+        return self._ear.push(piece)
+
+    def _as_said(self, phones: list[Phone]) -> list[Phone]:
+        """Give phones loudness and stress, and forget their sound."""
+        if not phones:
+            return []
+        shift_s = self._forgotten / RATE_HZ
+        there = [
+            replace(phone, start_s=max(phone.start_s - shift_s, 0.0), end_s=max(phone.end_s - shift_s, 1e-3))
+            for phone in phones
+        ]
+        said = self._prosody.push(phones, soundings(there, self._sound))
+        over = min(round(there[-1].end_s * RATE_HZ), len(self._sound))
+        self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+        return said
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:
@@ -247,7 +274,10 @@ def serve(reads: BinaryIO, writes: BinaryIO, ear: Ear) -> None:
 
 
 def _tell_heard(writes: BinaryIO, heard: Heard) -> None:
-    phones = [(phone.label, phone.start_s, phone.end_s, phone.confidence) for phone in heard.phones]
+    phones = [
+        (phone.label, phone.start_s, phone.end_s, phone.stress, phone.confidence, phone.loudness_db)
+        for phone in heard.phones
+    ]
     _tell(
         writes,
         {"stream": heard.stream, "position_s": heard.position_s, "phones": phones, "is_over": heard.is_over},

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.ears.follow import QUICK_HZ, same_kind, words_said
-from fapengine.ears.loudness import FRAME_HZ, HOP, Sounding, loudness_db, pitch_hz, soundings
+from fapengine.ears.loudness import FRAME_HZ, HOP, loudness_db, pitch_hz, soundings
 from fapengine.ears.pieces import in_pieces
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.ears.speechlike import spoken_frames
@@ -15,6 +15,7 @@ from fapengine.ears.sphinx import Frames, decode, frames_of, new_phone_loop
 from fapengine.ears.sphinx_aligner import Aligned, SphinxAligner
 from fapengine.ears.sphinx_ear import UNSURE, labelled
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.prosody import Sounding, with_prosody
 
 BESIDE = 2
 """Words on each side whose agreement counts for a word, too."""
@@ -183,7 +184,8 @@ class _Gathered:
         self.now_s += end_s
 
     def done(self, mismatches: tuple[Mismatch, ...], unheard: float = 0.0) -> Recording:
-        return Recording(PhoneTrack(tuple(self._phones)), tuple(self._soundings), mismatches, unheard)
+        phones = PhoneTrack(tuple(with_prosody(self._phones, self._soundings)))
+        return Recording(phones, tuple(self._soundings), mismatches, unheard)
 
 
 def _hear(

@@ -10,6 +10,8 @@ from fapengine.speech.reading import Reading
 
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
+LOUDNESS_DB = (-12.0, 8.0)
+"""Bounds of a phone's loudness; beyond them a mouth does not do more."""
 Level = Literal["phone", "viseme", "word", "character"]
 """Units that a tool gave times for."""
 
@@ -28,12 +30,17 @@ class Phone:
     """The word it belongs to, if known."""
     confidence: float = 1.0
     """Sureness of who heard it, 0..1; 1 too where nobody doubts."""
+    loudness_db: float = 0.0
+    """Against the speaker's usual loudness, -12..8: whispered, shouted; 0 too where nobody measured it."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not 0 <= self.confidence <= 1:
             raise UsageError(f"confidence of {self.label!r}: got {self.confidence}, expected 0..1")
+        if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
+            expected = f"{LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
+            raise UsageError(f"loudness_db of {self.label!r}: got {self.loudness_db}, expected {expected}")
         if not self.label:
             raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")
 

@@ -77,6 +77,9 @@ NOD_HOLD = 0.5
 """Part of a stressed phone's duration for which its nod holds."""
 NOD_STRENGTH = (0.5, 1.0)
 """Least and greatest strength of a nod with primary stress; with secondary stress, half of it."""
+DB_PER_DOUBLE_NOD = 8.0
+"""Loudness that doubles a nod and its brows: our choice. That heads move with a speaker's level and pitch is in
+Munhall et al. 2004, doi:10.1111/j.0963-7214.2004.01502010.x."""
 NOD_RAD = 0.018
 BROW_FAPU = 75.0
 EDGE_S = 0.5
@@ -209,6 +212,7 @@ class GestureGenerator:
 
     def _nod(self, at_s: float, phone: Phone) -> Sequence[Ramp]:
         strength = (1.0 if phone.stress == 1 else 0.5) * self._rng["emphasis"].uniform(*NOD_STRENGTH)
+        strength *= 2.0 ** (phone.loudness_db / DB_PER_DOUBLE_NOD)
         left_s = self._ends_s - NOD_FALL_S - at_s
         if not self._style.emphasis or left_s <= 0:
             return ()

@@ -14,7 +14,7 @@ face goes to rest behind the last one; when speech is cancelled, it is at rest a
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -181,7 +181,7 @@ class StreamingPlanner:
         placed = [] if phone.is_silence else [phone]
         if overlapped and overlapped[0].start_s < phone.start_s - SAME_S:
             cut = overlapped[0]
-            placed.insert(0, Phone(cut.label, cut.start_s, phone.start_s, cut.stress, cut.word))
+            placed.insert(0, replace(cut, end_s=phone.start_s))
         self._phones[first:behind] = placed
 
     def _close_late(self, phone: Phone, edge: float) -> None:

@@ -10,7 +10,7 @@ which takes the targets of the letter that is most like it.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -21,6 +21,7 @@ from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import Token, targets, tokens_of
+from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
@@ -80,6 +81,8 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
         if contact == "none":
             contact = "open" if opens else "jaw" if hisses else contact
         times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
+        if phone.loudness_db:
+            weights = louder(weights, phone.loudness_db, profile)
         resolved.append(Resolved(phone, times_s, weights, contact))
     return resolved, Counter(strange)
 
@@ -113,6 +116,18 @@ def _keys_in_context(tokens: Sequence[Token], model: ContextModel) -> list[Keys]
 
 def _joined(keys: Sequence[Keys]) -> Keys:
     return tuple(time for times, _ in keys for time in times), np.concatenate([weights for _, weights in keys])
+
+
+def louder(targets: NDArray[np.float64], loudness_db: float, profile: Profile) -> NDArray[np.float64]:
+    """Let targets, (..., K), be said louder, or more quietly: the jaw's part of them grows, as a style's does."""
+    gain = 2.0 ** (loudness_db / DB_PER_DOUBLE_DROP)
+    said: NDArray[np.float64] = targets + (gain - 1.0) * (targets @ _jaws(profile))
+    return said
+
+
+@lru_cache(maxsize=16)
+def _jaws(profile: Profile) -> NDArray[np.float64]:
+    return jaw_share(profile)
 
 
 @cache

@@ -11,7 +11,7 @@ Nothing is done per frame: a session says when it must be woken (:attr:`Session.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, nextafter
 from typing import Literal
 
@@ -451,7 +451,7 @@ class Session:
         self.counters.concealed += len(between)
         self._tell(utterance, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
-            self._feed(utterance, [Phone(before.label, before.end_s, after.start_s)], now_s)
+            self._feed(utterance, [replace(before, start_s=before.end_s, end_s=after.start_s, stress=0)], now_s)
 
     def _silence(self, now_s: float, fade_s: float) -> None:
         """Take away all that was to be said, and come to rest."""

@@ -1,7 +1,7 @@
 """One utterance: phones by index as they come, and where its time lies in that of its session."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import inf
 
@@ -129,7 +129,7 @@ class Utterance:
         for phone in phones:
             start_s, end_s = max(phone.start_s + self.zero_s, from_s, 0.0), phone.end_s + self.zero_s
             if end_s > start_s:
-                shifted.append(Phone(phone.label, start_s, end_s, phone.stress, phone.word))
+                shifted.append(replace(phone, start_s=start_s, end_s=end_s))
         return shifted
 
 

@@ -12,7 +12,7 @@ so much sound that it has not heard; what is more is refused and counted.
 
 import logging
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from typing import Protocol
 
@@ -342,12 +342,9 @@ class Hearing:
         if not phones:
             return
         moved = tuple(
-            Phone(
-                phone.label, phone.start_s + utterance.offset_s, phone.end_s + utterance.offset_s,
-                confidence=phone.confidence,
-            )
+            replace(phone, start_s=phone.start_s + utterance.offset_s, end_s=phone.end_s + utterance.offset_s)
             for phone in phones
-        )  # fmt: skip
+        )
         self.hub.apply(session, Append(utterance.number, utterance.count, moved))
         utterance.count += len(phones)
 

@@ -1,13 +1,18 @@
 """Phones from sound alone: what is heard, what is no speech, and that pieces do not matter."""
 
+import io
+import json
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from fapengine.ears.commit import due
+from fapengine.ears.process import END, HEAD, SOUND, serve
 from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.ears.recording import listen
 from fapengine.ears.sphinx_ear import BLOCK, SphinxEar
@@ -126,3 +131,42 @@ def test_nothing_and_one_sample(ear: SphinxEar) -> None:
     assert phone == Phone(SILENCE, 0.0, 1 / RATE_HZ)
     assert listen([np.ones(1, np.int16)]).phones.duration_s == pytest.approx(1 / RATE_HZ)
     assert listen([]).phones.phones == ()
+
+
+def parts(levels_db: Sequence[float]) -> tuple[NDArray[np.int16], float]:
+    """A sentence at several levels, and the length of each part."""
+    once = spoken("rms", BABY).samples.astype(float)
+    once *= 8000 / np.abs(once).max()
+    pause = np.zeros(RATE_HZ // 2)
+    sound = np.concatenate([part for db in levels_db for part in (once * 10 ** (db / 20), pause)])
+    return sound.astype(np.int16), (len(once) + len(pause)) / RATE_HZ
+
+
+def test_what_is_shouted_is_loud_and_what_is_whispered_is_not() -> None:
+    sound, length_s = parts((0, -20, 0, 12))
+    track = listen([sound]).phones
+    usual, quiet, again, loud = (
+        [phone for phone in track.phones if not phone.is_silence and n * length_s <= phone.start_s < (n + 1) * length_s]
+        for n in range(4)
+    )
+    assert max(abs(phone.loudness_db) for phone in usual + again) < 3
+    assert np.mean([phone.loudness_db for phone in quiet]) < -11
+    assert np.mean([phone.loudness_db for phone in loud]) > 6
+    assert all(1 <= sum(phone.stress for phone in part) <= 6 for part in (usual, quiet, again, loud))  # 2 to 3 s each
+
+
+def test_live_a_shout_is_told_as_one() -> None:
+    sound, length_s = parts((0, 0, 12))
+    messages = b"".join(
+        HEAD.pack(SOUND, 1, RATE_HZ, 2 * len(piece)) + piece.astype("<i2").tobytes()
+        for piece in np.split(sound, range(320, len(sound), 320))
+    )
+    answers = io.BytesIO()
+    serve(io.BytesIO(messages + HEAD.pack(END, 1, 0, 0)), answers, SphinxEar())
+    phones = [phone for line in answers.getvalue().splitlines()[1:] for phone in json.loads(line)["phones"]]
+    spoken_ones = [(start_s, stress, db) for label, start_s, _, stress, _, db in phones if label != "_"]
+    usual = [abs(db) for start_s, _, db in spoken_ones if start_s < 2 * length_s]
+    assert len(usual) > 20
+    assert max(usual) < 3
+    assert np.median([db for start_s, _, db in spoken_ones if start_s > 2.2 * length_s]) > 5
+    assert 3 <= sum(stress for _, stress, _ in spoken_ones) <= 20

@@ -16,6 +16,7 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.hub import hearing as module
 from fapengine.live.hub.hearing import DELAY_S, IDLE_S, MAX_WAITING_S, Hearing
 from fapengine.live.hub.hub import Hub
+from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from tests.english import english
 from tests.unit.ears.speech import BABY, FAPU_MM, closures, opening_mm, spoken
@@ -256,3 +257,18 @@ def test_a_session_that_is_closed_gives_its_ear_back() -> None:
     stage.run(0.1)
     assert stage.ears[0].is_closed
     assert stage.hearing.counts.ears == 0
+
+
+def test_a_shout_reaches_the_face() -> None:
+    def jaw(loudness_db: float) -> float:
+        stage = Stage()
+        stage.hub.apply("anna", Begin(1, "now"))
+        phones = tuple(
+            Phone(label, n / 5, (n + 1) / 5, confidence=0.5, loudness_db=loudness_db) for n, label in enumerate("mama")
+        )
+        stage.hearing.hear("anna", 1, np.zeros(PIECE, np.int16), RATE_HZ)
+        stage.ears[0].told.append((stage.clock.now_s, Heard(stage.ears[0].stream, 0.02, phones)))
+        stage.run(1.0)
+        return float(np.array(stage.faps)[:, 2].max())
+
+    assert jaw(8.0) > 1.4 * jaw(0.0)

@@ -179,6 +179,13 @@ def test_a_nod_begins_when_its_phone_is_known_and_never_behind_the_phone_s_begin
     assert nods([[Phone("a", 1.0, 1.2, stress=1)]], [1.0], 0.01) == []
 
 
+def test_a_shouted_nod_is_large_and_a_whispered_one_small() -> None:
+    spoken = [Phone("a", 1.0, 1.2, stress=1, loudness_db=loudness_db) for loudness_db in (0.0, 8.0, -12.0)]
+    usual, shouted, whispered = (nods([[phone]], [0.0], 0.01)[0].goal for phone in spoken)
+    assert shouted == pytest.approx(2 * usual)
+    assert whispered == pytest.approx(usual / 2**1.5)
+
+
 def test_a_nod_takes_over_from_the_one_before() -> None:
     ramps = nods([[Phone("a", 1.0, 1.6, stress=1), Phone("a", 1.2, 1.8, stress=2)]], [0.0], 0.01)
     level = sample_ramps(np.zeros(len(Channel)), ramps, np.array([1.0, 1.2, 1.5, 1.7]))[Channel.NOD]

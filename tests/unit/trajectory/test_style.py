@@ -1,5 +1,7 @@
 """Manners of speaking: gains of jaw and lips, loudness, ways to a path."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -143,3 +145,22 @@ def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
 def test_refuses(options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Style(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("loudness_db", [8.0, 3.0])
+def test_phones_said_louder_move_as_a_louder_style_does(loudness_db: float) -> None:
+    louder = PhoneTrack(tuple(replace(phone, loudness_db=loudness_db) for phone in PHONES.phones))
+    of_phones = plan(louder, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=still()).track.values
+    louder_style = values(still(loudness_db=loudness_db))
+    np.testing.assert_allclose(of_phones, louder_style, atol=3)  # a path's slopes are not linear
+    assert np.abs(of_phones - values(still())).max() > 50
+
+
+def test_a_whispered_word_opens_less_and_still_closes() -> None:
+    quiet = PhoneTrack(tuple(replace(phone, loudness_db=-12.0) for phone in PHONES.phones))
+    whispered = plan(quiet, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=still()).track.values
+    opening, plain = (-(faps[:, 3] + faps[:, 4]) for faps in (whispered, values(still())))
+    assert 150 < opening.max() < 0.6 * plain.max()
+    for phone in PHONES.phones:
+        if phone.label in ("m", "p"):
+            assert opening[round(100 * phone.start_s) : round(100 * phone.end_s)].min() < 15
