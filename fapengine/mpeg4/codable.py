@@ -18,6 +18,13 @@ def to_codable(faps: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 @cache
+def limits(number: int) -> tuple[float, float]:
+    """Least and greatest value that :func:`to_codable` leaves of a FAP, FAPU."""
+    low, high = _codable_range()
+    return float(low[fap.column(number)]), float(high[fap.column(number)])
+
+
+@cache
 def _codable_range() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low = np.zeros(fap.FAP_COUNT)
     high = np.zeros(fap.FAP_COUNT)

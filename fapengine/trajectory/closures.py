@@ -12,11 +12,13 @@ face's. Each contact has a *hold* with C2 ramps, a bump ``b`` between 0 and 1; w
 2. ``teeth``: the lower lip rises to the upper teeth, its height in the neutral face, and not far beyond:
    ``b (p(height - lower) - p(lower - top))`` is added to it.
 3. where the lips would pass through each other the opening is held at zero: ``p(opening)``, C2;
-4. ``lips``: over the hold of every p b m it is multiplied by ``1 - b``: zero through the hold.
+4. ``lips``: over the hold of every p b m it is multiplied by ``1 - b``: zero through the hold;
+5. what the upper lip cannot carry the lower one takes, so that no contact is lost when values are clipped.
 
 What comes later wins. The lower lip takes :data:`LOWER_SHARE` of each change of the opening, the upper lip the rest;
-while the lower lip is held at the teeth the upper one takes all of 3 and 4. Outer lips follow the inner. Every step is
-C2 in time and acts on each frame alone, so it serves a stream as well.
+while the lower lip is held at the teeth the upper one takes all of 3 and 4. Outer lips follow the inner. Lips come in
+within what a stream can carry; styles and expressions that exaggerate leave it. Every step is C2 in time, but where
+a value is at the end of its range, and acts on each frame alone, so it serves a stream as well.
 """
 
 from collections.abc import Sequence
@@ -27,6 +29,7 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import bump, soft_positive
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.codable import limits
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.targets import Resolved
 
@@ -96,6 +99,20 @@ def holds_of(resolved: Sequence[Resolved]) -> list[Hold]:
     return [hold_of(spoken.phone, spoken.contact) for spoken in resolved if spoken.contact != "none"]
 
 
+class Holds:
+    """Holds of a long track, from which those near a stretch of time are taken."""
+
+    def __init__(self, holds: Sequence[Hold]) -> None:
+        self._holds = holds
+        self._from_s = np.array([hold.start_s for hold in holds]) - RAMP_S
+        self._until_s = np.array([hold.stop_s for hold in holds]) + RAMP_S
+
+    def near(self, times_s: Array) -> list[Hold]:
+        """Those that may be seen at any of these times, (T,) s, rising."""
+        seen = (self._from_s <= times_s[-1]) & (self._until_s >= times_s[0])
+        return [self._holds[index] for index in np.flatnonzero(seen).tolist()]
+
+
 def held(times_s: Array, holds: Sequence[Hold], contact: str) -> Array:
     """(T,): how far each moment is under a hold of this contact, 0..1; times rise."""
     free = np.ones(len(times_s))
@@ -117,7 +134,7 @@ def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: 
 
 
 def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array) -> Array:
-    """Make contacts, frame by frame: steps 0 to 4 of the theory of operation.
+    """Make contacts, frame by frame: steps 0 to 5 of the theory of operation.
 
     Parameters
     ----------
@@ -133,18 +150,21 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array)
     down = settled[..., fap.column(3)]
     down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
     for index, numbers in enumerate(PAIRS):
-        upper, lower = (settled[..., fap.column(number)] for number in numbers[:2])
+        wished = [settled[..., fap.column(number)].copy() for number in numbers[:2]]
+        upper, lower = (np.clip(lip, *limits(number)) for lip, number in zip(wished, numbers, strict=False))
         floor = OPEN_FAPU * (SIDE_OPENING if index else 1.0)
         parted = vowels * soft_positive(floor + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
-        down, up = -(1 - LOWER_SHARE) * parted, -LOWER_SHARE * parted
-        short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower - up, SOFTNESS_FAPU)
-        beyond = soft_positive(lower + up + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
-        up = up + teeth * (short - beyond)
-        opening = -(upper + lower + down + up)
+        upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
+        short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
+        beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
+        lower = lower + teeth * (short - beyond)
+        opening = -(upper + lower)
         change = opening - (1.0 - lips) * soft_positive(opening, SOFTNESS_FAPU)
         share = LOWER_SHARE * (1.0 - teeth)
-        for number in numbers[::2]:
-            settled[..., fap.column(number)] += down + (1.0 - share) * change
-        for number in numbers[1::2]:
-            settled[..., fap.column(number)] += up + share * change
+        upper, lower = upper + (1.0 - share) * change, lower + share * change
+        carried = np.clip(upper, *limits(numbers[0]))
+        lips_now = carried, lower + upper - carried
+        for alike, before, now in zip((numbers[::2], numbers[1::2]), wished, lips_now, strict=True):
+            for number in alike:
+                settled[..., fap.column(number)] += now - before
     return settled

@@ -19,7 +19,7 @@ evaluates them on an array of times; live :mod:`fapengine.live.engine.gestures` 
 """
 
 from bisect import insort
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from math import inf
 
@@ -299,10 +299,10 @@ def _add(faps: Array, numbers: Iterable[int], values: Array) -> None:
         faps[fap.column(number)] += values
 
 
-def sample_gestures(
+def gestures_of(
     times_s: Array, end_s: float, phones: Iterable[Phone], style: Style, rng: np.random.Generator
-) -> Array:
-    """Gestures of a file.
+) -> Callable[[slice], Array]:
+    """Draw the gestures of a file.
 
     Parameters
     ----------
@@ -317,10 +317,18 @@ def sample_gestures(
 
     Returns
     -------
-    (T, 68) float64, FAPU
+    callable
+        Gives the FAPs of any of these times: a slice of them -> (N, 68) float64, FAPU.
     """
     generator = GestureGenerator(rng, style)
     generator.stress(((phone.start_s, phone) for phone in phones), 0.0)
     ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
     levels = sample_ramps(start_levels(style), ramps, times_s)
-    return gesture_faps(levels, generator.waves[..., None], times_s).T
+    return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece]).T
+
+
+def sample_gestures(
+    times_s: Array, end_s: float, phones: Iterable[Phone], style: Style, rng: np.random.Generator
+) -> Array:
+    """Gestures of a file at all times, (T, 68) float64, FAPU: :func:`gestures_of`, all at once."""
+    return gestures_of(times_s, end_s, phones, style, rng)(slice(None))

@@ -3,6 +3,9 @@
 ``context``, the default, measures best on held-out capture: targets by least squares from a phone's neighbours, quintic
 segments. ``paper`` is paper 001: a phone's median at 30 % and a cubic spline. ``minimum-jerk`` lays the spline of paper
 004 through the same keyframes: degree 5, C4, the least squared jerk. ``dominance`` is :mod:`.dominance`.
+
+Such splines swing far beyond their keys where a long phone stands beside short ones, so both are bounded
+(:func:`_bounded`); between 0.25 and 0.75 of a range the bound is soft, and C2.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from fapengine.geometry.smooth import soft_positive
+from fapengine.trajectory import hermite
 from fapengine.trajectory.dominance import dominance
 from fapengine.trajectory.keyframes import Keyframes
 from fapengine.trajectory.style import Method
@@ -20,6 +25,8 @@ from fapengine.trajectory.targets import Resolved
 Array = NDArray[np.float64]
 PathOf = Callable[[Sequence[Resolved], Keyframes, Array], Array]
 """Phones with their targets, keyframes, times in s (T,) -> weights (T, K)."""
+OVERSHOOT = 0.5
+"""Share of the range of four keys by which a spline may leave it; up to :data:`.hermite.OVERSHOOT` it is left alone."""
 
 
 def _context(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
@@ -27,15 +34,27 @@ def _context(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> A
 
 
 def _paper(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
-    return keys.sample(times_s, cubic=True)
+    return _bounded(keys.sample(times_s, cubic=True), keys, times_s)
 
 
 def _minimum_jerk(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
     still = np.zeros(keys.weights.shape[1])
     at_rest = [(1, still), (2, still)]
     spline = make_interp_spline(keys.times_s, keys.weights, k=5, bc_type=(at_rest, at_rest))  # type: ignore[arg-type]  # the stubs lack derivatives
-    path: Array = spline(np.clip(times_s, keys.times_s[0], keys.times_s[-1]))
-    return path
+    return _bounded(spline(np.clip(times_s, keys.times_s[0], keys.times_s[-1])), keys, times_s)
+
+
+def _bounded(path: Array, keys: Keyframes, times_s: Array) -> Array:
+    """Keep a path, (T, K), near the range of the two keys before a moment and the two behind it."""
+    last = len(keys.times_s) - 1
+    left = np.clip(np.searchsorted(keys.times_s, times_s, side="right") - 1, 0, last - 1)
+    four = keys.weights[np.clip(left[:, None] + np.arange(-1, 3), 0, last)]
+    low, high = four.min(axis=1), four.max(axis=1)
+    size = np.maximum(high - low, 1e-9)
+    soft = 2 * (OVERSHOOT - hermite.OVERSHOOT)
+    above, below = ((beyond / size) - hermite.OVERSHOOT for beyond in (path - high, low - path))
+    bounded: Array = path + size * (soft_positive(below, soft) - soft_positive(above, soft))
+    return bounded
 
 
 def _dominance(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:

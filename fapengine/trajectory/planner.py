@@ -22,22 +22,25 @@ import numpy as np
 
 from fapengine.errors import UsageError
 from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.fap import FAP_COUNT
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.trajectory.closures import close_lips, holds_of
+from fapengine.trajectory.closures import Holds, close_lips, holds_of
 from fapengine.trajectory.expression import EXPRESSIONS, Mood, expression_faps, mood_ramps
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.gestures import sample_gestures
+from fapengine.trajectory.gestures import gestures_of
 from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import ROUND, WIDTH, extend, give_way, layer_faps, layer_gain
 from fapengine.trajectory.ramps import sample_ramps
 from fapengine.trajectory.style import Style as Style
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import joined_track, resolve
 
 RATES_HZ = (1.0, 240.0)
+PIECE = 4096
+"""Number of frames whose FAPs are made at once, as real numbers; so the memory of a long plan is that of its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +94,27 @@ def plan(
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
     moods = [Mood(*item) for item in expressions.items()] if isinstance(expressions, Mapping) else expressions
 
-    resolved, unknown = resolve(phones, profile, context=style.context)
+    joined = joined_track(phones.phones)
+    resolved, unknown = resolve(joined, profile, context=style.context)
     modes, spoken = profile.space.mode_count, extend(resolved)
-    keyframes = place_keyframes(phones, spoken, modes + WIDTH)
+    keyframes = place_keyframes(joined, spoken, modes + WIDTH)
     path = sample_path(style.method, spoken, keyframes, times_s)
-    layer = layer_gain(style.lips_gain) * path[:, modes:]
-    moved_mm = profile.space.to_points_mm(path[:, :modes] @ style.gains(profile))
-    faps = displacements_to_faps(moved_mm, profile.space.points, profile.fapu) + layer @ layer_faps(profile)
-    if moods:
-        levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s)
-        faps += give_way(expression_faps(profile) @ levels, layer[:, ROUND]).T
-    faps = close_lips(faps, times_s, holds_of(resolved), openness=style.openness)
-    if style.has_gestures:
-        faps += sample_gestures(times_s, end_s, phones.phones, style, rng)
-    return Plan(FapTrack.of(to_codable(faps), rate_hz=rate_hz), dict(unknown))
+    levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s) if moods else None
+    holds = Holds(holds_of(resolved))
+    gestures = gestures_of(times_s, end_s, phones.phones, style, rng) if style.has_gestures else None
+    values = np.zeros((len(times_s), FAP_COUNT), np.int32)
+    for start in range(0, len(times_s), PIECE):
+        piece = slice(start, start + PIECE)
+        layer = layer_gain(style.lips_gain) * path[piece, modes:]
+        moved_mm = profile.space.to_points_mm(path[piece, :modes] @ style.gains(profile))
+        faps = displacements_to_faps(moved_mm, profile.space.points, profile.fapu) + layer @ layer_faps(profile)
+        if levels is not None:
+            faps += give_way(expression_faps(profile) @ levels[:, piece], layer[:, ROUND]).T
+        faps = close_lips(faps, times_s[piece], holds.near(times_s[piece]), openness=style.openness)
+        if gestures is not None:
+            faps += gestures(piece)
+        values[piece] = to_codable(faps)
+    return Plan(FapTrack.of(values, rate_hz=rate_hz), dict(unknown))
 
 
 def rest_s(phones: PhoneTrack, duration_s: float | None = None) -> float:

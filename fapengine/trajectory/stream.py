@@ -30,7 +30,7 @@ from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.phonetics import WIDTH, extend, layer_faps, layer_gain
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import Resolved, resolve
+from fapengine.trajectory.targets import Resolved, joined_track, resolve
 
 Array = NDArray[np.float64]
 
@@ -225,7 +225,7 @@ class StreamingPlanner:
         """Plan ahead of the edge; what the new plan lacks there is added and fades."""
         over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
         self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
-        track = PhoneTrack.of([phone for phone in self._phones if phone.end_s > 0], tolerance_s=2 * SAME_S)
+        track = joined_track(phone for phone in self._phones if phone.end_s > 0)
         resolved, _ = resolve(track, self.profile, context=self.style.context)
         keys = place_keyframes(track, extend(resolved), self._width)
         path = hermite.Path.through(keys.times_s, keys.weights)

@@ -8,7 +8,7 @@ which takes the targets of the letter that is most like it.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import groupby
@@ -29,6 +29,9 @@ APART_S = 0.03
 """A phone too short for its keyframes to stand so far apart has one, their mean: fast speech undershoots. It costs
 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
 
+GAP_S = 0.005
+"""Longest gap between two phones that is no pause to the face: the later one begins earlier, by so much."""
+
 Keys = tuple[tuple[float, ...], NDArray[np.float64]]
 """Times in s, and targets (keyframes, K)."""
 
@@ -43,6 +46,14 @@ class Resolved:
     """(keyframes, K)."""
     contact: str
     """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open, ``jaw`` for a sound that needs it high."""
+
+
+def joined_track(phones: Iterable[Phone]) -> PhoneTrack:
+    """Make the track that is planned: of all phones, in time order, those that are spoken, and pauses between them.
+
+    A stream keeps no silences and a file may have any number of them in a row; of this track both make the same motion.
+    """
+    return PhoneTrack.of([phone for phone in phones if not phone.is_silence], tolerance_s=GAP_S)
 
 
 def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:

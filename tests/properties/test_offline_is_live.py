@@ -110,6 +110,42 @@ def test_whatever_is_said(seed: int, count: int, tail_s: float, name: str) -> No
     assert apart(live(phones, STYLES[name], seed, 30.0, len(wanted), MOODS), wanted) <= MAX_APART_FAPU
 
 
+LENGTHS_S = (0.0004, 0.001, 0.002, 0.004, 0.006, 0.011, 0.013, 0.05, 0.1, 0.6)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["b", "f", "s", "ɑ", "i", "uː", "ɔɪ", "%", SILENCE]), st.sampled_from(LENGTHS_S)),
+        min_size=1,
+        max_size=14,
+    )
+)
+@settings(max_examples=30)
+def test_phones_and_pauses_of_any_length(spoken: list[tuple[str, float]]) -> None:
+    """Also of less than a millisecond, beside pauses that are as short, and of pauses in a row."""
+    edges = np.cumsum([0.1, *(length_s for _, length_s in spoken)])
+    phones = [Phone(label, float(a), float(b)) for (label, _), (a, b) in zip(spoken, pairwise(edges), strict=True)]
+    track = PhoneTrack((Phone(SILENCE, 0.0, 0.1), *phones, Phone(SILENCE, float(edges[-1]), float(edges[-1]) + 0.3)))
+    wanted = offline(track, Style.still(), 1, 60.0)
+    assert apart(live(track, Style.still(), 1, 60.0, len(wanted)), wanted) <= MAX_APART_FAPU
+
+
+def test_short_phones_that_come_one_by_one() -> None:
+    """Keys nearer than ``keyframes.CLOSEST_KEYS_S`` give way along a row of such phones: no eight here."""
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        labels = rng.choice([*english().phones, SILENCE], 40)
+        lengths = np.where(rng.random(40) < 0.4, rng.choice([0.001, 0.003, 0.006, 0.012], 40), 0.15)
+        lengths[::5] = 0.15
+        edges = np.cumsum([0.3, *lengths])
+        phones = PhoneTrack.of(
+            [Phone(str(label), float(a), float(b)) for label, (a, b) in zip(labels, pairwise(edges), strict=True)]
+        )
+        wanted = offline(phones, Style.still(), 3, 60.0)
+        seen = live(phones, Style.still(), 3, 60.0, len(wanted), ahead_s=3.0)
+        assert apart(seen, wanted) <= MAX_APART_FAPU
+
+
 def test_a_long_text() -> None:
     phones = speech(5, 300)
     wanted = offline(phones, Style(), 5, 30.0, MOODS)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -27,6 +27,7 @@ from fapengine.trajectory.closures import (
     settle,
 )
 from fapengine.trajectory.planner import Style, plan
+from fapengine.trajectory.style import METHOD_NAMES
 from fapengine.trajectory.targets import must_open
 from tests.english import english
 
@@ -98,6 +99,49 @@ def test_contacts_are_made_at_any_rate_under_any_expression(
         if phone.label in "pbm":
             assert (opening[inside] <= CLOSED_MM).sum() >= needed
         if phone.label in "fvɱ":
+            assert (lower[inside] >= -ROUNDING_FAPU * mm()).sum() >= needed
+
+
+GAIN = st.sampled_from([0.0, 0.3, 1.0, 2.0, 3.0])
+ANY_STYLE = st.builds(
+    lambda method, articulation, jaw, lips, loudness_db: replace(
+        STILL, method=method, articulation=articulation, jaw=jaw, lips=lips, loudness_db=loudness_db
+    ),
+    st.sampled_from(METHOD_NAMES), GAIN, GAIN, GAIN, st.sampled_from([-20.0, 0.0, 20.0]),
+)  # fmt: skip
+ANY_MOOD = st.dictionaries(
+    st.sampled_from([mood for mood in Expression if mood]), st.sampled_from([0.3, 1.0, 2.0]), max_size=3
+)
+ANY_SPEECH = st.lists(
+    st.tuples(
+        st.sampled_from(["p", "b", "m", "f", "v", "s", "ʃ", "n", "w", "i", "uː", "ɑ", "aɪ", "_"]),
+        st.sampled_from([0.004, 0.02, 0.05, 0.1, 0.2, 0.6, 2.0, 60.0]),
+    ),
+    min_size=1,
+    max_size=10,
+)
+
+
+@example([("ɑ", 0.1), ("b", 0.1), ("ɑ", 0.1)], replace(STILL, articulation=3.0, lips=3.0), {Expression.SURPRISE: 2.0})
+@example([("ɑ", 0.1), ("b", 0.1), ("ɑ", 0.1)], replace(STILL, jaw=3.0, lips=3.0, loudness_db=20.0), {})
+@example([("n", 0.05), ("ɑ", 2.0), ("n", 0.05)], replace(STILL, articulation=3.0, lips=3.0, jaw=0.0), {})
+@given(ANY_SPEECH, ANY_STYLE, ANY_MOOD)
+@settings(max_examples=40)
+def test_contacts_hold_in_every_style_that_is_accepted_and_values_at_the_end_of_their_range(
+    speech: list[tuple[str, float]], style: Style, mood: dict[Expression, float]
+) -> None:
+    """Clipped values included: every pair of inner-lip points, any method, any expressions, any lengths."""
+    phones = spoken(speech, 1.0)
+    track = plan(phones, english(), rng=np.random.default_rng(1), rate_hz=100.0, expressions=mood, style=style).track
+    gaps = [-(track.values[:, fap.column(u)] + track.values[:, fap.column(low)]) * mm() for u, low, *_ in PAIRS]
+    lower = track.values[:, fap.column(5)] * mm()
+    assert min(gap.min() for gap in gaps) >= -2 * ROUNDING_FAPU * mm()
+    for phone in phones.phones:
+        inside = slice(int(np.ceil(phone.start_s * 100)), int(phone.end_s * 100) + 1)
+        needed = min(4, inside.stop - inside.start - 1)
+        if phone.label in "pbm":
+            assert all((gap[inside] <= CLOSED_MM).sum() >= needed for gap in gaps)
+        if phone.label in "fv":
             assert (lower[inside] >= -ROUNDING_FAPU * mm()).sum() >= needed
 
 
