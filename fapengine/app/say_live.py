@@ -106,7 +106,7 @@ def say_live(
             _run(face, screen, ticks, utterance)
         except KeyboardInterrupt:
             face.stop()
-            _finish(face, screen, ticks)
+            finish(face, screen, ticks)
         device, silent = face.sound, face.speaker.is_silent
     return {
         "said": text, "device": device, "silent": silent, "duration_s": speech.duration_s,
@@ -123,10 +123,10 @@ def _run(face: Face, screen: Screen, ticks: Ticks, utterance: int) -> None:
         position_s = face.hub.clock() - zero_s if zero_s is not None else position_s
         if not screen.show(face.frame(screen.lead_s), position_s):
             face.stop()
-    _finish(face, screen, ticks, position_s)
+    finish(face, screen, ticks, position_s)
 
 
-def _finish(face: Face, screen: Screen, ticks: Ticks, position_s: float = 0.0) -> None:
+def finish(face: Face, screen: Screen, ticks: Ticks, position_s: float = 0.0) -> None:
     """Show how it comes to rest."""
     until_s = face.hub.clock() + REST_S
     while face.hub.clock() < until_s:

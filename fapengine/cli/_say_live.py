@@ -5,11 +5,13 @@ import json
 from rich.console import Console
 
 from fapengine.app.face import has_display
+from fapengine.app.listen_live import listen_live
 from fapengine.app.manner import Manner
 from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, say_live
 from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.errors import ResourceError
 from fapengine.render.drawing import Drawing
+from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.protocol import Speech
 
 PERCENTILES = {"p50": "half of the frames", "p95": "95 %", "max": "all"}
@@ -26,21 +28,33 @@ def say_now(
     window: bool | None,
 ) -> dict[str, object]:
     """Say it in a window, or on the terminal where there is no display; ``window`` insists on one of them."""
-
-    def open_screen() -> Screen:
-        if has_display() if window is None else window:
-            try:
-                return WindowScreen(head, drawing=drawing, rate_hz=manner.rate_hz)
-            except ResourceError as error:
-                if window:
-                    raise
-                _note(str(error))
-        return TerminalScreen(speech.phones)
-
     return say_live(
-        speech, text, manner, output, open_screen,
+        speech, text, manner, output,
+        lambda: _screen(speech.phones, manner, head=head, drawing=drawing, window=window),
         on_silence=lambda reason: _note(f"no sound ({reason}); the face keeps time by the clock"),
     )  # fmt: skip
+
+
+def listen_now(
+    microphone: str | None, manner: Manner, output: LiveOutput, *, head: str, drawing: Drawing, window: bool | None
+) -> dict[str, object]:
+    """Show what a microphone hears, where :func:`say_now` would show it; until the viewer ends it."""
+    return listen_live(
+        manner, output, lambda: _screen(None, manner, head=head, drawing=drawing, window=window), microphone=microphone
+    )
+
+
+def _screen(
+    phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: Drawing, window: bool | None
+) -> Screen:  # fmt: skip
+    if has_display() if window is None else window:
+        try:
+            return WindowScreen(head, drawing=drawing, rate_hz=manner.rate_hz)
+        except ResourceError as error:
+            if window:
+                raise
+            _note(str(error))
+    return TerminalScreen(phones)
 
 
 def _note(text: str) -> None:
@@ -60,3 +74,17 @@ def print_live(result: dict[str, object], *, as_json: bool) -> None:
     if isinstance(off_ms, dict) and off_ms:
         apart = ", ".join(f"{off_ms[key]:.1f} ms ({name})" for key, name in PERCENTILES.items())
         console.print(f"[bold]{'apart':>8}[/]  {apart}", soft_wrap=True)
+
+
+def print_heard(result: dict[str, object], *, as_json: bool) -> None:
+    """Print what a microphone's face has heard and shown."""
+    if as_json:
+        print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        return
+    console = Console(highlight=False)
+    console.print(f"[bold]{'heard':>8}[/]  {result['microphone']}", soft_wrap=True)
+    heard = f"{result['heard_s']:.1f} s, {result['phones']} phones and pauses, shown {result['delay_s']:g} s later"
+    console.print(f"[bold]{'sound':>8}[/]  {heard}")
+    console.print(
+        f"[bold]{'face':>8}[/]  {result['frames']} frames at {result['rate_hz']:g} Hz, {result['skipped']} skipped"
+    )

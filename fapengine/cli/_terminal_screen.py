@@ -18,11 +18,14 @@ WIDE_OPEN_FAPU = 500.0
 
 
 class TerminalScreen:
-    """A line of the terminal; nothing where there is none. Stateful."""
+    """A line of the terminal; nothing where there is none. Stateful.
+
+    ``phones`` are those that will be said; None where nobody knows them.
+    """
 
     lead_s = 0.0
 
-    def __init__(self, phones: PhoneTrack) -> None:
+    def __init__(self, phones: PhoneTrack | None) -> None:
         self._phones = phones
         self._console = Console(stderr=True, highlight=False)
         self._live = Live(console=self._console, transient=True, refresh_per_second=15, auto_refresh=True)
@@ -41,9 +44,12 @@ class TerminalScreen:
     def show(self, faps: NDArray[np.int32], position_s: float) -> bool:
         """See :class:`fapengine.app.say_live.Screen`."""
         if self._console.is_terminal:
-            before, now, after = ticker(self._phones, position_s)
             line = Text(f"{_mouth(faps)}  {max(position_s, 0.0):5.2f} s  ")
-            line.append(before, style="dim").append(f" {now} ", style="bold black on yellow").append(after)
+            if self._phones is None:
+                line.append("listening; Ctrl-C ends it", style="dim")
+            else:
+                before, now, after = ticker(self._phones, position_s)
+                line.append(before, style="dim").append(f" {now} ", style="bold black on yellow").append(after)
             self._live.update(line)
         return True
 

@@ -9,11 +9,13 @@ from fapengine.cli import options as shared
 
 
 def say(
-    text: Annotated[str, typer.Argument(help="What to say; - reads it from standard input.")],
     voice: shared.VoiceOptions,
     manner: shared.MannerOptions,
     drawing: shared.DrawingOptions,
     live_output: shared.LiveOptions,
+    text: Annotated[
+        str | None, typer.Argument(help="What to say; - reads it from standard input. Not with --mic.")
+    ] = None,
     output: shared.Output = Path("out/talk.mp4"),
     shapes: shared.Shapes = None,
     head: shared.HeadName = "default",
@@ -27,6 +29,23 @@ def say(
             rich_help_panel=shared.LIVE,
         ),
     ] = False,
+    mic: Annotated[
+        bool,
+        typer.Option(
+            "--mic",
+            help="With --live and without a text: the microphone moves the face, half a second behind it. Ctrl-C ends.",
+            rich_help_panel=shared.LIVE,
+        ),
+    ] = False,
+    mic_device: Annotated[
+        str | None,
+        typer.Option(
+            "--mic-device",
+            metavar="DEVICE",
+            help="Of --mic: a number or a part of its name; `fapengine doctor` lists them.",
+            rich_help_panel=shared.LIVE,
+        ),
+    ] = None,
     window: Annotated[
         bool | None,
         typer.Option(
@@ -40,9 +59,11 @@ def say(
 
     Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet); so they do beside an animation, or a folder of
     numbered pictures. With --live nothing is written: the sound is
-    played, and the face follows the sound card's clock.
+    played, and the face follows the sound card's clock. With --live --mic nobody need write a text: you say it.
 
     Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4; fapengine say "Hello there." --live
+
+    fapengine say --live --mic --sink vmc://127.0.0.1
     """
     import sys
 
@@ -56,6 +77,17 @@ def say(
     from fapengine.speech.text.ssml import check_ssml
 
     chosen, how = manner.value(), drawing.value()
+    if mic or mic_device is not None:
+        if text is not None or not live:
+            given = f"the text {text!r:.40}" if text is not None else "no --live"
+            raise UsageError(f"--mic: got {given} with it, expected --live and no text")
+        from fapengine.cli._say_live import listen_now, print_heard
+
+        heard = listen_now(mic_device, chosen, live_output.value(), head=head, drawing=how, window=window)
+        print_heard(heard, as_json=as_json)
+        return
+    if text is None:
+        raise UsageError("text: got none, expected what to say; --live --mic lets you say it")
     check(output, chosen, how, shapes=shapes)
     report = Report()
     if text == "-" and sys.stdin is None:

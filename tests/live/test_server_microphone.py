@@ -1,5 +1,7 @@
-"""``fapengine serve --listen-audio``: what this machine's microphone hears moves a face."""
+"""``fapengine serve --listen-audio`` and ``say --live --mic``: what this machine's microphone hears moves a face."""
 
+import json
+import signal
 import subprocess
 import sys
 import time
@@ -7,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.files.sound import save_wav
@@ -46,8 +49,39 @@ def test_what_the_microphone_hears_moves_a_face(null_sink: Mapping[str, str], tm
     ear.close()
 
 
-def test_a_microphone_that_is_not_there_is_told() -> None:
-    command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--port", "0", "--listen-audio", "no such one"]
+def test_you_say_it(null_sink: Mapping[str, str], tmp_path: Path) -> None:
+    ear = Ear.open()
+    path = tmp_path / "baby.wav"
+    save_wav(path, spoken("rms", BABY).samples, RATE_HZ)
+    command = [sys.executable, "-m", "fapengine", "say", "--live", "--mic", "--no-window", "--json"]
+    command += ["--sink", f"osc://127.0.0.1:{ear.port}", "--without", "all", "--articulation", "1.2"]
+    with start(command, env=null_sink, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as face:
+        wait(lambda: len(ear.jaw("face")) > 60)
+        with start([sys.executable, "-c", PLAY, str(path)], env=null_sink, stderr=subprocess.DEVNULL) as playing:
+            wait(lambda: max(ear.jaw("face")) > 100)
+            assert playing.wait(20) == 0
+        wait(lambda: not any(ear.jaw("face")[-20:]))
+        face.send_signal(signal.SIGINT)
+        out, err = face.communicate(timeout=20)
+    assert face.returncode == 0, err.decode()
+    told = json.loads(out)
+    assert told["heard_s"] > 2
+    assert told["phones"] > 10
+    assert told["frames"] > 100
+    values = np.array([frame.values for frame in ear.frames["face"]])
+    assert values.shape[1] == 68
+    ear.close()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["serve", "--no-page", "--port", "0", "--listen-audio", "no such one"],
+        ["say", "--live", "--mic-device", "no such one", "--no-window"],
+    ],
+)
+def test_a_microphone_that_is_not_there_is_told(words: list[str]) -> None:
+    command = [sys.executable, "-m", "fapengine", *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 3
     assert "microphone: " in done.stderr

@@ -53,3 +53,18 @@ def test_markup_and_scripts_are_told(tmp_path: Path) -> None:
     assert "does not read Arabic" in say(tmp_path, "Say مرحبا")
     with pytest.raises(UsageError, match="well-formed"):
         say(tmp_path, "a & b", "--ssml")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ([], "text: got none, expected what to say; --live --mic lets you say it"),
+        (["--mic"], "--mic: got no --live with it, expected --live and no text"),
+        (["--live", "--mic", "Hello."], "--mic: got the text 'Hello.' with it"),
+        (["--live", "--mic-device", "1", "Hello."], "--mic: got the text 'Hello.' with it"),
+        (["--live", "--mic", "-e", "joy@hello"], "--expression: got one with times, expected none of a microphone"),
+    ],
+)
+def test_a_microphone_takes_no_text(tmp_path: Path, options: list[str], told: str) -> None:
+    with pytest.raises(UsageError, match=told):
+        say(tmp_path, *options)
