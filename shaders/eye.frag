@@ -1,4 +1,5 @@
-// Shades eyeballs: iris and pupil are drawn from the place on the ball. In: as face.frag, and that place. Out: sRGB.
+// Shades eyeballs: iris and pupil from the place on the ball, the lids' shadow and the tears from where the lids are.
+// In: as face.frag, and the place on the ball. Out: sRGB.
 
 in vec3 v_position;
 in vec3 v_normal;
@@ -8,19 +9,27 @@ in vec2 v_uv;
 
 uniform vec3 u_eye_position;  // camera in world space, mm
 uniform vec2 u_iris;  // radius of iris and pupil, as a share of the eyeball's
+uniform vec4 u_lids;  // height of the lids' margins, as shares of the eyeball's radius: upper, lower; left eye, right eye
+uniform mat4 u_bones[5];  // as in face.vert: 2 and 3 turn the eyes, 4 the head
 
 out vec4 o_colour;
+
+const vec3 SCLERA = vec3(0.72, 0.67, 0.64);  // white would look lit from inside
+const vec3 VEINS = vec3(0.92, 0.68, 0.62);
+const float CORNEA = 1.75;  // curvature of the cornea to that of the ball
+const float CORNERS = 0.965;  // the eye's corners lie so far aside, as a share of the ball's radius
+const vec2 CORNER_HEIGHT = vec2(-0.155, 0.085);  // their height, and its slope outwards
 
 vec3 iris_colour(vec2 at, float radius) {
     float share = radius / u_iris.x;
     float around = atan(at.y, at.x);
     float fibres = 0.5 + 0.5 * sin(around * 37.0 + 3.0 * sin(around * 11.0)) * sin(around * 23.0 + share * 9.0);
-    vec3 outer = vec3(0.115, 0.060, 0.026);
-    vec3 inner = vec3(0.300, 0.165, 0.070);
-    vec3 colour = mix(inner, outer, smoothstep(0.35, 0.95, share)) * (0.75 + 0.5 * fibres);
-    colour *= 1.0 + 0.7 * smoothstep(0.2, -0.9, at.y / u_iris.x);  // light gathers opposite the key
-    colour *= 1.0 - 0.75 * smoothstep(0.80, 1.0, share);
-    return mix(vec3(0.004), colour, smoothstep(u_iris.y - 0.02, u_iris.y + 0.02, radius));
+    vec3 outer = vec3(0.090, 0.046, 0.021);
+    vec3 inner = vec3(0.280, 0.148, 0.060);
+    vec3 colour = mix(inner, outer, smoothstep(0.35, 0.92, share)) * (0.72 + 0.56 * fibres);
+    colour *= 1.0 + 0.85 * smoothstep(0.15, -0.9, at.y / u_iris.x);  // light gathers opposite the key
+    colour *= 1.0 - 0.85 * smoothstep(0.74, 1.0, share);  // limbus
+    return mix(vec3(0.003), colour, smoothstep(u_iris.y - 0.02, u_iris.y + 0.02, radius));
 }
 
 void main() {
@@ -28,11 +37,34 @@ void main() {
     vec3 view = normalize(u_eye_position - v_position);
     vec2 at = (v_uv - 0.5) * 2.0;
     float radius = length(at);
-    vec3 white = v_albedo * mix(vec3(1.0), vec3(0.86, 0.66, 0.62), smoothstep(0.55, 0.95, abs(at.x)));
-    vec3 albedo = mix(iris_colour(at, radius), white, smoothstep(u_iris.x - 0.012, u_iris.x + 0.022, radius));
-    // The lids' shade lies over the ball.
-    float occlusion = mix(1.0, 0.50, smoothstep(0.12, 0.46, at.y)) * mix(1.0, 0.8, smoothstep(-0.25, -0.45, at.y));
-    vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion);
-    colour += v_surface.x * occlusion * highlight(normal, view, v_surface.y);
+    vec3 white = v_albedo * SCLERA * mix(vec3(1.0), VEINS, smoothstep(0.35, 0.95, abs(at.x)));
+    vec3 albedo = mix(iris_colour(at, radius), white, smoothstep(u_iris.x - 0.045, u_iris.x + 0.035, radius));
+
+    // The lids belong to the head, not to the ball: how far below the upper and above the lower one is this place?
+    mat3 head = mat3(u_bones[4]);
+    vec3 place = transpose(head) * normal;
+    bool is_left = dot(head[0], v_position - u_bones[4][3].xyz) > 0.0;
+    float outwards = is_left ? place.x : -place.x;
+    vec2 margins = is_left ? u_lids.xy : u_lids.zw;
+    float aside = min(abs(outwards) / CORNERS, 1.0);
+    float arch = 1.0 - pow(aside, 2.2);
+    vec2 lids = mix(vec2(CORNER_HEIGHT.x + CORNER_HEIGHT.y * outwards), margins, arch);
+    float below_upper = lids.x - place.y;
+    float above_lower = place.y - lids.y;
+    float occlusion = mix(0.30, 1.0, smoothstep(-0.05, 0.34, below_upper));
+    occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.55, smoothstep(0.55, 1.0, aside));
+    vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
+
+    // The cornea stands out of the ball, so one small highlight of the key lies within the iris.
+    vec3 gaze = head * (is_left ? u_bones[2][2].xyz : u_bones[3][2].xyz);
+    float on_cornea = 1.0 - smoothstep(0.95 * u_iris.x, 1.3 * u_iris.x, radius);
+    vec3 front = normalize(mix(normal, gaze + CORNEA * (normal - gaze), on_cornea));
+    float facing = dot(front, view);
+    float catchlight = smoothstep(0.9905, 0.9960, half_way(KEY_FROM, view, dot(front, KEY_FROM) + facing));
+    catchlight += 0.10 * smoothstep(0.985, 0.999, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
+    colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
+    // Tears stand on the lower lid.
+    float tears = smoothstep(0.0, 0.025, above_lower) * smoothstep(0.065, 0.03, above_lower);
+    colour += 0.22 * tears * max(dot(normal, KEY_FROM), 0.0);
     o_colour = tone_map(colour);
 }

@@ -1,13 +1,13 @@
 // The studio's lights, and what every surface does with them; joined in front of face.vert, face.frag and eye.frag.
 
 const vec3 KEY_FROM = vec3(-0.42, 0.52, 0.745);
-const vec3 KEY_COLOUR = vec3(1.85, 1.72, 1.57);
+const vec3 KEY_COLOUR = vec3(1.72, 1.60, 1.44);
 const vec3 FILL_FROM = vec3(0.80, 0.10, 0.59);
-const vec3 FILL_COLOUR = vec3(0.42, 0.47, 0.56);
+const vec3 FILL_COLOUR = vec3(0.30, 0.33, 0.39);
 const vec3 RIM_FROM = vec3(0.62, 0.40, -0.68);
 const vec3 RIM_COLOUR = vec3(0.85, 0.90, 1.0);
-const vec3 SKY = vec3(0.46, 0.49, 0.55);
-const vec3 GROUND = vec3(0.30, 0.25, 0.22);
+const vec3 SKY = vec3(0.38, 0.40, 0.44);
+const vec3 GROUND = vec3(0.22, 0.165, 0.14);
 
 // Diffuse light that wraps round the surface: softness 0 is Lambert's.
 float wrapped_diffuse(float cosine, float softness) {

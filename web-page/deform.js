@@ -50,6 +50,13 @@ export function irisAndPupil(head, faps) {
   return [head.iris, head.iris * clamp(head.pupilShare + dilation, ...head.pupilRange)];
 }
 
+// Heights of the lids' margins, as shares of the eyeball's radius: upper and lower of the left eye, then of the right.
+export function lidMargins(head, faps) {
+  return [[19, 1], [21, -1], [20, 1], [22, -1]].map(
+    ([number, sign]) => sign * head.iris * (1 - (2 * fapOf(faps, number)) / 1024),
+  );
+}
+
 function jawAngle(head, openJaw) {
   const y = head.chin[1] - head.jawPivot[1];
   const z = head.chin[2] - head.jawPivot[2];

@@ -1,7 +1,7 @@
 // Draws the head with WebGL2 by the shaders of shaders/, as fapengine/render/renderer.py does. Edges are either fine,
 // four samples a pixel, or soft: drawn into a texture first, found and softened on the way to the canvas.
 
-import { boneMatrices, channelWeights, irisAndPupil } from "./deform.js";
+import { boneMatrices, channelWeights, irisAndPupil, lidMargins } from "./deform.js";
 import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
 
 const FLOAT_BYTES = 4;
@@ -52,10 +52,10 @@ export class FaceView {
   array({ part, buffer, count }, atVertices) {
     const key = `${part} ${atVertices}`;
     if (this.arrays.has(key)) return this.arrays.get(key);
-    const { program: name, definitions, may_be_lit_at_vertices: mayBeLit } = this.setup.parts[part];
-    const painted = name === "face" && this.skin ? ["PAINTED"] : [];
-    const lit = mayBeLit && atVertices ? ["LIT_AT_VERTICES"] : [];
-    const used = this.program([name, ...painted, ...definitions, ...lit].join(" "));
+    const kind = this.setup.parts[part];
+    const painted = kind.may_be_painted && this.skin ? ["PAINTED"] : [];
+    const lit = kind.may_be_lit_at_vertices && atVertices ? ["LIT_AT_VERTICES"] : [];
+    const used = this.program([kind.program, ...painted, ...kind.definitions, ...lit].join(" "));
     const { gl } = this;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
@@ -110,19 +110,30 @@ export class FaceView {
       u_clip_from_world: clip,
       u_eye_position: cameraPosition(camera),
       u_iris: irisAndPupil(this.head, faps),
+      u_lids: lidMargins(this.head, faps),
     };
     const atVertices = this.isLitAtVertices(camera, height);
-    for (const part of this.indices) {
-      const { program, uniforms, array, count } = this.array(part, atVertices);
-      gl.useProgram(program);
-      for (const [name, set] of Object.entries(uniforms)) set(values[name]);
-      gl.bindVertexArray(array);
-      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
-    }
+    const inPart = ({ part }) => this.setup.parts[part].covers_in_part;
+    for (const part of this.indices) if (!inPart(part)) this.drawPart(part, atVertices, values);
     gl.disable(gl.CULL_FACE);
     if (this.wall) this.cover("backdrop", { u_wall: this.wall, u_falloff: 1 });
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthMask(false);
+    for (const part of this.indices) if (inPart(part)) this.drawPart(part, atVertices, values);
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
     if (this.target.samples) this.resolve();
     else this.soften();
+  }
+
+  drawPart(part, atVertices, values) {
+    const { gl } = this;
+    const { program, uniforms, array, count } = this.array(part, atVertices);
+    gl.useProgram(program);
+    for (const [name, set] of Object.entries(uniforms)) set(values[name]);
+    gl.bindVertexArray(array);
+    gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
   }
 
   // In two steps: the canvas may have another format, in which samples cannot be resolved.

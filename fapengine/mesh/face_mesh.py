@@ -44,6 +44,8 @@ class Material(IntEnum):
     CLOTH = 9
     BALL = 10
     """An eyeball whose iris is in the texture, not drawn."""
+    STRAND = 11
+    """A single hair, drawn on a ribbon wider than itself; ``uv`` is the place across the hair and its half width, mm."""
 
 
 class Bone(IntEnum):
@@ -113,7 +115,7 @@ class FaceMesh:
     normals: NDArray[np.float32]
     """(V, 3) float32, unit length."""
     uv: NDArray[np.float32]
-    """(V, 2) float32, 0..1. On eyes: the iris pattern's plane."""
+    """(V, 2) float32, 0..1. On eyes: the iris pattern's plane; on strands: see :attr:`Material.STRAND`."""
     albedo: NDArray[np.float32]
     """(V, 3) float32, linear RGB, 0..1."""
     material: NDArray[np.uint8]

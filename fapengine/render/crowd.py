@@ -1,7 +1,7 @@
 """Several faces in one picture: one context, one target, one reading back."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import moderngl
@@ -112,8 +112,14 @@ class CrowdRenderer(Renderer):
         for number, mesh in enumerate(self.meshes):
             self._context.viewport = (*self.corner(number), *drawing.size)
             model, camera = self._models[id(mesh)], self.cameras[number]
-            model.draw(uniforms[number], camera, drawing.size, shading=drawing.shading, wire=drawing.wire)
-            self._backdrop.draw()
+            model.draw(
+                uniforms[number],
+                camera,
+                drawing.size,
+                draw_behind=self._backdrop.draw,
+                shading=drawing.shading,
+                wire=drawing.wire,
+            )
 
     def _uniforms(self, values: np.ndarray) -> list[FrameUniforms]:
         """Return what each face sets; the faces of one mesh are worked out at once."""
@@ -122,9 +128,8 @@ class CrowdRenderer(Renderer):
             numbers = [number for number, other in enumerate(self.meshes) if other is mesh]
             together = frame_uniforms(mesh, values[numbers])
             for row, number in enumerate(numbers):
-                uniforms[number] = FrameUniforms(
-                    channels=together.channels[row], bones=together.bones[row], iris=together.iris[row]
-                )
+                each = {field.name: getattr(together, field.name)[row] for field in fields(FrameUniforms)}
+                uniforms[number] = FrameUniforms(**each)
         return [uniforms[number] for number in range(len(self.meshes))]
 
 

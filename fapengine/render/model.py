@@ -1,5 +1,6 @@
 """One head on the GPU: its buffers, and how a frame of it is drawn into whatever is being drawn into."""
 
+from collections.abc import Callable
 from typing import Any
 
 import moderngl
@@ -23,6 +24,8 @@ from fapengine.render.programs import (
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
 WIRE_INK = (0.05, 0.08, 0.12, 0.55)
+OVER: Any = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+"""Blending of what covers a pixel in part; the target's colours stay multiplied with its alpha."""
 
 
 class Programs:
@@ -85,15 +88,20 @@ class Model:
         camera: Camera,
         size: tuple[int, int],
         *,
+        draw_behind: Callable[[], None],
         shading: Shading = "auto",
         wire: bool = False,
     ) -> None:
-        """Draw one frame over what is there; depth test and culling are set here."""
+        """Draw one frame over what is there; depth test, culling and blending are set here.
+
+        ``draw_behind`` fills what the head leaves free. It is called before the parts that cover pixels only in part.
+        """
         context = self._context
         values: dict[str, NDArray[Any]] = {
             "u_channels": uniforms.channels,
             "u_bones": uniforms.bones,
             "u_iris": uniforms.iris,
+            "u_lids": uniforms.lids,
             "u_clip_from_world": np.ascontiguousarray(camera.clip_from_world(size[0] / size[1]).T, dtype="f4"),
             "u_eye_position": camera.position_mm.astype("f4"),
         }
@@ -105,11 +113,20 @@ class Model:
         context.front_face = "cw"  # the picture is drawn upside down
         context.polygon_offset = (1.0, 1.0) if wire else (0.0, 0.0)
         at_vertices = self.is_lit_at_vertices(camera, size, shading)
-        for part in self.packed.parts:
+        whole = [part for part in self.packed.parts if not PARTS[part].covers_in_part]
+        for part in whole:
             self._render(part, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
         if wire:
             self._draw_wire(values)
         context.disable(moderngl.CULL_FACE)
+        draw_behind()
+        context.enable(moderngl.BLEND)
+        context.blend_func = OVER
+        context.fbo.depth_mask = False
+        for part in self.packed.parts.keys() - whole:
+            self._render(part, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
+        context.fbo.depth_mask = True
+        context.disable(moderngl.BLEND)
 
     def is_lit_at_vertices(self, camera: Camera, size: tuple[int, int], shading: Shading) -> bool:
         """Tell whether ``shading`` comes to light at vertices."""
@@ -122,8 +139,7 @@ class Model:
         if "wire" not in self._indices:
             self._indices["wire"] = context.buffer(wire_edges(self.packed))
         context.enable(moderngl.BLEND)
-        over: Any = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE)
-        context.blend_func = over
+        context.blend_func = OVER
         context.depth_func = "<="
         self._render("wire", False, {**values, "u_ink": np.array(WIRE_INK, dtype="f4")}, moderngl.LINES)
         context.depth_func = "<"
@@ -141,10 +157,10 @@ class Model:
 
     def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
         """Join a part with the program that draws it; beside it those of its uniforms that change."""
-        name, defined, _ = PARTS.get(part, Part(part))
-        if name == "face":
-            defined = (*(PAINTED,) * (self.packed.skin is not None), *defined, *(LIT_AT_VERTICES,) * at_vertices)
-        program = self._programs.get(name, defined)
+        kind = PARTS.get(part, Part(part))
+        painted = kind.may_be_painted and self.packed.skin is not None
+        defined = (*(PAINTED,) * painted, *kind.definitions, *(LIT_AT_VERTICES,) * at_vertices)
+        program = self._programs.get(kind.program, defined)
         used = [attribute for attribute in FACE_ATTRIBUTES if attribute in program]
         layout = " ".join(
             form if attribute in used else f"{4 * ATTRIBUTE_SIZES[attribute]}x"

@@ -8,8 +8,8 @@ that order and without gaps. Each vertex owns a run of entries in two textures o
 ``normal_deltas`` (an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it
 is. An entry moves the vertex and changes its normal by so much per FAPU of one channel, whose number is the fourth
 component in ``displacements``. Triangles are sorted by how they are shaded: ``face``; ``eye``, eyes with iris and pupil
-drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too small to be worked out at vertices; and
-``cutout``, whose painting has holes.
+drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too small to be worked out at vertices;
+``cutout``, whose painting has holes; and ``strand``, single hairs, which are drawn last.
 """
 
 from collections.abc import Mapping
@@ -40,11 +40,15 @@ SURFACES: dict[Material, tuple[float, float, float]] = {
     Material.MOUTH: (0.02, 10.0, 0.10),
     Material.CLOTH: (0.03, 6.0, 0.25),
     Material.BALL: (1.30, 420.0, 0.20),
+    Material.STRAND: (0.05, 10.0, 0.10),
 }
 EYEBALL_RADIUS_MM = 14.2
 PUPIL_SHARE = 0.42
 """Pupil to iris in room light."""
 PUPIL_RANGE = (0.15, 0.85)
+LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
+LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+"""FAPs that move the lids and the side of the iris that each touches in the neutral face: 1024 is the iris' diameter."""
 TEXTURE_WIDTH = 1024
 PROBE_FAPU = 1.0
 """Step of a channel, to measure how it changes normals. It is small, so that changes of several channels that move a
@@ -63,8 +67,8 @@ class PackedMesh:
     vertices: NDArray[np.float32]
     """(V, 18) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
-    """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``; none that has no triangle.
-    :data:`fapengine.render.programs.PARTS` says how each is drawn."""
+    """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``, ``"strand"``; none that
+    has no triangle. :data:`fapengine.render.programs.PARTS` says how each is drawn."""
     displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     normal_deltas: NDArray[np.float32]
@@ -99,6 +103,9 @@ class FrameUniforms:
     """(..., 5, 4, 4) float32: ``u_bones``, moved from rest, column by column as OpenGL wants it."""
     iris: NDArray[np.float32]
     """(..., 2) float32: ``u_iris``, radius of iris and pupil."""
+    lids: NDArray[np.float32]
+    """(..., 4) float32: ``u_lids``, height of the lids' margins above the eyeball's middle, as shares of its radius:
+    upper and lower of the left eye, then of the right."""
 
 
 ATTRIBUTE_SIZES: dict[str, int] = {name: int(form[0]) for name, form in FACE_ATTRIBUTES.items()}
@@ -127,10 +134,12 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         "a_entries": np.stack([basis.offsets[:-1], np.diff(basis.offsets)], axis=-1),
     }
     skin = _with_alpha(mesh.texture)
-    on_eye = mesh.material[mesh.triangles[:, 0]] == Material.EYE
-    on_ball = mesh.material[mesh.triangles[:, 0]] == Material.BALL
-    holed = ~on_eye & ~on_ball & _has_hole(mesh, skin)
-    sorts = {"face": ~(on_eye | on_ball | holed), "cutout": holed, "eyeball": on_ball, "eye": on_eye}
+    material = mesh.material[mesh.triangles[:, 0]]
+    special = {"eyeball": material == Material.BALL, "eye": material == Material.EYE}
+    special["strand"] = material == Material.STRAND
+    other = ~np.any(list(special.values()), axis=0)
+    holed = other & _has_hole(mesh, skin)
+    sorts = {"face": other & ~holed, "cutout": holed, **special}
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
         parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},
@@ -157,7 +166,12 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
     iris = np.full(values.shape[:-1], iris_share(mesh))
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
     pupil = iris * np.clip(PUPIL_SHARE + dilation / 2 / 1024, *PUPIL_RANGE)
-    return FrameUniforms(channels=channels, bones=bones, iris=np.stack([iris, pupil], axis=-1).astype("f4"))
+    return FrameUniforms(
+        channels=channels,
+        bones=bones,
+        iris=np.stack([iris, pupil], axis=-1).astype("f4"),
+        lids=(LID_SIGNS * iris[..., None] * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
+    )
 
 
 def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -28,7 +28,7 @@ FACE_ATTRIBUTES = {
 MOTION_UNIFORMS = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world")
 """Uniforms of ``face.vert``."""
 FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
-EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris")
+EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris", "u_lids")
 WIRE_UNIFORMS = ("u_displacements", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
 BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
 EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)
@@ -39,10 +39,11 @@ docs/render.md says what it changes."""
 SKIN_LEVEL_BIAS = 0.3
 """Addend to log2 of texels a pixel, before it is rounded down to the painting's level: a little finer than that."""
 
-PAINTED, CUT_OUT, LIT_AT_VERTICES, PICTURE = "PAINTED", "CUT_OUT", "LIT_AT_VERTICES", "PICTURE"
+PAINTED, CUT_OUT, STRAND = "PAINTED", "CUT_OUT", "STRAND"
+LIT_AT_VERTICES, PICTURE = "LIT_AT_VERTICES", "PICTURE"
 """Definitions that a program may be compiled with. Of ``face``: a picture tints it (then ``u_skin`` is a uniform too),
-with holes where the picture's alpha is under one half, and light is worked out at vertices, not at pixels. Of
-``backdrop``: a picture (``u_picture``) in place of a wall."""
+with holes where the picture's alpha is under one half; it is single hairs, which cover pixels in part; and light is
+worked out at vertices, not at pixels. Of ``backdrop``: a picture (``u_picture``) in place of a wall."""
 
 STAGES = {
     "face": (("lights.glsl", "face.vert"), ("lights.glsl", "face.frag")),
@@ -62,6 +63,8 @@ VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
         (LIT_AT_VERTICES,),
         (PAINTED, LIT_AT_VERTICES),
         (PAINTED, CUT_OUT, LIT_AT_VERTICES),
+        (STRAND,),
+        (STRAND, LIT_AT_VERTICES),
     ),
     "backdrop": ((), (PICTURE,)),
 }
@@ -74,15 +77,19 @@ class Part(NamedTuple):
     program: str
     definitions: tuple[str, ...] = ()
     may_be_lit_at_vertices: bool = False
+    may_be_painted: bool = False
+    covers_in_part: bool = False
+    """True: drawn last, blended over what is behind it."""
 
 
 PARTS = {
-    "face": Part("face", (), True),
-    "cutout": Part("face", (CUT_OUT,), True),
-    "eyeball": Part("face"),
+    "face": Part("face", may_be_lit_at_vertices=True, may_be_painted=True),
+    "cutout": Part("face", (CUT_OUT,), may_be_lit_at_vertices=True, may_be_painted=True),
+    "eyeball": Part("face", may_be_painted=True),
     "eye": Part("eye"),
+    "strand": Part("face", (STRAND,), may_be_lit_at_vertices=True, covers_in_part=True),
 }
-"""Parts of a packed mesh; with a painting, programs named ``face`` are compiled with ``PAINTED`` besides."""
+"""Parts of a packed mesh. Those that may be are compiled with ``PAINTED`` besides, if the mesh has a painting."""
 
 
 def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Sequence[str] = ()) -> str:

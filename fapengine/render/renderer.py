@@ -105,5 +105,11 @@ class FaceRenderer(Renderer):
     def _draw(self, faps: ArrayLike) -> None:
         drawing = self._drawing
         uniforms = frame_uniforms(self.mesh, faps)
-        self._model.draw(uniforms, drawing.camera, drawing.drawn_size, shading=drawing.shading, wire=drawing.wire)
-        self._backdrop.draw()
+        self._model.draw(
+            uniforms,
+            drawing.camera,
+            drawing.drawn_size,
+            draw_behind=self._backdrop.draw,
+            shading=drawing.shading,
+            wire=drawing.wire,
+        )

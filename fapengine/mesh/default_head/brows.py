@@ -7,7 +7,6 @@ from scipy.interpolate import PchipInterpolator
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
-from fapengine.mesh.face_mesh import Material
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -46,12 +45,9 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     slope = np.interp(at, (0.0, 0.12, 0.35, 0.6, 1.0), (80.0, 55.0, 24.0, 0.0, -28.0)) - 16.0 * spread + 10.0 * wild
     along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
     length = (5.4 + 1.2 * wild) * np.interp(at, (0.0, 0.1, 0.8, 1.0), (0.65, 1.0, 1.0, 0.6))
-    thick = 0.5 * np.interp(at, (0.0, 0.15, 1.0), (0.3, 0.42, 0.36))
-    normal_to = np.stack([-along[:, 1], along[:, 0]], axis=-1) * thick[:, None]
+    half_width = 0.5 * np.interp(at, (0.0, 0.15, 1.0), (0.3, 0.42, 0.36))[:, None] * [1.0, 0.1]
     tip = root + length[:, None] * along
-    corners = np.stack([root - normal_to, root + normal_to, tip], axis=1)
-    height = np.stack([0.30 + 0 * at, 0.30 + 0 * at, 0.80 + 0 * at], axis=1)
+    spine = on_face(np.stack([root, tip], axis=1), np.array([0.30, 0.80]))
+    aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
     tint = dark * (0.85 + 0.35 * ((number * GOLDEN * 3.7) % 1))[:, None]
-    hairs = builder.add(on_face(corners, height), albedo=tint[:, None], material=Material.HAIR)
-    builder.loose(hairs[:, [0, 2, 1]] if side > 0 else hairs)
-    return hairs.ravel()
+    return builder.strands(spine, half_width, aside, albedo=tint).ravel()

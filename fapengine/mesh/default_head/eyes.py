@@ -45,7 +45,7 @@ class Eye:
     lids: Rings
     ball: Indices
     lashes: Indices
-    """(L, 5): two at the root, two half way, the tip."""
+    """(L, 6): two at the root, two half way, two at the tip."""
     lash_roots: Indices
     """(L,): place of each lash's root on the ring."""
     centre: Array
@@ -82,6 +82,26 @@ def _forward(t: Array, level: float) -> Array:
     return out
 
 
+def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
+    """(N, 2) mm: the ring of a level from 1, the rim, to 2, the block's border.
+
+    Rings between them are almonds that meet at the eye's corners; only the outer ones turn into the block's rectangle.
+    So the crease, and with it a shut lid, has no square corners.
+    """
+    out, share = border - rim, level - 1
+    arch = (1 - np.abs(t) ** 2.4) ** 0.8
+    middle = np.abs(t) < 0.5
+    rise, sink = (out[middle & (np.sign(out[:, 1]) == sign), 1].mean() for sign in (1.0, -1.0))
+    height = np.where(out[:, 1] > 0, rise, sink)
+    almond = np.stack(
+        [out[:, 0] * (0.55 + 0.45 * arch), height * arch + 0.12 * out[:, 1] * (1 - arch)],
+        axis=-1,
+    )
+    towards_block = smoothstep((share - 0.4) / 0.6)
+    ring: Array = rim + share * (almond + towards_block * (out - almond))
+    return ring
+
+
 def build_lids(
     builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, detail: float
 ) -> Eye:
@@ -96,7 +116,7 @@ def build_lids(
     middle = (1 - t**2) ** 0.8
     grids, levels = [border], [2.0]
     for level in resampled(OUTSIDE, detail):
-        flat = rim_flat + (level - 1) * (at_border[:, :2] - rim_flat)
+        flat = _around_eye(rim_flat, at_border[:, :2], t, level)
         angle = angle_of(flat[:, 0], flat[:, 1], style)
         face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
@@ -146,9 +166,9 @@ def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
 def _build_lashes(
     builder: MeshBuilder, rim: Array, t: Array, upper: NDArray[np.bool_], centre: Array, side: float, detail: float
 ) -> tuple[Indices, Indices]:
-    """Blades of five vertices on the lids' margins, the upper ones longer and bent upwards."""
+    """Strands on the lids' margins, the upper ones longer and bent upwards."""
     order = np.argsort(t)
-    blades, roots = [], []
+    spines, half_widths, asides, roots = [], [], [], []
     for is_upper, count, length_mm in ((True, 30, 6.0), (False, 14, 2.6)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
         for number, along_rim in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
@@ -162,13 +182,12 @@ def _build_lashes(
             grow = outwards + (0.62 * along_rim + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
             middle = base + 0.5 * length * grow
             tip = base + length * (grow + lift)
-            wide = np.array([0.24 if is_upper else -0.15, 0.0, 0.0])  # blades face forwards
-            blades.append([base - wide, base + wide, middle - 0.7 * wide, middle + 0.7 * wide, tip])
+            spines.append([base, middle, tip])
+            half_widths.append(np.array([1.0, 0.6, 0.1]) * (0.21 if is_upper else 0.13))
+            asides.append([1.0 if is_upper else -1.0, 0.0, 0.0])  # ribbons face forwards
             roots.append(root)
-    grid = builder.add(np.array(blades), albedo=colours.LASH, material=Material.LASH)
-    for corners in ((0, 1, 3), (0, 3, 2), (2, 3, 4)):
-        builder.loose(grid[:, list(corners)])
-    return grid, np.array(roots)
+    lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides), albedo=colours.LASH)
+    return lashes, np.array(roots)
 
 
 def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> None:

@@ -123,6 +123,13 @@ def _roots(scalp: _Scalp, count: int) -> Array:
     return points[behind & (points[:, 1] > -28) & ~over_ear]
 
 
+def _clear_of_ears(points: Array) -> Array:
+    """(N,): 1 where a lock may go on, 0 above an ear, through which it would hang."""
+    above_ear = smoothstep((56.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
+    clear: Array = 1 - above_ear
+    return clear
+
+
 def _front_roots(style: HeadStyle) -> Array:
     """(20, 3): along the hairline over the forehead, so that no edge of the cap shows."""
     angle = np.deg2rad(np.linspace(-34.0, 50.0, 20))
@@ -159,7 +166,7 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
         shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
         tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
-        at = foot + (length / (len(taper) - 1))[:, None] * along
+        at = foot + (length * _clear_of_ears(foot) / (len(taper) - 1))[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]

@@ -11,6 +11,10 @@ from fapengine.mesh.face_mesh import Bone, Material
 
 Array = NDArray[np.float64]
 
+STRAND_MARGIN_MM = 0.6
+"""Distance by which a strand's ribbon is wider than its hair on either side: so wide that the pixels at the hair's edge
+lie on the ribbon too, down to about 2 pixels a mm."""
+
 
 @dataclass(slots=True)
 class MeshBuilder:
@@ -72,6 +76,31 @@ class MeshBuilder:
                 & (triangles[:, 0] != triangles[:, 2])
             ]
         )
+
+    def strands(self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike) -> NDArray[np.int64]:
+        """Add single hairs, each a ribbon along its spine; returns their indices, (L, 2 P), from root to tip.
+
+        Parameters
+        ----------
+        spine_mm : (L, P, 3)
+            Points along each hair, root first.
+        half_width_mm : (L, P) or (P,)
+            Half the hair's width there.
+        aside : (L, 3) or (3,)
+            Unit direction across the ribbon: its outside is where ``aside`` points to the right and the hair upwards.
+        albedo : (L, 3) or (3,) linear RGB
+        """
+        count, steps = spine_mm.shape[:2]
+        half = np.broadcast_to(half_width_mm, (count, steps))[..., None]
+        across = np.array([-1.0, 1.0]) * (half + STRAND_MARGIN_MM)
+        edges = spine_mm[:, :, None] + across[..., None] * np.broadcast_to(aside, (count, 3))[:, None, None]
+        uv = np.stack([across, np.broadcast_to(half, across.shape)], axis=-1)
+        colour = np.broadcast_to(albedo, (count, 3))[:, None, None]
+        grid = self.add(edges, albedo=colour, material=Material.STRAND, uv=uv)
+        left, right = grid[..., 0], grid[..., 1]
+        self.loose(np.stack([left[:, :-1], right[:, :-1], right[:, 1:]], axis=-1).reshape(-1, 3))
+        self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1).reshape(-1, 3))
+        return grid.reshape(count, -1)
 
     def fan(self, ring: NDArray[np.int64], centre: int) -> None:
         """Close a ring, (N,) indices, with a centre; the outside is where the ring runs counter-clockwise."""

@@ -24,11 +24,12 @@ OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
 INSIDE = (  # level, away from the mouth line, backwards, share of the width
     (-0.08, 0.5, 1.2, 1.0),
-    (-0.2, 1.4, 3.2, 0.99),
-    (-0.4, 3.2, 7.0, 0.97),
-    (-0.7, 8.0, 16.0, 0.95),
-    (-1.0, 15.0, 34.0, 0.85),
+    (-0.2, 1.6, 3.2, 1.03),
+    (-0.4, 4.2, 7.0, 1.12),
+    (-0.7, 10.0, 16.0, 1.18),
+    (-1.0, 15.0, 34.0, 1.05),
 )
+"""The mouth bag. It widens behind the lips, so that the dental arch lies before its wall."""
 
 
 def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:

@@ -20,9 +20,9 @@ RIDGE_Y = (-14.0, -11.6, -8.8, -6.5, -4.2, -0.9, 1.7, 4.3, 7.0, 10.5, 13.5, 18.0
 RIDGE_HEIGHT = (0.0, 0.8, 3.2, 6.6, 10.4, 15.0, 18.0, 20.4, 22.2, 23.4, 23.6, 21.4, 18.0, 14.0, 8.8, 3.4, 0.0)
 """Height of the ridge above the bare face, from the lip up to the root."""
 WIDTH_Y = (-9.0, -4.0, 3.0, 9.0, 15.0, 23.0, 33.0)
-HALF_WIDTH = (4.6, 6.2, 10.4, 12.2, 11.4, 10.4, 10.0)
-WING_AT, WING_SIZE, WING_HEIGHT = (13.2, 3.4), (4.8, 6.4), 10.2
-GROOVE_AT, GROOVE_SIZE, GROOVE_DEPTH = (19.8, 2.0), (2.2, 8.0), 2.8
+HALF_WIDTH = (4.8, 6.6, 10.0, 10.8, 9.6, 8.6, 9.2)
+WING_AT, WING_SIZE, WING_HEIGHT = (12.6, 2.6), (4.6, 6.0), 9.4
+GROOVE_AT, GROOVE_SIZE, GROOVE_DEPTH = (19.8, 2.0), (2.4, 8.0), 2.2
 """The crease between wing and cheek."""
 NOSTRIL_AT, NOSTRIL_SIZE = (7.4, -4.4), (3.1, 2.8)
 NOSTRIL_DEPTH = 3.0
@@ -38,8 +38,8 @@ def height(x: Array, y: Array, length: float, width: float) -> Array:
     across = np.abs(x) / width
     ridge = PchipInterpolator(RIDGE_Y, RIDGE_HEIGHT)(np.clip(y, RIDGE_Y[0], RIDGE_Y[-1]))
     half = PchipInterpolator(WIDTH_Y, HALF_WIDTH)(np.clip(y, WIDTH_Y[0], WIDTH_Y[-1]))
-    out = ridge * np.exp(-((across / half) ** 2.5))
-    out += WING_HEIGHT * _bump(across, y, WING_AT, WING_SIZE, 2.8)
+    out = ridge * np.exp(-((across / half) ** 2))
+    out += WING_HEIGHT * _bump(across, y, WING_AT, WING_SIZE, 2.3)
     out -= GROOVE_DEPTH * _bump(across, y, GROOVE_AT, GROOVE_SIZE)
     out -= 1.2 * _bump(across, y, (10.8, 6.0), (1.8, 4.0))  # between tip and wing
     nose: Array = length * out

@@ -26,7 +26,7 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the gum's end first."""
     teeth, each = 14, max(3, round(3 * detail))
-    half_width, front_z = (24.5, 103.6) if upper else (22.5, 101.6)
+    half_width, front_z = (27.5, 103.6) if upper else (25.0, 101.6)
     edge_y, gum_y = (-35.0, -25.5) if upper else (-35.2, -44.0)
     share = np.linspace(-1, 1, teeth * each + 1)
     arch, outward = _arch(share, half_width, front_z, 36.0)
@@ -48,7 +48,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.55 + 0.45 * round_off
-        far = 1 - 0.45 * smoothstep((np.abs(share) - 0.35) / 0.6)
+        far = 1 - 0.38 * smoothstep((np.abs(share) - 0.40) / 0.6)
         colour = colours.GUM if is_gum else colours.TEETH * gap[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)

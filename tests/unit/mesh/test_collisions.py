@@ -135,8 +135,9 @@ def test_lids_slide_over_the_ball(head: FaceMesh, moved: Moved, side: str) -> No
 
 
 def test_lashes_go_with_their_lid(head: FaceMesh, moved: Moved) -> None:
-    lashes = np.flatnonzero((head.material == Material.LASH) & (head.vertices_mm[:, 0] > 0))
-    above = (head.vertices_mm[lashes, 1] > 44) & (np.abs(head.vertices_mm[lashes, 0] - head.eye_pivots_mm[0, 0]) < 9)
+    lashes = np.flatnonzero((head.material == Material.STRAND) & (head.vertices_mm[:, 0] > 0))
+    height = head.vertices_mm[lashes, 1]
+    above = (height > 44) & (height < 52) & (np.abs(head.vertices_mm[lashes, 0] - head.eye_pivots_mm[0, 0]) < 9)
     tips = lashes[above]
     assert len(tips) > 10
     drop = moved(head, tips, frame(close_t_l_eyelid=1024)) - head.vertices_mm[tips]

@@ -60,16 +60,17 @@ def test_each_attribute_lies_where_the_table_says(head: FaceMesh, packed: Packed
 
 
 def test_every_triangle_is_in_one_part(head: FaceMesh, packed: PackedMesh) -> None:
-    assert set(packed.parts) == {"face", "eye"}
+    assert set(packed.parts) == {"face", "eye", "strand"}
     together = np.concatenate(list(packed.parts.values()))
     assert np.array_equal(np.unique(together, axis=0), np.unique(head.triangles, axis=0))
     assert (head.material[packed.parts["eye"]] == Material.EYE).all()
-    assert not (head.material[packed.parts["face"][:, 0]] == Material.EYE).any()
+    assert (head.material[packed.parts["strand"]] == Material.STRAND).all()
+    assert not np.isin(head.material[packed.parts["face"][:, 0]], (Material.EYE, Material.STRAND)).any()
 
 
 def test_a_mesh_without_eyeballs_has_no_such_part(head: FaceMesh) -> None:
     skin = head.triangles[head.material[head.triangles[:, 0]] != Material.EYE]
-    assert set(pack(only(head, skin)).parts) == {"face"}
+    assert set(pack(only(head, skin)).parts) == {"face", "strand"}
 
 
 def test_a_vertex_finds_its_own_entries(head: FaceMesh, packed: PackedMesh) -> None:
@@ -211,7 +212,7 @@ def test_a_painting_that_repeats_over_holes(head: FaceMesh) -> None:
     picture = np.full((64, 64, 4), 255, dtype=np.uint8)
     picture[:, 0, 3] = 0
     parts = pack(replace(head, uv=head.uv * 0.1 + 3.5, texture=picture)).parts
-    assert set(parts) == {"cutout", "eye"}
+    assert set(parts) == {"cutout", "eye", "strand"}
 
 
 def test_halving() -> None:

@@ -30,7 +30,7 @@ def expected_uniforms(name: str, defined: tuple[str, ...]) -> set[str]:
 
 
 def test_shaders_have_the_names_of_the_table() -> None:
-    assert len(ALL) == 13
+    assert len(ALL) == 15
     seen: set[str] = set()
     with create_context() as context:
         for name, defined in ALL:

@@ -166,11 +166,11 @@ def test_multisampling_softens_edges_too(head: FaceMesh) -> None:
 def painted(head: FaceMesh, picture: NDArray[np.uint8]) -> FaceMesh:
     """The head with a picture that lies on it as seen from the front: 300 mm wide, v upwards."""
     from_front = np.clip(head.vertices_mm[:, :2] / 300 + 0.5, 0.001, 0.999)
-    return replace(head, uv=np.where(is_eye(head)[:, None], head.uv, from_front), texture=picture)
+    return replace(head, uv=np.where(is_unpainted(head)[:, None], head.uv, from_front), texture=picture)
 
 
-def is_eye(head: FaceMesh) -> NDArray[np.bool_]:
-    return np.asarray(head.material == Material.EYE)
+def is_unpainted(head: FaceMesh) -> NDArray[np.bool_]:
+    return np.isin(head.material, (Material.EYE, Material.STRAND))
 
 
 @pytest.mark.parametrize("shading", ["pixels", "vertices"])
@@ -198,7 +198,7 @@ def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shad
 @pytest.mark.parametrize("grey", [255, 140])
 def test_paint_tints_the_surface(head: FaceMesh, renderer: FaceRenderer, grey: int) -> None:
     """A grey all over is what a darker surface without paint is; white is nothing at all."""
-    plain = replace(head, texture=None, albedo=np.where(is_eye(head)[:, None], 1, (grey / 255) ** 2) * head.albedo)
+    plain = replace(head, texture=None, albedo=np.where(is_unpainted(head)[:, None], 1, (grey / 255) ** 2) * head.albedo)
     pictures = []
     for mesh in (plain, painted(head, np.full((2, 2, 3), grey, dtype=np.uint8))):
         with FaceRenderer(mesh, Drawing(size=SIZE, samples=0), context=renderer._context) as other:
@@ -212,7 +212,7 @@ def test_holes_in_the_painting_are_seen_through(head: FaceMesh, shading: Shading
     picture[100:, :, 3] = 0
     mesh = painted(head, picture)
     with FaceRenderer(mesh, Drawing(size=SIZE, background="transparent", shading=shading, samples=0)) as renderer:
-        assert set(renderer._model.packed.parts) == {"face", "cutout", "eye"}
+        assert set(renderer._model.packed.parts) == {"face", "cutout", "eye", "strand"}
         alpha = renderer.draw(np.zeros(68))[..., 3]
         y = int(renderer.drawing.camera.project(np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
     # The back of the head is culled, so through the hole in its front nothing is seen.
@@ -308,19 +308,17 @@ def test_stairs_may_stay(head: FaceMesh) -> None:
     assert np.abs(soft - hard).max() > 20
 
 
-def test_thin_things_are_whole_by_multisampling(head: FaceMesh) -> None:
-    """Lashes are thinner than pixels: with one sample a pixel they are rows of dots, with four nearly what they are."""
-    view = Camera(target_mm=(32.0, 30.0, 80.0), distance_mm=600.0, field_deg=6.0)
-    with FaceRenderer(head, Drawing(size=(768, 768), camera=view, shading="pixels", samples=0)) as renderer:
+@pytest.mark.parametrize("samples", [0, 1, 4])
+def test_hairs_thinner_than_pixels_are_drawn_by_their_share(head: FaceMesh, samples: int) -> None:
+    """However edges are smoothed, brows and lashes are what a picture of four times the size shows, not dots."""
+    view = Camera(target_mm=(32.0, 44.0, 80.0), distance_mm=600.0, field_deg=8.0)
+    with FaceRenderer(head, Drawing(size=(768, 768), camera=view, shading="pixels", samples=4)) as renderer:
         large = renderer.draw(np.zeros(68)).astype(float)
     truth = large.reshape(192, 4, 192, 4, 3).mean(axis=(1, 3))
-    with FaceRenderer(head, Drawing(size=(192, 192), camera=view, shading="pixels", samples=0)) as renderer:
-        error = []
-        for samples in (4, 0, 1):
-            renderer.drawing = replace(renderer.drawing, samples=samples)
-            error.append(np.sqrt(((renderer.draw(np.zeros(68)) - truth) ** 2).mean()))
-    assert error[0] < 0.75 * error[1]
-    assert error[0] < 0.6 * error[2]
+    with FaceRenderer(head, Drawing(size=(192, 192), camera=view, shading="pixels", samples=samples)) as renderer:
+        hairs = renderer.draw(np.zeros(68))
+    error = np.abs(hairs - truth).max(axis=-1)
+    assert np.quantile(error, 0.99) < 30  # 25 soft, 17 with stairs, 13 fine; 43 to 50 where a hair covers all or nothing
 
 
 def test_a_picture_may_stay_on_the_gpu(renderer: FaceRenderer) -> None:
