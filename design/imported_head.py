@@ -15,8 +15,9 @@ from PIL import Image
 
 from design.data_files import FOLDER, asked_path
 from fapengine.app.head_check import poses
-from fapengine.files.heads.folder import load_head, save_head
+from fapengine.files.heads.folder import save_head
 from fapengine.files.heads.import_file import import_head_file
+from fapengine.files.heads.load import load_head
 from fapengine.files.pictures import contact_sheet
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh

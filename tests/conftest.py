@@ -22,6 +22,8 @@ LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE)
 """The only reasons for which a test may be skipped."""
 ALSA = "</usr/share/alsa/alsa.conf>\npcm.!default { type pulse }\nctl.!default { type pulse }\n"
 
+os.environ["FAPENGINE_CACHE"] = str(Path(__file__).resolve().parent.parent / "out" / "cache")  # not the user's own
+
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )

@@ -10,13 +10,14 @@ import numpy as np
 from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.errors import UsageError
 from fapengine.files.fap import save_fap
+from fapengine.files.heads.built import load_built
 from fapengine.files.paths import write_bytes
 from fapengine.files.profiles import load_profile, save_profile
 from fapengine.files.sessions import load_session
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import FitOptions, Fitted, fit_session
 from fapengine.laboratory.playback import captured_faps
-from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.profiles import TOML_NAME
 
 STANDARD = DEFAULT_PROFILE
@@ -70,7 +71,7 @@ def run_fit(
     output = job.output
     if output.exists() and not (output / TOML_NAME).is_file() and (not output.is_dir() or any(output.iterdir())):
         raise UsageError(f"{output}: got something that is no profile, expected a new folder or a profile's")
-    head = build_head()
+    head = load_built(HeadStyle())
     loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
     origin = {"source": f"session {loaded.session.subject}", "command": _command(job.session, output, job.seed)}
     if loaded.setup.attribution:

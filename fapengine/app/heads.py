@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from fapengine.files.heads.folder import DEFAULT_HEAD
-from fapengine.files.heads.folder import load_head as load_folder
+from fapengine.files.heads.built import load_built
 from fapengine.files.heads.import_file import import_head_file
-from fapengine.mesh.default_head.head import build_head
+from fapengine.files.heads.load import DEFAULT_HEAD
+from fapengine.files.heads.load import load_head as load_by_name
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 
@@ -44,8 +44,8 @@ def load_head(
         If trimesh is needed and not installed.
     """
     if isinstance(name, HeadStyle):
-        return build_head(name)
+        return load_built(name)
     path = Path(name)
     if path.is_file() or points is not None or mapping is not None:
         return import_head_file(path, Path(points) if points else None, Path(mapping) if mapping else None)[0].mesh
-    return load_folder(str(name))
+    return load_by_name(str(name))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine.app.face import REST_S, Face, Ticks
 from fapengine.app.manner import Manner, moods_of
-from fapengine.files.heads.folder import DEFAULT_HEAD, load_levels
+from fapengine.files.heads.load import DEFAULT_HEAD, load_levels
 from fapengine.render.drawing import Drawing
 from fapengine.render.panel import Panel
 from fapengine.render.window import FaceWindow
@@ -141,7 +141,7 @@ class WindowScreen:
     Parameters
     ----------
     head : str
-        Whose face: see :func:`fapengine.files.heads.folder.load_head`.
+        Whose face: see :func:`fapengine.files.heads.load.load_head`.
     drawing : Drawing
         Size and camera.
     rate_hz : float

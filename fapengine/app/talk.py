@@ -12,7 +12,7 @@ from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
-from fapengine.files.heads.folder import DEFAULT_HEAD, load_head
+from fapengine.files.heads.load import DEFAULT_HEAD, load_head
 from fapengine.files.moving import KINDS, beside, check_moving, is_moving, write_moving
 from fapengine.files.pictures import contact_sheet, save_png, straight
 from fapengine.files.sound import save_wav
@@ -99,7 +99,7 @@ def write_talk(
         it stands beside it.
     report : Report
     head : str
-        Whose face: see :func:`fapengine.files.heads.folder.load_head`.
+        Whose face: see :func:`fapengine.files.heads.load.load_head`.
     drawing : Drawing
     inputs : collection of Path
         The user's own files: a recording that stands where the sound would be written stays as it is.

@@ -112,7 +112,7 @@ def _print(report: dict[str, Any]) -> None:
 
 def _draw(profile: Profile, path: Path) -> None:
     """Draw a face for each phone and expression."""
-    from fapengine.mesh.default_head.head import build_head
+    from fapengine.files.heads.load import DEFAULT_HEAD, load_head
     from fapengine.render.drawing import Drawing
     from fapengine.render.renderer import FaceRenderer
 
@@ -126,7 +126,7 @@ def _draw(profile: Profile, path: Path) -> None:
         range(len(faps) - len(profile.expressions), len(faps)), profile.expressions.values(), strict=True
     ):
         faps[row] += face.fap
-    with FaceRenderer(build_head(), Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
+    with FaceRenderer(load_head(DEFAULT_HEAD), Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
         pictures = list(renderer.frames(to_codable(faps)))
     save_png(
         path,

@@ -104,7 +104,7 @@ def check(
     import json
 
     from fapengine.app.head_check import draw_check, still_faps
-    from fapengine.files.heads.folder import load_head, load_head_info
+    from fapengine.files.heads.load import load_head, load_head_info
 
     mesh, info = load_head(name), load_head_info(name)
     count, still = draw_check(mesh, output, title=name), still_faps(mesh)

@@ -189,10 +189,10 @@ class DrawingOptions:
         str,
         typer.Option(
             "--edges",
-            help="fine (several samples a pixel); soft: in half the time, but hairs are dotted; none: stairs.",
+            help="soft; fine: four samples a pixel, in twice the time; none: stairs.",
             rich_help_panel=DRAWING,
         ),
-    ] = "fine"
+    ] = "soft"
     size: Size = "512x512"
 
     def value(self, *, wire: bool = False) -> "Drawing":

@@ -47,7 +47,7 @@ def render(
     from fapengine.cli._talking import progress
     from fapengine.errors import UsageError
     from fapengine.files.animation import is_sequence
-    from fapengine.files.heads.folder import load_head
+    from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
     from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
     from fapengine.files.pictures import contact_sheet, save_png

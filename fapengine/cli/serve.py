@@ -125,7 +125,7 @@ def serve(
 def _start(config: "ServeConfig") -> None:
     import asyncio
 
-    from fapengine.files.heads.folder import load_head
+    from fapengine.files.heads.load import load_head
     from fapengine.files.profiles import load_profile
     from fapengine.live.server.logs import begin_log
     from fapengine.live.server.watchdog import start_watchdog

@@ -49,7 +49,7 @@ def view(
     from fapengine.app.manner import Manner
     from fapengine.app.view import ViewOptions, run_window
     from fapengine.errors import UsageError
-    from fapengine.files.heads.folder import load_levels
+    from fapengine.files.heads.load import load_levels
     from fapengine.live.audio.device import open_output
     from fapengine.render.drawing import Drawing
     from fapengine.trajectory.style import Style

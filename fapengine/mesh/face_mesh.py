@@ -45,7 +45,7 @@ class Material(IntEnum):
     BALL = 10
     """An eyeball whose iris is in the texture, not drawn."""
     STRAND = 11
-    """A single hair, drawn on a ribbon wider than itself; ``uv`` is the place across the hair and its half width, mm."""
+    """A single hair on a ribbon wider than itself; ``uv`` is the place across the hair and its half width, mm."""
 
 
 class Bone(IntEnum):

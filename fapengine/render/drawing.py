@@ -49,9 +49,8 @@ class Drawing:
     """Width and height in pixels, 16..4096. Of a window: in points, with its panel."""
     camera: Camera = PRESETS["front"]
     background: Background = "studio"
-    samples: int = 4
-    """Samples a pixel: 2, 4 or 8 smooth edges, and thin hairs are lines; 0 softens edges after drawing, in half the
-    time, but hairs are dotted; 1 leaves stairs."""
+    samples: int = 0
+    """Samples a pixel: 0 softens edges after drawing; 2, 4 or 8 smooth them finely, in twice the time; 1 is stairs."""
     shading: Shading = "auto"
     wire: bool = False
     """True draws the edges of the triangles over the face."""
@@ -77,7 +76,7 @@ class Drawing:
         size: str = "512x512",
         camera: str = "front",
         background: str | Background = "studio",
-        edges: str = "fine",
+        edges: str = "soft",
         wire: bool = False,
     ) -> "Drawing":
         """Read what a person wrote: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.

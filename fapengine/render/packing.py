@@ -48,7 +48,7 @@ PUPIL_SHARE = 0.42
 PUPIL_RANGE = (0.15, 0.85)
 LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
 LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-"""FAPs that move the lids and the side of the iris that each touches in the neutral face: 1024 is the iris' diameter."""
+"""FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 is the iris' diameter."""
 TEXTURE_WIDTH = 1024
 PROBE_FAPU = 1.0
 """Step of a channel, to measure how it changes normals. It is small, so that changes of several channels that move a

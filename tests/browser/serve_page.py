@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from aiohttp import web
 
-from fapengine.files.heads.folder import HeadInfo, load_head, save_head
+from fapengine.files.heads.folder import HeadInfo, save_head
+from fapengine.files.heads.load import load_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.engine.engine import Engine
 from fapengine.live.hub.hearing import Hearing

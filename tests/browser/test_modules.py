@@ -50,14 +50,15 @@ def calculated(page: Page, module: str, code: str, **given: object) -> Any:
     )
 
 
-def test_channels_bones_and_pupil_are_python_s(modules: Page, head: FaceMesh) -> None:
+def test_channels_bones_pupil_and_lids_are_python_s(modules: Page, head: FaceMesh) -> None:
     frames = plausible(25)
     found = calculated(
         modules,
         "deform.js",
         """const { head } = page.view;
         return given.frames.map((faps) => [
-            [...m.channelWeights(head, faps)], [...m.boneMatrices(head, faps)], m.irisAndPupil(head, faps)]);""",
+            [...m.channelWeights(head, faps)], [...m.boneMatrices(head, faps)],
+            m.irisAndPupil(head, faps), m.lidMargins(head, faps)]);""",
         frames=frames.tolist(),
     )
     expected = frame_uniforms(head, frames)
@@ -65,6 +66,7 @@ def test_channels_bones_and_pupil_are_python_s(modules: Page, head: FaceMesh) ->
     bones = np.array([row[1] for row in found]).reshape(-1, 5, 4, 4)
     assert bones == pytest.approx(expected.bones, rel=1e-5, abs=1e-5)
     assert np.array([row[2] for row in found]) == pytest.approx(expected.iris, rel=1e-5)
+    assert np.array([row[3] for row in found]) == pytest.approx(expected.lids, rel=1e-5, abs=1e-5)
     # Not by way of the packing: the reference itself.
     assert np.array(found[3][0])[: len(head.basis.channels)] == pytest.approx(
         channel_weights(head.basis, frames[3]), rel=1e-5, abs=1e-4
@@ -162,7 +164,7 @@ def test_fine_edges_are_nearer_to_a_picture_of_more_pixels(modules: Page) -> Non
     many = pictured(modules, np.zeros(68), "front", 1024, "fine").reshape(256, 4, 256, 4, 4).mean(axis=(1, 3))
     edges = apart.max(axis=-1) > 8
     off = {name: np.abs(found - many)[edges].mean() for name, found in (("fine", fine), ("soft", soft))}
-    assert off["fine"] < 0.6 * off["soft"]  # lashes and brows are thinner than a pixel
+    assert off["fine"] < 0.6 * off["soft"]
 
 
 def test_the_server_s_clock_is_the_fastest_ping_s(modules: Page) -> None:

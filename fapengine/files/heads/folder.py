@@ -20,14 +20,11 @@ from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, write_bytes
-from fapengine.mesh.default_head.head import LEVELS, build_head
-from fapengine.mesh.default_head.style import parse_look
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4.fapu import Fapu
 
 SCHEMA = 2
 TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"
-DEFAULT_HEAD = "default"
 ARRAYS = tuple(
     field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
 )
@@ -90,21 +87,17 @@ def _png(texture: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def load_head(name: str) -> FaceMesh:
-    """Load a head's folder; ``"default"`` is our own, ``"default:age=0.8,level=fine"`` it with another look.
+def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:
+    """Load a head's folder.
 
     Raises
     ------
     UsageError
-        If there is no such folder or look.
+        If there is no such folder.
     ProfileError
         If its content is wrong; ``where`` is file and key.
     """
-    if _is_ours(name):
-        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
-        return build_head(style, level=level)
-    _, files = _read(name)
-    folder = Path(name)
+    info, files = _read(folder)
     texture = None
     if TEXTURE_NAME in files:
         where = str(folder / TEXTURE_NAME)
@@ -114,32 +107,9 @@ def load_head(name: str) -> FaceMesh:
         except DataError as error:
             raise ProfileError(error.message, where=where) from error
     try:
-        return _mesh(_arrays(files[ARRAYS_NAME]), texture)
+        return info, _mesh(_arrays(files[ARRAYS_NAME]), texture)
     except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may be of any shape
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
-
-
-def load_levels(name: str) -> list[FaceMesh]:
-    """Load a head and, if it is our own, its coarsest level of detail after it; a folder holds one level.
-
-    Raises as :func:`load_head`.
-    """
-    levels = [load_head(name)]
-    if _is_ours(name):
-        style, level = parse_look(name[len(DEFAULT_HEAD) + 1 :])
-        coarsest = next(iter(LEVELS))
-        if level != coarsest:
-            levels.append(build_head(style, level=coarsest))
-    return levels
-
-
-def load_head_info(name: str) -> HeadInfo:
-    """Tell where a head comes from. Raises as :func:`load_head`."""
-    return HeadInfo("fapengine", "Apache-2.0") if _is_ours(name) else _read(name)[0]
-
-
-def _is_ours(name: str) -> bool:
-    return name == DEFAULT_HEAD or name.startswith(f"{DEFAULT_HEAD}:")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,11 +124,10 @@ class _Document:
     lacking: tuple[str, ...] = ()
 
 
-def _read(name: str) -> tuple[HeadInfo, dict[str, bytes]]:
-    folder = Path(name)
+def _read(folder: Path) -> tuple[HeadInfo, dict[str, bytes]]:
     if not (folder / TOML_NAME).is_file():
         raise UsageError(
-            f"head: got {name!r}, expected {DEFAULT_HEAD!r} or a folder that `fapengine head import` wrote"
+            f"head: got {str(folder)!r}, expected 'default' or a folder that `fapengine head import` wrote"
         )
     path = str(folder / TOML_NAME)
     document = parse_toml(read_bytes(folder / TOML_NAME), _Document, path, ProfileError, schema=SCHEMA)

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from fapengine.errors import DataError, UsageError
+from fapengine.files.heads.built import load_built
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
 from fapengine.files.heads.tables import load_feature_points, load_mapping
-from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
@@ -46,7 +47,7 @@ def import_head_file(
         raise UsageError(f"{path}: has no blendshapes, so its feature points are needed (points=FILE)")
     else:
         mesh, choice = load_neutral(path), choose_blendshapes(())
-    standard = build_head()
+    standard = load_built(HeadStyle())
     marked = load_feature_points(points, mesh.vertices) if points else {}
     try:
         vertices = _points(mesh, choice, marked, standard, needed=points is None)

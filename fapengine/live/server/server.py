@@ -19,7 +19,7 @@ import numpy as np
 from aiohttp import web
 
 from fapengine.errors import FapEngineError, ResourceError, UsageError
-from fapengine.files.heads.folder import load_head
+from fapengine.files.heads.load import load_head
 from fapengine.files.profiles import load_profile
 from fapengine.live.audio.device import open_output
 from fapengine.live.audio.microphone import Microphone

@@ -26,7 +26,7 @@ from fapengine.mesh.default_head.mouth import build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.rings import Block
-from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
@@ -79,10 +79,6 @@ def _blocks(rows: Array, columns: Array) -> tuple[Block, Block, Block]:
     return mouth, eyes[0], eyes[1]
 
 
-LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
-"""Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
-
-
 def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> FaceMesh:
     """Build the head.
 
@@ -91,7 +87,7 @@ def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> Face
     style : HeadStyle, optional
         Proportions and colours; by default an average adult's.
     level : str
-        One of :data:`LEVELS`. All levels are the same surface, divided more or less finely, with the same channels.
+        One of :data:`.style.LEVELS`. All are the same surface, divided more or less finely, with the same channels.
 
     Returns
     -------

@@ -6,6 +6,9 @@ from typing import Any
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS, Palette
 
+LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
+"""Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
+
 
 @dataclass(frozen=True, slots=True)
 class HeadStyle:

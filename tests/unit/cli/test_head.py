@@ -20,7 +20,7 @@ from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads import meshes
-from fapengine.files.heads.folder import load_head, load_head_info, load_levels
+from fapengine.files.heads.load import load_head, load_head_info, load_levels
 from fapengine.files.heads.meshes import load_neutral, load_rig
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import Material

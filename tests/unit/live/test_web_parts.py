@@ -120,7 +120,7 @@ def test_the_page_is_told_every_fap_once_and_every_program() -> None:
         assert (slider["low"] < 0) == row.bidirectional
         assert slider["low"] in (0, -slider["high"])
         assert 0 < slider["high"] <= row.intra_limit * row.quantiser_step  # the standard can say it
-    faces = {"face", "face PAINTED", "face PAINTED CUT_OUT"}
+    faces = {"face", "face PAINTED", "face PAINTED CUT_OUT", "face STRAND"}
     used = faces | {f"{name} LIT_AT_VERTICES" for name in faces} | {"eye", "backdrop", "edges", "smooth"}
     assert set(told["programs"]) == used
     assert {name.split()[0] for name in used} < set(STAGES)
@@ -131,10 +131,11 @@ def test_the_page_is_told_every_fap_once_and_every_program() -> None:
     assert told["ranges"]["look"]["yaw"] == {"low": -1.5, "high": 1.5}
     assert told["ranges"]["blink"] == {}
     assert {name: part["program"] for name, part in told["parts"].items()} == {
-        "face": "face", "cutout": "face", "eyeball": "face", "eye": "eye",
+        "face": "face", "cutout": "face", "eyeball": "face", "eye": "eye", "strand": "face",
     }  # fmt: skip
     assert told["parts"]["cutout"] == {
-        "program": "face", "definitions": ["CUT_OUT"], "may_be_lit_at_vertices": True,
+        "program": "face", "definitions": ["CUT_OUT"], "may_be_lit_at_vertices": True, "may_be_painted": True,
+        "covers_in_part": False,
     }  # fmt: skip
     assert (told["max_fine_edge_px"], told["skin_level_bias"], told["fine_samples"]) == (12.0, 0.3, 4)
     assert told["expressions"] == ["joy", "sadness", "anger", "fear", "disgust", "surprise"]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
 from fapengine.mesh.default_head import atlas, hair, painting
-from fapengine.mesh.default_head.head import LEVELS, build_head
-from fapengine.mesh.default_head.style import HeadStyle, palette_of, parse_look
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap

@@ -65,7 +65,7 @@ def test_it_is_read_from_text() -> None:
     assert drawing.camera == Camera(yaw_deg=20.0, pitch_deg=-5.0)
     assert drawing.background == (255, 170, 51)
     plain = Drawing.parse()
-    assert (plain.size, plain.camera, plain.background, plain.samples) == ((512, 512), preset("front"), "studio", 4)
+    assert (plain.size, plain.camera, plain.background, plain.samples) == ((512, 512), preset("front"), "studio", 0)
     picture = np.zeros((4, 6, 3), np.uint8)
     assert np.array_equal(Drawing.parse(background=picture).background, picture)
     assert [parse_edges(name) for name in ("fine", "soft", "none")] == [4, 0, 1]

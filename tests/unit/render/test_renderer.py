@@ -198,7 +198,9 @@ def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shad
 @pytest.mark.parametrize("grey", [255, 140])
 def test_paint_tints_the_surface(head: FaceMesh, renderer: FaceRenderer, grey: int) -> None:
     """A grey all over is what a darker surface without paint is; white is nothing at all."""
-    plain = replace(head, texture=None, albedo=np.where(is_unpainted(head)[:, None], 1, (grey / 255) ** 2) * head.albedo)
+    plain = replace(
+        head, texture=None, albedo=np.where(is_unpainted(head)[:, None], 1, (grey / 255) ** 2) * head.albedo
+    )
     pictures = []
     for mesh in (plain, painted(head, np.full((2, 2, 3), grey, dtype=np.uint8))):
         with FaceRenderer(mesh, Drawing(size=SIZE, samples=0), context=renderer._context) as other:
@@ -318,7 +320,8 @@ def test_hairs_thinner_than_pixels_are_drawn_by_their_share(head: FaceMesh, samp
     with FaceRenderer(head, Drawing(size=(192, 192), camera=view, shading="pixels", samples=samples)) as renderer:
         hairs = renderer.draw(np.zeros(68))
     error = np.abs(hairs - truth).max(axis=-1)
-    assert np.quantile(error, 0.99) < 30  # 25 soft, 17 with stairs, 13 fine; 43 to 50 where a hair covers all or nothing
+    # 25 soft, 17 with stairs, 13 fine; 43 to 50 if a hair covered a pixel wholly or not at all.
+    assert np.quantile(error, 0.99) < 30
 
 
 def test_a_picture_may_stay_on_the_gpu(renderer: FaceRenderer) -> None:

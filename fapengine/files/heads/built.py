@@ -1,0 +1,90 @@
+"""Our own heads, kept on disk once they are built: to build one takes a second or two, to read it a few hundredths.
+
+The folder is ``$FAPENGINE_CACHE``, or ``fapengine`` where the system keeps such files; ``FAPENGINE_CACHE=off`` keeps
+nothing. A head is found by the digest of all that makes it, so a changed program never sees an old one.
+"""
+
+import hashlib
+import os
+import shutil
+import sys
+from contextlib import suppress
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+import fapengine.mesh
+from fapengine.errors import FapEngineError
+from fapengine.files.heads.folder import SCHEMA, HeadInfo, load_folder, save_head
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.face_mesh import FaceMesh
+
+CACHE_VARIABLE = "FAPENGINE_CACHE"
+MAX_KEPT = 16
+"""Heads that are kept, about 2 MB each; beyond it the one that was used longest ago goes."""
+OURS = HeadInfo("fapengine", "Apache-2.0")
+
+
+@lru_cache(maxsize=4)
+def load_built(style: HeadStyle, level: str = "normal") -> FaceMesh:
+    """Return our own head of a style and level, read from disk if it was built before.
+
+    Raises
+    ------
+    UsageError
+        If there is no such level.
+    """
+    folder = _folder()
+    if folder is None:
+        return _build(style, level)
+    kept = folder / _digest(style, level)
+    with suppress(FapEngineError):  # not there, or damaged: it is built anew
+        head = load_folder(kept)[1]
+        with suppress(OSError):
+            os.utime(kept)
+        return head
+    head = _build(style, level)
+    with suppress(FapEngineError, OSError):  # a full or read-only disk costs time, nothing else
+        save_head(kept, head, OURS)
+        _forget_oldest(folder)
+    return head
+
+
+def _build(style: HeadStyle, level: str) -> FaceMesh:
+    from fapengine.mesh.default_head.head import build_head  # much of scipy, which a head that is kept does not need
+
+    return build_head(style, level=level)
+
+
+def _folder() -> Path | None:
+    chosen = os.environ.get(CACHE_VARIABLE, "")
+    if chosen == "off":
+        return None
+    if chosen:
+        return Path(chosen) / "heads"
+    try:
+        home = Path.home()
+    except RuntimeError:  # no home is known
+        return None
+    if sys.platform == "darwin":
+        system = home / "Library" / "Caches"
+    elif sys.platform == "win32":
+        system = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    else:
+        system = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return system / "fapengine" / "heads"
+
+
+def _digest(style: HeadStyle, level: str) -> str:
+    """Name of everything that a head depends on."""
+    digest = hashlib.sha256(f"{SCHEMA} {metadata.version('numpy')} {metadata.version('scipy')}".encode())
+    digest.update(f"{style} {level}".encode())
+    for source in sorted(Path(fapengine.mesh.__path__[0]).rglob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def _forget_oldest(folder: Path) -> None:
+    kept = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+    for old in kept[MAX_KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
