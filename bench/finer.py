@@ -84,10 +84,12 @@ def _carried(mesh: FaceMesh, parents: NDArray[np.int32], triangles: NDArray[np.i
     entry_mm = np.stack([np.asarray(axis[owner, moved.indices]).ravel() for axis in axes], axis=-1)
     stronger = np.where(mesh.bone_weight[parents[:, 0]] >= mesh.bone_weight[parents[:, 1]], *parents.T)
     normals = carried(mesh.normals)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    folded = np.broadcast_to(np.float32([0, 0, 1]), normals.shape)  # the two sides of a hair's ribbon may face away
     return replace(
         mesh,
         vertices_mm=carried(mesh.vertices_mm),
-        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        normals=np.divide(normals, length, out=folded.copy(), where=length > 1e-6),
         uv=carried(mesh.uv),
         albedo=carried(mesh.albedo),
         material=np.concatenate([mesh.material, mesh.material[parents[:, 0]]]),
