@@ -26,9 +26,49 @@ Language = Annotated[
     ),
 ]
 Channel = Annotated[
-    int | None,
-    typer.Option("--channel", help="Channel of the sound, 1 for the first; else the mean.", rich_help_panel=HEARING),
+    str | None,
+    typer.Option(
+        "--channel",
+        metavar="NUMBER|each",
+        help="Channel of the sound, 1 for the first; else the mean. each: a file for every one, OUT-1, OUT-2, ...: two"
+        " speakers in two channels.",
+        rich_help_panel=HEARING,
+    ),
 ]
+EACH = "each"
+MAX_EACH = 8
+"""Channels that are taken for speakers of their own at most."""
+
+
+def channels_of(
+    channel: str | None, path: Path | None, output: Path, *, words: str | None = None
+) -> list[tuple[int | None, Path]]:
+    """List the channels to be taken, and where the result of each goes; None is the mean of all.
+
+    Raises
+    ------
+    UsageError
+        If it is no number, or each of several is meant with the words of one.
+    """
+    from fapengine.errors import UsageError
+    from fapengine.files.sound import inspect_sound
+
+    if channel is None:
+        return [(None, output)]
+    if channel != EACH:
+        if not channel.isdecimal():
+            raise UsageError(f"channel: got {channel!r}, expected a number from 1 on, or {EACH}")
+        return [(int(channel), output)]
+    if path is None:
+        raise UsageError(f"channel: got {EACH}, which is of a recording; expected a number or none with timings")
+    if words is not None:
+        raise UsageError(
+            f"channel: got {EACH} and words, which are of one; expected one at a time with words of its own"
+        )
+    count = inspect_sound(path).channels
+    if count > MAX_EACH:
+        raise UsageError(f"channel: got {EACH} of {count}, expected {MAX_EACH} channels or fewer")
+    return [(n, output.with_name(f"{output.stem}-{n}{output.suffix}")) for n in range(1, count + 1)]
 
 
 def transcript_of(text: Path | None, transcript: str | None) -> str | None:

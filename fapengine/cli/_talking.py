@@ -1,7 +1,7 @@
 """The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
 
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,31 +34,35 @@ def progress(description: str, total: int) -> Iterator[Advance]:
         yield Advance(bar, total, description)
 
 
-def write_and_print(
+def write(
     performance: Performance,
     output: Path,
     report: Report,
     *,
     head: str,
     drawing: Drawing,
-    as_json: bool,
     inputs: Collection[Path] = (),
     recording: Path | None = None,
 ) -> None:
-    """Write every file of a performance under a progress bar, then print the report."""
+    """Write every file of a performance under a progress bar, and fill in the report."""
     with progress("drawing", len(performance.track)) as advance:
         write_talk(
             performance, output, report,
             head=head, drawing=drawing, inputs=inputs, recording=recording, on_frame=advance,
         )  # fmt: skip
-    print_report(report, as_json=as_json)
 
 
-def print_report(report: Report, *, as_json: bool) -> None:
-    """Print what was written, how long it took, and which phones are unknown."""
+def print_reports(reports: Sequence[Report], *, as_json: bool) -> None:
+    """Print what was written, how long it took, and which phones are unknown; several reports are a list in JSON."""
     if as_json:
-        print(json.dumps(report.as_dict(), indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        told = [report.as_dict() for report in reports]
+        print(json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False))  # noqa: T201  the answer
         return
+    for report in reports:
+        _print_report(report)
+
+
+def _print_report(report: Report) -> None:
     console = Console(highlight=False)
     for path, kind in report.files:
         console.print(f"[bold]{kind:>14}[/]  {path}", soft_wrap=True)

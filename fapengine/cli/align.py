@@ -33,26 +33,30 @@ def align(
     from rich.markup import escape
 
     from fapengine.app.hearing import write_phones
-    from fapengine.cli._hearing import hear_with_bar, transcript_of
+    from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.speech.formats.writing import check_writable
 
     check_writable(output.suffix)
     words = transcript_of(text, transcript)
-    hearing = hear_with_bar(sound, transcript=words, language=language, channel=channel)
-    write_phones(hearing, output)
-    spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
-    if as_json:
-        result = {
-            "file": str(output), "duration_s": hearing.phones.duration_s, "phones": spoken,
+    results = []
+    console = Console(highlight=False)
+    for number, path in channels_of(channel, sound, output, words=words):
+        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number)
+        write_phones(hearing, path)
+        spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
+        results.append({
+            "file": str(path), "duration_s": hearing.phones.duration_s, "phones": spoken,
             "heard": list(hearing.notes),
             "mismatches": [
                 {"start_s": each.start_s, "end_s": each.end_s, "words": list(each.words)} for each in hearing.mismatches
             ],
-        }  # fmt: skip
-        print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
-        return
-    console = Console(highlight=False)
-    console.print(f"[bold]{'phones':>14}[/]  {escape(str(output))}", soft_wrap=True)
-    console.print(f"{'speech':>14}  {hearing.phones.duration_s:.2f} s, {spoken} phones", soft_wrap=True)
-    for note in hearing.notes:
-        console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)
+        })  # fmt: skip
+        if as_json:
+            continue
+        console.print(f"[bold]{'phones':>14}[/]  {escape(str(path))}", soft_wrap=True)
+        console.print(f"{'speech':>14}  {hearing.phones.duration_s:.2f} s, {spoken} phones", soft_wrap=True)
+        for note in hearing.notes:
+            console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)
+    if as_json:
+        told = results[0] if len(results) == 1 else results
+        print(json.dumps(told, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself

@@ -52,13 +52,15 @@ def animate(
     Examples: fapengine animate talk.wav --text talk.txt -o out/talk.mp4
 
     fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
+
+    fapengine animate two.wav --channel each -o out/two.mp4    # out/two-1.mp4, out/two-2.mp4
     """
     from fapengine.app.hearing import is_sound
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
     from fapengine.app.talk import check, refuse_unknown
-    from fapengine.cli._hearing import hear_with_bar, transcript_of
-    from fapengine.cli._talking import write_and_print
+    from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
+    from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
@@ -80,26 +82,30 @@ def animate(
             raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
     chosen, how = manner.value(), drawing.value()
     inputs = [source, *([audio] if audio else [])]
-    check(output, chosen, how, inputs=inputs, shapes=shapes)
-    report = Report()
-    if listens:
-        words = transcript_of(text, transcript)
-        with report.stage("listen"):
-            hearing = hear_with_bar(source, transcript=words, language=language, channel=channel)
-        phones, report.notes = hearing.phones, hearing.notes
-    else:
+    words = transcript_of(text, transcript) if listens else None
+    tracks = channels_of(channel, source if listens else None, output, words=words)
+    for _, path in tracks:
+        check(path, chosen, how, inputs=inputs, shapes=shapes)
+    reports: list[Report] = []
+    for number, path in tracks:
+        report = Report()
+        reports.append(report)
+        if listens:
+            with report.stage("listen"):
+                hearing = hear_with_bar(source, transcript=words, language=language, channel=number)
+            phones, report.notes = hearing.phones, hearing.notes
+        else:
+            with report.stage("read"):
+                read = load_timings(source, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
+                phones = pronounced(read, voice)
         with report.stage("read"):
-            read = load_timings(source, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
-            phones = pronounced(read, voice)
-    with report.stage("read"):
-        recording = source if listens else audio
-        sound = load_sound(recording, channel=channel) if recording else None
-    if strict:
-        refuse_unknown(phones, str(source))
-    with report.stage("plan"):
-        performance = perform(phones, sound, chosen, text=source.name)
-    for remark in performance.remarks:
-        typer.echo(f"fapengine: {remark}", err=True)
-    write_and_print(
-        performance, output, report, head=head, drawing=how, as_json=as_json, inputs=inputs, recording=recording
-    )
+            recording = source if listens else audio
+            sound = load_sound(recording, channel=number) if recording else None
+        if strict:
+            refuse_unknown(phones, str(source))
+        with report.stage("plan"):
+            performance = perform(phones, sound, chosen, text=source.name)
+        for remark in performance.remarks:
+            typer.echo(f"fapengine: {remark}", err=True)
+        write(performance, path, report, head=head, drawing=how, inputs=inputs, recording=recording)
+    print_reports(reports, as_json=as_json)

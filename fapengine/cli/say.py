@@ -70,7 +70,7 @@ def say(
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
     from fapengine.app.talk import check, refuse_unknown
-    from fapengine.cli._talking import write_and_print
+    from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
     from fapengine.speech.text.normal_form import decoded, speakable
@@ -111,4 +111,5 @@ def say(
         return
     with report.stage("plan"):
         performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown)
-    write_and_print(performance, output, report, head=head, drawing=how, as_json=as_json)
+    write(performance, output, report, head=head, drawing=how)
+    print_reports([report], as_json=as_json)

@@ -12,9 +12,9 @@ from fapengine.cli.main import app
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.errors import DataError, FapEngineError, UsageError
 from fapengine.files.fap import load_fap
-from fapengine.files.sound import save_wav
+from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.video import load_video
-from tests.unit.ears.speech import BABY, FAPU_MM, closures, met, no_speech, spoken
+from tests.unit.ears.speech import BABY, FAPU_MM, POPPIES, closures, met, no_speech, spoken
 
 
 def run(*arguments: object) -> int:
@@ -86,6 +86,53 @@ def test_one_channel_of_two_speakers(tmp_path: Path) -> None:
     assert all(phone.is_silence for phone in fapengine.animate(tmp_path / "two.wav", channel=1).phones.phones)
 
 
+def test_two_speakers_in_two_channels_are_two_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    speakers = [spoken("rms", BABY), spoken("rms", POPPIES)]
+    both = np.zeros((max(len(speaker.samples) for speaker in speakers), 2), "<i2")
+    for channel, speaker in enumerate(speakers):
+        both[: len(speaker.samples), channel] = speaker.samples
+    with wave.open(str(tmp_path / "two.wav"), "wb") as out:
+        out.setparams((2, 2, RATE_HZ, 0, "NONE", ""))
+        out.writeframes(both.tobytes())
+    run("align", tmp_path / "two.wav", "--channel", "each", "-o", tmp_path / "two.TextGrid", "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert [Path(each["file"]).name for each in told] == ["two-1.TextGrid", "two-2.TextGrid"]
+    assert not (tmp_path / "two.TextGrid").exists()
+    for number, speaker in enumerate(speakers, start=1):
+        truth = closures(speaker.phones)
+        heard = fapengine.animate(tmp_path / f"two-{number}.TextGrid").phones
+        assert met(truth, closures(heard)) >= 0.8 * len(truth)
+    run("animate", tmp_path / "two.wav", "--channel", "each", "-o", tmp_path / "two.fap", "--without", "all")
+    motions = [load_fap(tmp_path / f"two-{number}.fap").values for number in (1, 2)]
+    sounds = [load_sound(tmp_path / f"two-{number}.wav")[0] for number in (1, 2)]
+    assert motions[0].shape == motions[1].shape
+    assert np.abs(motions[0] - motions[1]).max() > 100
+    for channel, sound in enumerate(sounds):
+        np.testing.assert_array_equal(sound, both[:, channel])
+
+
+@pytest.mark.parametrize(("width", "rate_hz", "channels"), [(1, RATE_HZ, 1), (2, 192_000, 1), (3, RATE_HZ, 32)])
+def test_a_face_hears_any_form_of_sound(tmp_path: Path, width: int, rate_hz: int, channels: int) -> None:
+    samples = np.repeat(spoken("rms", BABY).samples, rate_hz // RATE_HZ)
+    spelled = {
+        1: lambda: (samples // 256 + 128).astype(np.uint8)[:, None],
+        2: lambda: samples.astype("<i2")[:, None].view(np.uint8),
+        3: lambda: (samples.astype("<i4") * 256).view(np.uint8).reshape(-1, 4)[:, :3],
+    }[width]()
+    with wave.open(str(tmp_path / "odd.wav"), "wb") as out:
+        out.setparams((channels, width, rate_hz, 0, "NONE", ""))
+        out.writeframes(np.tile(spelled, (1, channels)).tobytes())
+    truth = closures(spoken("rms", BABY).phones)
+    heard = fapengine.animate(tmp_path / "odd.wav", transcript=BABY, style=fapengine.Style.still())
+    assert met(truth, closures(heard.phones)) == len(truth)
+
+
+def test_one_sample_is_a_face_at_rest(tmp_path: Path) -> None:
+    save_wav(tmp_path / "one.wav", np.array([999], np.int16), RATE_HZ)
+    run("animate", tmp_path / "one.wav", "-o", tmp_path / "one.fap", "--without", "all")
+    assert not load_fap(tmp_path / "one.fap").values.any()
+
+
 def test_refusals(talk: Path, tmp_path: Path) -> None:
     pho = tmp_path / "talk.pho"
     pho.write_text("m 80\na 120\n")
@@ -97,6 +144,14 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
         (["align", talk, "--transcript", "x", "--text", pho], UsageError, "got both, expected one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
         (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1\.\.1"),
+        (
+            ["align", talk, "--channel", "left"],
+            UsageError,
+            "--channel: got 'left', expected a number from 1 on, or each",
+        ),
+        (["align", talk, "--channel", "0"], UsageError, r"--channel: got 0, expected 1\.\.1"),
+        (["align", talk, "--channel", "each", "--transcript", "x"], UsageError, "--channel: got each and words"),
+        (["animate", pho, "--channel", "each"], UsageError, "--channel: got each, which is of a recording"),
         (["align", empty, "-o", tmp_path / "a.pho"], DataError, "cannot be decoded as sound"),
         (["align", talk, "--transcript", "?!"], UsageError, "--transcript: .* expected words"),
         (
