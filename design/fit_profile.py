@@ -13,12 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from design.data_files import FOLDER, asked_path
+from design.fit_expressions import PROVENANCE, measure_expressions
 from fapengine.files.profiles import save_profile
 from fapengine.models.viseme_space import MARKERS, fit_viseme_space, sample_phones
-from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import ExpressionTarget, PhoneTarget, Profile
+from fapengine.profiles import PhoneTarget, Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
@@ -53,20 +52,8 @@ PHONES = {  # IPA: (labels in the data, fractions, contact)
     "aʊ": (("AW",), (0.3, 0.8), "none"),      "oʊ": (("OW",), (0.3, 0.8), "none"),
     "tʃ": (("CH", "JH"), (0.3, 0.7), "none"), "dʒ": (("JH", "CH"), (0.3, 0.7), "none"),
 }
-EXPRESSIONS = {  # fields of the dense face, combined as the standard's table describes each expression
-    "joy": {"mouthSmile": 0.85, "mouthDimple": 0.15, "cheekRaiser": 0.45, "cheekSquint": 0.3, "eyeSquint": 0.2,
-            "mouthUpperUp": 0.12, "mouthLowerDown": 0.1},
-    "sadness": {"browInnerUp": 0.9, "mouthFrown": 0.75, "eyeBlink": 0.22, "mouthShrugLower": 0.2},
-    "anger": {"browDown": 0.95, "noseSneer": 0.35, "eyeWide": 0.35, "mouthPress": 0.6, "mouthFrown": 0.25},
-    "fear": {"browInnerUp": 0.9, "browOuterUp": 0.45, "browDown": 0.25, "eyeWide": 0.75, "mouthStretch": 0.5,
-             "jawOpen": 0.14, "mouthLowerDown": 0.15},
-    "disgust": {"noseSneer": 0.9, "mouthUpperUp": 0.55, "eyeSquint": 0.3, "mouthFrown": 0.25, "browDown": 0.15},
-    "surprise": {"browInnerUp": 0.85, "browOuterUp": 0.95, "eyeWide": 0.8, "jawOpen": 0.42},
-}
 # fmt: on
 RARE = 30  # tokens; below this a median is not a statement about the phone
-SPACE_FAPS = {*range(3, 19), *range(39, 43), *range(51, 61)}
-"""FAPs that the markers determine (:mod:`fapengine.trajectory.faps`)."""
 
 
 def main(data: Path) -> None:
@@ -98,7 +85,7 @@ def main(data: Path) -> None:
     apart = phone_targets(judged, points, speech, kept)
     context_score = score_context(judged, points, speech, clip_of_frame, kept, held_out, apart)
     context = learn_context(space, points, speech, np.arange(len(speech["n_frames"])), targets)
-    faces = expressions(space, data, layout)
+    faces = measure_expressions(space, data, layout)
     write(space, targets, faces, face, held_out_score, context, context_score, share)
 
 
@@ -272,36 +259,6 @@ def spline_of_clip(speech, clip, by_label, mode_count):
     return CubicSpline(times, np.stack(keys), bc_type="clamped")(np.arange(length) / RATE_HZ)
 
 
-def expressions(space, data, layout):
-    """Points in the space, and the FAPs beyond it, measured on the dense face in its own FAPU."""
-    dense = np.load(data / "dense_face.npz")
-    names = [str(name) for name in dense["expr_names"]]
-    at = {name: int(row["vertex"]) for name, row in layout.items()}
-    fapu = Fapu.measure({name: dense["vertices"][vertex] for name, vertex in at.items()})
-    found = {}
-    for expression, parts in EXPRESSIONS.items():
-        field = np.zeros_like(dense["vertices"], dtype=np.float64)
-        for part, strength in parts.items():
-            for name in names:
-                if name == part or name in (f"{part}_L", f"{part}_R"):
-                    field += strength * dense["expr"][names.index(name)].astype(np.float64)
-        moved = {name: field[vertex] for name, vertex in at.items()}
-        target = space.to_space(np.stack([moved[name] for name in space.points[: space.marker_count]]))
-        carried = dict(zip(space.points, space.to_points_mm(target), strict=True))
-        faps = np.zeros(fap.FAP_COUNT)
-        for row in fap.FAPS:
-            axis = fap.HEAD_AXES.get(row.positive)
-            if axis is None or row.point not in moved or row.unit is fap.FapUnit.AU or 27 <= row.number <= 30:
-                continue
-            beyond = moved[row.point] - (carried[row.point] if row.number in SPACE_FAPS else 0)
-            if row.number == 18:  # the chin boss against the jaw, as in trajectory/faps.py
-                beyond = beyond - (moved["2.1"] - carried["2.1"])
-            value = float(beyond @ np.array(axis)) / fapu.unit(row.unit)
-            faps[fap.column(row.number)] = value if abs(value) >= 1 else 0.0
-        found[expression] = (target, faps)
-    return found
-
-
 def write(space, targets, faces, face, held_out_score, context, context_score, share) -> None:
     profile = Profile(
         id=PROFILE.name,
@@ -316,7 +273,7 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
             "held_out_context": f"100 sentences, targets that depend on neighbours: {context_score}",
             "uncertainty": "points come from a video tracker: about 0.7 mm on the lips; depth is inferred",
             "never_heard": "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in",
-            "expressions": "sums of expression fields of the ICT-FaceKit head, as the standard words them; not acted",
+            "expressions": PROVENANCE,
             "attribution": "Cooke, Barker, Cunningham, Shao: An audio-visual corpus for speech perception and automatic"
             " speech recognition, JASA 120 (2006); freely available for research use. ICT-FaceKit: Copyright (c) 2020"
             " USC Institute for Creative Technologies, MIT licence.",
@@ -328,10 +285,7 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
             name: PhoneTarget(ipa=name, fractions=fractions, targets=weights, contact=contact, origin=origin)
             for name, (weights, fractions, contact, origin) in targets.items()
         },
-        expressions={
-            Expression[name.upper()]: ExpressionTarget(target=target, fap=faps)
-            for name, (target, faps) in faces.items()
-        },
+        expressions=faces,
     )
     save_profile(PROFILE, profile)
     print(f"wrote {PROFILE.name}: {len(targets)} phones, {len(faces)} expressions")

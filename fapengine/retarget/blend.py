@@ -5,9 +5,10 @@ Theory of operation
 A rig's blendshapes each move feature points, which is to say FAPs: a matrix ``S`` (blendshapes x 68). The way to FAPs
 is a product, ``faps = weights @ S``. The way to weights is the box-constrained least squares problem
 
-    minimise  |(weights @ S - faps) * mm|^2 + ridge |weights|^2 + 2 reluctance |S| weights,   0 <= weights <= limit,
+    minimise  |(weights @ S - faps) L|^2 + ridge |weights|^2 + |stiffness weights|^2 + 2 reluctance |S| weights,
 
-with FAPs weighed by what they are in millimetres on a face, so that no unit counts more than another. It is solved
+with ``0 <= weights <= limit`` and with lengths ``L`` in millimetres: by default each FAP on an adult's face, so that no
+unit counts more than another; further columns are sums of FAPs that count besides, such as an opening. It is solved
 for all frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
 
 A single frame would pay for all those steps alone. It is solved exactly instead: once it is known which weights are 0
@@ -63,8 +64,11 @@ class BlendMap:
     """(B,), optional: a blendshape is used only where it brings the face so much nearer to what is wanted."""
     ignored: tuple[int, ...] = ()
     """FAPs that do not count where weights are sought."""
-    _mm: Array = field(init=False, repr=False)
-    _scaled: Array = field(init=False, repr=False)
+    stiffness_mm: Array | None = None
+    """(B,), optional: a blendshape at full weight counts as being off by so much, so that others share its work."""
+    lengths_mm: Array | None = None
+    """(68, L) mm a FAPU, optional: what counts where weights are sought; by default :func:`weights_mm`, each alone."""
+    _goals: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
     _rate: float = field(init=False, repr=False)
@@ -77,16 +81,18 @@ class BlendMap:
             raise UsageError(f"limit: got {self.limit}, expected a positive weight")
         checked = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
         object.__setattr__(self, "_reluctance", frozen(checked, "reluctance_mm", (len(shapes),), np.float64))
-        millimetres = weights_mm().copy()
-        millimetres[[fap.column(number) for number in self.ignored]] = 0.0
-        object.__setattr__(self, "_mm", millimetres)
-        scaled = shapes * millimetres
+        stiff = np.zeros(len(shapes)) if self.stiffness_mm is None else self.stiffness_mm
+        stiff = frozen(stiff, "stiffness_mm", (len(shapes),), np.float64)
+        given = np.diag(weights_mm()) if self.lengths_mm is None else self.lengths_mm
+        counted = frozen(given, "lengths_mm", (fap.FAP_COUNT, "L"), np.float64).copy()
+        counted[[fap.column(number) for number in self.ignored]] = 0.0
+        scaled = shapes @ counted
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
             raise UsageError("faps: got shapes that move nothing, expected some that do")
-        square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square)
+        square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square) + stiff**2
         lengths = np.sqrt(np.diag(square))  # shapes of one length make the problem round, and gradients quick
-        object.__setattr__(self, "_scaled", scaled / lengths[:, None])
+        object.__setattr__(self, "_goals", counted @ (scaled / lengths[:, None]).T)
         object.__setattr__(self, "_gram", square / lengths / lengths[:, None])
         object.__setattr__(self, "_lengths", lengths)
         object.__setattr__(self, "_rate", 1.0 / float(np.linalg.eigvalsh(self._gram)[-1]))
@@ -97,10 +103,22 @@ class BlendMap:
         faps: Array = checked @ self.faps
         return faps
 
-    def approximate_weights(self, faps: ArrayLike) -> Array:
-        """Find the weights that move a face most alike: (T, 68) FAPU -> (T, B), each 0 to ``limit``."""
+    def approximate_weights(self, faps: ArrayLike, *, cost: ArrayLike = 1.0) -> Array:
+        """Find the weights that move a face most alike.
+
+        Parameters
+        ----------
+        faps : (T, 68) FAPU
+        cost : (T, B), optional
+            Share of ``reluctance_mm`` that each blendshape bears in each frame.
+
+        Returns
+        -------
+        (T, B) float64
+            Each 0 to ``limit``.
+        """
         wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-        goal = (wanted * self._mm) @ self._scaled.T - self._reluctance
+        goal = wanted @ self._goals - self._reluctance * np.asarray(cost)
         most = self.limit * self._lengths
         weights_now = np.clip(goal * self._rate, 0.0, most)
         ahead, momentum = weights_now, 1.0
@@ -112,7 +130,7 @@ class BlendMap:
         weights: Array = weights_now / self._lengths
         return weights
 
-    def solve_weights(self, faps: ArrayLike, near: ArrayLike | None = None) -> Array:
+    def solve_weights(self, faps: ArrayLike, near: ArrayLike | None = None, *, cost: ArrayLike = 1.0) -> Array:
         """Find the weights of one frame, exactly.
 
         Parameters
@@ -120,6 +138,8 @@ class BlendMap:
         faps : (68,) FAPU
         near : (B,), optional
             Weights of a frame like it, such as the one before. The answer is the same without, only later.
+        cost : (B,), optional
+            Share of ``reluctance_mm`` that each blendshape bears.
 
         Returns
         -------
@@ -127,7 +147,7 @@ class BlendMap:
             Each 0 to ``limit``.
         """
         wanted = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        goal = self._scaled @ (wanted * self._mm) - self._reluctance
+        goal = wanted @ self._goals - self._reluctance * np.asarray(cost)
         most = self.limit * self._lengths
         side = np.zeros(len(goal), np.int8)
         if near is not None:
@@ -137,6 +157,10 @@ class BlendMap:
             side = np.where(goal > 0, FREE, BELOW).astype(np.int8)
         weights: Array = _pivot(self._gram, goal, most, side) / self._lengths
         return weights
+
+    def is_full(self, cost: Array) -> bool:
+        """Whether a share of reluctance, (..., B), is 1 wherever there is any: it then changes nothing."""
+        return not bool(((cost < 1.0) & (self._reluctance > 0.0)).any())
 
     def error_mm(self, faps: ArrayLike) -> float:
         """Mean over frames of the distance, mm, between FAPs, (T, 68) FAPU, and what comes back of them."""
@@ -156,7 +180,10 @@ class BlendMap:
         if missing:
             raise UsageError(f"names: got {missing[0]!r}, expected one of {', '.join(self.names)}")
         rows = [self.names.index(name) for name in names]
-        return BlendMap(tuple(names), self.faps[rows], self.limit, self._reluctance[rows], self.ignored)
+        stiff = None if self.stiffness_mm is None else np.asarray(self.stiffness_mm)[rows]
+        return BlendMap(
+            tuple(names), self.faps[rows], self.limit, self._reluctance[rows], self.ignored, stiff, self.lengths_mm
+        )
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:

@@ -1,6 +1,12 @@
-"""What a face feels, told from what it says: moods are found where speech does nothing.
+"""What a face feels, told from what it says and from how it lives: moods are found where speech does nothing.
 
-Brows, lids, cheeks and nose tell the mood and the blinks; what the mood does to the mouth follows from it.
+Theory of operation
+-------------------
+Brows, lids, cheeks and nose tell the mood; what the mood does to the mouth follows from it. A face that lives moves
+these as well, and feels nothing: it blinks, raises its brows on what it stresses, lets brows and lids drift a little,
+and its lids follow the gaze. So all that is sought beside the moods and costs nothing, while a mood costs
+:data:`MOOD_MM`: what life explains is no mood. Raised brows alone are an accent, raised brows and wide eyes surprise;
+lids that a gaze draws up are no wide eyes, for the eyeballs tell.
 """
 
 from functools import cache
@@ -9,52 +15,98 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import arkit_map
+from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.blend_rows import arkit_rows, rows_of
 from fapengine.retarget.viseme_table import EXPRESSION_FAPS
 
 Array = NDArray[np.float64]
 
 MOODS = {"happy": "joy", "angry": "anger", "sad": "sadness", "surprised": "surprise"}
 """VRM's moods that MPEG-4 has too, and its names for them."""
+ALL_MOODS = tuple(name for name, _ in EXPRESSION_FAPS)
+"""MPEG-4's six."""
 UPPER_FACE = (19, 20, 21, 22, *range(31, 43), 61, 62, 63, 64)
 """FAPs that tell moods and blinks."""
-MOOD_MM = 0.25
-"""A mood that is so faint is none: lids that follow the gaze, brows that drift."""
+MOOD_MM = {"joy": 0.25, "sadness": 0.2, "anger": 0.25, "fear": 0.15, "disgust": 0.3, "surprise": 0.15}
+"""A mood that is so faint is none: brows that drift, lids that do not follow quite as these do. Moods that share more
+with the accents of speech cost less, so that what is found of each is within 0.06 of what is there."""
+ACCENT: dict[tuple[int, ...], float] = {(31, 32, 33, 34, 35, 36): 200.0}
+"""Brows that are raised as a whole, FAPU at full weight: more than any accent of the planner."""
+LIDS_PER_RAD: dict[tuple[int, ...], float] = {(19, 20): 600.0, (21, 22): -200.0}
+"""FAPU by which lids follow a gaze that goes down by a radian, as the planner moves them."""
+GAZE_RAD = 0.5
+DRIFTS: tuple[dict[tuple[int, ...], float], ...] = (
+    {(31, 32, 33, 34): 28.0}, {(31, 32, 33, 34): -28.0, (35, 36): -16.0}, {(19, 20): -30.0},
+)  # fmt: skip
+"""Twice what brows and lids of the planner drift, FAPU; lids that sink are a little blink."""
+PLAIN = (0.1, 0.3)
+"""Weight, first found, up to which a shape bears its whole cost, and from which on none: it keeps its size."""
+FAINT = (0.1, 0.2)
+"""Weight up to which a mood is none, and from which on it is shown as it is."""
 
 
 @cache
-def mood_map() -> BlendMap:
-    """Make the map of moods and the two lids, on the upper face."""
-    moods = rows_of(dict(EXPRESSION_FAPS), tuple(MOODS.values()))
-    lids = arkit_map().select(("eyeBlinkLeft", "eyeBlinkRight")).faps
+def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
+    """Make the map of moods, then the two lids, then what else lives, on the upper face and the gaze's height."""
     upper = np.zeros(fap.FAP_COUNT)
     upper[[fap.column(number) for number in UPPER_FACE]] = 1.0
-    cost = np.array([MOOD_MM] * len(MOODS) + [0.0, 0.0])
-    return BlendMap((*MOODS, "blinkLeft", "blinkRight"), np.concatenate([moods, lids]) * upper, reluctance_mm=cost)
+    lids = arkit_rows(("eyeBlinkLeft", "eyeBlinkRight"))
+    life = np.zeros((3 + len(DRIFTS), fap.FAP_COUNT))
+    _set(life[0], ACCENT)
+    for row, gaze_rad in ((life[1], GAZE_RAD), (life[2], -GAZE_RAD)):
+        _set(row, {(25, 26): gaze_rad / AU_RAD})
+        _set(row, {numbers: per_rad * gaze_rad for numbers, per_rad in LIDS_PER_RAD.items()})
+    for row, drift in zip(life[3:], DRIFTS, strict=True):
+        _set(row, drift)
+    rows = np.concatenate([rows_of(dict(EXPRESSION_FAPS), moods) * upper, lids * upper, life])
+    names = (*moods, "blinkLeft", "blinkRight", "accent", "lookDown", "lookUp", "browsUp", "browsDown", "lidsUp")
+    cost = np.array([MOOD_MM.get(name, 0.0) for name in names])
+    return BlendMap(names, rows, reluctance_mm=cost)
 
 
-def find_moods(faps: Array) -> tuple[Array, Array]:
-    """Find moods (T, 4) and lids, left and right, (T, 2), each 0..1, of FAPs (T, 68)."""
-    weights = mood_map().approximate_weights(faps)
-    return weights[:, : len(MOODS)], weights[:, len(MOODS) :]
+def find_moods(faps: Array) -> Array:
+    """Find moods, (T, 4), each 0..1, in the order of :data:`MOODS`, of FAPs (T, 68)."""
+    return read_moods(approximate_upper(faps))
 
 
-def moods_to_faps(moods: Array) -> Array:
-    """(..., 4) -> (..., 68) FAPU: the whole face."""
-    faps: Array = moods @ _rows()
-    return faps
+def approximate_upper(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+    """Find weights of :func:`mood_map`, (T, M + 8), of FAPs (T, 68): a mood that is plain costs nothing."""
+    first = mood_map(names).approximate_weights(faps)
+    return mood_map(names).approximate_weights(faps, cost=cost_share(first))
+
+
+def cost_share(weights: Array) -> Array:
+    """Weights, (..., B) -> how much of its reluctance each bears: see :data:`PLAIN`."""
+    share: Array = np.clip((PLAIN[1] - weights) / (PLAIN[1] - PLAIN[0]), 0.0, 1.0)
+    return share
+
+
+def read_moods(upper: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+    """Take the moods, (..., M), out of weights of :func:`mood_map`, (..., M + 8); :data:`FAINT` ones are none."""
+    moods = upper[..., : len(names)]
+    shown: Array = moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
+    return shown
+
+
+def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+    """Take what moods, (..., M), do to the whole face from FAPs, (..., 68) FAPU: what speech and life leave.
+
+    A FAP that has one direction, such as ``open_jaw``, never told that a mood would have it go the other way.
+    """
+    rows, one_way = _rows(names)
+    done = moods @ rows
+    done[..., one_way] = np.maximum(done[..., one_way], 0.0)
+    left: Array = faps - done
+    return left
 
 
 @cache
-def _rows() -> Array:
-    return rows_of(dict(EXPRESSION_FAPS), tuple(MOODS.values()))
+def _rows(names: tuple[str, ...]) -> tuple[Array, list[int]]:
+    one_way = [fap.column(row.number) for row in fap.FAPS if not row.bidirectional]
+    return rows_of(dict(EXPRESSION_FAPS), names), one_way
 
 
-def rows_of(table: dict[str, dict[int, float]], names: tuple[str, ...]) -> Array:
-    """Rows of a table by name, (N, 68) FAPU."""
-    rows = np.zeros((len(names), fap.FAP_COUNT))
-    for row, name in enumerate(names):
-        for number, value in table[name].items():
-            rows[row, fap.column(number)] = value
-    return rows
+def _set(row: Array, values: dict[tuple[int, ...], float]) -> None:
+    for numbers, value in values.items():
+        row[[fap.column(number) for number in numbers]] = value

@@ -15,7 +15,8 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.moods import find_moods, moods_to_faps, rows_of
+from fapengine.retarget.blend_rows import rows_of
+from fapengine.retarget.moods import find_moods, without_moods
 from fapengine.retarget.viseme_table import VISEME_FAPS
 
 Array = NDArray[np.float64]
@@ -60,8 +61,8 @@ def approximate_visemes(faps: ArrayLike) -> Array:
     ('sil', 1.0)
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    moods, _ = find_moods(values)
-    return shares(oculus_map().approximate_weights(values - moods_to_faps(moods)))
+    spoken = without_moods(values, find_moods(values))
+    return shares(oculus_map().approximate_weights(spoken))
 
 
 def shares(weights: Array) -> Array:

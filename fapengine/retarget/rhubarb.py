@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import weights_mm
-from fapengine.retarget.moods import find_moods, moods_to_faps
+from fapengine.retarget.moods import find_moods, without_moods
 
 SHUT_MM = 0.7
 """Opening against rest under which lips touch; closures of the planner leave 0.3 mm at most."""
@@ -59,8 +59,7 @@ def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     if not len(values):
         return []
-    moods, _ = find_moods(values)
-    moved = (values - moods_to_faps(moods)) * weights_mm()
+    moved = without_moods(values, find_moods(values)) * weights_mm()
     upper, lower, left, right = (moved[:, fap.column(number)] for number in (4, 5, 6, 7))
     jaw = values[:, fap.column(3)] * weights_mm()[fap.column(3)]  # brows that move make a little surprise, and its jaw
     opening, round_lips = -(upper + lower), left + right < -NARROW_MM

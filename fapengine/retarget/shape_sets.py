@@ -2,14 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
-from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit, arkit_to_faps
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes, visemes_to_faps
 from fapengine.retarget.vrm import VRM0_NAMES, VRM1_NAMES, approximate_presets, presets_to_faps
 
@@ -31,11 +29,6 @@ class ShapeSet:
     """Other spellings, and the name that each stands for."""
 
 
-@cache
-def _arkit() -> BlendMap:
-    return arkit_map()
-
-
 _RPM_VOWELS = (("viseme_I", "ih"), ("viseme_O", "oh"), ("viseme_U", "ou"))
 SHAPE_SETS = {
     entry.key: entry
@@ -43,8 +36,8 @@ SHAPE_SETS = {
         ShapeSet(
             "arkit",
             tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES),
-            lambda faps: _arkit().approximate_weights(faps),
-            lambda weights: _arkit().to_faps(weights),
+            approximate_arkit,
+            arkit_to_faps,
         ),
         ShapeSet(
             "oculus", OCULUS_NAMES, approximate_visemes, visemes_to_faps,

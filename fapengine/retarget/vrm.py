@@ -19,7 +19,8 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.moods import MOODS, mood_map, moods_to_faps, rows_of
+from fapengine.retarget.blend_rows import rows_of
+from fapengine.retarget.moods import MOODS, approximate_upper, read_moods, without_moods
 from fapengine.retarget.oculus import DEPTH
 from fapengine.retarget.viseme_table import EXPRESSION_FAPS, VISEME_FAPS
 
@@ -61,15 +62,15 @@ def approximate_presets(faps: ArrayLike) -> Array:
         0..1, in the order of :data:`VRM1_NAMES` and of :data:`VRM0_NAMES`.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    upper = mood_map().approximate_weights(values)
-    spoken = values - moods_to_faps(upper[:, : len(MOODS)])
+    upper = approximate_upper(values)
+    spoken = without_moods(values, read_moods(upper))
     return join_presets(values, upper, vowel_map().approximate_weights(spoken))
 
 
 def join_presets(faps: Array, upper: Array, vowels: Array) -> Array:
-    """Put presets together, (T, 18), from FAPs (T, 68), moods and lids (T, 6), and vowels (T, 5) fitted to the rest."""
-    moods, lids = upper[:, : len(MOODS)], upper[:, len(MOODS) :]
-    shown = no_wider(vowels, faps - moods_to_faps(moods))
+    """Put presets together, (T, 18): FAPs (T, 68), weights of ``mood_map`` (T, 12), vowels (T, 5) of the rest."""
+    moods, lids = read_moods(upper), upper[:, len(MOODS) : len(MOODS) + 2]
+    shown = no_wider(vowels, without_moods(faps, moods))
     presets = np.zeros((len(faps), len(VRM1_NAMES)))
     for names, weights in ((tuple(MOODS), moods), (tuple(VOWELS), shown)):
         for name, weight in zip(names, weights.T, strict=True):

@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
-from fapengine.live.wire.shapes import arkit_weights, turns_rad
+from fapengine.live.wire.shapes import turns_rad
+from fapengine.retarget.arkit import approximate_arkit
 
 PORT = 11111
 VERSION = 6
@@ -78,7 +79,7 @@ class Face:
 def livelink_values(faps: ArrayLike) -> NDArray[np.float32]:
     """Turn FAPs into the 61 values: (T, 68) FAPU -> (T, 61) float32; turns count as FAP 48 to 50 and 23 to 26 do."""
     turns = turns_rad(faps)
-    return np.hstack([arkit_weights(faps), turns.reshape(len(turns), 9)]).astype(np.float32)
+    return np.hstack([approximate_arkit(faps), turns.reshape(len(turns), 9)]).astype(np.float32)
 
 
 def join_values(weights: ArrayLike, faps: ArrayLike) -> NDArray[np.float32]:

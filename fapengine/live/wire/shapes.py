@@ -1,6 +1,6 @@
 """FAPs to what other programs show: ARKit's 52 shapes, VRM's presets, and the turns of head and eyes."""
 
-from functools import cache
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import ask, join_shapes, speech_map, spoken_cost
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.moods import MOODS, mood_map, moods_to_faps
+from fapengine.retarget.moods import ALL_MOODS, cost_share, mood_map, read_moods, without_moods
 from fapengine.retarget.vrm import SHOWN, join_presets, vowel_map
 
 Array = NDArray[np.float64]
@@ -21,21 +21,25 @@ EYE_TURNS = ((23, 25), (24, 26))
 """FAP numbers of yaw and pitch, left eye and right eye."""
 
 
-def arkit_weights(faps: ArrayLike) -> Array:
-    """Find the shapes that show FAPs.
+class _Follower:
+    """Weights of one map, frame by frame, found twice as :func:`fapengine.retarget.moods.approximate_upper` does.
 
-    Parameters
-    ----------
-    faps : (T, 68) FAPU
-        As :attr:`fapengine.mpeg4.track.FapTrack.values`. Many frames at once, of one session or of many, cost less.
-
-    Returns
-    -------
-    (T, 52) float64
-        0..1, in the order of :data:`fapengine.retarget.arkit.ARKIT_NAMES`. ``mouthClose`` never goes past
-        ``jawOpen``: it closes lips over an open jaw, and without one it pushes them through each other.
+    Stateful.
     """
-    return _lips_over_jaw(_map().approximate_weights(faps))
+
+    def __init__(self, shapes: BlendMap, cost: Callable[[Array], Array]) -> None:
+        self._shapes, self._cost = shapes, cost
+        self._first: Array | None = None
+        self._second: Array | None = None
+
+    def follow(self, faps: Array) -> Array:
+        self._first = self._shapes.solve_weights(faps, self._first)
+        cost = self._cost(self._first)
+        if self._shapes.is_full(cost):
+            self._second = self._first
+        else:
+            self._second = self._shapes.solve_weights(faps, self._second, cost=cost)
+        return self._second
 
 
 class ArkitFollower:
@@ -45,12 +49,16 @@ class ArkitFollower:
     """
 
     def __init__(self) -> None:
-        self._last: Array | None = None
+        self._upper = _Follower(mood_map(ALL_MOODS), cost_share)
+        self._spoken = _Follower(speech_map(), spoken_cost)
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Take the next frame, (68,) FAPU; return (52,) as a row of :func:`arkit_weights`, only solved exactly."""
-        self._last = _map().solve_weights(faps, self._last)
-        return _lips_over_jaw(self._last.copy())
+        """Take the next frame, (68,) FAPU; return (52,) as a row of ``approximate_arkit``, only solved exactly."""
+        values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
+        moods = read_moods(self._upper.follow(values), ALL_MOODS)
+        spoken = self._spoken.follow(ask(values, moods))
+        shown: Array = join_shapes(values[None], moods[None], spoken[None])[0]
+        return shown
 
 
 class PresetFollower:
@@ -60,22 +68,15 @@ class PresetFollower:
     """
 
     def __init__(self) -> None:
-        self._upper: Array | None = None
+        self._upper = _Follower(mood_map(), cost_share)
         self._vowels: Array | None = None
 
     def follow(self, faps: ArrayLike) -> Array:
         """Take the next frame, (68,) FAPU; return (13,): as :data:`fapengine.retarget.vrm.VRM1_NAMES` begins."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        self._upper = mood_map().solve_weights(values, self._upper)
-        spoken = values - moods_to_faps(self._upper[: len(MOODS)])
-        self._vowels = vowel_map().solve_weights(spoken, self._vowels)
-        return join_presets(values[None], self._upper[None], self._vowels[None])[0, :SHOWN]
-
-
-def _lips_over_jaw(weights: Array) -> Array:
-    close, jaw = ARKIT_NAMES.index("mouthClose"), ARKIT_NAMES.index("jawOpen")
-    weights[..., close] = np.minimum(weights[..., close], weights[..., jaw])
-    return weights
+        upper = self._upper.follow(values)
+        self._vowels = vowel_map().solve_weights(without_moods(values, read_moods(upper)), self._vowels)
+        return join_presets(values[None], upper[None], self._vowels[None])[0, :SHOWN]
 
 
 def turns_rad(faps: ArrayLike) -> Array:
@@ -92,8 +93,3 @@ def turns_rad(faps: ArrayLike) -> Array:
     for row, numbers in enumerate((HEAD_TURNS, *EYE_TURNS)):
         turns[:, row, : len(numbers)] = values[:, [fap.column(number) for number in numbers]] * AU_RAD
     return turns
-
-
-@cache
-def _map() -> BlendMap:
-    return arkit_map()

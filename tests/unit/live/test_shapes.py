@@ -3,10 +3,10 @@
 import numpy as np
 
 from fapengine._resources import profile_files
-from fapengine.live.wire.shapes import ArkitFollower, arkit_weights
+from fapengine.live.wire.shapes import ArkitFollower
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit, arkit_map
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 
@@ -19,7 +19,7 @@ def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
     faps = plan(PHONES, profile, rng=np.random.default_rng(0), rate_hz=30).track.values
     follower = ArkitFollower()
     followed = np.array([follower.follow(row) for row in faps])
-    at_once = arkit_weights(faps)
+    at_once = approximate_arkit(faps)
     shapes = arkit_map()
     off = np.abs(shapes.to_faps(followed) - shapes.to_faps(at_once))
     assert off.max() < 20  # FAPU; the gradients of many frames stop a little early

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.errors import UsageError
 from fapengine.live.wire import osc, vmc
-from fapengine.live.wire.shapes import arkit_weights
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
 
 h = bytes.fromhex
 
@@ -130,7 +129,7 @@ def test_wrong_wishes_for_changes(wrong: dict[str, float]) -> None:
 
 def test_mouth_close_never_passes_jaw_open() -> None:
     faps = np.random.default_rng(0).normal(0, 200, (50, 68))
-    weights = arkit_weights(faps)
+    weights = approximate_arkit(faps)
     close, jaw = (weights[:, ARKIT_NAMES.index(name)] for name in ("mouthClose", "jawOpen"))
     assert (close <= jaw).all()
     assert close.max() > 0
