@@ -106,8 +106,10 @@ class _Rows:
     fade_from_s: Array
     fade_rate: Array
     """One over the length of the fade."""
+    momentum_rate: Array
+    """One over the time in which velocity and acceleration fade."""
     fade: Array
-    """(rows, 3, K): value, velocity and acceleration that fade, per fade and per fade squared."""
+    """(rows, 3, K): value, velocity and acceleration that fade, the last two per their fade and its square."""
     hold_start_s: Array
     """(rows, holds), filled up with infinity; so the next."""
     hold_stop_s: Array
@@ -136,6 +138,7 @@ class _Rows:
             last=np.zeros(rows, np.int64),
             fade_from_s=np.zeros(rows),
             fade_rate=np.zeros(rows),
+            momentum_rate=np.zeros(rows),
             fade=rows_inmost(3, modes),
             hold_start_s=np.full((rows, holds), np.inf),
             hold_stop_s=np.full((rows, holds), np.inf),
@@ -414,8 +417,10 @@ class BatchPlanner:
         length_s = np.where(fades, fade_s, 1.0)
         state.fade_from_s[rows] = np.where(fades, start_s, 0.0)
         state.fade_rate[rows] = 1.0 / length_s
+        momentum_s = np.where(fades, [plan.momentum_s for plan in plans], 1.0)
+        state.momentum_rate[rows] = 1.0 / momentum_s
         left_over = np.stack([plan.left_over for plan in plans]) * fades[:, None, None]
-        state.fade[rows] = left_over * (length_s[:, None] ** np.arange(3.0))[..., None]
+        state.fade[rows] = left_over * (momentum_s[:, None] ** np.arange(3.0))[..., None]
         self._load_holds(rows, held)
 
     def _load_holds(self, rows: NDArray[np.intp], held: list[list[Hold]]) -> None:
@@ -455,9 +460,11 @@ class BatchPlanner:
             weights += powers[power]
             weights *= s
         weights += powers[0]
-        since = np.clip((times_s - state.fade_from_s[:count]) * state.fade_rate[:count], 0.0, 1.0)
-        for left, part in zip(np.moveaxis(state.fade[:count], 0, -1), hermite.fading(since), strict=True):
-            weights += left * part
+        since = times_s - state.fade_from_s[:count]
+        slow, quick = (np.clip(since * rate[:count], 0.0, 1.0) for rate in (state.fade_rate, state.momentum_rate))
+        shares = hermite.fading(slow)[0], *hermite.fading(quick)[1:]
+        for left, share in zip(np.moveaxis(state.fade[:count], 0, -1), shares, strict=True):
+            weights += left * share
         return weights
 
     def _held(self, times_s: Array) -> Array:

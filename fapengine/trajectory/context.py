@@ -32,8 +32,9 @@ FRACTIONS = (0.2, 0.7)
 mm of the captured lips (through those at 30 % alone, 0.79)."""
 REACH = 3
 """Neighbours to either side."""
-TYPICAL_S, MIN_DURATION_S = 0.1, 0.03
-"""Durations count as their logarithm against the first, cut at the second."""
+TYPICAL_S, MIN_DURATION_S, MAX_DURATION_S = 0.1, 0.03, 0.4
+"""Durations count as their logarithm against the first, cut at the others. The longest that was captured is 0.35 s; a
+vowel that is held for a minute opened the mouth by 33 mm when its length went on to count."""
 PAUSE_S = 0.3
 """Length of every silence as a neighbour, so that when speech began does not matter to its targets."""
 PENALTIES = {"bias": 0.03, "phone": 1.0, "way": 3.0, "length": 3.0, "beside": 3.0, "pair": 6.0}
@@ -131,7 +132,7 @@ def _neighbour(tokens: Sequence[Token], index: int) -> tuple[str, tuple[str, ...
 
 
 def _length(duration_s: float) -> float:
-    return float(np.log(max(duration_s, MIN_DURATION_S) / TYPICAL_S))
+    return float(np.log(min(max(duration_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S))
 
 
 def _articulation(heard: tuple[str, ...]) -> dict[str, float]:
@@ -156,7 +157,7 @@ def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     durations = [PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens]
     lengths = np.full(len(around), PAUSE_S)
     lengths[REACH : len(around) - REACH] = durations
-    lengths = np.log(np.maximum(lengths, MIN_DURATION_S) / TYPICAL_S)
+    lengths = np.log(np.clip(lengths, MIN_DURATION_S, MAX_DURATION_S) / TYPICAL_S)
     kinds = np.array(around)
     spoken = [index for index, token in enumerate(tokens) if token.name != SILENCE]
     own = np.array(spoken, dtype=np.intp) + REACH

@@ -2,15 +2,18 @@
 
 Theory of operation
 -------------------
-A ramp is a quintic from a channel's value, velocity and acceleration at its beginning to rest at its goal, so a channel
-is C2 whatever is sent when. There are two ways to evaluate the same ramps: :func:`sample_ramps` for one face at many
-times (offline), and :class:`Ramps` for many faces at one time, which never goes back (live).
+A ramp is a quintic from a channel's value, at rest, to its goal. The velocity and acceleration that the channel has at
+its beginning are added as a second quintic, the *momentum*, from there to nothing, within the length of the ramp that
+it comes from. So a channel is C2 whatever is sent when, and a slow ramp that takes over from a quick one does not carry
+it out of its way. There are two ways to evaluate the same ramps: :func:`sample_ramps` for one face at many times
+(offline), and :class:`Ramps` for many faces at one time, which never goes back (live).
 """
 
 from bisect import insort
 from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +23,8 @@ from fapengine.trajectory import hermite
 Array = NDArray[np.float64]
 
 FIRST_ROWS = 16
+MOMENTUM_S = 0.15
+"""Longest time over which velocity and acceleration fade when a ramp takes over."""
 MAX_WAITING = 1024
 """Number of ramps of a row that may wait for their beginning; of more, the latest is dropped."""
 _time = attrgetter("at_s")
@@ -75,26 +80,53 @@ def sample_ramps(start: Array, ramps: Iterable[Ramp], times_s: Array) -> Array:
 
 def _sample(start: float, queue: list[Ramp], times_s: Array) -> Array:
     """Evaluate the ramps of one channel, in time order: (T,)."""
-    coefficients, length_s, begun_s = (start, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0.0
-    rows = [(-np.inf, 0.0, 0.0, *coefficients)]
+    motion = _Motion(-np.inf, 1.0, 1.0, (start, 0.0, 0.0, 0.0, 0.0, 0.0), _NOTHING)
+    motions = [motion]
     for ramp in queue:
-        coefficients = _next_quintic(ramp, coefficients, begun_s, length_s)
-        begun_s, length_s = ramp.at_s, ramp.over_s
-        rows.append((begun_s, begun_s, 1.0 / length_s, *coefficients))
-    segments = np.array(rows).T
-    index = np.searchsorted(segments[0], times_s, side="right") - 1
-    begins_s, rate, *powers = segments[1:, index]
-    return _horner(powers, (times_s - begins_s) * rate)
+        motion = motion.taken_over(ramp)
+        motions.append(motion)
+    begins = np.array([motion.at_s for motion in motions])
+    index = np.searchsorted(begins, times_s, side="right") - 1
+    since = np.where(index, times_s - begins[index], 0.0)
+    values = np.zeros(len(times_s))
+    for lengths, quintics in (
+        ([motion.over_s for motion in motions], [motion.way for motion in motions]),
+        ([motion.momentum_s for motion in motions], [motion.momentum for motion in motions]),
+    ):
+        values += _horner(np.array(quintics).T[:, index], since / np.array(lengths)[index])
+    return values
 
 
-def _next_quintic(
-    ramp: Ramp, coefficients: tuple[float, ...], begun_s: float, length_s: float
-) -> tuple[float, float, float, float, float, float]:
-    """Coefficients of a ramp that takes over from another, which began at ``begun_s`` and lasts ``length_s``."""
-    share = min(max((ramp.at_s - begun_s) / length_s, 0.0), 1.0)
-    c0, c1, c2, c3, c4, c5 = hermite.quintic(
-        ramp.over_s, hermite.jet_of(coefficients, share, length_s), (ramp.goal, 0.0, 0.0)
-    )
+Quintic = tuple[float, float, float, float, float, float]
+_NOTHING: Quintic = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class _Motion(NamedTuple):
+    """A channel's way to a goal: lowest coefficients first, each per share of its own length."""
+
+    at_s: float
+    over_s: float
+    momentum_s: float
+    way: Quintic
+    momentum: Quintic
+
+    def taken_over(self, ramp: Ramp) -> "_Motion":
+        """Let a ramp take over from it."""
+        value = velocity = acceleration = 0.0
+        momentum_s = min(ramp.over_s, MOMENTUM_S)
+        for quintic, length_s in ((self.way, self.over_s), (self.momentum, self.momentum_s)):
+            share = min(max((ramp.at_s - self.at_s) / length_s, 0.0), 1.0)
+            jet = hermite.jet_of(quintic, share, length_s)
+            value, velocity, acceleration = value + jet[0], velocity + jet[1], acceleration + jet[2]
+            if share < 1.0:
+                momentum_s = min(momentum_s, length_s)
+        way = hermite.quintic(ramp.over_s, (value, 0.0, 0.0), (ramp.goal, 0.0, 0.0))
+        momentum = hermite.quintic(momentum_s, (0.0, velocity, acceleration), (0.0, 0.0, 0.0))
+        return _Motion(ramp.at_s, ramp.over_s, momentum_s, _six(way), _six(momentum))
+
+
+def _six(coefficients: tuple[float, ...]) -> Quintic:
+    c0, c1, c2, c3, c4, c5 = coefficients
     return c0, c1, c2, c3, c4, c5
 
 
@@ -127,8 +159,8 @@ class Ramps:
         self._waiting: list[list[Ramp]] = []
         self._due_s = np.full(FIRST_ROWS, np.inf)
         self._begun_s = np.zeros((len(start), FIRST_ROWS))
-        self._rate = np.ones((len(start), FIRST_ROWS))
-        self._quintic = np.zeros((6, len(start), FIRST_ROWS))
+        self._rate = np.ones((2, len(start), FIRST_ROWS))
+        self._quintic = np.zeros((6, 2, len(start), FIRST_ROWS))
 
     def open(self) -> int:
         """Add a row behind the last, and return its number."""
@@ -138,8 +170,8 @@ class Ramps:
         self._count += 1
         self._waiting.append([])
         self._due_s[row] = np.inf
-        self._quintic[:, :, row] = 0.0
-        self._quintic[0, :, row] = self._start
+        self._quintic[..., row] = 0.0
+        self._quintic[0, 0, :, row] = self._start
         return row
 
     def close(self, row: int) -> None:
@@ -164,23 +196,27 @@ class Ramps:
         """(C, rows): the value of every channel."""
         for row in np.flatnonzero(self._due_s[: self._count] <= now_s):
             self._begin_due(int(row), now_s)
-        share = (now_s - self._begun_s[:, : self._count]) * self._rate[:, : self._count]
-        return _horner(self._quintic[:, :, : self._count], share)
+        share = (now_s - self._begun_s[:, : self._count]) * self._rate[..., : self._count]
+        way, momentum = _horner(self._quintic[..., : self._count], share)
+        values: Array = way + momentum
+        return values
 
     def _begin_due(self, row: int, now_s: float) -> None:
         waiting = self._waiting[row]
         while waiting and waiting[0].at_s <= now_s:
             ramp = waiting.pop(0)
-            channel = ramp.channel
-            begun_s, length_s = float(self._begun_s[channel, row]), 1.0 / float(self._rate[channel, row])
-            coefficients = tuple(self._quintic[:, channel, row].tolist())
-            self._quintic[:, channel, row] = _next_quintic(ramp, coefficients, begun_s, length_s)
-            self._begun_s[channel, row], self._rate[channel, row] = ramp.at_s, 1.0 / ramp.over_s
+            place = ramp.channel, row
+            over_s, momentum_s = (1.0 / self._rate[:, *place]).tolist()
+            way, momentum = self._quintic[:, :, *place].T.tolist()
+            motion = _Motion(float(self._begun_s[place]), over_s, momentum_s, way, momentum).taken_over(ramp)
+            self._quintic[:, :, *place] = np.array((motion.way, motion.momentum)).T
+            self._begun_s[place] = motion.at_s
+            self._rate[:, *place] = 1.0 / motion.over_s, 1.0 / motion.momentum_s
         self._due_s[row] = waiting[0].at_s if waiting else np.inf
 
     def _grow(self) -> None:
         more = len(self._due_s)
         self._due_s = np.concatenate([self._due_s, np.full(more, np.inf)])
         self._begun_s = np.pad(self._begun_s, ((0, 0), (0, more)))
-        self._rate = np.pad(self._rate, ((0, 0), (0, more)), constant_values=1.0)
-        self._quintic = np.pad(self._quintic, ((0, 0), (0, 0), (0, more)))
+        self._rate = np.pad(self._rate, ((0, 0), (0, 0), (0, more)), constant_values=1.0)
+        self._quintic = np.pad(self._quintic, ((0, 0), (0, 0), (0, 0), (0, more)))

@@ -5,7 +5,9 @@ Theory of operation
 Times up to the *edge*, ``horizon_s`` behind the last frame asked for, are settled: what was or may have been shown
 there never changes. Ahead of it the path is planned anew whenever phones change. The new path need not meet the old
 one at the edge; the difference in value, velocity and acceleration is added and fades to nothing over :data:`FADE_S`
-along a quintic, so the motion stays C2 whatever happens. The path is local (:mod:`.hermite`): phones that come
+along a quintic, so the motion stays C2 whatever happens. Velocity and acceleration fade in :data:`MOMENTUM_S` at the
+most, and within the length of the fade that they come from: a face that hurries to rest does not shoot beyond it when
+it is called back. The path is local (:mod:`.hermite`): phones that come
 :data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then equals the offline plan.
 
 A bilabial that comes too late for its time still closes the lips, as soon as they can. When phones stop coming, the
@@ -75,30 +77,41 @@ class StreamPlan:
     start_s: float
     path: hermite.Path
     fade_s: float
+    """Time over which its value fades."""
+    momentum_s: float
+    """Time over which its velocity and acceleration do, at most ``fade_s``."""
     left_over: Array
     """(3, K): value, velocity and acceleration at ``start_s``."""
 
     def jet(self, times_s: Array) -> hermite.Jet:
         """Value, velocity and acceleration at any times from ``start_s`` on: (T,) s -> (T, K) each."""
-        value, velocity, acceleration = self.path.jet(times_s)
+        jet = self.path.jet(times_s)
         since = times_s - self.start_s
-        fading = since < self.fade_s
-        if fading.any() and self.left_over.any():
-            still = np.zeros_like(self.left_over[0])
-            first = (self.left_over[0], self.left_over[1], self.left_over[2])
-            added = hermite.blend(since[fading, None], np.array(self.fade_s), first, (still, still, still))
-            value[fading] += added[0]
-            velocity[fading] += added[1]
-            acceleration[fading] += added[2]
-        return value, velocity, acceleration
+        still = np.zeros_like(self.left_over[0])
+        value, *momentum = self.left_over
+        fades = ((self.fade_s, (value, still, still)), (self.momentum_s, (still, momentum[0], momentum[1])))
+        for length_s, first in fades:
+            fading = since < length_s
+            if fading.any() and self.left_over.any():
+                added = hermite.blend(since[fading, None], np.array(length_s), first, (still, still, still))
+                for total, share in zip(jet, added, strict=True):
+                    total[fading] += share
+        return jet
 
     def jet_at(self, time_s: float) -> Array:
         """(3, K): :meth:`jet` at one time."""
         jet = self.path.jet_at(time_s)
         since_s = time_s - self.start_s
         if since_s < self.fade_s:
-            jet += hermite.moment(since_s, self.fade_s)[:, :3] @ self.left_over
+            jet += hermite.moment(since_s, self.fade_s)[:, :1] @ self.left_over[:1]
+        if since_s < self.momentum_s:
+            jet += hermite.moment(since_s, self.momentum_s)[:, 1:3] @ self.left_over[1:]
         return jet
+
+    def shortest_fade_s(self, time_s: float) -> float:
+        """Length of the shorter of its fades that last at a time; infinity if none does."""
+        since_s = time_s - self.start_s
+        return min((length_s for length_s in (self.momentum_s, self.fade_s) if since_s < length_s), default=np.inf)
 
 
 @dataclass(slots=True)
@@ -144,7 +157,7 @@ class StreamingPlanner:
             raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
         modes = self._width
         rest = hermite.Path.through(np.zeros(0), np.zeros((0, modes)))
-        self._plans = [StreamPlan(-np.inf, rest, 0.0, np.zeros((3, modes)))]
+        self._plans = [StreamPlan(-np.inf, rest, 0.0, 0.0, np.zeros((3, modes)))]
 
     @property
     def edge_s(self) -> float:
@@ -205,21 +218,8 @@ class StreamingPlanner:
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         self._phones = []
-        self._replan(edge, min(fade_s, MOMENTUM_S))
-        if fade_s > MOMENTUM_S:
-            self._stand_still_then_rest(edge, fade_s)
+        self._replan(edge, fade_s)
         self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
-
-    def _stand_still_then_rest(self, edge: float, fade_s: float) -> None:
-        """Let the last plan fade slowly: its value over ``fade_s``, its velocity and acceleration in less.
-
-        A velocity that faded over seconds would carry the face far out of its way.
-        """
-        plan = self._plans[-1]
-        times_s = np.array([edge, edge + fade_s])
-        values = np.stack([plan.left_over[0], np.zeros_like(plan.left_over[0])])
-        moving = plan.left_over * [[0.0], [1.0], [1.0]]
-        self._plans[-1] = StreamPlan(edge, hermite.Path.through(times_s, values), plan.fade_s, moving)
 
     def _replan(self, edge: float, fade_s: float) -> None:
         """Plan ahead of the edge; what the new plan lacks there is added and fades."""
@@ -231,11 +231,12 @@ class StreamingPlanner:
         path = hermite.Path.through(keys.times_s, keys.weights)
         self._renew_holds(resolved, edge)
         if not np.isfinite(edge):  # nothing shown yet: nothing to keep
-            self._plans = [StreamPlan(-np.inf, path, 0.0, self._plans[0].left_over)]
+            self._plans = [StreamPlan(-np.inf, path, 0.0, 0.0, self._plans[0].left_over)]
             return
         self._plans = [plan for plan in self._plans if plan.start_s < edge]  # later ones were never shown
-        left_over = self._plans[-1].jet_at(edge) - path.jet_at(edge)
-        self._plans.append(StreamPlan(edge, path, fade_s, left_over))
+        shown = self._plans[-1]
+        momentum_s = min(fade_s, MOMENTUM_S, shown.shortest_fade_s(edge))
+        self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, shown.jet_at(edge) - path.jet_at(edge)))
         first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
         self._plans = self._plans[first:]
 

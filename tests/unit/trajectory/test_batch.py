@@ -184,7 +184,7 @@ def test_one_moment_of_a_path_is_what_many_are():
     rng = np.random.default_rng(4)
     times = np.cumsum(rng.uniform(0.02, 0.2, 7))
     path = hermite.Path.through(times, rng.normal(0, 5, (7, 3)))
-    plan = StreamPlan(times[2] - 0.01, path, 0.15, rng.normal(0, 5, (3, 3)))
+    plan = StreamPlan(times[2] - 0.01, path, 0.15, 0.1, rng.normal(0, 5, (3, 3)))
     for moment in (0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0):
         for one, many in ((path.jet_at(moment), path.jet), (plan.jet_at(moment), plan.jet)):
             if moment >= plan.start_s or many == path.jet:

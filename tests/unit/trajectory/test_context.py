@@ -40,6 +40,15 @@ def test_targets_are_the_sum_of_the_features() -> None:
     assert targets([], model).shape == (0, *model.coefficients.shape[1:])
 
 
+def test_a_vowel_that_is_held_for_a_minute_opens_no_farther_than_a_long_one() -> None:
+    looks = []
+    for each_s in (0.2, 0.4, 60.0):
+        tokens, _ = tokens_of(track("m ɑ b", each_s=each_s), english().phones)
+        looks.append(targets(tokens, english().context))
+    np.testing.assert_allclose(looks[2], looks[1])
+    assert np.abs(looks[1] - looks[0]).max() > 0.5
+
+
 def test_lips_foresee_the_vowel() -> None:
     assert width(look("s uː", 0)) < width(look("s iː", 0)) - 0.7  # mm
     assert width(look("uː s", 1)) < width(look("iː s", 1)) - 0.5

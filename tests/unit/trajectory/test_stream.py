@@ -133,6 +133,20 @@ def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, s
     assert not after[-1].any()
 
 
+@given(LABELS, st.floats(0.0, 0.2), st.floats(0.0, 0.05), st.sampled_from([0.01, 0.02, 0.05, 1.0]))
+def test_a_face_that_is_called_back_while_it_hurries_to_rest_does_not_shoot_beyond_it(labels, share, wait_s, fade_s):
+    planner = StreamingPlanner(english())
+    planner.feed(phones(["m", "ɑ", "b", "ɑ"], 0.2))
+    at_s = 0.7 + share  # in the first open vowel
+    shown = planner.frames(np.arange(0.0, at_s, 1 / 200))
+    planner.cancel(at_s, fade_s=fade_s)
+    planner.frames([at_s + wait_s])
+    planner.feed(phones(["n", *labels], 0.12, lead_s=at_s + wait_s + 0.3))
+    after = planner.frames(np.arange(at_s + wait_s, at_s + wait_s + 0.3, 1 / 500))
+    # FAPU. 4,320, the end of the range, where velocity faded over 0.15 s, whatever it came from
+    assert np.abs(after).max() <= 1.1 * np.abs(shown).max() + 60
+
+
 def test_what_stands_before_a_coming_cancel_is_still_said():
     """Also when new phones are fed before that moment."""
     labels = ["b", "aɪ", "t", "s", "ʌ", "n"]
