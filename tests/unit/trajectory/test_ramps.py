@@ -18,7 +18,7 @@ SENT = st.lists(
 )
 """Time since the one before, goal, duration: quick and slow ones of the whole range that a command may ask for."""
 BEYOND = 0.1
-"""Share of the range of all goals by which a channel may leave it; 2,200 where momentum faded as slowly as the value."""
+"""Share of the range of all goals by which a channel may leave it; 2,200 where momentum fades as slowly as value."""
 
 
 def ramps_of(sent: list[tuple[float, float, float]]) -> list[Ramp]:
