@@ -4,7 +4,6 @@ Bytes of strangers come in here, so FFmpeg gets a file that is already open, no 
 containers of :data:`CONTAINERS`: some of the others are lists of further files and addresses.
 """
 
-import io
 import wave
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
-from fapengine.files.paths import write_bytes
+from fapengine.files.paths import replacing
 
 CONTAINERS = (
     "wav", "w64", "flac", "mp3", "ogg", "mov", "matroska", "aac", "aiff", "caf", "au", "avi", "asf", "mpegts", "mpeg",
@@ -30,6 +29,8 @@ RATES_HZ = (1_000, 768_000)
 """Lowest and highest rate that a file may have."""
 MAX_S = 86_400.0
 """A day: a file that is longer is a mistake, or meant to fill memory."""
+WRITTEN_AT_ONCE = 1 << 20
+"""Samples that are written at a time."""
 _FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31, "i8": 2.0**63, "f4": 1.0, "f8": 1.0}
 
 
@@ -133,8 +134,10 @@ def load_sound(
         If it holds no sound, or is damaged.
     """
     rate_hz = rate_hz or min(inspect_sound(path).sample_rate_hz, MAX_RATE_HZ)
-    pieces = list(stream_sound(path, rate_hz=rate_hz, channel=channel))
-    samples = np.concatenate(pieces) if pieces else np.zeros(0, np.int16)
+    gathered = bytearray()  # grows in place: an hour of sound is held once, not twice
+    for piece in stream_sound(path, rate_hz=rate_hz, channel=channel):
+        gathered += piece.data
+    samples = np.frombuffer(gathered, np.int16)
     if not len(samples):
         raise DataError(f"{path}: holds no sound")
     return samples, rate_hz
@@ -148,13 +151,13 @@ def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> Non
     ResourceError
         If the file cannot be written.
     """
-    buffer = io.BytesIO()
-    with wave.open(buffer, "wb") as out:
+    with replacing(path) as new, wave.open(str(new), "wb") as out:
         out.setnchannels(1)
         out.setsampwidth(2)
         out.setframerate(sample_rate_hz)
-        out.writeframes(np.ascontiguousarray(samples, dtype="<i2").tobytes())
-    write_bytes(path, buffer.getvalue())
+        out.setnframes(len(samples))
+        for start in range(0, len(samples), WRITTEN_AT_ONCE):
+            out.writeframesraw(samples[start : start + WRITTEN_AT_ONCE].astype("<i2").tobytes())
 
 
 @contextmanager
