@@ -60,6 +60,7 @@ def hear(
     transcript: str | None = None,
     language: str = "en-us",
     channel: int | None = None,
+    ear: Path | None = None,
     on_heard: Callable[[float], None] = lambda _: None,
 ) -> Hearing:
     """Find the phones of a sound file.
@@ -75,6 +76,8 @@ def hear(
         any other language.
     channel : int, optional
         Channel of the file, 1 for the first; by default the mean of all.
+    ear : Path, optional
+        Learned ear (:mod:`fapengine.ears.onnx_ear`) that hears in the place of PocketSphinx, without a text.
     on_heard : callable
         Called with the seconds of each piece that was heard.
 
@@ -85,9 +88,9 @@ def hear(
     DataError
         If the file holds no sound, or more than half of the text is not said in it.
     ResourceError
-        If PocketSphinx is not installed, or espeak-ng where it is needed.
+        If PocketSphinx is not installed, or espeak-ng or onnxruntime where they are needed.
     """
-    from fapengine.ears.recording import follow, listen
+    from fapengine.ears.recording import follow, listen, listen_by
 
     def sound() -> Iterator[NDArray[np.int16]]:
         heard = 0
@@ -98,6 +101,13 @@ def hear(
             raise DataError(f"{path}: holds no sound")
 
     inspect_sound(path)  # refuses before models are loaded
+    if ear is not None:
+        if transcript is not None:
+            raise UsageError(f"ear: got {ear} and words, expected one of them: words are followed by PocketSphinx")
+        from fapengine.ears.onnx_ear import OnnxEar
+
+        recording = listen_by(OnnxEar(ear), sound(), on_heard=on_heard)
+        return Hearing(recording.phones, recording.soundings, (), ())
     if transcript is None:
         recording = listen(sound(), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from fapengine.app.face import SESSION, Face, Ticks
 from fapengine.app.manner import Manner, moods_of
 from fapengine.app.say_live import LiveOutput, Screen, finish, open_face
+from fapengine.ears.onnx_ear import load_model
 from fapengine.errors import UsageError
 from fapengine.live.audio.microphone import Microphone
 from fapengine.live.hub.hearing import DELAY_S, Hearing
@@ -15,7 +17,12 @@ from fapengine.speech.phone_track import PhoneTrack
 
 
 def listen_live(
-    manner: Manner, output: LiveOutput, open_screen: Callable[[], Screen], *, microphone: str | None = None
+    manner: Manner,
+    output: LiveOutput,
+    open_screen: Callable[[], Screen],
+    *,
+    microphone: str | None = None,
+    ear: Path | None = None,
 ) -> dict[str, object]:
     """Show what the microphone hears until the viewer closes the screen, or interrupts.
 
@@ -29,6 +36,8 @@ def listen_live(
         Makes the screen, when microphone, ear and face are there.
     microphone : str, optional
         Number of the device, or a part of its name; by default the system's.
+    ear : Path, optional
+        Learned ear; by default PocketSphinx hears.
 
     Returns
     -------
@@ -44,8 +53,10 @@ def listen_live(
     """
     if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
         raise UsageError("expressions: got one with times, expected none of a microphone, whose words are not known")
+    if ear is not None:
+        load_model(ear)  # a bad one is told now
     with Microphone(microphone) as source, open_face(manner, output) as face:
-        hearing = Hearing(face.hub, max_ears=1)
+        hearing = Hearing(face.hub, max_ears=1, model=ear)
         try:
             hearing.listen(SESSION, np.zeros(0, np.int16), source.rate_hz, source=source)  # the ear starts
             for mood in moods_of(manner.expressions, PhoneTrack.of([])):

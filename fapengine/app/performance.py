@@ -200,6 +200,7 @@ def animate(
     transcript: str | None = None,
     language: str = "en-us",
     channel: int | None = None,
+    ear: str | Path | None = None,
     voice: str | VoiceChoice | Voice = "en-us",
     expressions: Expressions = (),
     style: Style | None = None,
@@ -222,6 +223,8 @@ def animate(
         Of the transcript.
     channel : int, optional
         Channel of the sound, 1 for the first; by default the mean of all.
+    ear : str or Path, optional
+        Learned ear of your own, an ONNX model (docs/how-to/sound.md); it hears without a transcript.
     voice : str or Voice
         Pronounces timings that have words only.
     expressions, style, profile, seed, rate_hz
@@ -241,8 +244,11 @@ def animate(
     if not isinstance(timings, PhoneTrack) and is_sound(Path(timings)):
         if sound is not None:
             raise UsageError(f"sound: got {sound!r}, but {timings} is a recording itself; expected none")
-        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel)
+        model = Path(ear) if ear is not None else None
+        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel, ear=model)
         return perform(hearing.phones, load_sound(Path(timings), channel=channel), manner, text=transcript or "")
+    if ear is not None:
+        raise UsageError(f"ear: got {str(ear)!r}, expected none with phone timings, for nothing is heard")
     if transcript is not None:
         raise UsageError("transcript: got one, expected none with phone timings, which say themselves what is spoken")
     phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))

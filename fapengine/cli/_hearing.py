@@ -35,6 +35,15 @@ Channel = Annotated[
         rich_help_panel=HEARING,
     ),
 ]
+EarModel = Annotated[
+    Path | None,
+    typer.Option(
+        "--ear",
+        metavar="MODEL.onnx",
+        help="A learned ear of your own, with its labels beside it in MODEL.json; hears without words.",
+        rich_help_panel=HEARING,
+    ),
+]
 EACH = "each"
 MAX_EACH = 8
 """Channels that are taken for speakers of their own at most."""
@@ -87,11 +96,13 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     return read_text(text) if text is not None else transcript
 
 
-def hear_with_bar(path: Path, *, transcript: str | None, language: str, channel: int | None) -> "Hearing":
+def hear_with_bar(
+    path: Path, *, transcript: str | None, language: str, channel: int | None, ear: Path | None
+) -> "Hearing":
     """Hear a file under a bar that counts its seconds. Raises as :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
     from fapengine.cli._talking import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
-        return hear(path, transcript=transcript, language=language, channel=channel, on_heard=advance)
+        return hear(path, transcript=transcript, language=language, channel=channel, ear=ear, on_heard=advance)

@@ -1,6 +1,7 @@
 """``fapengine say --live``: a window or a line of the terminal, and the result in words."""
 
 import json
+from pathlib import Path
 
 from rich.console import Console
 
@@ -36,11 +37,22 @@ def say_now(
 
 
 def listen_now(
-    microphone: str | None, manner: Manner, output: LiveOutput, *, head: str, drawing: Drawing, window: bool | None
+    microphone: str | None,
+    manner: Manner,
+    output: LiveOutput,
+    *,
+    ear: Path | None,
+    head: str,
+    drawing: Drawing,
+    window: bool | None,
 ) -> dict[str, object]:
     """Show what a microphone hears, where :func:`say_now` would show it; until the viewer ends it."""
     return listen_live(
-        manner, output, lambda: _screen(None, manner, head=head, drawing=drawing, window=window), microphone=microphone
+        manner,
+        output,
+        lambda: _screen(None, manner, head=head, drawing=drawing, window=window),
+        microphone=microphone,
+        ear=ear,
     )
 
 

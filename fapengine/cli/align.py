@@ -15,6 +15,7 @@ def align(
     transcript: _hearing.Transcript = None,
     language: _hearing.Language = "en-us",
     channel: _hearing.Channel = None,
+    ear: _hearing.EarModel = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", help=".TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA).")
     ] = Path("out/talk.TextGrid"),
@@ -41,7 +42,7 @@ def align(
     results = []
     console = Console(highlight=False)
     for number, path in channels_of(channel, sound, output, words=words):
-        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number)
+        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, ear=ear)
         write_phones(hearing, path)
         spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
         results.append({

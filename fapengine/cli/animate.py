@@ -24,6 +24,7 @@ def animate(
     transcript: _hearing.Transcript = None,
     language: _hearing.Language = "en-us",
     channel: _hearing.Channel = None,
+    ear: _hearing.EarModel = None,
     file_format: Annotated[
         str | None, typer.Option("--format", help="Of the timings, if the content does not tell: textgrid, htk, ...")
     ] = None,
@@ -73,7 +74,7 @@ def animate(
         "--alphabet": alphabet,
         "--columns": columns,
     }
-    of_sound = {"--text": text, "--transcript": transcript}
+    of_sound = {"--text": text, "--transcript": transcript, "--ear": ear}
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
             kind = (
@@ -92,7 +93,7 @@ def animate(
         reports.append(report)
         if listens:
             with report.stage("listen"):
-                hearing = hear_with_bar(source, transcript=words, language=language, channel=number)
+                hearing = hear_with_bar(source, transcript=words, language=language, channel=number, ear=ear)
             phones, report.notes = hearing.phones, hearing.notes
         else:
             with report.stage("read"):

@@ -46,6 +46,12 @@ def say(
             rich_help_panel=shared.LIVE,
         ),
     ] = None,
+    ear: Annotated[
+        Path | None,
+        typer.Option(
+            "--ear", metavar="MODEL.onnx", help="Of --mic: a learned ear of your own.", rich_help_panel=shared.LIVE
+        ),
+    ] = None,
     window: Annotated[
         bool | None,
         typer.Option(
@@ -83,7 +89,7 @@ def say(
             raise UsageError(f"--mic: got {given} with it, expected --live and no text")
         from fapengine.cli._say_live import listen_now, print_heard
 
-        heard = listen_now(mic_device, chosen, live_output.value(), head=head, drawing=how, window=window)
+        heard = listen_now(mic_device, chosen, live_output.value(), ear=ear, head=head, drawing=how, window=window)
         print_heard(heard, as_json=as_json)
         return
     if text is None:

@@ -63,6 +63,10 @@ def serve(
             help="Let a microphone of this machine move the session 'face': default, a number or a part of its name.",
         ),
     ] = None,
+    ear: Annotated[
+        str | None,
+        typer.Option("--ear", metavar="MODEL.onnx", help="A learned ear of your own for all sound that comes in."),
+    ] = None,
     token: Annotated[
         str | None,
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
@@ -106,7 +110,7 @@ def serve(
         parse_sink(url)
     own = load_config(config) if config else ServeConfig()
     listen = overridden(own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token)
-    speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio)
+    speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio, ear=ear)
     if speaker.device and not speaker.session:
         raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
     chosen = ServeConfig(

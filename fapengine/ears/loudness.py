@@ -5,6 +5,8 @@ autocorrelation, normalised by the frame's energy; as in Boersma, "Accurate shor
 frequency", IFA Proceedings 17, 1993, without his path through the candidates).
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -129,3 +131,30 @@ def soundings(phones: list[Phone], samples: NDArray[np.int16]) -> list[Sounding]
             )
         )
     return found
+
+
+class RunningSoundings:
+    """Loudness and pitch of phones that are told as their sound comes. Stateful."""
+
+    def __init__(self) -> None:
+        self._sound = np.zeros(0, np.int16)
+        self._forgotten = 0
+        """Samples before those of ``_sound``: their phones are told."""
+
+    def push(self, samples: NDArray[np.int16]) -> None:
+        """Take more sound, (N,) int16."""
+        self._sound = np.concatenate([self._sound, samples])
+
+    def of(self, phones: list[Phone]) -> list[Sounding]:
+        """Give those of the next phones, and forget their sound."""
+        if not phones:
+            return []
+        shift_s = self._forgotten / RATE_HZ
+        there = [
+            replace(phone, start_s=max(phone.start_s - shift_s, 0.0), end_s=max(phone.end_s - shift_s, 1e-3))
+            for phone in phones
+        ]
+        found = soundings(there, self._sound)
+        over = min(round(there[-1].end_s * RATE_HZ), len(self._sound))
+        self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+        return found

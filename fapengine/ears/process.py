@@ -20,15 +20,16 @@ import struct
 import subprocess
 import sys
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.ears.loudness import soundings
+from fapengine.ears.loudness import RunningSoundings
 from fapengine.ears.protocol import RATE_HZ, Ear
-from fapengine.errors import ResourceError
+from fapengine.errors import FapEngineError, ResourceError
 from fapengine.speech.phone_track import Phone
 from fapengine.speech.prosody import RunningProsody
 
@@ -63,6 +64,8 @@ class EarProcess:
     process: "subprocess.Popen[bytes]"
     is_ready: bool = False
     """True when the ear is there; sound that comes before is kept."""
+    look_ahead_s: float = 0.0
+    """Time behind the sound at which its phones are told; known when it is ready."""
     waiting_s: float = 0.0
     """Length of sound that was not heard yet."""
     _stream: int = 0
@@ -74,8 +77,13 @@ class EarProcess:
     _in: bytes = b""
 
     @classmethod
-    def open(cls) -> "EarProcess":
+    def open(cls, model: Path | None = None) -> "EarProcess":
         """Start a process; it is ready after about a second.
+
+        Parameters
+        ----------
+        model : Path, optional
+            Learned ear (:mod:`.onnx_ear`); by default PocketSphinx hears.
 
         Raises
         ------
@@ -84,11 +92,11 @@ class EarProcess:
         """
         from importlib.util import find_spec
 
-        if find_spec("pocketsphinx") is None:
+        if model is None and find_spec("pocketsphinx") is None:
             raise ResourceError('ear: PocketSphinx is not installed; mend it with: pip install "fapengine[ear]"')
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "fapengine.ears.process"],
+                [sys.executable, "-m", "fapengine.ears.process", *([str(model)] if model else [])],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, process_group=0,
             )  # fmt: skip
         except OSError as error:
@@ -167,7 +175,7 @@ class EarProcess:
         for line in lines:
             entry = json.loads(line)
             if "ready" in entry:
-                self.is_ready = True
+                self.is_ready, self.look_ahead_s = True, entry["look_ahead_s"]
                 continue
             heard = Heard(
                 entry["stream"],
@@ -204,9 +212,7 @@ class _Stream:
         self.number, self._ear, self._rate_hz = number, ear, rate_hz
         self._came = 0
         self._prosody = RunningProsody()
-        self._sound = np.zeros(0, np.int16)
-        self._forgotten = 0
-        """Samples before those of ``_sound``: their phones are told."""
+        self._soundings = RunningSoundings()
         self._resampler: Any = None
         if rate_hz != RATE_HZ:
             from av import AudioResampler
@@ -224,22 +230,12 @@ class _Stream:
         return Heard(self.number, self._came / self._rate_hz, tuple(self._as_said(phones)), is_over=True)
 
     def _push(self, piece: NDArray[np.int16]) -> list[Phone]:
-        self._sound = np.concatenate([self._sound, piece])
+        self._soundings.push(piece)
         return self._ear.push(piece)
 
     def _as_said(self, phones: list[Phone]) -> list[Phone]:
-        """Give phones loudness and stress, and forget their sound."""
-        if not phones:
-            return []
-        shift_s = self._forgotten / RATE_HZ
-        there = [
-            replace(phone, start_s=max(phone.start_s - shift_s, 0.0), end_s=max(phone.end_s - shift_s, 1e-3))
-            for phone in phones
-        ]
-        said = self._prosody.push(phones, soundings(there, self._sound))
-        over = min(round(there[-1].end_s * RATE_HZ), len(self._sound))
-        self._sound, self._forgotten = self._sound[over:], self._forgotten + over
-        return said
+        """Give phones loudness and stress."""
+        return self._prosody.push(phones, self._soundings.of(phones))
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:
@@ -255,7 +251,7 @@ class _Stream:
 
 def serve(reads: BinaryIO, writes: BinaryIO, ear: Ear) -> None:
     """Hear what comes in, until it ends."""
-    _tell(writes, {"ready": True})
+    _tell(writes, {"ready": True, "look_ahead_s": ear.look_ahead_s})
     stream: _Stream | None = None
     while len(head := reads.read(HEAD.size)) == HEAD.size:
         kind, number, rate_hz, size = HEAD.unpack(head)
@@ -291,11 +287,24 @@ def _tell(writes: BinaryIO, entry: dict[str, Any]) -> None:
 
 def main() -> None:
     """Be the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is told, and tells
+    try:
+        ear = new_ear(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    except FapEngineError as error:
+        sys.exit(f"fapengine: {error}")
+    with contextlib.suppress(BrokenPipeError):
+        serve(sys.stdin.buffer, sys.stdout.buffer, ear)
+
+
+def new_ear(model: Path | None) -> Ear:
+    """Make the ear that a model is, or PocketSphinx's. Raises as they do."""
+    if model is not None:
+        from fapengine.ears.onnx_ear import OnnxEar
+
+        return OnnxEar(model)
     from fapengine.ears.sphinx_ear import SphinxEar
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is told, and tells
-    with contextlib.suppress(BrokenPipeError):
-        serve(sys.stdin.buffer, sys.stdout.buffer, SphinxEar())
+    return SphinxEar()
 
 
 if __name__ == "__main__":

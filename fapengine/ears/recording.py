@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.ears.follow import QUICK_HZ, same_kind, words_said
-from fapengine.ears.loudness import FRAME_HZ, HOP, loudness_db, pitch_hz, soundings
+from fapengine.ears.loudness import FRAME_HZ, HOP, RunningSoundings, loudness_db, pitch_hz, soundings
 from fapengine.ears.pieces import in_pieces
-from fapengine.ears.protocol import RATE_HZ
+from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.ears.speechlike import spoken_frames
 from fapengine.ears.sphinx import Frames, decode, frames_of, new_phone_loop
 from fapengine.ears.sphinx_aligner import Aligned, SphinxAligner
@@ -107,6 +108,36 @@ def listen(
     return gathered.done(())
 
 
+def listen_by(ear: Ear, sound: Iterable[NDArray[np.int16]], *, on_heard: Heard = lambda _: None) -> Recording:
+    """Hear the phones of a recording by any ear that needs no text.
+
+    Parameters
+    ----------
+    ear : Ear
+    sound : iterable of (N,) int16
+        As of :func:`listen`; 1 s is handed over at a time.
+    on_heard : callable
+        Called with the seconds that were handed over.
+
+    Raises
+    ------
+    DataError
+        If the ear's model fails.
+    """
+    ear.reset()
+    running, gathered = RunningSoundings(), _Gathered()
+    for piece in sound:
+        for start in range(0, len(piece), RATE_HZ):
+            samples = piece[start : start + RATE_HZ]
+            running.push(samples)
+            told = ear.push(samples)
+            gathered.extend(told, running.of(told))
+            on_heard(len(samples) / RATE_HZ)
+    told = ear.end()
+    gathered.extend(told, running.of(told))
+    return gathered.done(())
+
+
 def follow(
     sound: Iterable[NDArray[np.int16]], aligner: SphinxAligner, *, on_heard: Heard = lambda _: None
 ) -> Recording:  # fmt: skip
@@ -168,8 +199,15 @@ class _Gathered:
     def add(self, phones: Sequence[Phone], piece: NDArray[np.int16]) -> None:
         """Take the phones of a piece, without holes, whose times count from its start."""
         end_s = len(piece) / RATE_HZ
-        for phone, sounding in zip(phones, soundings(list(phones), piece), strict=True):
-            stop_s = self.now_s + min(phone.end_s, end_s)
+        self.extend(phones, soundings(list(phones), piece), self.now_s, self.now_s + end_s)
+        self.now_s += end_s
+
+    def extend(
+        self, phones: Sequence[Phone], sounds: Sequence[Sounding], zero_s: float = 0.0, until_s: float = inf
+    ) -> None:
+        """Take phones, without holes, whose times count from ``zero_s``; what is behind ``until_s`` is cut."""
+        for phone, sounding in zip(phones, sounds, strict=True):
+            stop_s = min(zero_s + phone.end_s, until_s)
             start_s = self._phones[-1].end_s if self._phones else 0.0
             last = self._phones[-1] if self._phones else None
             if last is not None and last.is_silence and phone.is_silence:
@@ -181,7 +219,6 @@ class _Gathered:
                     Phone(phone.label, start_s, stop_s, phone.stress, phone.word, round(phone.confidence, 2))
                 )
                 self._soundings.append(sounding)
-        self.now_s += end_s
 
     def done(self, mismatches: tuple[Mismatch, ...], unheard: float = 0.0) -> Recording:
         phones = PhoneTrack(tuple(with_prosody(self._phones, self._soundings)))

@@ -14,12 +14,14 @@ import logging
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.ears.process import EarProcess, Heard
+from fapengine.ears.sphinx_ear import LOOK_AHEAD_S
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.live.engine.commands import Append, Begin, Cancel, Command, End
 from fapengine.live.engine.session import Event
@@ -44,10 +46,16 @@ PAUSE_S = 0.5
 log = logging.getLogger("fapengine.hub")
 
 
+def _delay_s(one: "_Session") -> float:
+    """Time by which a session's face follows its sound: :data:`DELAY_S`, and more for an ear that looks farther."""
+    return DELAY_S + max(one.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
+
+
 class ProcessOfEar(Protocol):
     """The part of :class:`fapengine.ears.process.EarProcess` that is used here."""
 
     is_ready: bool
+    look_ahead_s: float
     waiting_s: float
 
     def begin(self) -> int:
@@ -127,7 +135,9 @@ class Hearing:
 
     hub: Hub
     max_ears: int = MAX_EARS
-    opens: Callable[[], ProcessOfEar] = EarProcess.open
+    model: Path | None = None
+    """Learned ear (:mod:`fapengine.ears.onnx_ear`); by default PocketSphinx hears."""
+    opens: Callable[[Path | None], ProcessOfEar] = EarProcess.open
     counts: HearingCounts = field(default_factory=HearingCounts)
     _sessions: dict[str, _Session] = field(default_factory=dict)
     _spare: ProcessOfEar | None = None
@@ -183,7 +193,7 @@ class Hearing:
     @property
     def is_possible(self) -> bool:
         """Whether there may be an ear: one is installed, and not forbidden."""
-        return self.max_ears > 0 and find_spec("pocketsphinx") is not None
+        return self.max_ears > 0 and (self.model is not None or find_spec("pocketsphinx") is not None)
 
     def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
         """Take the next sound of a microphone, (N,) int16, as it comes; False if it was refused.
@@ -262,7 +272,7 @@ class Hearing:
             ear, self._spare = self._spare, None
             if ear is None:
                 try:
-                    ear = self.opens()
+                    ear = self.opens(self.model)
                 except FapEngineError:
                     self.counts.refused_s += length_s
                     raise
@@ -320,7 +330,7 @@ class Hearing:
         utterance = one.utterance
         if utterance is not None:
             utterance.is_begun = True
-            zero_s = now_s + DELAY_S - utterance.offset_s
+            zero_s = now_s + _delay_s(one) - utterance.offset_s
             self.hub.apply(session, Begin(utterance.number, "at", zero_s))
 
     def _follow(self, session: str, one: _Session, phone: Phone) -> None:
@@ -331,7 +341,7 @@ class Hearing:
             if phone.is_silence:
                 return
             one.utterance = _Utterance(self.hub.new_number(), -phone.start_s, is_begun=True)
-            self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + DELAY_S))
+            self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + _delay_s(one)))
         self._append(session, one.utterance, (phone,))
         if not phone.is_silence:
             one.utterance.end_s = phone.end_s + one.utterance.offset_s

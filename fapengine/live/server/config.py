@@ -42,6 +42,7 @@ session = ""            # whose voice this machine's loudspeaker plays, "face" s
 device = ""             # its number, or a part of its name; "": the system's
 microphone = ""         # what this hears moves a face: "default", a number or a part of its name; "": none
 listens = "face"        # the session that it moves
+ear = ""                # an ONNX model that hears in the place of PocketSphinx
 
 [limits]
 sessions = 1000
@@ -110,12 +111,15 @@ class SoundChoice(Checked):
     """Microphone that moves a face: ``"default"``, its number or a part of its name; None or "": none."""
     listens: str = "face"
     """Session that the microphone moves."""
+    ear: str | None = None
+    """ONNX model that hears in the place of PocketSphinx; None or "": none."""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         object.__setattr__(self, "session", self.session or None)
         object.__setattr__(self, "device", self.device or None)
         object.__setattr__(self, "microphone", self.microphone or None)
+        object.__setattr__(self, "ear", self.ear or None)
         check_session(self.listens)
         if self.session is not None:
             check_session(self.session)

@@ -13,6 +13,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -121,7 +122,8 @@ class Server:
         self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
         self.doors = _doors_of(config)
-        self.hearing = Hearing(self.hub, max_ears=config.limits.ears)
+        ear = Path(config.sound.ear) if config.sound.ear else None
+        self.hearing = Hearing(self.hub, max_ears=config.limits.ears, model=ear)
         self._parts = _Parts()
         self.metrics = ServerMetrics(
             self.hub, self.ingress, self.receiver.counts, self.texts, self.hearing.counts, self._parts.sinks
@@ -212,6 +214,10 @@ class Server:
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
             )
             parts.speaker.open(sample_rate_hz())
+        if self.hearing.model is not None:
+            from fapengine.ears.onnx_ear import load_model
+
+            load_model(self.hearing.model)  # a bad one is told now, and not by each ear
         if sound.microphone is not None:
             parts.microphone = Microphone(sound.microphone)
             self.hub.hold(sound.listens)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine.ears.process import Heard
 from fapengine.ears.protocol import RATE_HZ
-from fapengine.ears.sphinx_ear import SphinxEar
+from fapengine.ears.sphinx_ear import LOOK_AHEAD_S, SphinxEar
 from fapengine.errors import ResourceError
 from fapengine.live.engine.commands import Append, Begin, Cancel, Command, End
 from fapengine.live.engine.engine import Engine
@@ -40,6 +41,7 @@ class EarHere:
 
     clock: Clock
     is_ready: bool = True
+    look_ahead_s: float = LOOK_AHEAD_S
     waiting_s: float = 0.0
     ear: SphinxEar = field(default_factory=SphinxEar)
     told: list[tuple[float, Heard]] = field(default_factory=list)
@@ -90,7 +92,7 @@ class Stage:
         self.hub.on_command("anna", lambda _, command, at_s: self.told.append((at_s, command)))
         self.hearing = Hearing(self.hub, max_ears=1, opens=self.open)
 
-    def open(self) -> EarHere:
+    def open(self, model: Path | None) -> EarHere:
         self.ears.append(EarHere(self.clock))
         return self.ears[-1]
 
