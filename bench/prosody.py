@@ -14,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from bench.ears import SENTENCES, pronounce
-from fapengine.app.score import power_of, score_motion
+from fapengine.app.score import power_of
 from fapengine.ears.loudness import soundings
 from fapengine.ears.pronunciations import words_of
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.ears.recording import Recording, follow, listen
 from fapengine.ears.sphinx_aligner import SphinxAligner
 from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.scoring.score import score_motion
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.speech.prosody import is_vowel, with_prosody
 from fapengine.trajectory.planner import plan

@@ -1,5 +1,6 @@
 """How good is a lip sync, whoever made it: recordings, timings and sound from files, scored."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,19 +9,25 @@ from numpy.typing import NDArray
 
 from fapengine.app.manner import DEFAULT_PROFILE, Manner
 from fapengine.app.performance import perform, pronounced
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, UsageError
+from fapengine.files.landmarks import landmarks_of
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import write_bytes
-from fapengine.files.sound import load_sound
+from fapengine.files.sound import inspect_sound, load_sound
 from fapengine.files.timings import load_timings
+from fapengine.files.video import FILMS
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend import ADULT
 from fapengine.scoring.contacts import CLOSED_MM
-from fapengine.scoring.mouth import mouth_of
-from fapengine.scoring.score import Score, score_motion
+from fapengine.scoring.mouth import Mouth, mouth_of
+from fapengine.scoring.score import Score, score_mouth
+from fapengine.scoring.seen import mouth_of_landmarks
 from fapengine.scoring.timing import GRID_HZ
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.style import Style
 
+MIN_SEEN = 16
+"""Pictures of a film that are needed at least."""
 STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=False)
 """Nothing but the mouth moves."""
 
@@ -30,7 +37,7 @@ class ScoreJob:
     """What to score, and against what."""
 
     made: Path
-    """Recording: anything that :func:`fapengine.load` reads."""
+    """Recording: anything that :func:`fapengine.load` reads, or a film of a talking head."""
     against: Path | None = None
     """Another recording of the same speech."""
     phones: Path | None = None
@@ -49,8 +56,14 @@ class ScoreJob:
     """File for the report, HTML; None for none."""
 
 
-def run_score(job: ScoreJob) -> Score:
+def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> Score:
     """Score a recording, and write the report if one is asked for.
+
+    Parameters
+    ----------
+    job : ScoreJob
+    on_frame : callable
+        Called after each frame of a film that the face detector has seen.
 
     Raises
     ------
@@ -59,34 +72,59 @@ def run_score(job: ScoreJob) -> Score:
     DataError
         If a file's content is wrong.
     ResourceError
-        If the report cannot be written, or matplotlib is not installed.
+        If the report cannot be written, or matplotlib or the face detector is not installed.
     """
     if job.plan and (job.phones is None or job.against is not None):
         raise UsageError("plan: expected phones, and no other recording to compare with")
     if job.output is not None and job.output.suffix not in (".html", ".htm"):
         raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
-    made = load_motion(job.made)
+    made = _mouth(job.made, job.offset_s, on_frame)
     phones = pronounced(load_timings(job.phones), job.voice) if job.phones is not None else None
-    truth = load_motion(job.against) if job.against is not None else None
+    truth = _mouth(job.against, 0.0, on_frame) if job.against is not None else None
     if job.plan and phones is not None:
-        truth = plan_of(phones, made.rate_hz)
-    power = power_of(*load_sound(job.audio)) if job.audio is not None else None
-    score = score_motion(
-        made, truth=truth, phones=phones, power=power, offset_s=job.offset_s, closed_mm=job.closed_mm
-    )  # fmt: skip
+        truth = mouth_of(plan_of(phones, (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))))
+    sound = job.audio or (job.made if is_film(job.made) and not job.offset_s and _has_sound(job.made) else None)
+    power = power_of(*load_sound(sound)) if sound is not None else None
+    score = score_mouth(made, truth=truth, phones=phones, power=power, closed_mm=job.closed_mm)
     if job.output is not None:
         from fapengine.files.report.score_page import write_score_report
 
         report = write_score_report(
             score,
-            mouth_of(made, offset_s=job.offset_s),
+            made,
             title=job.made.name,
             notes=notes_of(job, score),
-            truth=None if truth is None else mouth_of(truth),
+            truth=truth,
             phones=phones,
         )
         write_bytes(job.output, report)
     return score
+
+
+def is_film(path: Path) -> bool:
+    """Tell whether a name is that of a film."""
+    return path.suffix.lower() in FILMS
+
+
+def _mouth(path: Path, offset_s: float, on_frame: Callable[[], None]) -> Mouth:
+    if not is_film(path):
+        return mouth_of(load_motion(path), offset_s=offset_s)
+    times_s, landmarks = landmarks_of(path, on_frame=on_frame)
+    times_s, kept = times_s + offset_s, times_s + offset_s >= -1e-9
+    if kept.sum() < MIN_SEEN:
+        raise DataError(f"{path}: got {int(kept.sum())} pictures from 0 s on, expected {MIN_SEEN} or more")
+    try:
+        return mouth_of_landmarks(times_s[kept], landmarks[kept])
+    except DataError as error:
+        raise DataError(f"{path}: {error.message}") from error
+
+
+def _has_sound(path: Path) -> bool:
+    try:
+        inspect_sound(path)
+    except DataError:
+        return False
+    return True
 
 
 def plan_of(phones: PhoneTrack, rate_hz: float) -> FapTrack:
@@ -109,6 +147,11 @@ def notes_of(job: ScoreJob, score: Score) -> list[str]:
     notes = [f"{score.frames} frames in {score.duration_s:.2f} s; lips count as closed below {job.closed_mm:g} mm."]
     if job.against is not None:
         notes.append(f"Compared with {job.against.name}.")
+    if is_film(job.made):
+        notes.append(
+            "Seen by a face detector, which guesses depth; a millimetre counts as the distance of an adult's pupils is"
+            f" {ADULT.es0_mm:g} mm."
+        )
     if job.plan:
         notes.append("Compared with fapengine's own plan of the phones: likeness to it is not likeness to a person.")
     if job.phones is not None:

@@ -12,7 +12,8 @@ def score(
     made: Annotated[
         Path,
         typer.Argument(
-            help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json), VMC (.osc)."
+            help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json), VMC (.osc);"
+            " or a film of a talking head (.mp4, .webm, ...), which a face detector looks at."
         ),
     ],
     against: Annotated[
@@ -43,15 +44,24 @@ def score(
     Example: fapengine score theirs.csv --phones talk.TextGrid --audio talk.wav -o out/score.html
 
     fapengine score theirs.csv --against mocap.fap --json
+
+    fapengine score talk.mp4 --phones talk.TextGrid    # any video; needs the face detector (docs/how-to/score.md)
     """
-    from fapengine.app.score import ScoreJob, notes_of, run_score
+    from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
+    from fapengine.cli._talking import progress
     from fapengine.files.report.score_page import score_rows
+    from fapengine.files.video import count_pictures
 
     job = ScoreJob(
         made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
         voice=voice, output=output,
     )  # fmt: skip
-    found = run_score(job)
+    films = [each for each in (made, against) if each is not None and is_film(each)]
+    if films:
+        with progress("looking, frames", sum(map(count_pictures, films))) as advance:
+            found = run_score(job, on_frame=advance)
+    else:
+        found = run_score(job)
     if as_json:
         import json
 

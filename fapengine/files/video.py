@@ -16,6 +16,12 @@ from fapengine.files.paths import replacing
 
 CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac")}
 """Video and sound codec by suffix."""
+STRANGERS = {"format_whitelist": "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,gif", "protocol_whitelist": "none"}
+"""Options for films of others: containers that name no further files, and no protocol to open one."""
+FILMS = frozenset(
+    {".mp4", ".m4v", ".mov", ".webm", ".mkv", ".avi", ".mpg", ".mpeg", ".ts", ".flv", ".wmv", ".ogv", ".gif"}
+)
+"""Endings of names that are taken for films."""
 ALPHA_KINDS = (".webm",)
 FORMATS = {3: "rgb24", 4: "rgba"}
 """FFmpeg's name of a picture with so many components."""
@@ -135,6 +141,59 @@ def _encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: 
     for piece in resampler.resample(None):
         yield from stream.encode(piece)
     yield from stream.encode(None)
+
+
+def count_pictures(path: Path) -> int:
+    """Tell how many pictures a film states to have; 0 if it states none, or cannot be read."""
+    try:
+        with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
+            return container.streams.video[0].frames if container.streams.video else 0
+    except (av.FFmpegError, ValueError, OSError):
+        return 0
+
+
+def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Decode the pictures of a film one by one.
+
+    Parameters
+    ----------
+    path : Path
+    max_side : int
+        Longer side of the pictures, pixels; larger ones are made smaller.
+
+    Yields
+    ------
+    time_s : float
+        Rising.
+    picture : (height, width, 3) uint8
+        sRGB, all of one size.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read.
+    DataError
+        If it holds no picture or is damaged.
+    """
+    try:
+        with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
+            if not container.streams.video:
+                raise DataError(f"{path}: holds no picture")
+            stream = container.streams.video[0]
+            scale = min(max_side / max(stream.width, stream.height, 1), 1.0)
+            width, height = max(round(stream.width * scale), 1), max(round(stream.height * scale), 1)
+            last_s = -np.inf
+            for frame in container.decode(video=0):
+                time_s = float(frame.time or 0.0)
+                if time_s > last_s:  # a film of one time only cannot be told in order
+                    last_s = time_s
+                    picture: NDArray[np.uint8] = frame.reformat(width, height, "rgb24").to_ndarray().astype(np.uint8)
+                    yield time_s, picture
+    except (av.FFmpegError, ValueError, OSError) as error:
+        if isinstance(error, DataError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"{path}: cannot be decoded as video ({reason})") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -85,18 +85,41 @@ def score_motion(
     UsageError
         If a recording has fewer than two frames, or phones are words that nobody has pronounced.
     """
+    return score_mouth(
+        mouth_of(track, offset_s=offset_s),
+        truth=mouth_of(truth) if truth is not None else None,
+        phones=phones,
+        power=power,
+        closed_mm=closed_mm,
+    )
+
+
+def score_mouth(
+    mouth: Mouth,
+    *,
+    truth: Mouth | None = None,
+    phones: PhoneTrack | None = None,
+    power: Array | None = None,
+    closed_mm: float = CLOSED_MM,
+) -> Score:
+    """Score a mouth, of a track or of a film; as :func:`score_motion`, ``power`` (N,) included.
+
+    Raises
+    ------
+    UsageError
+        If phones are words that nobody has pronounced, or ``closed_mm`` is not positive.
+    """
     if not closed_mm > 0:
         raise UsageError(f"closed_mm: got {closed_mm}, expected more than 0")
     if phones is not None and phones.spelled:
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
-    mouth = mouth_of(track, offset_s=offset_s)
     return Score(
         duration_s=mouth.end_s - float(mouth.times_s[0]),
         frames=len(mouth.times_s),
         closed_mm=closed_mm,
         behaviour=behaviour_of(mouth),
         phones=_by_phones(mouth, phones, closed_mm) if phones is not None else None,
-        truth=_by_truth(mouth, mouth_of(truth), closed_mm) if truth is not None else None,
+        truth=_by_truth(mouth, truth, closed_mm) if truth is not None else None,
         intensity=intensity_of(mouth, power) if power is not None else None,
     )
 

@@ -1,0 +1,110 @@
+"""Landmarks of the face in a film, by MediaPipe's face mesh in an environment of its own.
+
+The detector wants an older NumPy than this package, so it is another Python: the one that :data:`VARIABLE` names, or
+that of ``make detector`` beside this one. It gets one picture at a time (:mod:`.detector_program`), so memory
+does not grow with the film.
+"""
+
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.video import stream_pictures
+
+VARIABLE = "FAPENGINE_DETECTOR"
+"""Environment variable with the path of a Python that has mediapipe."""
+MAX_SIDE = 640
+"""Longer side of the pictures that the detector gets."""
+LANDMARKS = 478
+
+
+def detector_python() -> Path:
+    """Find the detector's Python.
+
+    Raises
+    ------
+    ResourceError
+        If there is none.
+    """
+    named = os.environ.get(VARIABLE)
+    path = Path(named) if named else Path(sys.prefix) / "detector" / "bin" / "python"
+    if not path.is_file():
+        raise ResourceError(
+            f"face detector: got none at {path}; mend it with: make detector (in a checkout), or {VARIABLE}=PYTHON, one"
+            " with mediapipe==0.10.21"
+        )
+    return path
+
+
+def landmarks_of(
+    path: Path, *, on_frame: Callable[[], None] = lambda: None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find the face in every frame of a film.
+
+    Parameters
+    ----------
+    path : Path
+    on_frame : callable
+        Called after each frame.
+
+    Returns
+    -------
+    times_s : (T,) float64, s
+        From 0.
+    landmarks : (T, 478, 3) float64, px
+        NaN where no face was found.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read.
+    DataError
+        If it holds no picture, or is damaged.
+    ResourceError
+        If the detector is not there, or ends.
+    """
+    python = detector_python()
+    if not path.is_file():
+        raise UsageError(f"{path}: cannot be read (no such file)")
+    program = Path(__file__).with_name("detector_program.py")
+    times_s: list[float] = []
+    found: list[NDArray[np.float32]] = []
+    size = LANDMARKS * 3 * 4
+    with subprocess.Popen(
+        [str(python), "-I", str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:  # fmt: skip
+        given, answers = _pipe(process.stdin), _pipe(process.stdout)
+        try:
+            for time_s, picture in stream_pictures(path, max_side=MAX_SIDE):
+                if not found:
+                    given.write(struct.pack("<II", picture.shape[1], picture.shape[0]))
+                given.write(picture.tobytes())
+                given.flush()
+                if not found and answers.read(1) != b"\1":
+                    raise BrokenPipeError
+                data = answers.read(size)
+                if len(data) < size:
+                    raise BrokenPipeError
+                times_s.append(time_s)
+                found.append(np.frombuffer(data, np.float32).reshape(LANDMARKS, 3))
+                on_frame()
+        except BrokenPipeError as error:
+            raise ResourceError(f"face detector: {python} has ended; does it have mediapipe?") from error
+        finally:
+            process.kill()
+    if not found:
+        raise DataError(f"{path}: holds no picture")
+    times = np.array(times_s) - times_s[0]
+    return times, np.array(found, dtype=np.float64)
+
+
+def _pipe(pipe: object) -> BinaryIO:
+    return cast("BinaryIO", pipe)
