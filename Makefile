@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 TESTS_AT_LEAST := 4700
 # Tests of conformance, which run in every clone.
 CONFORMANCE_AT_LEAST := 300
-# How long make fuzz searches.
+# How long make fuzz searches: a third in the codec, a third in every reader, a third with mutated files in number.
 SECONDS := 600
 # How long make soak uses a server.
 MINUTES := 30
@@ -78,9 +78,14 @@ soak: $(VENV)/.ready-dev
 
 fuzz: $(VENV)/.ready-dev
 	@mkdir -p out/fuzz
-	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz tests/fuzz/corpus -max_total_time=$(SECONDS) \
+	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz tests/fuzz/corpus -max_total_time=$$(($(SECONDS) / 3)) \
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	@grep 'stat::' out/fuzz.log
+	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz/readers -max_total_time=$$(($(SECONDS) / 3)) \
+	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
+	@grep 'stat::' out/fuzz.log
+	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 3)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
+	@tail -n 1 out/fuzz.log
 
 # Links and cross references that lead nowhere are errors.
 docs: $(VENV)/.ready-docs

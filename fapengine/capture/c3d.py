@@ -96,7 +96,8 @@ def parse_c3d(data: Buffer) -> RawTrack:
     frames, notes = _frame_count(parameters, header, (len(data) - begin) // width)
     values = (processor.floats if real else processor.integers)(data, frames * words, begin)
     table = values.reshape(frames, words)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
-    positions = np.array(table[..., :3], np.float64)
+    with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
+        positions = np.array(table[..., :3], np.float64)
     if not real:
         positions *= scale
     positions[~(table[..., 3] >= 0)] = np.nan

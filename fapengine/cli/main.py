@@ -112,7 +112,7 @@ def _end(message: str, code: int) -> NoReturn:
     """Say in one line why, and end."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError):
-            typer.echo(f"fapengine: {message}", err=True)
+            typer.echo(f"fapengine: {' '.join(message.split(chr(10)))}", err=True)  # a file's words may hold lines
     if sys.stdout is not None:
         try:
             sys.stdout.flush()

@@ -1,5 +1,6 @@
 """Recordings and scans from paths; the format is found from the ending, and the content must agree."""
 
+import logging
 import mmap
 import re
 from dataclasses import dataclass
@@ -172,6 +173,7 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     except ImportError as error:
         raise ResourceError('meshes are read with trimesh: pip install "fapengine[lab]"') from error
     read_bytes(path)  # our own error for a file that is not there
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its tracebacks stand before our one line
     try:
         mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
         if isinstance(mesh, trimesh.Scene):

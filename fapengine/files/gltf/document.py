@@ -97,7 +97,8 @@ class Gltf:
             values = self._read(item, count, width, kind)
         if "sparse" in item:
             values = self._with_sparse(item.item("sparse"), values, kind)
-        numbers = values.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
+            numbers = values.astype(np.float64)
         if item.flag("normalized") and kind != "<f4":
             numbers = np.maximum(numbers / np.iinfo(kind).max, -1.0)
         if not (np.abs(numbers) < MAX_NUMBER).all():

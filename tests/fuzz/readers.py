@@ -1,0 +1,330 @@
+"""Everything that reads bytes of strangers, each with good examples: the table that searches for bad bytes share."""
+
+import hashlib
+import io
+import json
+import re
+import shutil
+import tempfile
+import wave
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import av
+import numpy as np
+from PIL import Image
+
+from fapengine._resources import profile_files
+from fapengine.app.manner import parse_expression
+from fapengine.capture.arrays import format_npz, parse_npz
+from fapengine.capture.c3d import format_c3d, parse_c3d
+from fapengine.capture.conventions import understand
+from fapengine.capture.landmarks import Picture, parse_landmarks
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.table import format_table, parse_table
+from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.codec.decoder import decode
+from fapengine.codec.epf import parse_epf
+from fapengine.codec.fapfile import parse_fap
+from fapengine.errors import DataError
+from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.scene import read_scene
+from fapengine.files.heads.folder import HeadInfo, load_folder, save_head
+from fapengine.files.heads.tables import load_feature_points, load_mapping
+from fapengine.files.pictures import load_picture
+from fapengine.files.recordings import load_mesh
+from fapengine.files.sessions import load_session
+from fapengine.files.sound import load_sound
+from fapengine.live.server.config import EXAMPLE, parse_config
+from fapengine.live.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
+from fapengine.live.wire import fap_osc, livelink, osc
+from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
+from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.mesh.default_head.style import parse_look
+from fapengine.mpeg4.track import FapTrack
+from fapengine.profiles import parse_profile
+from fapengine.render.drawing import parse_background, parse_size
+from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
+from fapengine.retarget.vmc_recording import parse_vmc_recording
+from fapengine.speech.formats.registry import ParseOptions, parse_timings
+from fapengine.speech.formats.table import parse_columns
+from fapengine.speech.text.normal_form import decoded, speakable
+from fapengine.speech.text.ssml import check_ssml, find_tag
+from tests.unit.files.glb import Builder, square, write_rig
+from tests.unit.files.test_gltf import vrm
+from tests.unit.mesh.rigs import own_rig
+from tests.unit.speech.samples import SAMPLES
+
+CORPUS = Path(__file__).with_name("corpus")
+RNG_SEED = 0
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One reader, and what it reads when all is well."""
+
+    name: str
+    read: Callable[[bytes], object]
+    """Raises a :class:`~fapengine.errors.FapEngineError` for what it does not take."""
+    good: tuple[bytes, ...]
+
+
+@cache
+def readers() -> tuple[Reader, ...]:
+    """List them all."""
+    return (*_codec(), *_timings(), *_motion(), *_capture(), *_meshes(), *_tables(), *_media(), *_texts(), *_wire())
+
+
+def _codec() -> Iterable[Reader]:
+    streams = tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.fba")))
+    yield Reader("FBA", decode, streams)
+    yield Reader("FBA, resync", lambda data: decode(data, errors="resync"), streams)
+    yield Reader("epf", parse_epf, tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.epf"))))
+    yield Reader("fap", parse_fap, tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.fap"))))
+
+
+def _timings() -> Iterable[Reader]:
+    for name, text in SAMPLES.items():
+        kind = name.split()[0]
+        wishes = ParseOptions(columns="fps=24" if kind == "moho" else None)
+
+        def timings(data: bytes, kind: str = kind, wishes: ParseOptions = wishes) -> object:
+            return parse_timings(data, file_format=kind, wishes=wishes)
+
+        yield Reader(f"timings, {name}", timings, (text.encode(),))
+    yield Reader("timings, any", parse_timings, tuple(text.encode() for text in SAMPLES.values()))
+
+
+def _track() -> FapTrack:
+    values = np.random.default_rng(RNG_SEED).integers(-40, 90, (4, 68))
+    values[:, :2] = 0
+    return FapTrack.of(np.maximum(values, 0), rate_hz=30.0)
+
+
+def _motion() -> Iterable[Reader]:
+    rows = np.random.default_rng(RNG_SEED).random((3, 55)).round(3).tolist()
+    tables = tuple(format_blend_csv(_track(), shapes) for shapes in ("arkit", "oculus", "vrm0"))
+    yield Reader("shapes", parse_blend_track, (*tables, json.dumps({"FrameIndex": 0, "BlendShapes": rows}).encode()))
+    lines = []
+    for frame in range(4):
+        at = f"eeada2a5.{frame * 0x0888_8888:08x}"
+        lines += [f"{at} /VMC/Ext/T f {frame / 30:f}", f'{at} /VMC/Ext/Blend/Val sf "jawOpen" {frame / 10:f}']
+        lines += [f'{at} /VMC/Ext/Blend/Val sf "{name}" 0.2' for name in ARKIT_NAMES[:12]]
+        lines.append(f"{at} /VMC/Ext/Blend/Apply ")
+    yield Reader("VMC recording", parse_vmc_recording, ("\n".join(lines).encode(),))
+
+
+def _capture() -> Iterable[Reader]:
+    track = MarkerTrack(
+        positions_mm=np.random.default_rng(RNG_SEED).normal(0, 60, (5, 4, 3)),
+        labels=("8.1", "8.2", "8.3", "8.4"),
+        rate_hz=100.0,
+    )
+    picture = Picture(width_px=640, height_px=480, eye_corners_mm=90, rate_hz=30)
+    few = np.random.default_rng(1).random((1, 468, 3)).round(2).tolist()
+    for name, parse, *good in (
+        ("C3D", parse_c3d, format_c3d(track)),
+        ("TRC", parse_trc, format_trc(track)),
+        ("marker table", parse_table, format_table(track), format_table(track, long=True)),
+        ("NPZ", parse_npz, format_npz(track)),
+        ("landmarks", lambda data: parse_landmarks(data, picture), json.dumps(few).encode()),
+    ):
+        yield Reader(name, lambda data, parse=parse: understand(parse(data)), tuple(good))
+
+
+def _no_file(name: str) -> bytes:
+    raise DataError(f"uri: got {name}, expected none")
+
+
+def _meshes() -> Iterable[Reader]:
+    builder = Builder()
+    builder.node(mesh=square(builder, targets=("rise", "fall")))
+    small = (builder.glb(), builder.gltf(), vrm(0).glb(), vrm(1).glb())
+    yield Reader("glTF", lambda data: read_scene(parse_gltf(data, _no_file)), small)
+    rig = write_rig(own_rig(("jawOpen", "mouthClose"))).glb()
+    yield Reader("glTF, a face", lambda data: read_scene(parse_gltf(data, _no_file)), (rig,))
+    obj = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 1 3 4\n"
+    ply = (
+        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    stl = (
+        b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+        b"endsolid a\n"
+    )
+    for suffix, good in (("obj", obj), ("ply", ply), ("stl", stl)):
+        yield Reader(f"mesh, {suffix}", _from_file(load_mesh, f"mesh.{suffix}"), (good,))
+
+
+def _tables() -> Iterable[Reader]:
+    corners = np.eye(3)
+    points = b"point,vertex\n8.1,0\n8.2,1\n2.1,2\n", b"point,x,y,z\n8.1,1,0,0\n8.2,0,1,0\n"
+    yield Reader("feature points", _from_file(lambda path: load_feature_points(path, corners), "points.csv"), points)
+    mapping = b'[shapes]\nsmile = "mouthSmileLeft"\nopen = { 3 = 900.0, 5 = -300.0 }\nrest = "unused"\n'
+    yield Reader("mapping", _from_file(load_mapping, "mapping.toml"), (mapping,))
+    yield Reader("serve.toml", lambda data: parse_config(data, "serve.toml"), (EXAMPLE.encode(),))
+    files = dict(profile_files("grid_s1_en"))
+    for name, data in sorted(files.items()):
+        yield Reader(f"profile, {name}", lambda data, name=name: parse_profile(_signed(files, name, data)), (data,))
+    folder = _folder()
+    table = b"frame,time_s,8.1_x,8.1_y,8.1_z\n"
+    table = format_table(MarkerTrack(positions_mm=np.ones((3, 1, 3)), labels=("8.1",), rate_hz=50.0)) or table
+    (folder / "take.csv").write_bytes(table)
+    session = (
+        b'subject = "S03"\nlanguage = "en-GB"\nunits = "mm"\nup = "+y"\nhead = ["LFHD"]\n'
+        b'neutral = { take = "take", start_s = 0.0, end_s = 1.0 }\nfapu_mm = { es0 = 62.0 }\n[points]\nLLIP = "8.2"\n'
+        b'[[pose]]\nexpression = "joy"\ntake = "take"\nstart_s = 0.0\nend_s = 0.02\n'
+    )
+
+    def in_session(data: bytes) -> object:
+        (folder / "session.toml").write_bytes(data)
+        return load_session(folder)
+
+    yield Reader("session.toml", in_session, (session,))
+    yield from _head()
+
+
+def _signed(files: dict[str, bytes], name: str, data: bytes) -> dict[str, bytes]:
+    """Replace one file, and make the sum of the whole right, so that what comes behind that check is searched too."""
+    before, after = (hashlib.sha256(one).hexdigest().encode() for one in (files[name], data))
+    return {other: data if other == name else bytes(held).replace(before, after) for other, held in files.items()}
+
+
+def _head() -> Iterable[Reader]:
+    from fapengine.mesh.default_head.head import build_head
+
+    folder = _folder()
+    save_head(folder, build_head(), HeadInfo(source="ours", licence="Apache-2.0", used=(), lacking=()))
+    for name in ("head.toml", next(path.name for path in folder.glob("*.npz"))):
+        files = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+        def in_head(data: bytes, name: str = name, files: dict[str, bytes] = files) -> object:
+            for other, held in _signed(files, name, data).items():
+                if other.endswith(".toml") or other == name:
+                    (folder / other).write_bytes(held)
+            try:
+                return load_folder(folder)
+            finally:
+                (folder / name).write_bytes(files[name])
+
+        yield Reader(f"head, {name}", in_head, (files[name],))
+
+
+def _media() -> Iterable[Reader]:
+    samples = (3000 * np.sin(np.arange(2000) * 0.2)).astype(np.int16)
+    plain = io.BytesIO()
+    with wave.open(plain, "wb") as out:
+        out.setparams((1, 2, 16000, 0, "NONE", ""))
+        out.writeframes(samples.tobytes())
+    yield Reader("sound, WAV", _from_file(load_sound, "sound.wav"), (plain.getvalue(),))
+    for container, name in (("flac", "flac"), ("ogg", "libopus"), ("mp3", "libmp3lame")):
+        buffer = io.BytesIO()
+        with av.open(buffer, "w", format=container) as file:
+            stream = file.add_stream(name, rate=48000, layout="mono")
+            resampler = av.AudioResampler(format=stream.format, layout="mono", rate=48000, frame_size=stream.frame_size)
+            frame = av.AudioFrame.from_ndarray(samples.reshape(1, -1), format="s16", layout="mono")
+            frame.sample_rate = 16000
+            for piece in (*resampler.resample(frame), *resampler.resample(None), None):
+                file.mux(stream.encode(piece))
+        yield Reader(f"sound, {container}", _from_file(load_sound, f"sound.{container}"), (buffer.getvalue(),))
+    pixels = Image.fromarray(np.random.default_rng(RNG_SEED).integers(0, 255, (12, 16, 3), dtype=np.uint8))
+    pictures = []
+    for kind in ("PNG", "JPEG", "WEBP", "BMP"):
+        buffer = io.BytesIO()
+        pixels.save(buffer, kind)
+        pictures.append(buffer.getvalue())
+    yield Reader("picture", _from_file(load_picture, "picture.png"), tuple(pictures))
+
+
+def _texts() -> Iterable[Reader]:
+    spoken = "Hello — “there”, 3 naïve cafés? Ünïcode ﬁ 🙂.".encode()
+    marked = b'<speak>Hello <break time="1s"/> <prosody rate="slow">there</prosody> &amp; you</speak>'
+
+    def text(data: bytes) -> object:
+        words = decoded(data)
+        return speakable(words), find_tag(words)
+
+    yield Reader("text", text, (spoken, marked))
+    yield Reader("SSML", lambda data: check_ssml(speakable(decoded(data)).text), (marked,))
+    for name, parse, *good in (
+        ("--expression", parse_expression, b"joy:0.4@1.5-3", b"surprise@word"),
+        ("--columns", parse_columns, b"start=a,end=b,label=c,unit=ms"),
+        ("--look", parse_look, b"hair_colour=red,age=0.8,level=fine"),
+        ("--size", parse_size, b"640x480"),
+        ("--background", parse_background, b"#102030"),
+    ):
+        yield Reader(f"option {name}", lambda data, parse=parse: parse(data.decode("utf-8", "replace")), good)
+
+
+def _wire() -> Iterable[Reader]:
+    (frame,) = fap_osc.encode_track(FapTrack.of(_track().values[:1], rate_hz=25.0), session="anna")
+    mixed = osc.message("/x", "sbihfdTFN", "é", b"abc", 1, 2, 3.0, 4.0, True, False, None)
+    told = (
+        codec.encode(schema.Hello("anna", token="word")),
+        codec.encode(
+            schema.Phones("anna", 1, 0, 0, (schema.WirePhone("m", 0, 80_000), schema.WirePhone("a", 80_000, 9)))
+        ),
+        codec.encode(schema.CancelUtterance("anna", -1, -1, 200)),
+        codec.encode(schema.SpeakText("anna", "Hello.")),
+    )
+    kinds = schema.from_sender()
+
+    def messages(data: bytes) -> None:
+        for message in osc.parse_packet(data):
+            if message.address in kinds:
+                codec.parse(kinds[message.address], message)
+
+    yield Reader("OSC", osc.parse_packet, (mixed, *osc.bundles([mixed, frame], limit=9999)))
+    yield Reader("OSC, speech", messages, told)
+    yield Reader("OSC, frame", fap_osc.decode_frame, (frame,))
+    subject = livelink.Subject("Zoë", "01234567-89ab-cdef-0123-456789abcdef")
+    face = livelink.encode_face(subject, livelink.Face(number=1, values=np.linspace(-1, 1, 61)))
+    yield Reader("Live Link", livelink.decode_packet, (face,))
+    yield Reader("SLIP", lambda data: SlipDecoder().feed(data), (encode_slip(mixed) * 2,))
+    yield Reader("length prefix", lambda data: LengthDecoder().feed(data), (encode_length(mixed) * 2,))
+    asked = (
+        {"type": "say", "text": "Hello.", "rate": 160}, {"type": "express", "name": "joy", "level": 0.5},
+        {"type": "look", "yaw": 0.1, "pitch": 0.0}, {"type": "plays", "on": True},
+    )  # fmt: skip
+    yield Reader("page", lambda data: parse_request(data.decode("utf-8", "replace")),
+                 tuple(json.dumps(one).encode() for one in asked))  # fmt: skip
+    yield Reader("page, sound", parse_sound, (SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(range(64)),))
+
+
+def _folder() -> Path:
+    """A new folder in memory, where there is one; it goes with the process."""
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=memory if memory.is_dir() else None))
+    _FOLDERS.append(folder)
+    return folder
+
+
+_FOLDERS: list[Path] = []
+
+
+def clean() -> None:
+    """Remove what readers of files were given."""
+    while _FOLDERS:
+        shutil.rmtree(_FOLDERS.pop(), ignore_errors=True)
+    readers.cache_clear()
+
+
+def _from_file(load: Callable[[Path], object], name: str) -> Callable[[bytes], object]:
+    path = _folder() / name
+
+    def read(data: bytes) -> object:
+        path.write_bytes(data)
+        return load(path)
+
+    return read
+
+
+NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
+ODD = (
+    b"", b"-", b"1e999", b"-1", b"NaN", b"Infinity", b"1e300", b"99999999999", b"4294967295", b"0", b"1e-300",
+    b'"', b"\n", b"\0", "é".encode(), b"\xff", b"{", b"[[", b"null", b"\t", b"x y", b"<", b"&", b"=", b",", b"true",
+    b"\x80\x00\x00\x00", b"\xff\xff\xff\xff", b"\x7f\xff", b"[" * 300,
+)  # fmt: skip
