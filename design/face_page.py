@@ -8,17 +8,16 @@ The real face is the neutral of ICT-FaceKit (USC, MIT licence), brought in as an
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from fapengine.files.heads.load import load_head
 from fapengine.files.pictures import font
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.import_head import import_head
@@ -37,13 +36,7 @@ DENSE_FACE, MARKERS = (ROOT / "data" / name for name in ("dense_face.npz", "mark
 VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ", "u")
 """A phone of each of the standard's visemes 1 to 14."""
 CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
-STYLES: dict[str, dict[str, float | str | bool]] = {
-    "default": {},
-    "skin_tone 0.7, black hair": {"skin_tone": 0.7, "hair_colour": "black", "lip_fullness": 1.25, "nose_width": 1.15},
-    "jaw_width 0.88, freckles 2": {"jaw_width": 0.88, "hair_colour": "red", "freckles": 2.0, "skin_tone": 0.05},
-    "age 0.9, grey": {"age": 0.9, "hair_colour": "grey", "brow_thickness": 1.4},
-    "no hair, jaw_width 1.1": {"hair": False, "jaw_width": 1.1, "chin_mm": 3.0, "skin_tone": 0.45},
-}
+PEOPLE = ("default", "woman", "man", "child", "older", *(f"random:{seed}" for seed in (1, 3, 4, 5, 7, 10, 11)))
 COLOURS = {  # linear RGB of the real face's parts, which its file leaves open
     "gums_tongue": (0.5, 0.16, 0.15), "teeth": (0.8, 0.75, 0.66), "mouth_socket": (0.25, 0.07, 0.06),
     "eyeball_left": (0.8, 0.77, 0.74), "eyeball_right": (0.8, 0.77, 0.74), "eye_socket_left": (0.5, 0.2, 0.18),
@@ -131,8 +124,8 @@ def main() -> None:
     faces["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
     faces |= {"gaze left": gaze(0.45, 0), "gaze up": gaze(0, -0.3), "gaze down": gaze(0, 0.45)}
     sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)
-    styles = {name: build_head(replace(HeadStyle(), **values)) for name, values in STYLES.items()}
-    sheet("face-styles", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in styles.items()}, 5)
+    people = {name: load_head(name) for name in PEOPLE}
+    sheet("face-people", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in people.items()}, 6)
     if DENSE_FACE.exists():
         poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
         turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)

@@ -9,6 +9,7 @@ in vec2 v_uv;
 
 uniform vec3 u_eye_position;  // camera in world space, mm
 uniform vec2 u_iris;  // radius of iris and pupil, as a share of the eyeball's
+uniform vec3 u_iris_albedo;  // linear RGB near the pupil
 uniform vec4 u_lids;  // height of the lids' margins, as shares of the eyeball's radius: upper, lower; left eye, right eye
 uniform mat4 u_bones[5];  // as in face.vert: 2 and 3 turn the eyes, 4 the head
 
@@ -24,9 +25,7 @@ vec3 iris_colour(vec2 at, float radius) {
     float share = radius / u_iris.x;
     float around = atan(at.y, at.x);
     float fibres = 0.5 + 0.5 * sin(around * 37.0 + 3.0 * sin(around * 11.0)) * sin(around * 23.0 + share * 9.0);
-    vec3 outer = vec3(0.090, 0.046, 0.021);
-    vec3 inner = vec3(0.280, 0.148, 0.060);
-    vec3 colour = mix(inner, outer, smoothstep(0.35, 0.92, share)) * (0.72 + 0.56 * fibres);
+    vec3 colour = u_iris_albedo * mix(1.0, 0.32, smoothstep(0.35, 0.92, share)) * (0.72 + 0.56 * fibres);
     colour *= 1.0 + 0.85 * smoothstep(0.15, -0.9, at.y / u_iris.x);  // light gathers opposite the key
     colour *= 1.0 - 0.85 * smoothstep(0.74, 1.0, share);  // limbus
     return mix(vec3(0.003), colour, smoothstep(u_iris.y - 0.02, u_iris.y + 0.02, radius));

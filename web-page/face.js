@@ -110,6 +110,7 @@ export class FaceView {
       u_clip_from_world: clip,
       u_eye_position: cameraPosition(camera),
       u_iris: irisAndPupil(this.head, faps),
+      u_iris_albedo: this.head.irisAlbedo,
       u_lids: lidMargins(this.head, faps),
     };
     const atVertices = this.isLitAtVertices(camera, height);

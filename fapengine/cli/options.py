@@ -33,7 +33,8 @@ HeadName = Annotated[
     str,
     typer.Option(
         "--head",
-        help="Whose face: default, default:hair_colour=red,age=0.8, or a folder of `fapengine head import`.",
+        help="Whose face: default, woman, man, child, older, random:7, woman:hair_colour=red,age=0.8, "
+        "or a folder of `fapengine head import`.",
         rich_help_panel=DRAWING,
     ),
 ]

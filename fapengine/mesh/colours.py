@@ -28,6 +28,15 @@ HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
 }
 """Hair colours by name, linear RGB."""
 
+EYE_COLOURS: dict[str, tuple[float, float, float]] = {
+    "brown": (0.280, 0.148, 0.060),
+    "dark": (0.115, 0.058, 0.028),
+    "hazel": (0.250, 0.180, 0.072),
+    "green": (0.150, 0.200, 0.095),
+    "blue": (0.150, 0.245, 0.360),
+    "grey": (0.215, 0.250, 0.275),
+}
+"""Iris near the pupil by the eyes' colour, linear RGB."""
 LIP = LIPS[1]
 MOUTH = np.array([0.10, 0.018, 0.016])
 GUM = np.array([0.50, 0.16, 0.15])

@@ -15,7 +15,7 @@ Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from types import MappingProxyType
 
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
@@ -140,6 +141,8 @@ class FaceMesh:
     """(2, 3) float64: centres of the left and the right eyeball."""
     fapu: Fapu
     basis: DeformationBasis
+    iris_albedo: NDArray[np.float32] = field(default_factory=lambda: np.array(EYE_COLOURS["brown"], np.float32))
+    """(3,) float32, linear RGB: the iris near the pupil, of eyes that the shader draws."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 3 or 4) uint8, sRGB: multiplied with ``albedo`` at ``uv``; None is white everywhere.
 
@@ -149,7 +152,7 @@ class FaceMesh:
 
     def __post_init__(self) -> None:
         count = len(np.asarray(self.vertices_mm))
-        for field, shape, dtype in (
+        for name, shape, dtype in (
             ("vertices_mm", (count, 3), np.float32),
             ("normals", (count, 3), np.float32),
             ("uv", (count, 2), np.float32),
@@ -163,8 +166,9 @@ class FaceMesh:
             ("jaw_pivot_mm", (3,), np.float64),
             ("head_pivot_mm", (3,), np.float64),
             ("eye_pivots_mm", (2, 3), np.float64),
+            ("iris_albedo", (3,), np.float32),
         ):
-            object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
+            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, dtype))
         if self.texture is not None:
             object.__setattr__(self, "texture", frozen(self.texture, "texture", ("H", "W", "C"), np.uint8))
             if self.texture.size == 0 or self.texture.shape[2] not in (3, 4):
@@ -175,14 +179,14 @@ class FaceMesh:
             raise UsageError(f"feature_points: got unknown names {sorted(unknown)}")
         if len(self.basis.offsets) != count + 1:
             raise UsageError(f"basis.offsets: got {len(self.basis.offsets)} numbers, expected {count + 1}")
-        for field, indices, limit in (
+        for name, indices, limit in (
             ("triangles", self.triangles, count),
             ("feature_points", np.array([*self.feature_points.values()], int), count),
             ("material", self.material, len(Material)),
             ("bone", self.bone, len(Bone)),
         ):
             if indices.size and not 0 <= indices.min() <= indices.max() < limit:
-                raise UsageError(f"{field}: expected 0..{limit - 1}")
+                raise UsageError(f"{name}: expected 0..{limit - 1}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
         """(3,) float32, mm: position of a feature point in the neutral face.

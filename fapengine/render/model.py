@@ -101,6 +101,7 @@ class Model:
             "u_channels": uniforms.channels,
             "u_bones": uniforms.bones,
             "u_iris": uniforms.iris,
+            "u_iris_albedo": self.packed.iris_albedo,
             "u_lids": uniforms.lids,
             "u_clip_from_world": np.ascontiguousarray(camera.clip_from_world(size[0] / size[1]).T, dtype="f4"),
             "u_eye_position": camera.position_mm.astype("f4"),

@@ -81,6 +81,8 @@ class PackedMesh:
     """Median length of the triangles' edges."""
     iris: float
     """Radius of the iris as a share of the eyeball's."""
+    iris_albedo: NDArray[np.float32]
+    """(3,) float32, linear RGB: ``u_iris_albedo``."""
 
     def __post_init__(self) -> None:
         width = sum(ATTRIBUTE_SIZES.values())
@@ -149,6 +151,7 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         texels_per_mm=_texels_per_mm(mesh, skin),
         edge_mm=_edge_mm(mesh),
         iris=iris_share(mesh),
+        iris_albedo=mesh.iris_albedo,
     )
 
 

@@ -28,7 +28,7 @@ FACE_ATTRIBUTES = {
 MOTION_UNIFORMS = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world")
 """Uniforms of ``face.vert``."""
 FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
-EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris", "u_lids")
+EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris", "u_iris_albedo", "u_lids")
 WIRE_UNIFORMS = ("u_displacements", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
 BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
 EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)

@@ -127,7 +127,8 @@ class _Document:
 def _read(folder: Path) -> tuple[HeadInfo, dict[str, bytes]]:
     if not (folder / TOML_NAME).is_file():
         raise UsageError(
-            f"head: got {str(folder)!r}, expected 'default' or a folder that `fapengine head import` wrote"
+            f"head: got {str(folder)!r}, expected default, woman, man, child, older, random:NUMBER, "
+            "or a folder that `fapengine head import` wrote"
         )
     path = str(folder / TOML_NAME)
     document = parse_toml(read_bytes(folder / TOML_NAME), _Document, path, ProfileError, schema=SCHEMA)
@@ -157,7 +158,7 @@ def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh
     channels = tuple(Channel(int(number), float(start), float(stop)) for number, start, stop in arrays["channels"])
     names = [str(name) for name in arrays["point_names"]]
     return FaceMesh(
-        **{name: arrays[name] for name in ARRAYS},
+        **{name: arrays[name] for name in ARRAYS if name in arrays or name != "iris_albedo"},  # which is a later one
         feature_points=dict(zip(names, map(int, arrays["point_vertices"]), strict=True)),
         fapu=Fapu(*map(float, arrays["fapu_mm"])),
         basis=DeformationBasis(

@@ -1,17 +1,24 @@
-"""Heads by name: our own in any look, or a folder."""
+"""Heads by name: our own, as any person, or a folder."""
 
 from pathlib import Path
 
 from fapengine.files.heads.built import OURS, load_built
 from fapengine.files.heads.folder import HeadInfo, load_folder
-from fapengine.mesh.default_head.style import LEVELS, HeadStyle, parse_look
+from fapengine.mesh.default_head.people import parse_person
+from fapengine.mesh.default_head.style import LEVELS
 from fapengine.mesh.face_mesh import FaceMesh
 
 DEFAULT_HEAD = "default"
 
 
 def load_head(name: str) -> FaceMesh:
-    """Load a head's folder; ``"default"`` is our own, ``"default:age=0.8,level=fine"`` it with another look.
+    """Load a head: a person of our own, or the folder of another.
+
+    Parameters
+    ----------
+    name : str
+        ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, as
+        ``"woman:age=0.8,level=fine"``; else a folder.
 
     Raises
     ------
@@ -20,7 +27,8 @@ def load_head(name: str) -> FaceMesh:
     ProfileError
         If its content is wrong; ``where`` is file and key.
     """
-    return load_built(*_look(name)) if _is_ours(name) else load_folder(Path(name))[1]
+    look = parse_person(name)
+    return load_built(*look) if look else load_folder(Path(name))[1]
 
 
 def load_levels(name: str) -> list[FaceMesh]:
@@ -28,22 +36,12 @@ def load_levels(name: str) -> list[FaceMesh]:
 
     Raises as :func:`load_head`.
     """
-    levels, coarsest = [load_head(name)], next(iter(LEVELS))
-    if _is_ours(name):
-        style, level = _look(name)
-        if level != coarsest:
-            levels.append(load_built(style, coarsest))
+    levels, look, coarsest = [load_head(name)], parse_person(name), next(iter(LEVELS))
+    if look and look[1] != coarsest:
+        levels.append(load_built(look[0], coarsest))
     return levels
 
 
 def load_head_info(name: str) -> HeadInfo:
     """Tell where a head comes from. Raises as :func:`load_head`."""
-    return OURS if _is_ours(name) else load_folder(Path(name))[0]
-
-
-def _is_ours(name: str) -> bool:
-    return name == DEFAULT_HEAD or name.startswith(f"{DEFAULT_HEAD}:")
-
-
-def _look(name: str) -> tuple[HeadStyle, str]:
-    return parse_look(name[len(DEFAULT_HEAD) + 1 :])
+    return OURS if parse_person(name) else load_folder(Path(name))[0]

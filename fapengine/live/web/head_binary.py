@@ -44,6 +44,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
     about = {
         "attributes": list(ATTRIBUTE_SIZES.items()),
         "iris": packed.iris,
+        "irisAlbedo": packed.iris_albedo.tolist(),
         "edge": packed.edge_mm,
         "texelsPerMm": packed.texels_per_mm,
         "pupilShare": PUPIL_SHARE,

@@ -29,7 +29,14 @@ Indices = NDArray[np.int64]
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.22, 0.42, 0.63, 0.82, 0.95)
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
+LONG_TAPER = (0.4, 0.9, 1.0, 1.1, 1.15, 1.2, 1.2, 1.15, 1.05, 0.8)
 """Width of a lock from root towards the tip, which is a point."""
+HANGS_BELOW_MM, HANGS_TO_MM = 18.0, -118.0
+"""Heights below which long hair hangs free, and where it ends."""
+EAR_MM = 15.0
+"""Distance by which long hair lies out over an ear."""
+CURTAIN_MM = 4.0
+"""Thickness of what hangs under the locks."""
 GOLDEN = 0.6180339887498949
 
 
@@ -43,7 +50,8 @@ def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices
     """Add cap and locks; returns their indices, (N,), those of the cap first."""
     palette = palette_of(style)
     cap = _build_cap(builder, style, palette, detail)
-    return np.concatenate([cap, _build_locks(builder, style, palette, detail).ravel()])
+    curtain = _build_curtain(builder, style, palette, detail) if style.haircut == "long" else cap[:0]
+    return np.concatenate([cap, curtain, _build_locks(builder, style, palette, detail).ravel()])
 
 
 def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
@@ -68,13 +76,35 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     return np.append(grid.ravel(), crown)
 
 
+def _build_curtain(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
+    """Add what hangs under the locks of long hair, from ear over the nape to ear: an outside and an inside."""
+    angle = np.deg2rad(np.linspace(58.0, 302.0, round(26 * detail)))
+    angle, y = np.meshgrid(
+        np.where(angle > np.pi, angle - 2 * np.pi, angle), np.linspace(-60.0, 66.0, round(9 * detail))
+    )
+    points, out = _hanging(position(angle, y, style), normal(angle, y, style), angle, y)
+    share = np.linspace(-1, 1, angle.shape[1])
+    thick = CURTAIN_MM * np.sqrt(1 - share**8) * smoothstep((72.0 - y) / 20.0)
+    uv = strand_uv(0.5 + 0.4 * np.sin(9.0 * angle), 0.05 + 0.9 * (y + 60.0) / 126.0)
+    dark = 0.62 * palette.hair * (0.75 + 0.25 * smoothstep((y + 70.0) / 60.0))[..., None]
+    outside = builder.add(points + thick[..., None] * out, albedo=dark, material=Material.HAIR, uv=uv)
+    inside = builder.add(points - 1.0 * out, albedo=0.5 * dark, material=Material.HAIR, uv=uv)
+    builder.quads(outside)
+    builder.quads(inside[:, ::-1])
+    for one, other in ((outside[:, 0], inside[:, 0]), (inside[:, -1], outside[:, -1])):
+        builder.quads(np.stack([other, one], axis=1))
+    return np.concatenate([outside.ravel(), inside.ravel()])
+
+
 class _Scalp:
     """The bare head as points to which others are laid."""
 
     def __init__(self, style: HeadStyle) -> None:
         angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
-        self.points = position(angle, y, style).reshape(-1, 3)
-        self.normals = normal(angle, y, style).reshape(-1, 3)
+        points, normals = position(angle, y, style), normal(angle, y, style)
+        if style.haircut == "long":
+            points, normals = _hanging(points, normals, angle, y)
+        self.points, self.normals = points.reshape(-1, 3), normals.reshape(-1, 3)
         self._tree = cKDTree(self.points)
 
     def under(self, points: Array) -> tuple[Array, Array]:
@@ -88,9 +118,28 @@ class _Scalp:
         return below, normals
 
 
-def _combed(points: Array, normals: Array) -> Array:
+def _hanging(points: Array, normals: Array, angle: Array, y: Array) -> tuple[Array, Array]:
+    """(..., 3) each: what long hair lies on: the head, the ears, and below them straight down past the neck."""
+    below = smoothstep((HANGS_BELOW_MM - y) / 30.0)[..., None]
+    down = np.interp(y[:, 0], (y.min(), HANGS_BELOW_MM), (HANGS_TO_MM, HANGS_BELOW_MM))
+    level = int(np.abs(y[:, 0] - HANGS_BELOW_MM).argmin())
+    curtain = np.repeat(points[level][None], len(points), axis=0) * [1.04, 1.0, 1.0]
+    curtain[..., 1] = np.where(y < HANGS_BELOW_MM, down[:, None], y)
+    out = normals[level] * [1.0, 0.0, 1.0]
+    out = np.broadcast_to(out / np.linalg.norm(out, axis=-1, keepdims=True), normals.shape)
+    hung = points + below * (curtain - points)
+    turned = normals + below * (out - normals)
+    turned = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    degrees = np.rad2deg(np.abs(angle))
+    ear = smoothstep((degrees - 62.0) / 20.0) * smoothstep((132.0 - degrees) / 24.0) * smoothstep((66.0 - y) / 30.0)
+    return hung + (EAR_MM * ear)[..., None] * turned, turned
+
+
+def _combed(points: Array, normals: Array, haircut: str) -> Array:
     """(N, 3): unit direction in which hair lies."""
     x, y, z = points.T
+    if haircut == "long":
+        return _combed_long(points, normals)
     parting = np.interp(z, (-40.0, 60.0), (8.0, 24.0))
     away = np.tanh((parting - x) / 6.0)
     top = smoothstep((y - 62.0) / 55.0)
@@ -105,6 +154,21 @@ def _combed(points: Array, normals: Array) -> Array:
         ],
         axis=-1,
     )
+    direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
+    unit: Array = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
+    return unit
+
+
+def _combed_long(points: Array, normals: Array) -> Array:
+    """(N, 3): from a parting in the middle to the sides, round the forehead to the ears, and there down."""
+    x, y, z = points.T
+    side = np.tanh((x + 0.01) / 4.0)
+    degrees = np.rad2deg(np.arctan2(np.abs(x), z - 10.0))
+    falls = smoothstep((degrees - 52.0) / 24.0) * (1 - 0.75 * smoothstep((y - 84.0) / 40.0))
+    back = smoothstep((degrees - 110.0) / 40.0)
+    around = np.stack([np.cos(np.deg2rad(degrees)) * side, 0 * x, -np.sin(np.deg2rad(degrees))], axis=-1)
+    level = (1 - falls) * (1 - 0.6 * back)
+    direction = level[:, None] * around + np.stack([0 * x, -0.22 - falls - 0.5 * back, 0 * x], axis=-1)
     direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
     unit: Array = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
     return unit
@@ -146,15 +210,19 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
     nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
     temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
-    length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
+    is_long = style.haircut == "long"
+    if is_long:
+        length = (at[:, 1] - HANGS_TO_MM + 0.6 * np.abs(at[:, 1] - 60.0)) * (0.92 + 0.06 * vary)
+    else:
+        length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
     half = (4.4 + 1.9 * top) * (1 + 0.25 * other) / np.sqrt(np.clip(detail, 0.6, 1.6))
     layer = 1.2 + 1.0 * vary
-    taper = resampled([*TAPER, 0.0], min(detail, 1.6))
+    taper = resampled([*(LONG_TAPER if is_long else TAPER), 0.0], min(detail, 1.6))
     shares = np.linspace(0, 1, len(taper))
     rows, tints = [], []
     for share, wide in zip(shares, taper, strict=True):
         foot, out = scalp.under(at)
-        along = _combed(foot, out)
+        along = _combed(foot, out, style.haircut)
         aside = np.cross(along, out)
         along = along + (0.16 * other)[:, None] * aside
         out_of = smoothstep((share + 0.02) / 0.3)
@@ -166,7 +234,8 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
         shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
         tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
-        at = foot + (length * _clear_of_ears(foot) / (len(taper) - 1))[:, None] * along
+        step = length / (len(taper) - 1) * (1.0 if is_long else _clear_of_ears(foot))
+        at = foot + step[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]

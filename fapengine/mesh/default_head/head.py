@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import nose, parts
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
@@ -133,7 +134,7 @@ def _built(style: HeadStyle, level: str) -> FaceMesh:
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette.base)),
     )
     parts.build_shirt(builder, detail)
-    return _finish(builder, head, detail, paint(style))
+    return _finish(builder, head, detail, paint(style), style.eye_colour)
 
 
 def _build_skin(
@@ -196,7 +197,9 @@ def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -
     return points + blend[:, None] * (softened - points)
 
 
-def _finish(builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArray[np.uint8]) -> FaceMesh:
+def _finish(
+    builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArray[np.uint8], eye_colour: str
+) -> FaceMesh:
     triangles = builder.triangles()
     points = _soften(builder.column("points_mm"), triangles, head, detail)
     normals = vertex_normals(points, triangles)
@@ -236,6 +239,7 @@ def _finish(builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArr
         head_pivot_mm=HEAD_PIVOT,
         eye_pivots_mm=np.stack([eye.centre for eye in head.eyes]),
         fapu=fapu,
+        iris_albedo=np.array(EYE_COLOURS[eye_colour], np.float32),
         texture=texture,
         basis=DeformationBasis(
             channels=basis.channels,

@@ -4,10 +4,20 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from fapengine.errors import UsageError
-from fapengine.mesh.colours import HAIR_COLOURS, Palette
+from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
+from fapengine.mesh.default_head.relief_table import RELIEF_TENTHS_MM
 
 LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
 """Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
+
+HAIRCUTS = ("short", "long")
+MAX_RELIEF = 2.5
+BOUNDS: dict[str, tuple[float, float]] = {
+    "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),
+    "nose_width": (0.75, 1.3), "eye_opening_mm": (8, 13), "lip_fullness": (0.5, 1.5), "mouth_width": (0.85, 1.15),
+    "brow_thickness": (0.4, 2), "age": (0, 1), "skin_tone": (0, 1), "freckles": (0, 3),
+}  # fmt: skip
+"""Numbers of :class:`HeadStyle` to the least and the most that they may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +57,25 @@ class HeadStyle:
     hair_colour: str = "brown"
     """One of :data:`HAIR_COLOURS`."""
     hair: bool = True
+    haircut: str = "short"
+    """One of :data:`HAIRCUTS`."""
+    eye_colour: str = "brown"
+    """One of :data:`.colours.EYE_COLOURS`."""
+    relief: tuple[float, ...] = ()
+    """Weights of the measured differences between faces, at most 8 numbers of -2.5..2.5: people are spread about 0 with
+    a standard deviation of 1 (:mod:`.relief_table`). Forehead, cheeks, chin and temples follow."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("jaw_width", 0.85, 1.15), ("cheek_fullness_mm", -4, 6), ("chin_mm", -5, 6), ("nose_length", 0.6, 1.3),
-            ("nose_width", 0.75, 1.3), ("eye_opening_mm", 8, 13), ("lip_fullness", 0.5, 1.5),
-            ("mouth_width", 0.85, 1.15), ("brow_thickness", 0.4, 2), ("age", 0, 1), ("skin_tone", 0, 1),
-            ("freckles", 0, 3),
-        ):  # fmt: skip
+        for name, (low, high) in BOUNDS.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise UsageError(f"{name}: got {value}, expected {low:g}..{high:g}")
-        if self.hair_colour not in HAIR_COLOURS:
-            raise UsageError(f"hair_colour: got {self.hair_colour!r}, expected one of {', '.join(HAIR_COLOURS)}")
+        for name, known in (("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS)):
+            if getattr(self, name) not in known:
+                raise UsageError(f"{name}: got {getattr(self, name)!r}, expected one of {', '.join(known)}")
+        if len(self.relief) > len(RELIEF_TENTHS_MM) or not all(abs(weight) <= MAX_RELIEF for weight in self.relief):
+            expected = f"at most {len(RELIEF_TENTHS_MM)} numbers of -{MAX_RELIEF:g}..{MAX_RELIEF:g}"
+            raise UsageError(f"relief: got {'/'.join(f'{weight:g}' for weight in self.relief)}, expected {expected}")
 
 
 def palette_of(style: HeadStyle) -> Palette:
@@ -67,13 +83,14 @@ def palette_of(style: HeadStyle) -> Palette:
     return Palette.of(style.skin_tone, style.hair_colour)
 
 
-def parse_look(text: str) -> tuple[HeadStyle, str]:
+def parse_look(text: str, usual: HeadStyle | None = None) -> tuple[HeadStyle, str]:
     """Read ``"hair_colour=red,age=0.8,level=fine"``: fields of :class:`HeadStyle`, and a level of detail.
 
     Returns
     -------
     (HeadStyle, str)
-        What is not named is as by default; the level, by default ``"normal"``, is not looked at here.
+        What is not named is as ``usual`` has it, or as by default; the level, by default ``"normal"``, is not looked
+        at here.
 
     Raises
     ------
@@ -81,7 +98,7 @@ def parse_look(text: str) -> tuple[HeadStyle, str]:
         If a name or a value is none.
     """
     defaults = {field.name: getattr(HeadStyle(), field.name) for field in fields(HeadStyle)}
-    style, level = HeadStyle(), "normal"
+    style, level = usual or HeadStyle(), "normal"
     for item in filter(None, text.split(",")):
         name, equals, value = (part.strip() for part in item.partition("="))
         if name == "level" and equals:
@@ -94,10 +111,12 @@ def parse_look(text: str) -> tuple[HeadStyle, str]:
     return style, level
 
 
-def _as(like: object, name: str, value: str) -> float | str | bool:
+def _as(like: object, name: str, value: str) -> float | str | bool | tuple[float, ...]:
     """Read a value of the kind that the default has."""
     if isinstance(like, str):
         return value
+    if isinstance(like, tuple):
+        return tuple(float(_as(0.0, name, part)) for part in value.split("/"))  # type: ignore[arg-type]
     if isinstance(like, bool):
         if value not in ("true", "false"):
             raise UsageError(f"{name}: got {value!r}, expected true or false")
