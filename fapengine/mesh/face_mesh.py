@@ -24,10 +24,13 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+
+
+BROWN_IRIS = (0.280, 0.148, 0.060)
+"""Linear RGB near the pupil."""
 
 
 class Material(IntEnum):
@@ -141,7 +144,7 @@ class FaceMesh:
     """(2, 3) float64: centres of the left and the right eyeball."""
     fapu: Fapu
     basis: DeformationBasis
-    iris_albedo: NDArray[np.float32] = field(default_factory=lambda: np.array(EYE_COLOURS["brown"], np.float32))
+    iris_albedo: NDArray[np.float32] = field(default_factory=lambda: np.array(BROWN_IRIS, np.float32))
     """(3,) float32, linear RGB: the iris near the pupil, of eyes that the shader draws."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 3 or 4) uint8, sRGB: multiplied with ``albedo`` at ``uv``; None is white everywhere.

@@ -60,7 +60,7 @@ class HeadStyle:
     haircut: str = "short"
     """One of :data:`HAIRCUTS`."""
     eye_colour: str = "brown"
-    """One of :data:`.colours.EYE_COLOURS`."""
+    """One of :data:`EYE_COLOURS`."""
     relief: tuple[float, ...] = ()
     """Weights of the measured differences between faces, at most 8 numbers of -2.5..2.5: people are spread about 0 with
     a standard deviation of 1 (:mod:`.relief_table`). Forehead, cheeks, chin and temples follow."""

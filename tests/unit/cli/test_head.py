@@ -367,7 +367,7 @@ def test_files_that_are_no_face(brought, tmp_path):
 
 
 def test_heads_that_are_none(imported, tmp_path):
-    with pytest.raises(UsageError, match=r"expected 'default' or a folder"):
+    with pytest.raises(UsageError, match=r"expected default, woman"):
         load_head(str(tmp_path))
     toml, arrays = (imported / "head.toml").read_text(), (imported / "head.npz").read_bytes()
 
