@@ -28,7 +28,6 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
-
 BROWN_IRIS = (0.280, 0.148, 0.060)
 """Linear RGB near the pupil."""
 
