@@ -11,11 +11,14 @@ CONFORMANCE_AT_LEAST := 300
 SECONDS := 600
 # How long make soak uses a server.
 MINUTES := 30
+# Of make faults.
+MOMENTS := 200
+SEED := 1
 CORE_TESTS := $(addprefix tests/unit/,capture codec geometry ground laboratory mesh models mpeg4 profiles retarget scoring speech \
     trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+.PHONY: faults oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
     clean docs env dev tools
 
 help:
@@ -30,6 +33,7 @@ help:
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs, for the table of python -m bench.ears: Rhubarb; needs Node"
 	@echo "make docs   the documentation as a site: out/site/index.html"
+	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
 demo: $(VENV)/.ready
@@ -86,6 +90,9 @@ fuzz: $(VENV)/.ready-dev
 	@grep 'stat::' out/fuzz.log
 	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 3)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
+
+faults: $(VENV)/.ready-dev
+	$(BIN)/python -m tests.faults --moments $(MOMENTS) --seed $(SEED)
 
 # Links and cross references that lead nowhere are errors.
 docs: $(VENV)/.ready-docs

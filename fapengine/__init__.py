@@ -10,11 +10,11 @@ without notice. A name is imported when it is first used: importing this package
 The folders are floors; imports go down only (``pyproject.toml``, import-linter):
 
 ====  ==========================================  ==========================================================
-14    ``cli``                                     one file a verb: options and printing
+14    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
 13    ``app``                                     what a verb does, for Python too
 12    ``live``                                    sessions in real time
 11    ``render`` ``files`` ``voices`` ``ears``    the edge: pictures, paths, sound
-10    ``_resources``                              the data inside the package
+10    ``_resources`` ``_signals``                 the data inside the package; Ctrl-C while a library works
 9     ``laboratory`` ``scoring``                  recordings to a profile, with evidence; scores of lip syncs
 8     ``trajectory``                              speech to motion
 7     ``profiles``                                the data that make one face speak

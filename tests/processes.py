@@ -10,8 +10,12 @@ PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent() -> None:
-    """Have the kernel end this process when its parent ends. For ``preexec_fn``."""
+    """Have the kernel end this process when its parent ends. For ``preexec_fn``.
+
+    It also hears Ctrl-C again, which shells switch off for what they run in the background.
+    """
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:

@@ -11,8 +11,8 @@ from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.errors import UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.built import load_built
-from fapengine.files.paths import write_bytes
-from fapengine.files.profiles import load_profile, save_profile
+from fapengine.files.paths import replacing_folder
+from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import load_session
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import FitOptions, Fitted, fit_session
@@ -20,6 +20,9 @@ from fapengine.laboratory.playback import captured_faps
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.profiles import TOML_NAME
 
+REPORT_NAME, DENSE_NAME = "report.html", "dense.npz"
+OWNED = (*PROFILE_FILES, REPORT_NAME, DENSE_NAME, "takes/*.fap")
+"""Files of a fitted profile's folder."""
 STANDARD = DEFAULT_PROFILE
 """Profile that lends the expressions which a session lacks."""
 
@@ -69,8 +72,7 @@ def run_fit(
         As reading, fitting and writing say.
     """
     output = job.output
-    if output.exists() and not (output / TOML_NAME).is_file() and (not output.is_dir() or any(output.iterdir())):
-        raise UsageError(f"{output}: got something that is no profile, expected a new folder or a profile's")
+    check_folder(output)
     head = load_built(HeadStyle())
     loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
     origin = {"source": f"session {loaded.session.subject}", "command": _command(job.session, output, job.seed)}
@@ -93,6 +95,12 @@ def run_fit(
     return fitted
 
 
+def check_folder(output: Path) -> None:
+    """Refuse a place that holds something else than a profile. Raises UsageError."""
+    if output.exists() and not (output / TOML_NAME).is_file() and (not output.is_dir() or any(output.iterdir())):
+        raise UsageError(f"{output}: got something that is no profile, expected a new folder or a profile's")
+
+
 def _command(session: Path, output: Path, seed: int) -> str:
     return f"fapengine fit {session.resolve().name} -o {output.name} --seed {seed}"
 
@@ -103,14 +111,15 @@ def _write(output: Path, fitted: Fitted, *, report: bool, faps: bool) -> None:
         from fapengine.files.report.page import write_report
 
         page = write_report(fitted)
-    save_profile(output, fitted.profile)
-    if page is not None:
-        write_bytes(output / "report.html", page)
-    if fitted.dense is not None:
-        write_bytes(output / "dense.npz", _dense_arrays(fitted.dense))
-    if faps:
-        for take in fitted.prepared.takes:
-            save_fap(output / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
+    with replacing_folder(output, owned=OWNED) as folder:
+        put_profile(folder, fitted.profile)
+        if page is not None:
+            (folder / REPORT_NAME).write_bytes(page)
+        if fitted.dense is not None:
+            (folder / DENSE_NAME).write_bytes(_dense_arrays(fitted.dense))
+        if faps:
+            for take in fitted.prepared.takes:
+                save_fap(folder / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
 
 
 def _dense_arrays(study: DenseStudy) -> bytes:

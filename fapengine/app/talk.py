@@ -13,7 +13,7 @@ from fapengine.app.report import Report
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
-from fapengine.files.moving import KINDS, beside, check_moving, is_moving, write_moving
+from fapengine.files.moving import KINDS, beside, check_moving, is_moving, moving_files, write_moving
 from fapengine.files.pictures import contact_sheet, save_png, straight
 from fapengine.files.sound import save_wav
 from fapengine.files.video import CODECS
@@ -29,22 +29,14 @@ KEY_FRACTION = 0.3
 """Part of a phone's duration after which it is shown: its keyframe."""
 
 
-def check(
-    path: Path, manner: Manner, drawing: Drawing, *, inputs: Collection[Path] = (), shapes: str | None = None
-) -> None:
+def check(path: Path, manner: Manner, drawing: Drawing, *, shapes: str | None = None) -> None:
     """Refuse choices that cannot be met before any work is done.
 
     Raises
     ------
     UsageError
-        For a name of unknown ending, an expression, a picture that the file cannot hold, or a name that would be
-        written over one of ``inputs``.
+        For a name of unknown ending, an expression, or a picture that the file cannot hold.
     """
-    for written in (path, beside(path, ".fap"), beside(path, ".png")):
-        if _is_among(written, inputs):
-            raise UsageError(
-                f"path: got {path}, but {written} is read, and would be written over; expected another name"
-            )
     check_cues(path, shapes)
     check_expressions(manner.expressions)
     if is_cues(path):
@@ -53,6 +45,26 @@ def check(
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
     if path.suffix != ".fap":
         check_moving(path, rate_hz=manner.rate_hz, size=drawing.size, alpha=drawing.components == 4)
+
+
+def outputs_of(path: Path, *, sound: bool, inputs: Collection[Path] = (), recording: bool = False) -> list[Path]:
+    """Names that :func:`write_talk` writes.
+
+    Parameters
+    ----------
+    path : Path
+    sound : bool
+        True if there is a sound.
+    inputs : collection of Path
+        As of :func:`write_talk`.
+    recording : bool
+        True if the sound comes from a file of the user's.
+    """
+    wav = beside(path, ".wav")
+    if is_cues(path):
+        return [path, *([wav] if sound and not recording else [])]
+    names = [beside(path, ".fap"), *([wav] if sound and not _is_among(wav, inputs) else [])]
+    return names if path.suffix == ".fap" else [*moving_files(path), *names, beside(path, ".png")]
 
 
 def refuse_unknown(phones: PhoneTrack, where: str) -> None:

@@ -50,7 +50,7 @@ MAX_EACH = 8
 
 
 def channels_of(
-    channel: str | None, path: Path | None, output: Path, *, words: str | None = None
+    channel: str | None, path: Path | None, output: Path, *, has_words: bool = False
 ) -> list[tuple[int | None, Path]]:
     """List the channels to be taken, and where the result of each goes; None is the mean of all.
 
@@ -70,7 +70,7 @@ def channels_of(
         return [(int(channel), output)]
     if path is None:
         raise UsageError(f"channel: got {EACH}, which is of a recording; expected a number or none with timings")
-    if words is not None:
+    if has_words:
         raise UsageError(
             f"channel: got {EACH} and words, which are of one; expected one at a time with words of its own"
         )

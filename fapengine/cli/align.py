@@ -20,6 +20,7 @@ def align(
         Path, typer.Option("--output", "-o", help=".TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA).")
     ] = Path("out/talk.TextGrid"),
     as_json: shared.AsJson = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Find when each phone of a recording is said.
 
@@ -38,10 +39,12 @@ def align(
     from fapengine.speech.formats.writing import check_writable
 
     check_writable(output.suffix)
+    tracks = channels_of(channel, sound, output, has_words=text is not None or transcript is not None)
+    writing.check([path for _, path in tracks], [sound, text, ear])
     words = transcript_of(text, transcript)
     results = []
     console = Console(highlight=False)
-    for number, path in channels_of(channel, sound, output, words=words):
+    for number, path in tracks:
         hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, ear=ear)
         write_phones(hearing, path)
         spoken = sum(not phone.is_silence for phone in hearing.phones.phones)

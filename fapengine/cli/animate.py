@@ -44,6 +44,7 @@ def animate(
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Animate a recording, or phone timings that another tool made.
 
@@ -59,7 +60,7 @@ def animate(
     from fapengine.app.hearing import is_sound
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
-    from fapengine.app.talk import check, refuse_unknown
+    from fapengine.app.talk import check, outputs_of, refuse_unknown
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
@@ -83,10 +84,16 @@ def animate(
             raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
     chosen, how = manner.value(), drawing.value()
     inputs = [source, *([audio] if audio else [])]
-    words = transcript_of(text, transcript) if listens else None
-    tracks = channels_of(channel, source if listens else None, output, words=words)
+    has_words = text is not None or transcript is not None
+    tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
     for _, path in tracks:
-        check(path, chosen, how, inputs=inputs, shapes=shapes)
+        check(path, chosen, how, shapes=shapes)
+    has_sound = listens or audio is not None
+    writing.check(
+        [name for _, path in tracks for name in outputs_of(path, sound=has_sound, inputs=inputs, recording=True)],
+        [*inputs, text, ear, head, manner.profile, drawing.background],
+    )
+    words = transcript_of(text, transcript) if listens else None
     reports: list[Report] = []
     for number, path in tracks:
         report = Report()

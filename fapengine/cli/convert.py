@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from fapengine.cli import options as shared
+
 OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat")
 
 
@@ -24,6 +26,7 @@ def convert(
         help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of .json, .tsv, .xml,"
         " .dat: rhubarb (nine mouth shapes, as Rhubarb writes them).",
     ),
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Convert face motion: FAPs to blend shapes or visemes of avatars, and back.
 
@@ -40,6 +43,7 @@ def convert(
     if output.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
     check_cues(output, shapes)
+    writing.check([output], [motion])
     track = load_motion(motion)
     if is_cues(output):
         save_cues_of_motion(output, track)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from fapengine.cli import options as shared
+
 
 def decode(
     stream: Path = typer.Argument(..., help="FBA stream (.fba)."),
@@ -19,6 +21,7 @@ def decode(
         False, "--single-numbers", help="Write FAP 1 and 2 as one number each, as Greta reads them."
     ),
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Decode an MPEG-4 FBA stream into FAPs.
 
@@ -30,6 +33,7 @@ def decode(
     from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
 
+    writing.check([output], [stream])
     decoded = load_fba(stream, errors="resync" if resync else "strict")
     track = fill_track(decoded) if fill else decoded.track
     rate = next((part.header.rate for part in decoded.planes if part.header.rate is not None), None)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from fapengine.cli import options as shared
+
 
 def encode(
     track: Path = typer.Argument(..., help="FAPs as text (.fap)."),
@@ -20,6 +22,7 @@ def encode(
     clamp: bool = typer.Option(False, "--clamp", help="With --epf: code the nearest symbol out of range, no error."),
     start_codes: bool = typer.Option(False, "--start-codes", help="A start code before each I plane."),
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Encode FAPs into an MPEG-4 FBA stream.
 
@@ -34,6 +37,7 @@ def encode(
     from fapengine.files.paths import write_bytes
     from fapengine.mpeg4.fapu import Fapu
 
+    writing.check([output], [track, epf])
     faps = load_fap(track)
     if epf is not None:
         if any(choice is not None for choice in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:

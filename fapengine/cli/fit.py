@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from fapengine.cli.options import AsJson
+from fapengine.cli.options import AsJson, WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.app.fit import FitJob
@@ -25,6 +25,7 @@ def fit(
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html beside the profile."),
     faps: bool = typer.Option(False, "--faps", help="Write every take as captured FAPs too: takes/TAKE.fap."),
     as_json: AsJson = False,
+    writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Learn a face model from motion capture: markers that matter, viseme space, phones, dense face.
 
@@ -34,9 +35,13 @@ def fit(
 
     Example: fapengine fit recordings/S03 -o profiles/s03 && fapengine say "Hello." --profile profiles/s03 -o hello.mp4
     """
-    from fapengine.app.fit import FitJob, describe
+    from fapengine.app.fit import OWNED, FitJob, check_folder, describe
+    from fapengine.files.outputs import files_in
     from fapengine.laboratory.fit import FitOptions
 
+    if output.is_file():
+        check_folder(output)
+    writing.check(files_in(output, OWNED), [session])
     options = FitOptions(modes=modes, k=subset, tolerance_mm=tolerance, held_out=held_out)
     job = FitJob(
         session=session, output=output, options=options, units=units, up=up, seed=seed, report=report, faps=faps

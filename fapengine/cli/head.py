@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from fapengine.cli._verb import verb
+from fapengine.cli.options import WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
@@ -31,6 +32,7 @@ def import_head(
     output: Path = typer.Option(..., "--output", "-o", help="Head to write, a folder: heads/NAME."),
     licence: str = typer.Option("not stated", "--licence", help="Whose work it is; kept with the head."),
     as_json: bool = typer.Option(False, "--json", help="Say what was found as JSON."),
+    writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Make a head of a mesh; say, animate, render and serve take it with --head.
 
@@ -43,9 +45,11 @@ def import_head(
     import json
     from dataclasses import replace
 
-    from fapengine.files.heads.folder import save_head
+    from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import import_head_file
+    from fapengine.files.outputs import files_in
 
+    writing.check(files_in(output, OWNED), [mesh, points, mapping])
     imported, info = import_head_file(mesh, points, mapping)
     save_head(output, imported.mesh, replace(info, licence=licence))
     if as_json:
@@ -96,6 +100,7 @@ def check(
     name: str = typer.Argument("default", help="Folder of a head, or default."),
     output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Picture to write (.png)."),
     as_json: bool = typer.Option(False, "--json", help="Say what is missing as JSON."),
+    writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Draw every FAP, phone and expression on a head, and say which FAPs do nothing and which shapes are missing.
 
@@ -106,6 +111,7 @@ def check(
     from fapengine.app.head_check import draw_check, still_faps
     from fapengine.files.heads.load import load_head, load_head_info
 
+    writing.check([output], [name])
     mesh, info = load_head(name), load_head_info(name)
     count, still = draw_check(mesh, output, title=name), still_faps(mesh)
     if as_json:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import typer
 
+from fapengine.cli import options as shared
+
 FBA_STARTS = (b"\x00\x00\x01",)
 
 
@@ -18,6 +20,7 @@ def inspect(
     alphabet: str | None = typer.Option(None, "--alphabet", help="Timings: ipa, arpabet ..., if not to be guessed."),
     columns: str | None = typer.Option(None, "--columns", help="Timings: start=NAME,end=NAME,label=NAME,unit=ms."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Say what is in a file or profile; what it is, its bytes decide.
 
@@ -28,6 +31,8 @@ def inspect(
     from fapengine.files.paths import read_bytes
     from fapengine.speech.formats.registry import guess_format
 
+    if plot is not None:
+        writing.check([plot], [path])
     if (path / "profile.toml").is_file() or str(path) in profile_ids():
         from fapengine.cli._inspect_profile import inspect_profile
 

@@ -85,7 +85,7 @@ app.add_typer(head.head, name="head")
 
 def main() -> None:
     """Run the command line."""
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leave as by Ctrl-C: nothing half written
+    _leave_in_order()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal that has no IPA still shows the rest
@@ -106,6 +106,28 @@ def main() -> None:
             raise
         told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(f"{told}; this is a bug of fapengine, please report it with what {DEBUG}=1 shows", FAULT)
+
+
+def _leave_in_order() -> None:
+    """Leave by Ctrl-C, SIGTERM and the end of the terminal alike, nothing half written; a second one does not wait."""
+    left = False
+
+    def leave(number: int, _: object) -> None:
+        nonlocal left
+        if left:
+            from fapengine.files.paths import remove_unfinished
+
+            remove_unfinished()
+            os._exit(128 + number)
+        left = True
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        sys.exit(128 + number)
+
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or in the background
+            signal.signal(number, leave)
 
 
 def _end(message: str, code: int) -> NoReturn:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from fapengine.app.manner import Manner
     from fapengine.app.say_live import LiveOutput
     from fapengine.render.drawing import Drawing
@@ -214,6 +216,35 @@ class DrawingOptions:
         return Drawing.parse(
             size=self.size, camera=self.camera, background=background, edges=self.edges, wire=wire
         )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class WriteOptions:
+    """Options of every verb that writes."""
+
+    no_overwrite: Annotated[
+        bool, typer.Option("--no-overwrite", help="Refuse to replace a file, before any work is done.")
+    ] = False
+
+    def check(self, outputs: "Iterable[Path]", inputs: "Iterable[Path | str | None]" = ()) -> None:
+        """Look at the names that will be written, and say what they replace.
+
+        Parameters
+        ----------
+        outputs : iterable of Path
+        inputs : iterable of Path or str
+            Files and folders that are read; None, and names of what is no file, are passed over.
+
+        Raises
+        ------
+        UsageError, ResourceError
+            As :func:`fapengine.files.outputs.check_outputs` does.
+        """
+        from fapengine.files.outputs import check_outputs, listed
+
+        read = [Path(path) for path in inputs if path is not None]
+        if replaced := check_outputs(outputs, read, overwrite=not self.no_overwrite):
+            typer.echo(f"fapengine: replaces {listed(replaced)}", err=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,7 @@ def render(
         float, typer.Option("--turntable", help="The camera goes once round the head in so many seconds.")
     ] = 0.0,
     wire: Annotated[bool, typer.Option("--wire", help="Draw the mesh's edges over the face.")] = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Draw FAPs that are there already.
 
@@ -49,7 +50,7 @@ def render(
     from fapengine.files.animation import is_sequence
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
-    from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
+    from fapengine.files.moving import KINDS, check_moving, is_moving, moving_files, write_moving
     from fapengine.files.pictures import contact_sheet, save_png
     from fapengine.files.sound import load_sound
     from fapengine.files.video import CODECS
@@ -65,6 +66,7 @@ def render(
     for name, count in (("track", len(track)), ("--head", len(head))):
         if count not in (1, faces):
             raise UsageError(f"{name}: got {count}, expected one, or one for each of {faces} faces")
+    writing.check([output] if is_one else moving_files(output), [*track, audio, *head, drawing.background])
     rate_hz, rows = side_by_side([load_motion(path) for path in track])
     rows = np.broadcast_to(rows, (len(rows), faces, rows.shape[2]))
     how = drawing.value(wire=wire)

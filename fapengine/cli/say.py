@@ -21,6 +21,7 @@ def say(
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
     live: Annotated[
         bool,
         typer.Option(
@@ -75,7 +76,7 @@ def say(
 
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
-    from fapengine.app.talk import check, refuse_unknown
+    from fapengine.app.talk import check, outputs_of, refuse_unknown
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
@@ -95,6 +96,8 @@ def say(
     if text is None:
         raise UsageError("text: got none, expected what to say; --live --mic lets you say it")
     check(output, chosen, how, shapes=shapes)
+    if not live:
+        writing.check(outputs_of(output, sound=True), [head, manner.profile, drawing.background])
     report = Report()
     if text == "-" and sys.stdin is None:
         raise UsageError("text: got -, but standard input is closed; expected a text")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import AsJson
+from fapengine.cli.options import AsJson, WriteOptions
 
 
 def score(
@@ -35,6 +35,7 @@ def score(
     ] = "en-us",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with pictures (.html).")] = None,
     as_json: AsJson = False,
+    writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Score a lip sync, anybody's: closures, timing, likeness, loudness, head and blinks.
 
@@ -56,6 +57,8 @@ def score(
         made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
         voice=voice, output=output,
     )  # fmt: skip
+    if output is not None:
+        writing.check([output], [made, against, phones, audio])
     films = [each for each in (made, against) if each is not None and is_film(each)]
     if films:
         with progress("looking, frames", sum(map(count_pictures, films))) as advance:

@@ -38,6 +38,7 @@ def view(
     seconds: Annotated[float | None, typer.Option("--for", help="Close after so many seconds.")] = None,
     shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG when it closes.")] = None,
     as_json: shared.AsJson = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Open a window with a face: your own words, a file, or a live session.
 
@@ -58,6 +59,8 @@ def view(
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
     if seconds is not None and not seconds > 0:
         raise UsageError(f"--for: got {seconds} s, expected a positive time")
+    if shot is not None:
+        writing.check([shot], [source, audio, head, profile])
     options = ViewOptions(
         drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
     )  # fmt: skip

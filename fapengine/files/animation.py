@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.files.paths import replacing
+from fapengine.files.paths import replacing, replacing_folder
 from fapengine.files.pictures import save_png
 from fapengine.files.video import FORMATS
 
@@ -101,7 +101,8 @@ def write_sequence(pattern: Path, frames: Iterable[Picture], *, on_frame: Callab
     Returns
     -------
     int
-        How many files were written.
+        How many files were written. They take their places together at the end; files of an earlier run with higher
+        numbers are removed.
 
     Raises
     ------
@@ -113,12 +114,20 @@ def write_sequence(pattern: Path, frames: Iterable[Picture], *, on_frame: Callab
     rest, numbers = NUMBER.subn("", pattern.name)
     if numbers != 1 or "%" in rest or pattern.suffix != ".png":
         raise UsageError(f"frames: got {pattern.name}, expected one number in a PNG's name, as frame_%04d.png")
-    count = 0
-    for picture in frames:
-        save_png(pattern.with_name(pattern.name % count), picture)
-        count += 1
-        on_frame()
+    with replacing_folder(pattern.parent, owned=[NUMBER.sub("[0-9]*", pattern.name)]) as folder:
+        count = 0
+        for picture in frames:
+            save_png(folder / (pattern.name % count), picture)
+            count += 1
+            on_frame()
     return count
+
+
+def sequence_files(pattern: Path) -> list[Path]:
+    """Numbered files that are there, in their order."""
+    spelled = re.compile(re.escape(NUMBER.sub("\0", pattern.name)).replace("\0", r"\d+"))
+    found = [path for path in pattern.parent.glob("*") if spelled.fullmatch(path.name)]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def _timed(pictures: Iterable[Picture], rate: Fraction) -> Iterator[av.VideoFrame]:

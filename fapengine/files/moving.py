@@ -75,6 +75,11 @@ def write_moving(
     return write_sequence(pattern, frames, on_frame=on_frame)
 
 
+def moving_files(path: Path) -> list[Path]:
+    """Names that :func:`write_moving` writes; a pattern stands for all files of a sequence."""
+    return [path / FOLDER_PATTERN if is_folder(path) else path]
+
+
 def beside(path: Path, suffix: str) -> Path:
     """Name of a file that belongs to a moving picture: ``talk.mp4`` has ``talk.wav``, so has the folder ``talk``.
 

@@ -1,12 +1,42 @@
-"""Opening and writing, with errors that name the path. A file is written whole, or what stood there stays."""
+"""Opening and writing, with errors that name the path. A file or folder is written whole, or what stood there stays.
 
+Theory of operation
+-------------------
+What is written grows beside its target under a hidden name, ``.talk.part-0f3a….mp4``, and takes the target's place by
+one call of the system when it is whole. Whoever writes holds a lock (flock) on the hidden name, which ends with its
+process: one that nobody holds was left by a process that was killed, and the next one that writes the same target
+removes it. Errors and signals that Python hears of remove it at once; :func:`remove_unfinished` does so for what is
+still open at the end of the program, where an exception may have come between two lines.
+"""
+
+import atexit
+import contextlib
+import ctypes
+import errno
+import glob
 import os
 import secrets
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from fapengine.errors import ResourceError, UsageError
+
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is locked, and nothing that was left is removed
+    fcntl = None  # type: ignore[assignment]
+
+MAX_STEM = 100
+"""Letters of the target's name that the hidden name repeats."""
+RENAME_EXCHANGE = 2
+"""Flag of Linux' renameat2: two names change places."""
+AT_FDCWD = -100
+
+_process = os.getpid()
+_unfinished: dict[Path, int | None] = {}
+"""Hidden names that this process writes now, each with the file descriptor that holds its lock."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -42,17 +72,48 @@ def replacing(path: Path) -> Iterator[Path]:
         if target.exists() and not target.is_file():
             yield target
             return
-        new = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(4)}{target.suffix}")
-        try:
-            new.touch(exist_ok=False)
+        with _hidden(target, target.parent) as new:
+            held = _begin(new, lambda: os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
             if target.exists():
                 new.chmod(target.stat().st_mode & 0o777)
             yield new
-            with new.open("rb") as written:
-                os.fsync(written.fileno())
+            os.fsync(held)
             new.replace(target)
-        finally:
-            new.unlink(missing_ok=True)
+    except OSError as error:
+        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+@contextmanager
+def replacing_folder(path: Path, *, owned: Collection[str]) -> Iterator[Path]:
+    """Write a folder that takes its place at once, when it is whole; the folders above it are made.
+
+    Inside, write into the folder that is given. Whatever ends the writing early leaves the folder that stood there as
+    it was. A folder that holds files of others too keeps them; then the new files take their places one by one.
+
+    Parameters
+    ----------
+    path : Path
+    owned : collection of str
+        Patterns of names within the folder, such as ``"takes/*.fap"``, that an earlier run may have written: what is
+        not written again is removed.
+
+    Raises
+    ------
+    ResourceError
+        If it cannot be written, or for an OSError inside.
+    """
+    try:
+        target = path.resolve()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_left_over(target, target)
+        at_once = not target.exists() or _may_be_exchanged(target, owned)
+        with _hidden(target, target.parent if at_once else target) as new:
+            _begin(new, lambda: _opened_folder(new))
+            yield new
+            if not target.exists():
+                new.rename(target)
+            elif not (at_once and _exchange(new, target)):
+                _put_one_by_one(new, target, owned)
     except OSError as error:
         raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
 
@@ -67,3 +128,112 @@ def write_bytes(path: Path, data: bytes) -> None:
     """
     with replacing(path) as new:
         new.write_bytes(data)
+
+
+@atexit.register
+def remove_unfinished() -> None:
+    """Remove what this process has begun and not finished; for the end of the program."""
+    if os.getpid() == _process:
+        for path in list(_unfinished):
+            _remove(path)
+            _forget(path)
+
+
+@contextmanager
+def _hidden(target: Path, folder: Path) -> Iterator[Path]:
+    """Choose a hidden name for a target; what is there under it at the end is removed."""
+    _remove_left_over(target, folder)
+    new = folder / f".{target.stem[:MAX_STEM]}.part-{secrets.token_hex(8)}{target.suffix}"
+    _unfinished[new] = None  # before it is made: a signal may come at any line
+    try:
+        yield new
+    finally:
+        _remove(new)
+        _forget(new)
+
+
+def _begin(path: Path, make: Callable[[], int]) -> int:
+    """Make a hidden file or folder, and hold its lock; returns the file descriptor that does."""
+    while True:
+        held = _unfinished[path] = make()
+        if fcntl is None:
+            return held
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(held, fcntl.LOCK_EX)
+        if path.exists() and os.path.samestat(path.stat(), os.fstat(held)):
+            return held
+        os.close(held)  # between both calls another process took it for one that was left, and removed it
+
+
+def _opened_folder(path: Path) -> int:
+    path.mkdir()
+    return os.open(path, os.O_RDONLY)
+
+
+def _forget(path: Path) -> None:
+    held = _unfinished.pop(path, None)
+    if held is not None:
+        os.close(held)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, if it is there; what cannot be removed stays."""
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _remove_left_over(target: Path, folder: Path) -> None:
+    """Remove hidden names of this target, in a folder, that no living process holds."""
+    if fcntl is None:
+        return
+    pattern = f".{glob.escape(target.stem[:MAX_STEM])}.part-{'[0-9a-f]' * 16}{glob.escape(target.suffix)}"
+    for left in folder.glob(pattern):
+        if left.is_symlink() or not (left.is_file() or left.is_dir()):
+            continue
+        with contextlib.suppress(OSError):
+            held = os.open(left, os.O_RDONLY)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails where somebody writes
+                _remove(left)
+            finally:
+                os.close(held)
+
+
+def _owned_files(folder: Path, owned: Collection[str]) -> set[Path]:
+    return {path for pattern in owned for path in folder.glob(pattern) if path.is_symlink() or not path.is_dir()}
+
+
+def _may_be_exchanged(target: Path, owned: Collection[str]) -> bool:
+    """Tell whether a folder holds our files alone, and nothing but its name is needed."""
+    if not target.is_dir() or Path.cwd().is_relative_to(target) or not os.access(target.parent, os.W_OK):
+        return False
+    ours = _owned_files(target, owned)
+    folders = {path.parent for path in ours}
+    return all(path in ours or (path in folders and set(path.iterdir()) <= ours) for path in target.iterdir())
+
+
+def _put_one_by_one(new: Path, target: Path, owned: Collection[str]) -> None:
+    """Let files take their places in a folder that stays; files of an earlier run that are not written are removed."""
+    written = {path.relative_to(new) for path in new.rglob("*") if path.is_file()}
+    for name in sorted(written, key=lambda name: (name.suffix == ".toml", name)):  # a TOML tells of the other files
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (new / name).replace(target / name)
+    for path in _owned_files(target, owned):
+        if path.relative_to(target) not in written:
+            path.unlink()
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Let two names change places, at once; False where the system cannot."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):
+        return False
+    if renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0:
+        return True
+    if (number := ctypes.get_errno()) in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM):
+        raise OSError(number, os.strerror(number))
+    return False

@@ -4,8 +4,11 @@ from pathlib import Path
 
 from fapengine._resources import profile_files, profile_ids
 from fapengine.errors import ProfileError
-from fapengine.files.paths import read_bytes, write_bytes
-from fapengine.profiles import TOML_NAME, Profile, format_profile, parse_profile
+from fapengine.files.paths import read_bytes, replacing_folder
+from fapengine.profiles import ARRAYS_NAME, CONTEXT_NAME, TOML_NAME, Profile, format_profile, parse_profile
+
+PROFILE_FILES = (TOML_NAME, ARRAYS_NAME, CONTEXT_NAME)
+"""Names of all files that a profile may have."""
 
 
 def load_profile(name: str | Path) -> Profile:
@@ -28,12 +31,18 @@ def load_profile(name: str | Path) -> Profile:
 
 
 def save_profile(folder: Path, profile: Profile) -> None:
-    """Write a profile's files into a folder, which is made.
+    """Write a profile's files into a folder, which is made: all of them, or what stood there stays.
 
     Raises
     ------
     ResourceError
         If it cannot be written.
     """
+    with replacing_folder(folder, owned=PROFILE_FILES) as new:
+        put_profile(new, profile)
+
+
+def put_profile(folder: Path, profile: Profile) -> None:
+    """Write a profile's files one by one into a folder that is there; OSErrors are left as they are."""
     for name, data in format_profile(profile).items():
-        write_bytes(folder / name, data)
+        (folder / name).write_bytes(data)

@@ -14,6 +14,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from fapengine._signals import signals_kept
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
@@ -47,7 +48,8 @@ class Backdrop:
             self._falloff = 1.0
             if isinstance(background, tuple):
                 self._wall, self._falloff = tuple((part / 255) ** 2 for part in background), 0.0
-        self._array = programs.context.vertex_array(self._program, [])
+        with signals_kept():
+            self._array = programs.context.vertex_array(self._program, [])
 
     def draw(self) -> None:
         """Fill every pixel that nothing has been drawn on, by depth."""
@@ -118,7 +120,8 @@ class Canvas:
         return made
 
     def _pass(self, program: moderngl.Program) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        array = self._context.vertex_array(program, [])
+        with signals_kept():
+            array = self._context.vertex_array(program, [])
         self._resources.append(array)
         return program, array
 

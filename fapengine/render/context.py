@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self
 
 import moderngl
 
+from fapengine._signals import signals_kept
 from fapengine.errors import ResourceError
 
 REQUIRED = 330
@@ -23,7 +24,8 @@ def create_context() -> moderngl.Context:
     """
     settings: dict[str, Any] = {"backend": "egl"}
     try:
-        return moderngl.create_context(standalone=True, require=REQUIRED, **settings)
+        with signals_kept():
+            return moderngl.create_context(standalone=True, require=REQUIRED, **settings)
     except Exception as error:
         raise ResourceError(
             f"OpenGL: no context ({error}); on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1"

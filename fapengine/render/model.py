@@ -7,6 +7,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._signals import signals_kept
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import Shading
 from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
@@ -150,7 +151,8 @@ class Model:
         self, part: str, at_vertices: bool, values: dict[str, NDArray[Any]], mode: int = moderngl.TRIANGLES
     ) -> None:
         if (part, at_vertices) not in self._arrays:
-            self._arrays[part, at_vertices] = self._array(part, at_vertices)
+            with signals_kept():
+                self._arrays[part, at_vertices] = self._array(part, at_vertices)
         members, array = self._arrays[part, at_vertices]
         for name, member in members:
             member.write(values[name])

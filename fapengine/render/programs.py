@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from fapengine._resources import shader_source
+from fapengine._signals import signals_kept
 
 if TYPE_CHECKING:  # a server that only hands the sources to a browser needs no OpenGL
     import moderngl
@@ -101,4 +102,5 @@ def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Seque
 def build_program(context: "moderngl.Context", name: str, defined: Sequence[str] = ()) -> "moderngl.Program":
     """Compile and link one of :data:`STAGES`."""
     vertex, fragment = (stage_source(files, defined=defined) for files in STAGES[name])
-    return context.program(vertex_shader=vertex, fragment_shader=fragment)
+    with signals_kept():
+        return context.program(vertex_shader=vertex, fragment_shader=fragment)

@@ -19,6 +19,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._signals import signals_kept
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import Quality
@@ -116,8 +117,9 @@ class FaceWindow:
             self._glfw.swap_interval(int(vsync))
             self._context = moderngl.create_context(require=REQUIRED)
             vertex, fragment = (stage_source(files) for files in OVERLAY)
-            self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
-            self._quad = self._context.vertex_array(self._program, [])
+            with signals_kept():
+                self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
+                self._quad = self._context.vertex_array(self._program, [])
 
     def __enter__(self) -> "FaceWindow":
         return self

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
@@ -270,12 +271,12 @@ class EspeakVoice:
             if wave and count > 0:
                 pieces.append(ctypes.string_at(wave, 2 * count))
                 heard += count
-            return int(heard > self.most_s * rate_hz)  # 1: no more
+            return int(bool(signals) or heard > self.most_s * rate_hz)  # 1: no more
 
         identifier = self.entry.identifier.encode()
         encoded = text.encode()
         flags = _CHARS_UTF8 | (_SSML if self.ssml else 0)
-        with _lock:
+        with _lock, signals_kept() as signals:
             library, rate_hz = _library()
             callback = _Callback(collect)
             library.espeak_SetSynthCallback(callback)

@@ -15,6 +15,7 @@ from fapengine.live.server.config import Caps, Face, Listen, ServeConfig
 from fapengine.live.server.server import Server
 from fapengine.live.wire import osc
 from fapengine.live.wire.fap_osc import FapFrame, decode_frame
+from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.trajectory.style import Style
 from tests.english import english
@@ -110,9 +111,9 @@ def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: fl
 
 
 @asynccontextmanager
-async def running(config: ServeConfig) -> AsyncIterator[Server]:
+async def running(config: ServeConfig, head: FaceMesh | None = None) -> AsyncIterator[Server]:
     """Run a server inside, and drain it at the end."""
-    server = Server(config, english())
+    server = Server(config, english(), head)
     await server.start()
     task = asyncio.create_task(server.run())
     try:

@@ -19,12 +19,14 @@ from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.images import opened
-from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.paths import read_bytes, replacing_folder
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4.fapu import Fapu
 
 SCHEMA = 2
 TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"
+OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME)
+"""Files of a head's folder."""
 ARRAYS = tuple(
     field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
 )
@@ -45,7 +47,7 @@ class HeadInfo:
 
 
 def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
-    """Write a head.
+    """Write a head: all of it, or what stood there stays.
 
     Raises
     ------
@@ -76,9 +78,10 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
         "[sha256]",
         *(f"{quoted(name)} = {quoted(hashlib.sha256(data).hexdigest())}" for name, data in files.items()),
     ]
-    for name, data in files.items():
-        write_bytes(folder / name, data)
-    write_bytes(folder / TOML_NAME, ("\n".join(lines) + "\n").encode())
+    files[TOML_NAME] = ("\n".join(lines) + "\n").encode()
+    with replacing_folder(folder, owned=OWNED) as new:
+        for name, data in files.items():
+            (new / name).write_bytes(data)
 
 
 def _png(texture: NDArray[np.uint8]) -> bytes:

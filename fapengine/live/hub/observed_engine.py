@@ -34,6 +34,10 @@ class ObservedEngine:
         self.inner = engine
         self.command_listeners: list[OnCommand] = []
         self.event_listeners: list[OnEvent] = []
+        self.is_loaded = False
+        """True while the machine shows as many faces as it can in time: no more are opened."""
+        self.refused = 0
+        """Sessions that were not opened for that."""
         self.touched_s: dict[str, float] = {}
         """Time of the last command, or of the opening, of each session."""
         self._closed = Counters()
@@ -53,8 +57,11 @@ class ObservedEngine:
         Raises
         ------
         UsageError
-            If its name cannot be sent on every wire: 1 to 32 bytes of UTF-8 without NUL.
+            If its name cannot be sent on every wire: 1 to 32 bytes of UTF-8 without NUL; or if there is no time for it.
         """
+        if self.is_loaded and self.sessions and session not in self:
+            self.refused += 1
+            raise UsageError("sessions: got one more than this machine can show in time; ask again later")
         size = len(session.encode(errors="replace"))
         if not 1 <= size <= MAX_SESSION_BYTES or not session.isprintable():
             raise UsageError(

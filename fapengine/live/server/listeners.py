@@ -137,7 +137,7 @@ class Stream(asyncio.Protocol):
         self._held: deque[bytes] = deque()
         self._paused = False
         self._transport: asyncio.Transport | None = None
-        self.name, self._host = "tcp://?", ""
+        self.name, self.host = "tcp://?", ""
 
     def __str__(self) -> str:
         return self.name
@@ -150,8 +150,8 @@ class Stream(asyncio.Protocol):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         host, port = transport.get_extra_info("peername")[:2]
         self.name = f"tcp://{host}:{port}"
-        self._host = str(host)
-        if self._ingress.closed or not self._door.enter(self._host):
+        self.host = str(host)
+        if self._ingress.closed or not self._door.enter(self.host):
             self._ingress.counts.streams_refused += 1
             self._transport.abort()
             return
@@ -226,7 +226,7 @@ class Stream(asyncio.Protocol):
         if self._timer is not None:
             self._timer.cancel()
         if self in self._streams:
-            self._door.leave(self._host)
+            self._door.leave(self.host)
             self._streams.discard(self)
             self._ingress.counts.streams -= 1
         forget = getattr(self._ingress.receiver, "forget", None)

@@ -124,6 +124,7 @@ class ServerMetrics(Collector):
         for state in STATES:
             sessions.add_metric([state], states.count(state))
         yield sessions
+        yield _counter("sessions_refused", "Sessions that were refused for want of time.", engine.refused)
 
     def _connections(self) -> Iterator[Metric]:
         connections = GaugeMetricFamily("fapengine_connections", "Open connections, by port.", labels=["door"])

@@ -11,8 +11,9 @@ import asyncio
 import logging
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ from fapengine.live.server.config import ServeConfig
 from fapengine.live.server.doors import Door, raise_file_limit, shared_out
 from fapengine.live.server.fair_queue import FairQueue
 from fapengine.live.server.ingress import Ingress
-from fapengine.live.server.listeners import TcpListener, UdpListener
+from fapengine.live.server.listeners import Caller, Stream, TcpListener, UdpListener
+from fapengine.live.server.load import Load
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
 from fapengine.live.server.voice_process import VoiceProcess
@@ -42,6 +44,7 @@ from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.web.admission import harden, refusal
 from fapengine.live.wire.speech_osc.codec import encode
 from fapengine.live.wire.speech_osc.counts import TextRequest
+from fapengine.live.wire.speech_osc.proof import Proof
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
 from fapengine.live.wire.speech_osc.schema import Notice
 from fapengine.mesh.face_mesh import FaceMesh
@@ -117,10 +120,12 @@ class Server:
             token=config.listen.token,
             engine_limits=config.limits.engine,
             instance=int.from_bytes(os.urandom(4)) >> 1 or 1,
+            proof=Proof(os.urandom(32), _is_sure, _host_of),
         )
         queue = FairQueue(packets_a_peer=config.limits.packets_a_peer)
         self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
         self.texts = TextCounts()
+        self.load = Load(config.face.rate_hz)
         self.doors = _doors_of(config)
         ear = Path(config.sound.ear) if config.sound.ear else None
         self.hearing = Hearing(self.hub, max_ears=config.limits.ears, model=ear)
@@ -255,6 +260,7 @@ class Server:
 
     async def _tick_on(self) -> None:
         before, after, observe = self.ingress.before_frame, self._after, self.metrics.tick_s.observe
+        load, engine = self.load, self.hub.engine
         clock, late = self.hub.clock, self.metrics.late_s.observe
         speaker, begun_s = self._parts.speaker, 0.0
 
@@ -270,6 +276,13 @@ class Server:
         def end(now_s: float) -> None:
             after(now_s)
             observe(clock() - begun_s)
+            was_full = load.is_full
+            load.add(time.thread_time(), now_s)
+            engine.is_loaded = load.is_full
+            if load.is_full and not was_full:
+                log.warning(
+                    "no time for more faces: %d take %.0f %% of it", len(engine.sessions), 100 * load.share,
+                )  # fmt: skip
 
         await self.hub.run(begin, end)
 
@@ -388,6 +401,15 @@ class Server:
         if log.isEnabledFor(level):
             details: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
             log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=details)
+
+
+def _is_sure(peer: Hashable) -> bool:
+    """Whether a peer is where it says: a connection is, and so is who speaks from this machine."""
+    return isinstance(peer, Stream) or (isinstance(peer, Caller) and ip_address(peer.address[0]).is_loopback)
+
+
+def _host_of(peer: Hashable) -> str:
+    return peer.address[0] if isinstance(peer, Caller) else getattr(peer, "host", "")
 
 
 def _doors_of(config: ServeConfig) -> dict[str, Door]:

@@ -17,6 +17,12 @@ from fapengine.errors import ResourceError
 from fapengine.live.server.doors import Door
 from fapengine.live.web.admission import HEADERS, SERVER
 
+FULL_ANSWER = (
+    b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n"
+    + "".join(f"{name}: {value}\r\n" for name, value in {**HEADERS, "Server": SERVER}.items()).encode()
+    + b"\r\n"
+)
+"""Answer to a connection beyond the limits."""
 IDLE_S = 10.0
 """Time for the head of a request, silence before it included."""
 
@@ -62,8 +68,9 @@ class GuardedHandler(web.RequestHandler):
         if self._door.enter(address):
             self._address = address
             self.wait()
-        else:
-            cast("asyncio.Transport", transport).abort()
+        else:  # a word, if the system takes it at once, and the end
+            cast("asyncio.Transport", transport).write(FULL_ANSWER)
+            cast("asyncio.Transport", transport).close()
 
     def connection_lost(self, exc: BaseException | None) -> None:
         """Forget it."""

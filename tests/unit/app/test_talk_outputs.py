@@ -9,9 +9,10 @@ from PIL import Image
 from fapengine.app.manner import Manner
 from fapengine.app.performance import perform
 from fapengine.app.report import Report
-from fapengine.app.talk import check, write_talk
+from fapengine.app.talk import check, outputs_of, write_talk
 from fapengine.cli.options import DrawingOptions
 from fapengine.errors import UsageError
+from fapengine.files.outputs import check_outputs
 from fapengine.render.drawing import Drawing
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -82,6 +83,6 @@ def test_a_users_own_recording_stays_as_it_is(tmp_path: Path) -> None:
 def test_a_video_is_not_written_over_itself(tmp_path: Path) -> None:
     video = tmp_path / "talk.mp4"
     video.write_bytes(b"video")
-    with pytest.raises(UsageError, match=r"talk\.mp4 is read, and would be written over"):
-        check(video, Manner(), Drawing(), inputs=[video])
-    check(tmp_path / "face.mp4", Manner(), Drawing(), inputs=[video])
+    with pytest.raises(UsageError, match=r"talk\.mp4, which is read, and would be written over"):
+        check_outputs(outputs_of(video, sound=True, inputs=[video]), [video])
+    assert check_outputs(outputs_of(tmp_path / "face.mp4", sound=True), [video]) == ()

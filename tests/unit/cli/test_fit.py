@@ -46,8 +46,11 @@ def textgrid(phones: PhoneTrack) -> str:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:
+    return record(tmp_path_factory.mktemp("lab") / "S07")
+
+
+def record(folder: Path) -> Path:
     """A folder as a laboratory has it: takes in five formats, TextGrids beside them, session.toml."""
-    folder = tmp_path_factory.mktemp("lab") / "S07"
     folder.mkdir()
     profile, head, rng = load_profile("grid_s1_en"), build_head(), np.random.default_rng(8)
     columns = [profile.space.points.index(name) for name in MARKERS]

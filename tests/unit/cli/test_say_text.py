@@ -49,7 +49,7 @@ def test_an_expression_finds_its_word(tmp_path: Path, voice: str, text: str, wor
 def test_markup_and_scripts_are_told(tmp_path: Path) -> None:
     text = "Hello <emphasis>big</emphasis> world"
     assert "--ssml obeys it" in say(tmp_path, text)
-    assert say(tmp_path, text, "--ssml") == ""
+    assert "SSML" not in say(tmp_path, text, "--ssml")
     assert "does not read Arabic" in say(tmp_path, "Say مرحبا")
     with pytest.raises(UsageError, match="well-formed"):
         say(tmp_path, "a & b", "--ssml")

@@ -149,7 +149,7 @@ def test_the_guessed_alphabet_is_printed_and_two_readings_are_refused(tmp_path: 
     with pytest.raises(DataError, match=r"ipa and pinyin would fit as well.*two\.lab"):
         run("animate", two, "-o", tmp_path / "talk.fap", "--strict")
     assert "labels read" not in run("animate", two, "--alphabet", "pinyin", "--strict", "-o", tmp_path / "talk.fap")
-    report = json.loads(run("animate", two, "--alphabet", "pinyin", "--json", "-o", tmp_path / "talk.fap"))
+    report = json.loads(run("animate", two, "--alphabet", "pinyin", "--json", "-o", tmp_path / "new.fap"))
     assert (report["alphabet"], report["alphabet_guessed"]) == ("pinyin", False)
 
 
@@ -164,6 +164,6 @@ def test_a_sound_that_ends_before_its_timings_is_told_and_nothing_is_cut(tmp_pat
     assert json.loads(result.stdout)["duration_s"] == pytest.approx(2.0)
     save_wav(tmp_path / "right.wav", np.zeros(31000, np.int16), 16000)
     fine = CliRunner().invoke(
-        app, ["animate", str(talk), "--audio", str(tmp_path / "right.wav"), "-o", str(tmp_path / "talk.fap"), "--json"]
+        app, ["animate", str(talk), "--audio", str(tmp_path / "right.wav"), "-o", str(tmp_path / "new.fap"), "--json"]
     )
     assert fine.stderr == ""

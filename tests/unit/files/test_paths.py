@@ -10,9 +10,10 @@ import pytest
 
 from fapengine.errors import ResourceError
 from fapengine.files.animation import write_animation
-from fapengine.files.paths import replacing, write_bytes
+from fapengine.files.paths import remove_unfinished, replacing, replacing_folder, write_bytes
 from fapengine.files.pictures import save_png
 from fapengine.files.video import write_video
+from tests.processes import start
 
 GOOD = b"an earlier, good file"
 
@@ -73,6 +74,93 @@ def test_links_are_followed_and_devices_written_as_they_are(path: Path, tmp_path
 def test_a_folder_in_the_way_is_told(tmp_path: Path) -> None:
     with pytest.raises(ResourceError, match="cannot be written"):
         write_bytes(tmp_path, b"new")
+
+
+HEAD = ("head.toml", "head.npz", "takes/*.fap")
+
+
+def put(folder: Path, *names: str, text: str = "new") -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def held(folder: Path) -> dict[str, str]:
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("others", [[], ["notes.txt"], ["takes/take.c3d"]])
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, None])
+def test_a_folder_is_replaced_as_one_and_keeps_what_is_not_ours(
+    tmp_path: Path, others: list[str], stop: type[BaseException] | None
+) -> None:
+    folder = tmp_path / "mine"
+    put(folder, "head.toml", "head.npz", "takes/1.fap", *others, text="old")
+    before = held(tmp_path)
+    try:
+        with replacing_folder(folder, owned=HEAD) as new:
+            put(new, "head.toml", "takes/2.fap")
+            assert {name: text for name, text in held(tmp_path).items() if ".part-" not in name} == before
+            if stop is not None:
+                raise stop
+    except (ValueError, KeyboardInterrupt):
+        assert held(tmp_path) == before
+        return
+    assert held(tmp_path) == {
+        "mine/head.toml": "new",
+        "mine/takes/2.fap": "new",
+        **{f"mine/{o}": "old" for o in others},
+    }
+
+
+def test_a_folder_that_a_shell_stands_in_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(tmp_path, "head.npz", text="old")
+    monkeypatch.chdir(tmp_path)
+    with replacing_folder(Path(), owned=HEAD) as new:
+        put(new, "head.toml")
+    assert held(Path()) == {"head.toml": "new"}
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "mine"])
+def test_what_a_killed_writer_left_is_removed_by_the_next_and_what_is_being_written_is_not(
+    tmp_path: Path, name: str
+) -> None:
+    import subprocess
+    import sys
+
+    function = "replacing(Path('a.mp4'))" if name == "a.mp4" else "replacing_folder(Path('mine'), owned=['*'])"
+    imports = "from pathlib import Path; from fapengine.files.paths import *"
+    code = f"{imports}\nwith {function}: print('', flush=True); input()"
+    with start(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as writer:  # fmt: skip
+        writer.stdout.readline()
+        (hidden,) = tmp_path.iterdir()
+        again(tmp_path / name)
+        assert hidden.exists()
+        writer.kill()
+    assert hidden.exists()
+    again(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def again(path: Path) -> None:
+    """Write a file, or a folder, by its name."""
+    if path.suffix:
+        write_bytes(path, b"new")
+    else:
+        with replacing_folder(path, owned=["*"]) as new:
+            put(new, "head.toml")
+
+
+def test_what_an_exception_between_two_lines_leaves_is_removed_at_the_end(tmp_path: Path) -> None:
+    """As a signal does: the block of ``with`` was not entered, and somebody holds the generator."""
+    held_by_somebody = replacing(tmp_path / "a.mp4")
+    held_by_somebody.__enter__()
+    assert len(list(tmp_path.iterdir())) == 1
+    remove_unfinished()
+    assert not list(tmp_path.iterdir())
 
 
 def pictures(count: int) -> Iterator[np.ndarray]:

@@ -622,7 +622,8 @@ def test_a_session_has_at_most_eight_listeners_and_a_receiver_so_many_peers():
     one = Wire(limits=WireLimits(peers=12))
     for number in range(30):
         one.send(HELLO if number % 2 else anna(Blink()), peer=number)
-    assert 20 < len(one.receiver.peers) <= 24
+    assert len(one.receiver.peers) == 8 + 12
+    assert one.receiver.counts.refused == 15 - 8
     one.send(BeginUtterance("anna", 1), peer=29)
     one.faces.happen("anna", 0, "started", 50.1)
     assert len(one.tick(50.1)) == 8

@@ -41,6 +41,8 @@ class PeerCounts:
     """Utterances that came otherwise than they were sent."""
     resets: int = 0
     """Senders that began anew."""
+    unproved: int = 0
+    """Packets that were not sent, because it was not sure who would get them."""
 
 
 @dataclass(frozen=True, slots=True)

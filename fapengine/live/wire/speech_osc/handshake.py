@@ -1,6 +1,6 @@
 """The handshake: hellos and pings that tell whether the engine is there, which one it is, and what time it has."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from fapengine.live.wire.speech_osc import schema
@@ -64,6 +64,8 @@ class Handshake:
             self._pings = 0
         if isinstance(answer, schema.Welcome):
             self.welcome, self._hello_s, self._hellos = answer, inf, 0
+            if answer.cookie and answer.cookie != self.hello.cookie:
+                self.hello, self._hello_s = replace(self.hello, cookie=answer.cookie), now_s
         else:
             self.clock.add(answer.sent_us / 1e6, answer.received_us / 1e6, answer.answered_us / 1e6, now_s)
         return is_other

@@ -32,6 +32,12 @@ class Peer:
     """Phone set of the simple mode; empty: to be guessed."""
     labels: deque[str] = field(default_factory=lambda: deque(maxlen=GUESSED_FROM))
     told_unknown_s: float = -math.inf
+    is_proved: bool = False
+    """True where it has shown that it is where its packets say that they come from."""
+    sent: int = 0
+    """Bytes that it was sent before it had."""
+    heard_s: float = -math.inf
+    """Time of its last packet."""
 
 
 @dataclass(slots=True, frozen=True, eq=False)

@@ -32,6 +32,7 @@ from fapengine.live.wire.speech_osc.clock import SenderClock
 from fapengine.live.wire.speech_osc.counts import PeerCounts, SoundRequest, Tally, TextRequest, WireLimits
 from fapengine.live.wire.speech_osc.one_shot_messages import SimpleMode
 from fapengine.live.wire.speech_osc.peers import Arrival, Peer, Replies
+from fapengine.live.wire.speech_osc.proof import AMPLIFICATION, Proof
 from fapengine.live.wire.speech_osc.session import WireSession, check_open, microseconds
 
 SIMPLE_SESSION = "face"
@@ -39,6 +40,8 @@ LOOKAHEAD_S = 0.5
 """Phones that are known so early are as good as all (:class:`fapengine.trajectory.stream.StreamingPlanner`)."""
 
 
+ALIVE_S, SILENT_S = 3.0, 10.0
+"""Time since a sender's last packet for which nobody else silences it; and for which it keeps its place."""
 TOLD_AGAIN = ("started", "finished", "cancelled", "error")
 TOLD_AGAIN_S = (0.06, 0.4)
 """Notices that are sent three times over UDP, and when: the second survives a loss, the third a burst."""
@@ -62,6 +65,8 @@ class OscReceiver:
         An int32 that another run of the server does not have: senders see by it that they must begin again.
     simple_session : str
         The session that the simple mode drives.
+    proof : Proof, optional
+        How peers show that they are where their packets say; by default all are believed.
 
     Attributes
     ----------
@@ -78,8 +83,10 @@ class OscReceiver:
         engine_limits: Limits | None = None,
         instance: int = 0,
         simple_session: str = SIMPLE_SESSION,
+        proof: Proof | None = None,
     ) -> None:
         self.counts = PeerCounts()
+        self._proof = proof or Proof()
         self._engine, self._token, self._instance = engine, token, instance
         self._limits, self._engine_limits = limits or WireLimits(), engine_limits or Limits()
         self._simple = SimpleMode(schema.check_session(simple_session), engine, self._engine_limits.queued_s)
@@ -118,6 +125,7 @@ class OscReceiver:
             Packets to be sent, each with whom to.
         """
         sender = self._peer(peer)
+        sender.heard_s = now_s
         tally = sender.tally
         tally.add("packets")
         tally.add("bytes", len(packet))
@@ -139,7 +147,7 @@ class OscReceiver:
                 at_s = sender.tags.engine_s(message.time_tag, now_s, wall_s)
                 tally.add("clamped", sender.tags.clamped - before)
             self._handle(message, Arrival(sender, now_s, at_s, replies))
-        return replies
+        return self._allowed(replies)
 
     def tick(self, now_s: float, is_behind: Callable[[Hashable], bool] = lambda peer: False) -> Replies:
         """Do what is due; to be called about once a frame.
@@ -165,7 +173,7 @@ class OscReceiver:
                 self._put_to_sleep(name)
             elif session.pending:
                 session.tick(self._clock_of, send, now_s, is_behind)
-        return replies
+        return self._allowed(replies)
 
     def texts(self) -> list[TextRequest]:
         """Take the texts that senders want spoken."""
@@ -211,12 +219,39 @@ class OscReceiver:
             return peer
         peer = self._strangers.get(name)
         if peer is None:
-            peer = self._strangers[name] = Peer(name, Tally(PeerCounts(), self.counts), self._token is None)
+            peer = self._strangers[name] = Peer(
+                name, Tally(PeerCounts(), self.counts), self._token is None, is_proved=self._proof.is_sure_of(name)
+            )
             if len(self._strangers) > self._limits.peers:
                 self._strangers.popitem(last=False)
         else:
             self._strangers.move_to_end(name)
         return peer
+
+    def _allowed(self, replies: Replies) -> Replies:
+        """Leave out what is more than an address may get that nobody has proved to be the sender's."""
+        allowed: Replies = []
+        for name, packet in replies:
+            peer = self._joined.get(name) or self._strangers.get(name)
+            if peer is not None and not peer.is_proved:
+                if peer.sent + len(packet) > AMPLIFICATION * peer.tally.peer.bytes:
+                    peer.tally.add("unproved")
+                    continue
+                peer.sent += len(packet)
+            allowed.append((name, packet))
+        return allowed
+
+    def _may_take_over(self, session: WireSession, peer: Peer, now_s: float) -> bool:
+        """Whether a sender may silence a session by saying that it is another one, or the same begun anew.
+
+        It may if it knows the token, if nobody was heard for a while, or if it speaks from the host of one who was.
+        """
+        if self._token is not None:
+            return True
+        others = [self._joined[name] for name in session.peers if name in self._joined and name != peer.name]
+        alive = [other for other in others if now_s - other.heard_s < ALIVE_S]
+        hosts = [self._proof.host_of(other.name) for other in alive]
+        return not alive or (peer.is_proved and self._proof.host_of(peer.name) in hosts)
 
     def _clock_of(self, peer: Hashable) -> SenderClock | None:
         remembered = self._joined.get(peer) or self._strangers.get(peer)
@@ -264,6 +299,13 @@ class OscReceiver:
         session = self._session(wire.session, arrival)
         if session is None:
             return
+        peer.is_proved |= wire.cookie != 0 and wire.cookie == self._proof.cookie_of(peer.name)
+        if session.is_other(wire) and not self._may_take_over(session, peer, now_s):
+            self._refuse(wire.session, "another sender speaks", arrival)
+            return
+        if not session.has_room_for(peer.name, lambda name: self._heard_of(name, now_s)):
+            self._refuse(wire.session, "listeners", arrival)
+            return
         peer.is_trusted = True
         if self._strangers.pop(peer.name, None) is not None:
             self._joined[peer.name] = peer
@@ -281,8 +323,14 @@ class OscReceiver:
             schema.MAX_DATAGRAM,
             self._engine_limits.utterances,
             self._instance,
+            0 if peer.is_proved else self._proof.cookie_of(peer.name),
         )
         arrival.replies.append((peer.name, wire_format.encode(welcome)))
+
+    def _heard_of(self, name: Hashable, now_s: float) -> bool:
+        """Whether a peer was heard of late; our own senders ping every 2 s."""
+        peer = self._joined.get(name)
+        return peer is not None and now_s - peer.heard_s < SILENT_S
 
     def _bye(self, wire: schema.Bye, arrival: Arrival) -> None:
         session, leaver = self._sessions.get(wire.session), arrival.peer.name

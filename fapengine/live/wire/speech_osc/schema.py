@@ -66,7 +66,7 @@ class Hello:
     """Open or join a session; answered by :class:`Welcome`."""
 
     ADDRESS: ClassVar[str] = "/fap/1/hello"
-    TAGS: ClassVar[str] = "sissisi"
+    TAGS: ClassVar[str] = "sissisii"
     REQUIRED: ClassVar[int] = 1
     session: str
     protocol: int = PROTOCOL
@@ -76,6 +76,8 @@ class Hello:
     token: str = ""
     instance: int = 0
     """Another one than before: the sender was restarted, and what it had begun is cancelled. 0 is not compared."""
+    cookie: int = 0
+    """Number that the welcome told: the sender really is where its packets say that they come from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,7 @@ class Welcome:
     """What the engine is and takes."""
 
     ADDRESS: ClassVar[str] = "/fap/1/welcome"
-    TAGS: ClassVar[str] = "shiiii"
+    TAGS: ClassVar[str] = "shiiiii"
     REQUIRED: ClassVar[int] = 2
     session: str
     engine_us: int
@@ -95,6 +97,8 @@ class Welcome:
     """Queued at once."""
     instance: int = 0
     """Another one than before: the engine was restarted and knows nothing."""
+    cookie: int = 0
+    """Number to be said in another hello; until then little is answered. 0: nothing is asked."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ REMEMBERED_S = 20.0
 """Time for which an utterance that is over is remembered, for its repeats: senders repeat for 15 s."""
 FADES_MS = (10, 10_000)
 MAX_PEERS = 8
-"""Number of peers of one session that hear of it; the first ones are forgotten."""
+"""Number of peers of one session that hear of it; one more takes the place of one that is silent, or is refused."""
 INT32 = 2**31 - 1
 
 Send = Callable[[Hashable, schema.FromEngine], None]
@@ -88,15 +88,26 @@ class WireSession:
         """Give the engine's number of a new utterance."""
         return next(self.numbers)
 
+    def is_other(self, hello: schema.Hello) -> bool:
+        """Whether a hello is that of another sender than before, or of one that was restarted."""
+        return hello.instance != self.instance and bool(hello.instance and self.instance)
+
+    def has_room_for(self, peer: Hashable, is_heard: Callable[[Hashable], bool]) -> bool:
+        """Make room for a peer, at the cost of one that is not heard of any more; False if there is none."""
+        if peer not in self.peers and len(self.peers) >= MAX_PEERS:
+            silent = next((name for name in self.peers if not is_heard(name)), None)
+            if silent is None:
+                return False
+            del self.peers[silent]
+        return True
+
     def join(self, peer: Hashable, hello: schema.Hello, now_s: float) -> bool:
         """Take a sender in; whether it is another one than before, so that what was begun is cancelled."""
         self.peers[peer] = hello.flags
-        while len(self.peers) > MAX_PEERS:
-            del self.peers[next(iter(self.peers))]
         phone_set = phone_labels.phone_set_named(hello.phone_set)
         if phone_set and hello.phone_set:
             self.phone_set = phone_set
-        is_other = hello.instance != self.instance and bool(hello.instance and self.instance)
+        is_other = self.is_other(hello)
         self.instance = hello.instance or self.instance
         if is_other:
             self.peers = {peer: hello.flags}

@@ -1,0 +1,289 @@
+"""Does a server speak the OSC of docs/osc.md? Asked over UDP, as a sender would."""
+
+import itertools
+import secrets
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Self, TypeVar
+
+from fapengine.conformance.cases import Case, demand
+from fapengine.errors import DataError, ResourceError
+from fapengine.live.wire import osc
+from fapengine.live.wire.speech_osc import codec, schema
+
+SIMPLE, ROBUST, GOOD, WRONG = (
+    f"docs/osc.md: {section}"
+    for section in ("One message a phone", "Every phone, in time", "What a good sender does", "When things go wrong")
+)
+ANSWER_S = 3.0
+"""Time for an answer; generous, because the machine may be busy."""
+QUIET_S = 0.3
+STEP_US = 100_000
+Answer = TypeVar("Answer", schema.Welcome, schema.Pong, schema.Ack, schema.Nack, schema.Notice)
+
+
+@dataclass(slots=True)
+class OscServer:
+    """A server under test.
+
+    Stateful; a context manager, which closes the sockets of all callers.
+    """
+
+    host: str
+    port: int
+    token: str = ""
+    _sockets: list[socket.socket] = field(default_factory=list)
+    _numbers: "itertools.count[int]" = field(default_factory=itertools.count)
+    _run: str = field(default_factory=lambda: secrets.token_hex(3))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for own in self._sockets:
+            own.close()
+
+    def caller(self) -> "Caller":
+        """Speak from a new socket, for a new session.
+
+        Raises
+        ------
+        ResourceError
+            If the host is unknown.
+        """
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
+            own = socket.socket(family, kind)
+            self._sockets.append(own)
+            own.connect(address)
+        except OSError as error:
+            raise ResourceError(f"UDP {self.host}:{self.port}: {error}") from error
+        own.settimeout(0.05)
+        return Caller(own, f"case-{self._run}-{next(self._numbers)}", self.token)
+
+
+@dataclass(slots=True)
+class Caller:
+    """A sender with a session of its own.
+
+    Stateful.
+    """
+
+    socket: socket.socket
+    session: str
+    token: str
+
+    def send(self, *wires: schema.Wire) -> None:
+        """Send messages, a datagram each."""
+        for wire in wires:
+            self.socket.send(codec.encode(wire))
+
+    def hear(
+        self, until: Callable[[list[schema.Wire]], bool] = lambda heard: False, for_s: float = ANSWER_S
+    ) -> list[schema.Wire]:
+        """Collect answers until something is so, or for so long."""
+        heard: list[schema.Wire] = []
+        stop_s = time.monotonic() + for_s
+        while not until(heard) and time.monotonic() < stop_s:
+            try:
+                messages = osc.parse_packet(self.socket.recv(65_536))
+            except (TimeoutError, ConnectionRefusedError):
+                continue
+            except DataError as error:
+                demand(False, f"an answer is no OSC: {error}")
+                raise
+            for message in messages:
+                kind = schema.FROM_ENGINE.get(message.address)
+                demand(kind is not None, f"got {message.address}, which is no address of the protocol")
+                assert kind is not None
+                heard.append(codec.parse(kind, message))
+        return heard
+
+    def ask(
+        self, kind: type[Answer], *wires: schema.Wire, such: Callable[[Answer], bool] = lambda answer: True
+    ) -> Answer:
+        """Send, and wait for an answer of a kind."""
+
+        def found(heard: list[schema.Wire]) -> list[Answer]:
+            return [wire for wire in heard if isinstance(wire, kind) and such(wire)]
+
+        self.send(*wires)
+        heard = self.hear(lambda heard: bool(found(heard)))
+        answers = found(heard)
+        others = ", ".join(sorted({_address(wire) for wire in heard})) or "nothing"
+        demand(answers, f"no {kind.ADDRESS} came, but {others}")
+        return answers[0]
+
+    def join(self) -> schema.Welcome:
+        """Say hello, with the cookie if one is asked for."""
+        welcome = self.ask(schema.Welcome, self._hello())
+        return self.ask(schema.Welcome, self._hello(welcome.cookie)) if welcome.cookie else welcome
+
+    def _hello(self, cookie: int = 0) -> schema.Hello:
+        return schema.Hello(self.session, phone_set="ipa", flags=1, token=self.token, instance=7, cookie=cookie)
+
+    def utterance(self, number: int, labels: str) -> tuple[schema.BeginUtterance, schema.Phones, schema.EndUtterance]:
+        """Make an utterance, a letter a phone."""
+        phones = tuple(schema.WirePhone(label, n * STEP_US, STEP_US) for n, label in enumerate(labels))
+        return (
+            schema.BeginUtterance(self.session, number),
+            schema.Phones(self.session, number, 0, 0, phones),
+            schema.EndUtterance(self.session, number, len(phones), len(phones) * STEP_US),
+        )
+
+
+def _address(wire: schema.Wire) -> str:
+    return "" if isinstance(wire, schema.SessionCommand) else wire.ADDRESS
+
+
+def _welcome(server: OscServer) -> None:
+    caller = server.caller()
+    welcome = caller.join()
+    demand(welcome.session == caller.session, f"got a welcome for {welcome.session!r}")
+    demand(welcome.lookahead_us >= 0, f"got a lookahead of {welcome.lookahead_us} us")
+    demand(0 < welcome.max_datagram <= 65_507, f"got datagrams of {welcome.max_datagram} bytes")
+
+
+def _hello_again(server: OscServer) -> None:
+    caller = server.caller()
+    first, second = caller.join(), caller.join()
+    demand(second.instance == first.instance, "two welcomes of one run tell different instances")
+    demand(second.engine_us >= first.engine_us, "the engine's clock goes backwards")
+
+
+def _protocol(server: OscServer) -> None:
+    caller = server.caller()
+    notice = caller.ask(schema.Notice, schema.Hello(caller.session, protocol=99, token=server.token))
+    demand(notice.kind == "error", f"got {notice.kind} for protocol 99, expected error")
+
+
+def _pong(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    pong = caller.ask(schema.Pong, schema.Ping(41, 123_456_789), such=lambda pong: pong.number == 41)
+    demand(pong.sent_us == 123_456_789, f"got sent_us {pong.sent_us}, expected it as it was sent")
+    demand(pong.received_us <= pong.answered_us, "it was answered before it was received")
+
+
+def _ack(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    ack = caller.ask(schema.Ack, *caller.utterance(0, "mamama"), such=lambda ack: ack.is_ended == 1)
+    demand(ack.next_index == 6, f"got next_index {ack.next_index} after phones 0 to 5, expected 6")
+
+
+def _started_and_finished(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    caller.send(*caller.utterance(0, "mama"))
+
+    def kinds(heard: list[schema.Wire]) -> list[str]:
+        return list(dict.fromkeys(wire.kind for wire in heard if isinstance(wire, schema.Notice)))
+
+    heard = kinds(caller.hear(lambda heard: "finished" in kinds(heard), 2 * ANSWER_S))
+    is_right = heard[:1] == ["started"] and heard[-1:] == ["finished"]
+    demand(is_right, f"got events {heard}, expected started, then finished")
+
+
+def _nack(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    begin, phones, _ = caller.utterance(0, "mamamama")
+    late = schema.Phones(caller.session, 0, 1, 6, phones.phones[6:])
+    first = schema.Phones(caller.session, 0, 0, 0, phones.phones[:4])
+    nack = caller.ask(schema.Nack, begin, first, late)
+    demand((nack.first, nack.stop) == (4, 6), f"got {nack.first} to {nack.stop}, expected 4 to 6, which were not sent")
+
+
+def _repeats(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    begin, phones, end = caller.utterance(0, "ma")
+    caller.send(begin, phones, phones, begin, end, phones, end)
+    heard = caller.hear(for_s=1.5)
+    told = {wire.engine_us for wire in heard if isinstance(wire, schema.Notice) and wire.kind == "started"}
+    demand(len(told) == 1, f"got {len(told)} beginnings of one utterance that was sent twice")
+
+
+def _order(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    ack = caller.ask(schema.Ack, *reversed(caller.utterance(0, "mama")), such=lambda ack: ack.is_ended == 1)
+    demand(ack.next_index == 4, f"got next_index {ack.next_index} of 4 phones that came before their begin")
+
+
+def _cancel(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    caller.send(*caller.utterance(0, "m" + "a" * 20))
+    caller.hear(lambda heard: any(isinstance(wire, schema.Notice) and wire.kind == "started" for wire in heard))
+    cancel = schema.CancelUtterance(caller.session)
+    notice = caller.ask(schema.Notice, cancel, such=lambda notice: notice.kind in ("cancelled", "finished"))
+    demand(notice.kind == "cancelled", "the utterance was said to its end")
+
+
+def _bye(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    notice = caller.ask(schema.Notice, schema.Bye(caller.session), such=lambda notice: notice.kind == "cancelled")
+    demand(notice.session == caller.session, f"got a notice for {notice.session!r}")
+
+
+def _unknown(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    notice = caller.ask(schema.Notice, schema.AudioPosition(caller.session, 99, 1_000_000, 0))
+    demand(notice.kind == "unknown", f"got {notice.kind} for an utterance that was never begun, expected unknown")
+
+
+def _newer(server: OscServer) -> None:
+    caller = server.caller()
+    caller.join()
+    caller.socket.send(osc.message("/fap/1/ping", "ihhfisT", 5, 1, 0, 0.0, -1, "of a later version", True))
+    pongs = [wire for wire in caller.hear(lambda heard: bool(heard)) if isinstance(wire, schema.Pong)]
+    demand(pongs, "a message with arguments of a later version is not answered")
+
+
+def _hostile(server: OscServer) -> None:
+    caller = server.caller()
+    good = codec.encode(schema.Hello(caller.session, token=server.token))
+    cut = (b"", b"\0", b"/", good[:-3], good[:9], b"/fap/1/phones\0\0\0,siiii\0\0")
+    for bad in (*cut, b"#bundle\0" + b"\xff" * 16, b"\xff" * 1200):
+        caller.socket.send(bad)
+    least, most = -(2**31), 2**31 - 1
+    caller.socket.send(osc.message("/fap/1/utt/begin", "siishss", caller.session, least, most, "x", -(2**63), "?", "?"))
+    caller.socket.send(osc.message("/fap/1/expr", "ssf", caller.session, "joy", float("nan")))
+    caller.hear(for_s=QUIET_S)
+    caller.join()
+
+
+def _simple(server: OscServer) -> None:
+    caller = server.caller()
+    for number, label in enumerate("ma"):
+        caller.socket.send(osc.message("/phoneme", "sff", label, 0.1 * number, 0.1))
+    caller.socket.send(osc.message("/tts/stop", ""))
+    caller.join()
+
+
+CASES: tuple[Case[OscServer], ...] = (
+    Case("1.1", ROBUST, "hello is answered by welcome, for its session", _welcome),
+    Case("1.2", ROBUST, "hello may be said again; the run keeps its instance", _hello_again),
+    Case("1.3", ROBUST, "a hello of another protocol is answered by an error", _protocol),
+    Case("1.4", ROBUST, "ping is answered by pong with its number and time", _pong),
+    Case("1.5", ROBUST, "bye is answered", _bye),
+    Case("2.1", ROBUST, "phones and end are acknowledged", _ack),
+    Case("2.2", ROBUST, "an utterance is told to have started, then to have finished", _started_and_finished),
+    Case("2.3", ROBUST, "phones that lack are asked for", _nack),
+    Case("2.4", GOOD, "what comes twice changes nothing", _repeats),
+    Case("2.5", ROBUST, "the order in which messages come does not matter", _order),
+    Case("2.6", ROBUST, "cancel ends what is being said, and is told", _cancel),
+    Case("3.1", WRONG, "of an utterance that it does not know it says so", _unknown),
+    Case("3.2", ROBUST, "arguments behind those that it knows are passed over", _newer),
+    Case("3.3", WRONG, "bytes that are no OSC, and values that cannot be, do no harm", _hostile),
+    Case("4.1", SIMPLE, "one message a phone is taken, without a hello", _simple),
+)

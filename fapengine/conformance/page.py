@@ -1,0 +1,296 @@
+"""Does a WebSocket server, or a client, speak as docs/page.md says? Both ends, with aiohttp."""
+
+import asyncio
+import contextlib
+import json
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from fapengine.conformance.cases import Case, NotTriedError, demand
+from fapengine.errors import DataError, ResourceError
+from fapengine.live.clients.websocket_viewer import web_socket_of
+from fapengine.live.web.messages import FRAME, FRAME_KIND, parse_request, parse_sound, text_of
+from fapengine.mpeg4 import fap
+
+SOCKET, WRONG = "docs/page.md: The WebSocket", "docs/page.md: What each side sees when something goes wrong"
+FRAME_BYTES = 288
+LISTENED_S, QUIET_S = 3.0, 0.5
+PROTOCOL = "fapengine-web/1"
+HELLO: dict[str, tuple[type, ...]] = {
+    "session": (str,), "rate_hz": (int, float), "profile": (str,), "voice": (bool,), "ear": (bool,), "sound": (str,),
+    "paused": (bool,),
+}  # fmt: skip
+"""Fields of the first message, and their types."""
+
+
+@dataclass(slots=True)
+class PageServer:
+    """A server under test, by the address of its page."""
+
+    url: str
+
+    def exchange(
+        self,
+        *texts: str | bytes,
+        until: Callable[[list[Any]], bool] = lambda heard: False,
+        for_s: float = LISTENED_S,
+        session: str = "conformance",
+    ) -> list[Any]:
+        """Connect, send, and collect: texts as dicts, frames as bytes, the close as its code.
+
+        Raises
+        ------
+        ResourceError
+            If nobody answers there.
+        """
+        return asyncio.run(self._exchange(texts, until, for_s, session))
+
+    async def _exchange(
+        self, texts: tuple[str | bytes, ...], until: Callable[[list[Any]], bool], for_s: float, session: str
+    ) -> list[Any]:
+        from aiohttp import ClientError, ClientSession, WSMsgType
+
+        heard: list[Any] = []
+        try:
+            async with ClientSession() as client, client.ws_connect(web_socket_of(self.url, session)) as socket:
+                for text in texts:
+                    await (socket.send_bytes(text) if isinstance(text, bytes) else socket.send_str(text))
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(for_s):
+                        while not until(heard):
+                            message = await socket.receive()
+                            if message.type is WSMsgType.TEXT:
+                                heard.append(json.loads(message.data))
+                            elif message.type is WSMsgType.BINARY:
+                                heard.append(message.data)
+                            else:
+                                heard.append(socket.close_code)
+                                break
+        except (ClientError, OSError) as error:
+            raise ResourceError(f"{self.url}: {error}") from error
+        return heard
+
+
+def _texts(heard: list[Any], kind: str) -> list[dict[str, Any]]:
+    return [one for one in heard if isinstance(one, dict) and one.get("type") == kind]
+
+
+def _frames(heard: list[Any]) -> list[tuple[int, float, tuple[int, ...]]]:
+    frames = []
+    for one in heard:
+        if isinstance(one, bytes) and len(one) >= 4 and struct.unpack_from("<I", one)[0] == FRAME_KIND:
+            demand(len(one) == FRAME_BYTES, f"got a frame of {len(one)} bytes, expected {FRAME_BYTES}")
+            _, number, time_s = struct.unpack_from("<IId", one)
+            frames.append((number, time_s, struct.unpack_from(f"<{fap.FAP_COUNT}i", one, 16)))
+    return frames
+
+
+def _greets(server: PageServer) -> None:
+    heard = server.exchange(until=bool)
+    demand(heard and isinstance(heard[0], dict) and heard[0].get("type") == "hello", "its first message is no hello")
+    demand(heard[0].get("protocol") == PROTOCOL, f"got protocol {heard[0].get('protocol')!r}, expected {PROTOCOL!r}")
+    for name, kind in HELLO.items():
+        demand(isinstance(heard[0].get(name), kind), f"hello: {name}: got {heard[0].get(name)!r}")
+    demand(heard[0]["session"] == "conformance", f"got session {heard[0]['session']!r}, expected 'conformance'")
+
+
+def _shows(server: PageServer) -> None:
+    frames = _frames(server.exchange(until=lambda heard: len(_frames(heard)) >= 20, for_s=2 * LISTENED_S))
+    demand(len(frames) >= 20, f"got {len(frames)} frames")
+    numbers, times = [frame[0] for frame in frames], [frame[1] for frame in frames]
+    demand(numbers == sorted(set(numbers)), "the numbers of frames do not rise")
+    demand(times == sorted(times) and all(map(math.isfinite, times)), "the times of frames do not rise")
+
+
+def _pongs(server: PageServer) -> None:
+    heard = server.exchange(text_of("ping", number=42), until=lambda heard: bool(_texts(heard, "pong")))
+    pongs = _texts(heard, "pong")
+    demand(pongs and pongs[0].get("number") == 42, f"got {pongs[:1]} to ping 42")
+    demand(isinstance(pongs[0].get("time_s"), int | float), "a pong has no time_s")
+
+
+def _pins(server: PageServer) -> None:
+    def is_pinned(heard: list[Any]) -> bool:
+        return any(values[16 - 1] == 123 for _, _, values in _frames(heard))
+
+    heard = server.exchange(text_of("pin", values={"16": 123}), until=is_pinned, session="conformance-pin")
+    demand(is_pinned(heard), "FAP 16 was pinned to 123, and no frame shows it")
+    demand(_texts(heard, "pins"), "nobody was told of the pin")
+
+
+def _refuses_nonsense(server: PageServer) -> None:
+    for text in (
+        "{",
+        "[]",
+        '{"type": "nothing"}',
+        '{"type": "blink", "misspelt": 1}',
+        '{"type": "look", "yaw": 9, "pitch": 0}',
+    ):
+        heard = server.exchange(text, until=lambda heard: bool(_texts(heard, "error")))
+        demand(_texts(heard, "error"), f"{text}: got no error")
+
+
+def _survives_nonsense(server: PageServer) -> None:
+    wrong = ('{"type": "nothing"}', b"\xff" * 20, b"")
+    heard = server.exchange(*wrong, text_of("ping", number=1), until=lambda heard: bool(_texts(heard, "pong")))
+    demand(_texts(heard, "pong"), "after three messages that cannot be used it does not answer any more")
+
+
+def _closes_on_long(server: PageServer) -> None:
+    heard = server.exchange("x" * 70_000, until=lambda heard: isinstance(heard[-1:], int))
+    demand(1009 in heard, f"a message of 70000 letters was taken (closed with {heard[-1] if heard else None})")
+
+
+def _guards_origin(server: PageServer) -> None:
+    async def status() -> int:
+        from aiohttp import ClientSession
+
+        url = web_socket_of(server.url).replace("ws", "http", 1)
+        headers = {"Origin": "http://evil.example", "Connection": "Upgrade", "Upgrade": "websocket",
+                   "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}  # fmt: skip
+        async with ClientSession() as client, client.get(url, headers=headers) as answer:
+            return answer.status
+
+    found = asyncio.run(status())
+    demand(found == 403, f"a page of another site is answered {found}, expected 403")
+
+
+SERVER_CASES: tuple[Case[PageServer], ...] = (
+    Case("1.1", SOCKET, "its first message is hello, with every field", _greets),
+    Case("1.2", SOCKET, "frames have 288 bytes; numbers and times rise", _shows),
+    Case("1.3", SOCKET, "ping is answered by pong with its number and the engine's time", _pongs),
+    Case("1.4", SOCKET, "a pinned FAP is shown, and told", _pins),
+    Case("2.1", SOCKET, "a message that cannot be used is answered by error, a misspelt field too", _refuses_nonsense),
+    Case("2.2", WRONG, "it goes on after messages that cannot be used", _survives_nonsense),
+    Case("2.3", WRONG, "a message longer than 64 KiB closes the connection with 1009", _closes_on_long),
+    Case("2.4", WRONG, "a page of another site is refused with 403", _guards_origin),
+)
+
+
+# Clients --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class PageClient:
+    """What a client did.
+
+    Stateful.
+    """
+
+    connections: int = 0
+    breaches: list[str] = field(default_factory=list)
+    types: list[str] = field(default_factory=list)
+    sounds: int = 0
+    left_after_unknown: bool = False
+
+
+async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str = "127.0.0.1") -> PageClient:
+    """Be a server for one client, for so long: a face that moves, messages of a later version, one end.
+
+    Raises
+    ------
+    ResourceError
+        If the port is taken.
+    """
+    from aiohttp import WSMsgType, web
+
+    client = PageClient()
+    loop = asyncio.get_running_loop()
+
+    async def answer(request: web.Request) -> web.WebSocketResponse:
+        socket = web.WebSocketResponse()
+        await socket.prepare(request)
+        client.connections += 1
+        session = request.query.get("session", "face")
+        hello = {"session": session, "rate_hz": 60.0, "profile": "none", "voice": False, "ear": True, "sound": "page"}
+        await socket.send_str(text_of("hello", protocol=PROTOCOL, paused=False, **hello))
+        sending = asyncio.create_task(_show(socket))
+        stop_s = loop.time() + for_s / 3  # then the connection ends, as if the server had been started again
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout_at(stop_s if client.connections == 1 else None):
+                async for message in socket:
+                    _note(client, message.data if message.type in (WSMsgType.TEXT, WSMsgType.BINARY) else None)
+                client.left_after_unknown = client.connections == 1
+        sending.cancel()
+        await socket.close()
+        return socket
+
+    async def _show(socket: web.WebSocketResponse) -> None:
+        number = 0
+        with contextlib.suppress(ConnectionError):
+            while not socket.closed:
+                values = [0] * fap.FAP_COUNT
+                values[2] = round(200 + 200 * math.sin(number / 6))
+                await socket.send_bytes(FRAME.pack(FRAME_KIND, number, loop.time()) + struct.pack("<68i", *values))
+                if number % 30 == 7:
+                    await socket.send_bytes(struct.pack("<I", 77) + b"of a later version")
+                    await socket.send_str(text_of("later", version=2))
+                number += 1 + (number % 50 == 0)  # one is left out, now and then
+                await asyncio.sleep(1 / 60)
+
+    app = web.Application()
+    app.router.add_get("/ws", answer)
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, host, port).start()
+    except OSError as error:
+        await runner.cleanup()
+        raise ResourceError(f"TCP port {port}: {error.strerror}") from error
+    tell(f"connect a client to ws://{host}:{runner.addresses[0][1]}/ws?session=face, for {for_s:.0f} s")
+    await asyncio.sleep(for_s)
+    await runner.cleanup()
+    return client
+
+
+def _note(client: PageClient, data: str | bytes | None) -> None:
+    if data is None:
+        return
+    try:
+        if isinstance(data, bytes):
+            parse_sound(data)
+            client.sounds += 1
+        else:
+            client.types.append(str(json.loads(data).get("type")))
+            parse_request(data)
+    except (DataError, ValueError, AttributeError) as error:
+        client.breaches.append(str(error))
+
+
+def _connects(client: PageClient) -> None:
+    demand(client.connections, "nobody connected")
+
+
+def _readable(client: PageClient) -> None:
+    demand(client.connections, "nobody connected")
+    if not client.types and not client.sounds:
+        raise NotTriedError("it sent nothing")
+    demand(not client.breaches, "; ".join(dict.fromkeys(client.breaches)))
+
+
+def _stays(client: PageClient) -> None:
+    demand(client.connections, "nobody connected")
+    demand(
+        not client.left_after_unknown, "it left before the server did: frames left out, or kinds that it does not know"
+    )
+
+
+def _returns(client: PageClient) -> None:
+    demand(client.connections > 1, "it did not connect again after the connection had ended")
+
+
+def _clock(client: PageClient) -> None:
+    demand(client.connections, "nobody connected")
+    demand("ping" in client.types, "it sent no ping, and cannot know the server's clock")
+
+
+CLIENT_CASES: tuple[Case[PageClient], ...] = (
+    Case("1.1", SOCKET, "it connects to /ws", _connects),
+    Case("1.2", SOCKET, "every message that it sends can be read", _readable),
+    Case("1.3", SOCKET, "frames that are left out, and kinds of a later version, are passed over", _stays),
+    Case("1.4", "docs/page.md: How it keeps time", "it pings", _clock),
+    Case("2.1", WRONG, "it connects again when the connection has ended", _returns),
+)

@@ -1,0 +1,278 @@
+"""No verb writes over what it reads, or over anything where it is told not to; what it replaces, it says."""
+
+import os
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fapengine.cli import main
+from fapengine.cli.main import app
+from fapengine.files.pictures import save_png
+
+TALK = ("mp4", "fap", "wav", "png")
+"""Endings of what stands beside a film."""
+NOBODY = 65534
+VISEMES = "m 100\na 200\nb 100\n"
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb that writes."""
+
+    command: str
+    """INPUT stands for the file that is asked about, OTHER for another one, OUTPUT for the name to write."""
+    output: str
+    written: tuple[str, ...]
+    """Names in the folder that it writes; the first stands for the others where one is enough."""
+
+
+SOURCES = {"": "", "--audio": "OTHER.pho", **dict.fromkeys(("--background", "--head"), "OTHER.pho --audio OTHER.flac")}
+VERBS = {
+    **{
+        f"say {option}": Verb(f"say Hello. {option} INPUT -o OUTPUT", "talk.mp4", tuple(f"talk.{end}" for end in TALK))
+        for option in ("--background", "--head", "--profile")
+    },
+    **{
+        f"animate {option or 'source'}": Verb(
+            f"animate {SOURCES[option]} {option} INPUT -o OUTPUT", "talk.mp4",
+            ("talk.mp4", "talk.fap", "talk.png") if option in ("", "--audio") else tuple(f"talk.{end}" for end in TALK),
+        )
+        for option in ("", "--audio", "--background", "--head")
+    },
+    "animate pictures": Verb("animate INPUT -o OUTPUT", "talk", ("talk/frame_0003.png", "talk.fap", "talk.png")),
+    "animate shapes": Verb("animate INPUT --shapes rhubarb -o OUTPUT", "talk.json", ("talk.json",)),
+    "animate --text": Verb("animate OTHER.ogg --text INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
+    "align": Verb("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
+    "align --text": Verb("align OTHER.wav --text INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)),
+    **{
+        f"render {option or 'track'}": Verb(
+            f"render {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", output, (output,)
+        )
+        for option, output in (("", "a.mp4"), ("--audio", "a.mkv"), ("--head", "a.png"), ("--background", "a.gif"))
+    },
+    "render second": Verb("render OTHER.fap INPUT -o OUTPUT", "a.webp", ("a.webp",)),
+    "render pictures": Verb("render INPUT -o OUTPUT", "f_%03d.png", ("f_002.png",)),
+    "render folder": Verb("render INPUT -o OUTPUT", "f", ("f/frame_0001.png",)),
+    "encode": Verb("encode INPUT -o OUTPUT", "a.fba", ("a.fba",)),
+    "encode --epf": Verb("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
+    "decode": Verb("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
+    "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
+    "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
+    **{
+        f"score {option or 'recording'}": Verb(
+            f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
+        )
+        for option in ("", "--against", "--phones", "--audio")
+    },
+    "fit": Verb("fit INPUT -o OUTPUT", "p", ("p/profile.toml", "p/report.html", "p/takes/a.fap")),
+    "head import": Verb("head import INPUT -o OUTPUT", "head", ("head/head.toml", "head/head.npz", "head/head.png")),
+    **{
+        f"head import {option}": Verb(f"head import OTHER.obj {option} INPUT -o OUTPUT", "head", ("head/head.toml",))
+        for option in ("--points", "--map")
+    },
+    "head check": Verb("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
+    "view": Verb("view INPUT --shot OUTPUT", "a.png", ("a.png",)),
+    "view --audio": Verb("view OTHER.fap --audio INPUT --shot OUTPUT", "a.png", ("a.png",)),
+}  # fmt: skip
+Make = Callable[[Path, Path], object]
+NAMES: dict[str, Make] = {
+    "its own name": lambda place, file: file.rename(place),
+    "a symbolic link": lambda place, file: place.symlink_to(file),
+    "a hard link": lambda place, file: place.hardlink_to(file),
+}
+CASES = [(verb, name, how) for verb, one in VERBS.items() for name in one.written for how in NAMES]
+
+
+def run(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[object, str]:
+    """Exit code and what was said on standard error."""
+    monkeypatch.setattr(sys, "argv", ["fapengine", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code, capsys.readouterr().err
+
+
+def words_of(verb: Verb, folder: Path, read: Path) -> list[str]:
+    words = {"INPUT": str(read), "OUTPUT": str(folder / verb.output)}
+    return [words.get(word, str(folder / word) if word.startswith("OTHER") else word) for word in verb.command.split()]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("verb", "name", "how"), CASES)
+def test_no_output_falls_on_an_input(
+    verb: str, name: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, mine = tmp_path / "out", tmp_path / "mine.png"
+    (folder / name).parent.mkdir(parents=True)
+    save_png(mine, np.zeros((2, 2, 3), np.uint8))
+    NAMES[how](folder / name, mine)
+    read = folder / name if how == "its own name" else mine
+    if verb == "fit":
+        read = read.parent
+    if how == "its own name":  # in a roundabout way
+        monkeypatch.chdir(folder)
+        read = Path(os.path.relpath(read.parent, folder)) / read.name
+    before = contents(tmp_path)
+    code, told = run(words_of(VERBS[verb], folder, read), monkeypatch, capsys)
+    assert (code, told.count("\n")) == (2, 1), told
+    assert "is read, and would be written over" in told
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_nothing_is_replaced_where_it_is_forbidden(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Inputs are not even there: it is refused before any work."""
+    read = tmp_path / "read.png"
+    save_png(read, np.zeros((2, 2, 3), np.uint8))
+    for name in VERBS[verb].written:
+        there = tmp_path / name
+        there.parent.mkdir(parents=True, exist_ok=True)
+        there.write_bytes(b"an earlier file")
+        code, told = run([*words_of(VERBS[verb], tmp_path, read), "--no-overwrite"], monkeypatch, capsys)
+        assert (code, told.count("\n")) == (2, 1), told
+        assert "is there already, expected a new name" in told
+        assert there.read_bytes() == b"an earlier file"
+        there.unlink()
+
+
+def test_every_verb_that_writes_is_here() -> None:
+    """Those whose options name a file to write; each has --no-overwrite."""
+    import typer
+
+    writing = set()
+    group = typer.main.get_command(app)
+    commands = {name: command for name, command in group.commands.items() if name != "head"}  # type: ignore[attr-defined]
+    commands |= {f"head {name}": command for name, command in group.commands["head"].commands.items()}  # type: ignore[attr-defined]
+    for name, command in commands.items():
+        flags = {flag for parameter in command.params for flag in parameter.opts}
+        if flags & {"--output", "--plot", "--shot"}:
+            writing.add(name)
+            assert "--no-overwrite" in flags, name
+    assert writing == {
+        next(name for name in sorted(writing, key=len, reverse=True) if verb.startswith(name)) for verb in VERBS
+    }
+
+
+def test_what_is_replaced_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.pho").write_text(VISEMES)
+    words = ["animate", str(tmp_path / "a.pho"), "-o", str(tmp_path / "a.fap")]
+    monkeypatch.setattr(sys, "argv", ["fapengine", *words])
+    with pytest.raises(SystemExit):
+        main()
+    assert capsys.readouterr().err == ""
+    with pytest.raises(SystemExit):
+        main()
+    assert capsys.readouterr().err == f"fapengine: replaces {tmp_path / 'a.fap'}\n"
+
+
+def test_an_own_recording_is_not_written_over_by_its_sound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The commonest names there are: animate talk.pho --audio talk.wav -o talk.fap."""
+    from fapengine.files.sound import save_wav
+
+    (tmp_path / "talk.pho").write_text(VISEMES)
+    save_wav(tmp_path / "talk.wav", np.zeros(4000, np.int16), 8000)
+    before = (tmp_path / "talk.wav").read_bytes()
+    words = ["animate", "talk.pho", "--audio", "talk.wav", "-o", "talk.fap", "--no-overwrite"]
+    monkeypatch.chdir(tmp_path)
+    assert run(words, monkeypatch, capsys) == (0, "")
+    assert (tmp_path / "talk.wav").read_bytes() == before
+    assert (tmp_path / "talk.fap").exists()
+
+
+QUICK = {
+    "animate": ("animate a.pho -o x.fap", "x.fap"),
+    "animate shapes": ("animate a.pho --shapes rhubarb -o x.json", "x.json"),
+    "encode": ("encode a.fap -o x.fba", "x.fba"),
+    "decode": ("decode a.fba -o x.fap", "x.fap"),
+    "convert": ("convert a.fap -o x.csv", "x.csv"),
+    "inspect": ("inspect a.pho --plot x.png", "x.png"),
+    "score": ("score a.fap --phones a.pho -o x.html", "x.html"),
+    "render": ("render a.fap --size 64 -o x.png", "x.png"),
+    "render film": ("render a.fap --size 64 -o x.mp4", "x.mp4"),
+    "render pictures": ("render a.fap --size 64 -o x", "x/frame_0000.png"),
+}
+"""Verbs that are quick on short timings, and a file that each writes; python -m design.faults has them all."""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "a.pho").write_text(VISEMES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for words in ("animate a.pho -o a.fap", "encode a.fap -o a.fba"):
+            patch.setattr(sys, "argv", ["fapengine", *words.split()])
+            with pytest.raises(SystemExit):
+                main()
+    return folder
+
+
+@pytest.mark.parametrize("verb", QUICK)
+@pytest.mark.parametrize("trouble", ["full disk", "read only"])
+def test_a_disk_that_takes_nothing_leaves_the_good_file(
+    trouble: str,
+    verb: str,
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command, name = QUICK[verb]
+    for file in inputs.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(b"an earlier file")
+    before = contents(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with full_disk() if trouble == "full disk" else read_only(tmp_path, (tmp_path / name).parent):
+        code, told = run(command.split(), monkeypatch, capsys)
+    assert code == 3
+    assert "cannot be written" in told
+    assert "Traceback" not in told
+    assert contents(tmp_path) == before
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file may grow beyond 100 bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def read_only(*folders: Path) -> Iterator[None]:
+    """Nothing can be made in these folders; for root, who may write anywhere, as another user."""
+    for folder in folders:
+        folder.chmod(0o555)
+    for parent in folders[0].parents[:3]:  # pytest's own, which nobody else may enter
+        if parent.name.startswith("pytest") or parent.name.startswith("test_"):
+            parent.chmod(0o755)
+    is_root = os.geteuid() == 0
+    if is_root:
+        os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+        for folder in folders:
+            folder.chmod(0o755)

@@ -1,0 +1,218 @@
+"""A server in use, of which a part is killed at a random moment: faces rest, the others go on, nothing is left over."""
+
+import os
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from tests.browser.chromium import FLAGS, OWN, find_chromium
+from tests.faults.processes import Marked, command_of, left_over, pids
+from tests.live.stage import Ear, Sender
+
+PARTS = ("server", "voice", "ear", "guard", "sender", *(("browser",) if find_chromium() else ()))
+SOON_S = 60.0
+"""Time for what should happen at once, on a busy machine."""
+AT_REST = 10
+"""Frames at rest that show that a face rests."""
+OPEN = 40
+"""FAP 3 of an open mouth."""
+
+
+class World:
+    """A server, a sender and a browser, each started when it is needed. At the end nothing of them is left.
+
+    Stateful.
+    """
+
+    def __init__(self, folder: Path, rng: random.Random) -> None:
+        self._folder, self._rng = folder, rng
+        self._all = ExitStack()
+        self._marked: dict[str, Marked] = {}
+        self._ear = Ear.open()
+        self._port = self._page = 0
+        self._probes = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._all.close()
+        self._ear.close()
+
+    def once(self, part: str) -> str:
+        """Kill a part at a random moment; "" or what is wrong then."""
+        try:
+            self._begin(with_browser=part == "browser")
+            time.sleep(self._rng.uniform(0.0, 2.0))
+            process = self._found(part)
+            os.kill(process, signal.SIGKILL)
+            return "; ".join(getattr(self, f"_without_{part}")())
+        except AssertionError as error:
+            self._end_all()
+            return str(error)
+
+    # What is so afterwards --------------------------------------------------------------------------------------------
+
+    def _without_server(self) -> list[str]:
+        server = self._marked["server"]
+        server.process.wait()
+        wrong = self._not_at_rest(["anna", "berta", "carl"])
+        wrong += [f"{line} runs on" for line in left_over(server.mark)]
+        self._end_all()
+        return wrong
+
+    def _without_voice(self) -> list[str]:
+        wrong = self._not_alive()
+        sender = Sender(("127.0.0.1", self._port))
+        name = self._new_name()
+        self._ear.frames.clear()
+        until_s = time.monotonic() + SOON_S
+        while max(self._ear.jaw(name), default=0) < OPEN:  # a text that the dead one had is lost, and told so
+            sender.tell("/fap/1/text", "sss", name, "Mama mama mama.", "")
+            end_s = time.monotonic() + 3.0
+            while time.monotonic() < min(end_s, until_s) and max(self._ear.jaw(name), default=0) < OPEN:
+                time.sleep(0.02)
+            if time.monotonic() > until_s:
+                wrong.append("no text is spoken after its end")
+                break
+        sender.close()
+        return wrong
+
+    def _without_ear(self) -> list[str]:
+        wrong = self._not_alive()
+        try:
+            self._found("ear")  # for the sound that comes next
+        except AssertionError as error:
+            wrong.append(f"{error} after its end")
+        return wrong
+
+    def _without_guard(self) -> list[str]:
+        wrong = self._not_alive()
+        self._end_all()  # so that there is one again
+        return wrong
+
+    def _without_sender(self) -> list[str]:
+        sender = self._marked.pop("sender")
+        sender.process.wait()
+        wrong = [f"{line} runs on" for line in left_over(sender.mark)]
+        return wrong + self._not_at_rest(["anna", "carl"]) + self._not_alive()
+
+    def _without_browser(self) -> list[str]:
+        browser = self._marked.pop("browser")
+        browser.process.wait()
+        return [f"{line} runs on" for line in left_over(browser.mark)] + self._not_alive()
+
+    def _not_at_rest(self, sessions: list[str]) -> list[str]:
+        """Sessions whose last frames are not at rest, though they had time."""
+
+        def rests(session: str) -> bool:
+            self._ear.listen()
+            latest = self._ear.frames.get(session, [])[-1:]
+            return not latest or not latest[0].values.any()
+
+        if self._becomes(lambda: all(map(rests, sessions))):
+            return []
+        return [f"{session} does not rest" for session in sessions if not rests(session)]
+
+    def _not_alive(self) -> list[str]:
+        """Whether a face that comes now is shown, and speaks."""
+        if (code := self._marked["server"].process.poll()) is not None:
+            log = self._log.read_text()[-1500:]
+            self._end_all()
+            return [f"the server has ended with {code}: {log}"]
+        sender, name = Sender(("127.0.0.1", self._port)), self._new_name()
+        sender.tell("/fap/1/hello", "sissi", name, 1, "ipa", "", 1)
+        sender.utter(name, 0, "mama")
+        found = self._becomes(lambda: max(self._ear.jaw(name), default=0) > OPEN)
+        sender.close()
+        return [] if found else ["a face that comes now does not speak"]
+
+    def _becomes(self, true: Callable[[], bool]) -> bool:
+        until_s = time.monotonic() + SOON_S
+        while not true():
+            if time.monotonic() > until_s:
+                return False
+            time.sleep(0.02)
+        return True
+
+    def _new_name(self) -> str:
+        self._probes += 1
+        return f"probe{self._probes}"
+
+    # Who is there -----------------------------------------------------------------------------------------------------
+
+    def _begin(self, *, with_browser: bool) -> None:
+        if "server" not in self._marked:
+            self._start_server()
+        if "sender" not in self._marked:
+            command = [sys.executable, "-m", "tests.faults.talker", str(self._port)]
+            self._marked["sender"] = self._all.enter_context(Marked.start(command, self._folder))
+        if with_browser:
+            self._start_browser()
+        self._ear.frames.clear()
+        speaks = self._becomes(lambda: max(self._ear.jaw("anna"), default=0) > OPEN)
+        assert speaks, f"nobody speaks: {self._log.read_text()[-1500:]}"
+
+    def _start_server(self) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._page = probe.getsockname()[1]
+        self._log = self._folder / "server.log"
+        command = [
+            sys.executable, "-m", "fapengine", "serve", "--log", "json", "--port", "0", "--web-port", str(self._page),
+            "--without", "all", "--sink", f"osc://127.0.0.1:{self._ear.port}",
+        ]  # fmt: skip
+        with self._log.open("w") as log:
+            server = Marked.start(command, self._folder, stdout=log, stderr=log)
+        self._marked["server"] = self._all.enter_context(server)
+        ready = self._becomes(lambda: '"ready"' in self._log.read_text() or server.process.poll() is not None)
+        assert ready, "the server does not start"
+        found = re.search(r"127\.0\.0\.1:(\d+) \(UDP", self._log.read_text())
+        assert found, self._log.read_text()
+        self._port = int(found[1])
+
+    def _start_browser(self) -> None:
+        path = find_chromium()
+        assert path is not None
+        url = f"http://127.0.0.1:{self._page}/?session=anna"
+        flags = [*FLAGS, *OWN, f"--user-data-dir={self._folder / self._new_name()}", url]
+        browser = Marked.start([path, *flags], self._folder, stderr=subprocess.DEVNULL)
+        self._marked["browser"] = self._all.enter_context(browser)
+        time.sleep(self._rng.uniform(0.5, 4.0))  # before it has loaded the page, or after that
+
+    def _found(self, part: str) -> int:
+        """Number of the process of a part."""
+        if part in ("server", "sender", "browser"):
+            return self._marked[part].process.pid
+        spelled = {"voice": "fapengine.voices.worker", "ear": "fapengine.ears.process", "guard": "fapengine serve"}
+        server = self._marked["server"]
+
+        def found() -> list[int]:
+            return [
+                number for number in pids(server.mark)
+                if number != server.process.pid and spelled[part] in command_of(number)
+            ]  # fmt: skip
+
+        assert self._becomes(lambda: bool(found())), f"there is no {part}"
+        return found()[0]
+
+    def _end_all(self) -> None:
+        for marked in self._marked.values():
+            with suppress(ProcessLookupError):
+                marked.process.kill()
+            for number in pids(marked.mark):
+                with suppress(ProcessLookupError):
+                    os.kill(number, signal.SIGKILL)
+            marked.process.wait()
+        self._marked.clear()
