@@ -116,6 +116,9 @@ class Writers:
         )
         self._run(self._inputs, "animate a.pho -o a.fap")
         self._run(self._inputs, "encode a.fap -o a.fba")
+        self._done: dict[str, tuple[Path, float]] = {}
+
+    def _make_face(self) -> None:
         head = build_head()
         import trimesh
 
@@ -123,8 +126,6 @@ class Writers:
         used = set(np.unique(head.triangles).tolist())
         rows = [f"{name},{index}" for name, index in head.feature_points.items() if index in used]
         (self._inputs / "points.csv").write_text("\n".join(["point,vertex", *rows]))
-        record(self._inputs / "S07")
-        self._done: dict[str, tuple[Path, float]] = {}
 
     def once(self, verb: str) -> str:
         """Stop a verb at a random moment; "" or what is wrong then."""
@@ -182,6 +183,10 @@ class Writers:
     def _finished(self, verb: str) -> tuple[Path, float]:
         """Folder after the verb, and how long it took; made when it is first asked for."""
         if verb not in self._done:
+            if verb == "fit" and not (self._inputs / "S07").exists():
+                record(self._inputs / "S07")
+            if verb == "head import" and not (self._inputs / "face.ply").exists():
+                self._make_face()
             place = self._folder / verb.replace(" ", "-")
             shutil.copytree(self._inputs, place)
             begun_s = time.monotonic()
