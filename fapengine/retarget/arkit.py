@@ -33,7 +33,7 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit_table import ARKIT_FAPS
 from fapengine.retarget.blend import BlendMap, weights_mm
 from fapengine.retarget.blend_rows import arkit_rows, rows_of
-from fapengine.retarget.moods import ALL_MOODS, approximate_upper, cost_share, read_moods, without_moods
+from fapengine.retarget.moods import ALL_MOODS, cost_share, find_moods, without_moods
 from fapengine.retarget.viseme_table import EXPRESSION_FAPS
 
 Array = NDArray[np.float64]
@@ -131,7 +131,7 @@ def approximate_arkit(faps: ArrayLike) -> Array:
         :data:`OPPOSITES` never both are at work.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    moods = read_moods(approximate_upper(values, ALL_MOODS), ALL_MOODS)
+    moods, _ = find_moods(values, ALL_MOODS)
     asked = ask(values, moods)
     first = speech_map().approximate_weights(asked)
     return join_shapes(values, moods, speech_map().approximate_weights(asked, cost=spoken_cost(first)))

@@ -6,7 +6,8 @@ Brows, lids, cheeks and nose tell the mood; what the mood does to the mouth foll
 these as well, and feels nothing: it blinks, raises its brows on what it stresses, lets brows and lids drift a little,
 and its lids follow the gaze. So all that is sought beside the moods and costs nothing, while a mood costs
 :data:`MOOD_MM`: what life explains is no mood. Raised brows alone are an accent, raised brows and wide eyes surprise;
-lids that a gaze draws up are no wide eyes, for the eyeballs tell.
+lids that a gaze draws up are no wide eyes, for the eyeballs tell. While a blink hides the eyes, a face feels what it
+felt before (:class:`MoodHold`).
 """
 
 from functools import cache
@@ -37,11 +38,15 @@ LIDS_PER_RAD: dict[tuple[int, ...], float] = {(19, 20): 600.0, (21, 22): -200.0}
 """FAPU by which lids follow a gaze that goes down by a radian, as the planner moves them."""
 GAZE_RAD = 0.5
 DRIFTS: tuple[dict[tuple[int, ...], float], ...] = (
-    {(31, 32, 33, 34): 28.0}, {(31, 32, 33, 34): -28.0, (35, 36): -16.0}, {(19, 20): -30.0},
+    {(31, 32, 33, 34): 28.0}, {(31, 32, 33, 34): -28.0, (35, 36): -16.0}, {(19, 20): -30.0}, {(21, 22): 80.0},
 )  # fmt: skip
-"""Twice what brows and lids of the planner drift, FAPU; lids that sink are a little blink."""
+"""Twice what brows and lids of the planner drift, FAPU, and the lower lids of a blink."""
 PLAIN = (0.1, 0.3)
 """Weight, first found, up to which a shape bears its whole cost, and from which on none: it keeps its size."""
+LIDS = [fap.column(19), fap.column(20)]
+BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
+"""Step of the upper lids from frame to frame from which on it is a blink's, and how far from where they were they are
+open again; FAPU. A blink at 60 frames a second begins with 45, a sadness that comes has 5."""
 FAINT = (0.1, 0.2)
 """Weight up to which a mood is none, and from which on it is shown as it is."""
 
@@ -60,18 +65,59 @@ def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
     for row, drift in zip(life[3:], DRIFTS, strict=True):
         _set(row, drift)
     rows = np.concatenate([rows_of(dict(EXPRESSION_FAPS), moods) * upper, lids * upper, life])
-    names = (*moods, "blinkLeft", "blinkRight", "accent", "lookDown", "lookUp", "browsUp", "browsDown", "lidsUp")
+    names = (
+        *moods,
+        "blinkLeft",
+        "blinkRight",
+        "accent",
+        "lookDown",
+        "lookUp",
+        "browsUp",
+        "browsDown",
+        "lidsUp",
+        "lowerLids",
+    )
     cost = np.array([MOOD_MM.get(name, 0.0) for name in names])
     return BlendMap(names, rows, reluctance_mm=cost)
 
 
-def find_moods(faps: Array) -> Array:
-    """Find moods, (T, 4), each 0..1, in the order of :data:`MOODS`, of FAPs (T, 68)."""
-    return read_moods(approximate_upper(faps))
+def find_moods(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> tuple[Array, Array]:
+    """Find moods, (T, M), each 0..1, and lids that a blink shuts, left and right, (T, 2), of FAPs (T, 68)."""
+    upper = approximate_upper(faps, names)
+    moods, hold = read_moods(upper, names), MoodHold()
+    for row, values in zip(moods, faps, strict=True):
+        row[:] = hold.follow(row.copy(), values)
+    return moods, upper[:, len(names) : len(names) + 2]
+
+
+class MoodHold:
+    """The moods of one face, frame by frame, kept while a blink shuts its eyes and opens them.
+
+    Stateful.
+    """
+
+    def __init__(self) -> None:
+        self._lid, self._open = 0.0, 0.0
+        self._moods: Array | None = None
+        self._held = False
+
+    def follow(self, moods: Array, faps: Array) -> Array:
+        """Take the next frame's moods, (M,), and FAPs, (68,); return the moods to show."""
+        lid = float(faps[LIDS].max())
+        step, self._lid = lid - self._lid, lid
+        if self._moods is None:
+            self._moods = moods
+        elif not self._held and step > BLINK_STEP:
+            self._held, self._open = True, lid - step
+        elif self._held and step > -BLINK_STEP and lid < self._open + OPEN_AGAIN:
+            self._held = False
+        if not self._held:
+            self._moods = moods
+        return self._moods
 
 
 def approximate_upper(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
-    """Find weights of :func:`mood_map`, (T, M + 8), of FAPs (T, 68): a mood that is plain costs nothing."""
+    """Find weights of :func:`mood_map`, (T, M + 9), of FAPs (T, 68): a mood that is plain costs nothing."""
     first = mood_map(names).approximate_weights(faps)
     return mood_map(names).approximate_weights(faps, cost=cost_share(first))
 
@@ -83,7 +129,7 @@ def cost_share(weights: Array) -> Array:
 
 
 def read_moods(upper: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
-    """Take the moods, (..., M), out of weights of :func:`mood_map`, (..., M + 8); :data:`FAINT` ones are none."""
+    """Take the moods, (..., M), out of weights of :func:`mood_map`, (..., M + 9); :data:`FAINT` ones are none."""
     moods = upper[..., : len(names)]
     shown: Array = moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
     return shown

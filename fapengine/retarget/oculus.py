@@ -61,7 +61,7 @@ def approximate_visemes(faps: ArrayLike) -> Array:
     ('sil', 1.0)
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    spoken = without_moods(values, find_moods(values))
+    spoken = without_moods(values, find_moods(values)[0])
     return shares(oculus_map().approximate_weights(spoken))
 
 

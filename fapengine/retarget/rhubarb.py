@@ -59,7 +59,7 @@ def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     if not len(values):
         return []
-    moved = without_moods(values, find_moods(values)) * weights_mm()
+    moved = without_moods(values, find_moods(values)[0]) * weights_mm()
     upper, lower, left, right = (moved[:, fap.column(number)] for number in (4, 5, 6, 7))
     jaw = values[:, fap.column(3)] * weights_mm()[fap.column(3)]  # brows that move make a little surprise, and its jaw
     opening, round_lips = -(upper + lower), left + right < -NARROW_MM

@@ -20,7 +20,7 @@ from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.blend_rows import rows_of
-from fapengine.retarget.moods import MOODS, approximate_upper, read_moods, without_moods
+from fapengine.retarget.moods import MOODS, find_moods, without_moods
 from fapengine.retarget.oculus import DEPTH
 from fapengine.retarget.viseme_table import EXPRESSION_FAPS, VISEME_FAPS
 
@@ -62,14 +62,13 @@ def approximate_presets(faps: ArrayLike) -> Array:
         0..1, in the order of :data:`VRM1_NAMES` and of :data:`VRM0_NAMES`.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    upper = approximate_upper(values)
-    spoken = without_moods(values, read_moods(upper))
-    return join_presets(values, upper, vowel_map().approximate_weights(spoken))
+    moods, lids = find_moods(values)
+    spoken = without_moods(values, moods)
+    return join_presets(values, moods, lids, vowel_map().approximate_weights(spoken))
 
 
-def join_presets(faps: Array, upper: Array, vowels: Array) -> Array:
-    """Put presets together, (T, 18): FAPs (T, 68), weights of ``mood_map`` (T, 12), vowels (T, 5) of the rest."""
-    moods, lids = read_moods(upper), upper[:, len(MOODS) : len(MOODS) + 2]
+def join_presets(faps: Array, moods: Array, lids: Array, vowels: Array) -> Array:
+    """Put presets together, (T, 18): FAPs (T, 68), moods (T, 4), lids (T, 2), vowels (T, 5) of the rest."""
     shown = no_wider(vowels, without_moods(faps, moods))
     presets = np.zeros((len(faps), len(VRM1_NAMES)))
     for names, weights in ((tuple(MOODS), moods), (tuple(VOWELS), shown)):

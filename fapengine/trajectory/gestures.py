@@ -9,10 +9,15 @@ evaluates them on an array of times; live :mod:`fapengine.live.engine.gestures` 
 
 - Chance: each of :data:`.style.GENERATORS` has a random generator of its own, spawned from one. To switch one off
   changes nothing in the others, for it is drawn all the same.
-- A *nod* belongs to a stressed phone. It begins :data:`NOD_RISE_S` before the phone, or as soon as the phone is known
-  where that is later; a phone whose beginning has passed by then makes none. Its strength is drawn when it begins, so
-  it does not matter in which pieces phones come, as long as they come so early. A nod that begins takes over from the
-  one before.
+- A *nod*, with raised brows, belongs to the strongest accent of a phrase (:mod:`.phrases`), not to every stress. It
+  begins :data:`NOD_RISE_S` before the phone, or as soon as the phone is known where that is later; a phone whose
+  beginning has passed by then makes none. It is chosen and its strength drawn when it begins, so it does not matter in
+  which pieces phones come, as long as they come :data:`.phrases.REACH_S` before that. A nod that begins takes over from
+  the one before.
+- *Blinks* are a process whose rate depends on what is spoken at the time: they are drawn to pauses and ends of phrases
+  (Nakano and Kitazawa 2010, doi:10.1007/s00221-010-2387-z).
+- The *head* moves on when speech begins after a pause, and settles when a phrase ends before one (Hadar et al. 1984,
+  Human Movement Science 3).
 - The eyes counter the head (vestibulo-ocular reflex), so that the gaze rests where it was; lids follow the eyes, but
   for lids that a blink has shut.
 - Where an end is set, all comes to rest by then. A file has an end; a live session has one only if it is told.
@@ -29,6 +34,7 @@ from numpy.typing import NDArray
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.phrases import Phrases
 from fapengine.trajectory.ramps import Ramp, pulse, sample_ramps
 from fapengine.trajectory.style import GENERATORS, Style
 
@@ -58,13 +64,21 @@ class Channel(IntEnum):
     HEAD_MOTION = 17
     IDLE = 18
     GAZE = 19
+    STANCE_PITCH = 20
+    STANCE_YAW = 21
+    STANCE_ROLL = 22
 
 
 FIRST_BLINK_S = (0.6, 1.8)
 """Earliest and latest time at which the first blink has shut the eyes."""
-BLINK_INTERVAL_S = (1.2, 3.0)
-"""Shortest time between blinks, and mean of the exponential time added: about 14 a minute, between rest (17) and
-reading (4.5) in Bentivoglio et al. 1997, Movement Disorders 12, 1028."""
+MIN_BLINK_INTERVAL_S = 0.8
+"""Shortest time between two blinks."""
+BLINKS_PER_S = {"silent": 0.35, "speaking": 0.38, "pausing": 3.0}
+"""Rates beyond the shortest interval. They give 17 a minute to a face that does not speak and about 26 to one that does
+(``python -m bench.life``): rest and conversation in Bentivoglio et al. 1997, Movement Disorders 12, 1028; people who
+converse blink 10.5 to 32.5 times a minute (Doughty 2001)."""
+BLINK_BEFORE_END_S, BLINK_BEHIND_END_S = 0.1, 0.5
+"""Time before and behind a phrase's end in which a blink begins as in a pause."""
 BLINK_CLOSE_S, BLINK_SHUT_S, BLINK_OPEN_S = 0.09, 0.04, 0.17
 """Lids fall about twice as fast as they rise (Guitton et al. 1991, J. Neurophysiology 65)."""
 UPPER_LID, LOWER_LID = 960.0, 100.0
@@ -82,6 +96,19 @@ DB_PER_DOUBLE_NOD = 8.0
 Munhall et al. 2004, doi:10.1111/j.0963-7214.2004.01502010.x."""
 NOD_RAD = 0.018
 BROW_FAPU = 75.0
+ONSET_PAUSE_S = 0.25
+"""Silence behind which speech begins anew, and the head moves."""
+ONSET_AHEAD_S, ONSET_S, SETTLE_S = 0.25, 0.6, 0.9
+"""Time by which the head moves before speech; how long that takes, and how long settling does."""
+STANCE_RAD = {
+    Channel.STANCE_PITCH: (-0.035, -0.015),
+    Channel.STANCE_YAW: (0.025, 0.050),
+    Channel.STANCE_ROLL: (0.0, 0.018),
+}
+"""Least and greatest turn at an onset: chin up by 0.9 to 2.0 degrees, 1.4 to 2.9 to a side, and a little roll. Sizes
+are ours; Hadar calls movements at onsets wide, those at ends medium."""
+SETTLED, SETTLED_PITCH_RAD = 0.4, 0.010
+"""Part of a turn that is left when a phrase has ended, and how far the chin is down then."""
 EDGE_S = 0.5
 """Time over which head motion and drifts grow from nothing, and return to it."""
 FIXATION_S = (0.6, 1.4)
@@ -143,15 +170,23 @@ class GestureGenerator:
         self._style = style
         self._begins_s, self._ends_s = begins_s, inf
         self._blink_s = begins_s - BLINK_CLOSE_S + self._rng["blinks"].uniform(*FIRST_BLINK_S)
+        self._has_blinked = False
         self._glance_s = begins_s + self._fixation_s()
         self._nods: list[tuple[float, float, Phone]] = []
+        self._nodded_s = -inf
+        self._phrases = Phrases()
+        self._moved_s, self._late_s = begins_s, begins_s
+        self._spoken_from_s: float | None = None
+        """Where the phrase begins for which the head has moved; None while it has settled."""
+        self._turned = dict.fromkeys(STANCE_RAD, 0.0)
         self.waves = _draw_waves(self._rng["head_motion"], self._rng["idle"])
         """(2, sines): frequencies in rad/s and phases in rad of what never ends, from ``begins_s`` on."""
 
     @property
     def due_s(self) -> float:
         """Time up to which there is nothing to draw."""
-        return min(self._blink_s, self._next_glance_s(), self._nods[0][0] if self._nods else inf)
+        nod_s = self._nods[0][0] if self._nods else inf
+        return min(self._blink_s, self._next_glance_s(), nod_s, self._next_stance_s())
 
     def begin(self) -> list[Ramp]:
         """Let head motion and drifts grow from nothing."""
@@ -168,15 +203,19 @@ class GestureGenerator:
         self._style = style
         return [] if now_s >= self._ends_s - EDGE_S else _switches(style, now_s, over_s)
 
-    def stress(self, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
-        """Nod with stressed phones that have become known: time at which each begins, and the phone."""
+    def hear(self, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
+        """Take phones that have become known: time at which each begins, and the phone."""
         for start_s, phone in phones:
+            self._phrases.learn(start_s, phone)
+            if start_s - ONSET_AHEAD_S < now_s <= start_s:
+                self._late_s = now_s
             if phone.stress and start_s > now_s:
                 insort(self._nods, (max(start_s - NOD_RISE_S, now_s), start_s, phone), key=lambda nod: nod[:2])
 
     def hush(self, now_s: float) -> list[Ramp]:
-        """Forget the nods that were to come, and end the one that is seen."""
+        """Forget what was to be said, and end the nod that is seen."""
         self._nods.clear()
+        self._phrases.forget_from(now_s)
         return [Ramp(now_s, Channel.NOD, 0.0, NOD_FALL_S, takes_over=True)]
 
     def draw(self, until_s: float) -> list[Ramp]:
@@ -186,9 +225,17 @@ class GestureGenerator:
             ramps += self._blink(self._blink_s)
         while self._next_glance_s() <= until_s:
             ramps += self._glance(self._next_glance_s())
-        while self._nods and self._nods[0][0] <= until_s:
-            at_s, _, phone = self._nods.pop(0)
-            ramps += self._nod(at_s, phone)
+        nods = 0
+        while nods < len(self._nods) and self._nods[nods][0] <= until_s:
+            at_s, start_s, phone = self._nods[nods]
+            nods += 1
+            if self._phrases.is_outstanding(start_s, phone, self._nodded_s):
+                self._nodded_s = start_s
+                ramps += self._nod(at_s, phone)
+        del self._nods[:nods]
+        while self._next_stance_s() <= until_s:
+            ramps += self._stance(self._next_stance_s())
+        self._phrases.forget_before(until_s)
         return ramps
 
     def _blink(self, at_s: float) -> Sequence[Ramp]:
@@ -196,8 +243,49 @@ class GestureGenerator:
         if not shown[-1].at_s + BLINK_OPEN_S < self._ends_s:
             self._blink_s = inf  # it would be cut off
             return ()
-        self._blink_s = at_s + BLINK_INTERVAL_S[0] + self._rng["blinks"].exponential(BLINK_INTERVAL_S[1])
+        chance = self._rng["blinks"].uniform()
+        most = max(BLINKS_PER_S.values())
+        self._blink_s = at_s + self._rng["blinks"].exponential(1.0 / most)
+        if chance * most >= BLINKS_PER_S[self._state(at_s)] and self._has_blinked:
+            return ()
+        self._has_blinked = True
+        self._blink_s += MIN_BLINK_INTERVAL_S
         return shown if self._style.blinks else ()
+
+    def _state(self, at_s: float) -> str:
+        """Tell whether the face speaks, pauses, or is silent."""
+        phrase = self._phrases.around(at_s)
+        if phrase is None or at_s > phrase[1] + BLINK_BEHIND_END_S:
+            return "silent"
+        return "speaking" if at_s < phrase[1] - BLINK_BEFORE_END_S else "pausing"
+
+    def _next_stance_s(self) -> float:
+        """Time of the next onset or end of speech."""
+        if self._spoken_from_s is None:
+            coming = self._phrases.following(self._moved_s)
+            return inf if coming is None else max(self._moved_s, self._late_s, coming[0] - ONSET_AHEAD_S)
+        phrase = self._phrases.around(self._spoken_from_s)
+        if phrase is None:  # it was taken back before it began
+            return self._moved_s
+        while (behind := self._phrases.following(phrase[1])) is not None and behind[0] - phrase[1] < ONSET_PAUSE_S:
+            phrase = behind
+        return max(self._moved_s, phrase[1])
+
+    def _stance(self, at_s: float) -> Sequence[Ramp]:
+        """Move on when speech begins, settle when it ends."""
+        coming = self._phrases.following(self._moved_s)
+        self._moved_s = at_s
+        if self._spoken_from_s is None and coming is not None:
+            self._spoken_from_s = coming[0]
+            rng = self._rng["head_motion"]
+            for channel, sizes in STANCE_RAD.items():
+                side = 1.0 if channel is Channel.STANCE_PITCH else rng.choice((-1.0, 1.0))
+                self._turned[channel] = side * rng.uniform(*sizes)
+            return [Ramp(at_s, channel, rad, ONSET_S, takes_over=True) for channel, rad in self._turned.items()]
+        self._spoken_from_s = None
+        settled = {channel: SETTLED * rad for channel, rad in self._turned.items()}
+        settled[Channel.STANCE_PITCH] = SETTLED_PITCH_RAD
+        return [Ramp(at_s, channel, rad, SETTLE_S, takes_over=True) for channel, rad in settled.items()]
 
     def _next_glance_s(self) -> float:
         """Time of the next glance; the last one leads back before the end."""
@@ -266,6 +354,8 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
         wander = _WAVE_SUMS @ np.sin(waves[0] * since_s + waves[1])
         for number, motion in zip(HEAD_AMPLITUDE_RAD, wander, strict=False):
             faps[fap.column(number)] = HEAD_AMPLITUDE_RAD[number] / AU_RAD * moving * motion
+        for number, channel in ((48, Channel.STANCE_PITCH), (49, Channel.STANCE_YAW), (50, Channel.STANCE_ROLL)):
+            faps[fap.column(number)] += levels[channel] / AU_RAD * moving
         faps[fap.column(48)] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
         for numbers, drift in zip(DRIFTS_FAPU, wander[BREATH_ROW + 1 :], strict=True):
             _add(faps, numbers, DRIFTS_FAPU[numbers] * idle * drift)
@@ -311,7 +401,7 @@ def gestures_of(
     end_s : float
         When all is at rest again.
     phones : iterable of Phone
-        What is spoken; the stressed ones make nods.
+        What is spoken; accents make nods, pauses draw blinks.
     style : Style
     rng : numpy.random.Generator
 
@@ -321,7 +411,7 @@ def gestures_of(
         Gives the FAPs of any of these times: a slice of them -> (N, 68) float64, FAPU.
     """
     generator = GestureGenerator(rng, style)
-    generator.stress(((phone.start_s, phone) for phone in phones), 0.0)
+    generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
     ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
     levels = sample_ramps(start_levels(style), ramps, times_s)
     return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece]).T

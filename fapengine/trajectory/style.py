@@ -55,7 +55,7 @@ class Style:
     idle: bool = True
     """Breath, and slow drifts of brows and mouth corners."""
     emphasis: bool = True
-    """A nod and raised brows with stressed phones."""
+    """A nod and raised brows with the strongest accent of a phrase."""
 
     def __post_init__(self) -> None:
         for name in ("articulation", "jaw", "lips"):

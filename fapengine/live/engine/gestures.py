@@ -106,15 +106,16 @@ class BatchGestures:
         gains = [Ramp(now_s, channel, float(levels[channel]), EASE_S) for channel in (Channel.JAW, Channel.LIPS)]
         self._ramps.send(row, [*gains, *self._generators[row].restyle(style, now_s, EASE_S)])
 
-    def stress(self, row: int, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
-        """Nod with stressed phones: engine time at which each begins, and the phone."""
+    def hear(self, row: int, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
+        """Take phones that have become known: engine time at which each begins, and the phone."""
         generator = self._generators[row]
-        generator.stress(phones, now_s)
+        generator.hear(phones, now_s)
         self._due_s[row] = generator.due_s
 
     def hush(self, row: int, now_s: float) -> None:
-        """Forget nods that were to come."""
+        """Forget what was to be said."""
         self._ramps.send(row, self._generators[row].hush(now_s))
+        self._due_s[row] = self._generators[row].due_s
 
     def end(self, row: int, at_s: float, now_s: float) -> None:
         """Let all gestures come to rest by a time; none follows."""

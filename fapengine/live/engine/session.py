@@ -414,9 +414,8 @@ class Session:
         self.fresh += shifted
         self.fresh_for = utterance.number
         begins_s = self.clock.begins_s
-        stressed = [(phone.start_s + begins_s, phone) for phone in shifted if phone.stress]
-        if stressed:
-            self.gestures.stress(self._row, stressed, now_s)
+        if shifted:
+            self.gestures.hear(self._row, [(phone.start_s + begins_s, phone) for phone in shifted], now_s)
 
     @property
     def _row(self) -> int:

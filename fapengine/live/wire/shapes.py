@@ -10,7 +10,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ask, join_shapes, speech_map, spoken_cost
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.moods import ALL_MOODS, cost_share, mood_map, read_moods, without_moods
+from fapengine.retarget.moods import ALL_MOODS, MOODS, MoodHold, cost_share, mood_map, read_moods, without_moods
 from fapengine.retarget.vrm import SHOWN, join_presets, vowel_map
 
 Array = NDArray[np.float64]
@@ -49,13 +49,13 @@ class ArkitFollower:
     """
 
     def __init__(self) -> None:
-        self._upper = _Follower(mood_map(ALL_MOODS), cost_share)
+        self._upper, self._hold = _Follower(mood_map(ALL_MOODS), cost_share), MoodHold()
         self._spoken = _Follower(speech_map(), spoken_cost)
 
     def follow(self, faps: ArrayLike) -> Array:
         """Take the next frame, (68,) FAPU; return (52,) as a row of ``approximate_arkit``, only solved exactly."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        moods = read_moods(self._upper.follow(values), ALL_MOODS)
+        moods = self._hold.follow(read_moods(self._upper.follow(values), ALL_MOODS), values)
         spoken = self._spoken.follow(ask(values, moods))
         shown: Array = join_shapes(values[None], moods[None], spoken[None])[0]
         return shown
@@ -68,15 +68,16 @@ class PresetFollower:
     """
 
     def __init__(self) -> None:
-        self._upper = _Follower(mood_map(), cost_share)
+        self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
         self._vowels: Array | None = None
 
     def follow(self, faps: ArrayLike) -> Array:
         """Take the next frame, (68,) FAPU; return (13,): as :data:`fapengine.retarget.vrm.VRM1_NAMES` begins."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
         upper = self._upper.follow(values)
-        self._vowels = vowel_map().solve_weights(without_moods(values, read_moods(upper)), self._vowels)
-        return join_presets(values[None], upper[None], self._vowels[None])[0, :SHOWN]
+        moods, lids = self._hold.follow(read_moods(upper), values), upper[len(MOODS) : len(MOODS) + 2]
+        self._vowels = vowel_map().solve_weights(without_moods(values, moods), self._vowels)
+        return join_presets(values[None], moods[None], lids[None], self._vowels[None])[0, :SHOWN]
 
 
 def turns_rad(faps: ArrayLike) -> Array:

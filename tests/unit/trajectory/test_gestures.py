@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.gestures import (
     BLINK_CLOSE_S,
@@ -14,10 +15,13 @@ from fapengine.trajectory.gestures import (
     GLANCE_RAD,
     NOD_FALL_S,
     NOD_RISE_S,
+    ONSET_AHEAD_S,
+    STANCE_RAD,
     Channel,
     GestureGenerator,
     sample_gestures,
 )
+from fapengine.trajectory.phrases import REACH_S, Phrases
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
 from fapengine.trajectory.style import GENERATORS, Style
 
@@ -42,7 +46,7 @@ def test_blinks_close_the_eyes_fully_and_come_at_a_human_rate() -> None:
     times = np.arange(0, 300, 0.01)
     upper = column(only("blinks", times=times, end_s=300.0), 19)
     count = (np.diff((upper > 900).astype(int)) == 1).sum()
-    assert 8 * 5 <= count <= 22 * 5
+    assert 14 * 5 <= count <= 21 * 5  # 17 a minute of a face that is silent
     assert upper.max() == pytest.approx(960)
     assert upper[-1] == 0
 
@@ -153,22 +157,24 @@ def nods(pieces: list[list[Phone]], known_s: list[float], step_s: float) -> list
     for frame in range(round(12 / step_s)):
         while waiting and waiting[0][0] <= frame * step_s:
             at_s, phones = waiting.pop(0)
-            generator.stress([(phone.start_s, phone) for phone in phones], at_s)
+            generator.hear([(phone.start_s, phone) for phone in phones], at_s)
         ramps += generator.draw(frame * step_s)
     return [ramp for ramp in ramps if ramp.channel == Channel.NOD]
 
 
+LENGTHS_S = np.random.default_rng(2).uniform(0.18, 0.28, 29)
 STRESSED = [
-    Phone("a", float(at_s), float(at_s) + 0.2, stress=1 + n % 2) for n, at_s in enumerate(np.arange(0.4, 9, 0.3))
+    Phone("a", float(at_s), float(at_s) + length_s, stress=1 + n % 2)
+    for n, (at_s, length_s) in enumerate(zip(np.arange(0.4, 9, 0.3), LENGTHS_S.tolist(), strict=True))
 ]
 
 
-@pytest.mark.parametrize("ahead_s", [NOD_RISE_S + 0.001, 0.5, 3.0])
+@pytest.mark.parametrize("ahead_s", [REACH_S + NOD_RISE_S + 0.001, 3.0])
 def test_nods_are_the_same_whether_phones_come_at_once_or_one_by_one_ahead_of_time(ahead_s: float) -> None:
     at_once = nods([STRESSED], [0.0], 1 / 25)
     one_by_one = nods([[phone] for phone in STRESSED], [max(phone.start_s - ahead_s, 0.0) for phone in STRESSED], 1e-3)
     assert one_by_one == at_once
-    assert len(at_once) == 2 * len(STRESSED)
+    assert 2 * 3 <= len(at_once) <= 2 * 6  # 29 stresses in 8.6 s
     pairs = [[STRESSED[n + 1], STRESSED[n]] for n in range(0, len(STRESSED) - 1, 2)]
     assert nods(pairs, [0.0] * len(pairs), 0.01) == nods([STRESSED[: 2 * len(pairs)]], [0.0], 0.01)
 
@@ -187,21 +193,143 @@ def test_a_shouted_nod_is_large_and_a_whispered_one_small() -> None:
 
 
 def test_a_nod_takes_over_from_the_one_before() -> None:
-    ramps = nods([[Phone("a", 1.0, 1.6, stress=1), Phone("a", 1.2, 1.8, stress=2)]], [0.0], 0.01)
-    level = sample_ramps(np.zeros(len(Channel)), ramps, np.array([1.0, 1.2, 1.5, 1.7]))[Channel.NOD]
+    ramps = nods([[Phone("a", 1.0, 1.8, stress=1), Phone("a", 2.0, 2.6, stress=2)]], [0.0], 0.01)
+    assert len(ramps) == 4  # a pause lies between them
+    level = sample_ramps(np.zeros(len(Channel)), ramps, np.array([1.0, 2.0, 2.1, 2.4]))[Channel.NOD]
     assert level[0] > 0.49
-    np.testing.assert_allclose(level[1:3], ramps[2].goal)  # the first one's fall, at 1.3 s, is dropped
+    np.testing.assert_allclose(level[1:3], ramps[2].goal)
     assert 0 < level[3] < ramps[2].goal
 
 
+def talk(phrases: int, *, phone_s: float = 0.1, pause_s: float = 0.35, phones: int = 22) -> list[Phone]:
+    """Phrases of 2.2 s; every fifth phone is stressed, the third stress of a phrase is the longest."""
+    spoken, at_s = [], 1.0
+    for _ in range(phrases):
+        for number in range(phones):
+            length_s = 1.6 * phone_s if number == 12 else phone_s
+            spoken.append(Phone("a", at_s, at_s + length_s, stress=int(number % 5 == 2)))
+            at_s += length_s
+        spoken.append(Phone("_", at_s, at_s + pause_s))
+        at_s += pause_s
+    return spoken
+
+
+def drawn(spoken: list[Phone], end_s: float, seed: int = 5) -> list[Ramp]:
+    generator = GestureGenerator(np.random.default_rng(seed), Style())
+    generator.hear([(phone.start_s, phone) for phone in spoken], 0.0)
+    return generator.draw(end_s)
+
+
+def test_a_phrase_has_one_nod_on_its_strongest_accent() -> None:
+    spoken = talk(10)
+    begins = [ramp.at_s for ramp in drawn(spoken, 30.0) if ramp.channel == Channel.NOD and ramp.goal > 0]
+    strongest = [phone.start_s - NOD_RISE_S for phone in spoken if phone.duration_s > 0.15 and phone.stress]
+    np.testing.assert_allclose(begins, strongest)
+    assert len(begins) == 10
+
+
+def test_a_louder_accent_is_stronger_and_a_long_phrase_has_several() -> None:
+    spoken = [
+        Phone("a", 0.1 * n, 0.1 * n + 0.1, stress=int(n % 4 == 0), loudness_db=3.0 * (n == 8)) for n in range(100)
+    ]
+    begins = [ramp.at_s for ramp in drawn(spoken, 12.0) if ramp.channel == Channel.NOD and ramp.goal > 0]
+    assert begins[0] == pytest.approx(0.8 - NOD_RISE_S)
+    assert 4 <= len(begins) <= 7
+    assert min(np.diff(begins)) >= REACH_S - 1e-9
+
+
+def test_blinks_of_a_speaker_are_drawn_to_pauses() -> None:
+    spoken = talk(60)
+    ends = np.array([phone.start_s for phone in spoken if phone.is_silence])
+    begins = np.array([
+        ramp.at_s for seed in range(6) for ramp in drawn(spoken, 155.0, seed)
+        if ramp.channel == Channel.BLINK and ramp.goal > 0
+    ])  # fmt: skip
+    per_minute = 60 * len(begins) / 6 / 155
+    assert 22 < per_minute < 31  # people who converse: 26
+    behind = np.abs(begins[:, None] - ends[None, :] - 0.1).min(axis=1)
+    assert (behind < 0.35).mean() > 1.8 * 0.7 / 2.6  # near an end for 0.7 s of each 2.6
+
+
+def test_the_head_moves_when_speech_begins_and_settles_when_it_ends() -> None:
+    spoken = [*talk(2), Phone("_", 8.0, 11.0)]
+    moves = [ramp for ramp in drawn(spoken, 12.0) if ramp.channel == Channel.STANCE_YAW]
+    begins = [spoken[0].start_s, spoken[23].start_s]
+    ends = [spoken[22].start_s, spoken[45].start_s]
+    expected = [begins[0] - ONSET_AHEAD_S, ends[0], max(begins[1] - ONSET_AHEAD_S, ends[0]), ends[1]]
+    np.testing.assert_allclose([move.at_s for move in moves], expected, atol=1e-6)
+    least, most = STANCE_RAD[Channel.STANCE_YAW]
+    assert all(least <= abs(move.goal) <= most for move in moves[::2])
+    assert all(abs(settled.goal) < abs(turned.goal) for turned, settled in zip(moves[::2], moves[1::2], strict=True))
+    faps = sample_gestures(TIMES, 12.0, spoken, Style(blinks=False, idle=False, emphasis=False, gaze=False), rng())
+    assert np.abs(column(faps, 49)[begins[0] - ONSET_AHEAD_S > TIMES]).max() < 0.08 / AU_RAD  # it wanders only
+    assert faps[TIMES >= 12.0] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_pause_within_a_phrase_moves_no_head() -> None:
+    spoken = talk(3, pause_s=0.1)
+    assert len([ramp for ramp in drawn(spoken, 6.0) if ramp.channel == Channel.STANCE_PITCH]) == 1
+
+
+@pytest.mark.parametrize("step_s", [1 / 60, 0.2])
+def test_all_gestures_are_the_same_live_as_in_a_file(step_s: float) -> None:
+    """Phones come one by one, so far ahead as accents compete."""
+    spoken = talk(6)
+    generator, waiting, live = GestureGenerator(rng(), Style()), list(spoken), []
+    for frame in range(round(20 / step_s)):
+        now_s = frame * step_s
+        while waiting and waiting[0].start_s - REACH_S - NOD_RISE_S - 0.3 <= now_s:
+            generator.hear([(waiting[0].start_s, waiting.pop(0))], now_s)
+        live += generator.draw(now_s)
+    file = drawn(spoken, 20 - step_s)
+    for channel in Channel:
+        assert [ramp for ramp in live if ramp.channel == channel] == [ramp for ramp in file if ramp.channel == channel]
+    assert {ramp.channel for ramp in live} >= {Channel.BLINK, Channel.NOD, Channel.STANCE_PITCH, Channel.GLANCE_YAW}
+
+
+def test_speech_that_is_taken_back_settles_the_head_and_makes_no_nod() -> None:
+    generator = GestureGenerator(rng(), Style())
+    generator.hear([(phone.start_s, phone) for phone in talk(1)], 0.0)
+    before = generator.draw(1.05)
+    assert any(ramp.channel == Channel.STANCE_YAW for ramp in before)
+    generator.hush(1.1)
+    after = generator.draw(3.0)
+    settled = [ramp for ramp in after if ramp.channel == Channel.STANCE_YAW]
+    assert [ramp.at_s for ramp in settled] == [1.1]
+    assert not [ramp for ramp in after if ramp.channel == Channel.NOD]
+
+
+def test_speech_that_comes_late_moves_the_head_from_then_on() -> None:
+    generator = GestureGenerator(rng(), Style())
+    generator.draw(5.0)
+    generator.hear([(5.05, Phone("a", 0.0, 0.4))], 5.0)
+    moves = [ramp.at_s for ramp in generator.draw(5.2) if ramp.channel == Channel.STANCE_YAW]
+    assert moves == [5.0]
+
+
+def test_phrases_grow_in_any_order_and_are_forgotten() -> None:
+    phrases = Phrases()
+    for at_s in (1.0, 1.2, 3.0, 1.1):
+        phrases.learn(at_s, Phone("a", 0.0, 0.1))
+    phrases.learn(1.3, Phone("_", 0.0, 1.0))
+    assert phrases.around(0.9) is None
+    assert phrases.around(2.0) == (1.0, pytest.approx(1.3))
+    assert phrases.following(2.0) == (3.0, pytest.approx(3.1))
+    phrases.forget_from(1.15)
+    assert phrases.around(9.0) == (1.0, 1.15)
+    assert phrases.following(1.15) is None
+    phrases.forget_before(20.0)
+    assert phrases.around(9.0) is None
+
+
 def test_gestures_do_not_depend_on_the_frame_rate() -> None:
-    drawn = []
+    found = []
     for step_s in (1 / 25, 1 / 60, 30.0):
         generator = GestureGenerator(rng(), Style())
         ramps = [ramp for frame in range(round(30 / step_s) + 1) for ramp in generator.draw(frame * step_s)]
-        drawn.append({channel: [ramp for ramp in ramps if ramp.channel == channel] for channel in Channel})
-    assert drawn[0] == drawn[1] == drawn[2]
-    assert len(drawn[0][Channel.BLINK]) > 8
+        found.append({channel: [ramp for ramp in ramps if ramp.channel == channel] for channel in Channel})
+    assert found[0] == found[1] == found[2]
+    assert len(found[0][Channel.BLINK]) > 4
 
 
 RAMPS = st.lists(
