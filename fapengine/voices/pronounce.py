@@ -28,6 +28,8 @@ from fapengine.voices.protocol import Voice
 from fapengine.voices.sounding import is_vowel
 
 MIN_PHONE_S = 1e-4
+WORDS_OVERLAP_S = 0.05
+"""Overlap of words that is taken for rounding."""
 MAX_WORDS = 30
 """Words that are spoken together at most; more are taken in portions."""
 USUAL_SHARE = 0.5
@@ -71,6 +73,31 @@ def pronounce(track: PhoneTrack, voice: Voice) -> PhoneTrack:
             else:
                 phones += _fitted(next(parts), word) or [word]
     return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level)
+
+
+def pronounce_words(words: Sequence[tuple[str, float, float]], voice: Voice) -> list[Phone]:
+    """Turn words that have times, as a TTS tells them beside its sound, into phones.
+
+    Parameters
+    ----------
+    words : sequence of (str, float, float)
+        Word, start and end in s; in order, up to :data:`WORDS_OVERLAP_S` of overlap.
+    voice : Voice
+
+    Returns
+    -------
+    list of Phone
+        From the first word on, without holes.
+
+    Raises
+    ------
+    UsageError
+        If times are out of order, or no times.
+    """
+    spelled = [Phone(label.strip() or SILENCE, start_s, end_s) for label, start_s, end_s in words if start_s != end_s]
+    track = PhoneTrack.of(spelled, tolerance_s=WORDS_OVERLAP_S, level="word", spelled=True)
+    first_s = spelled[0].start_s if spelled else 0.0
+    return [phone for phone in pronounce(track, voice).phones if phone.start_s >= first_s - MIN_PHONE_S]
 
 
 def _is_spoken(word: Phone) -> bool:

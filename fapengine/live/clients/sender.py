@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from types import TracebackType
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,10 @@ from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_lengt
 from fapengine.live.wire.speech_osc import schema
 from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone, PhoneTrack
+
+if TYPE_CHECKING:
+    from fapengine.voices.choice import VoiceChoice
+    from fapengine.voices.protocol import Voice
 
 PORT = 9110
 """Port of ``fapengine serve``."""
@@ -113,6 +117,8 @@ class Client(GestureMethods):
         self._changed = threading.Condition()
         self._events: deque[schema.Notice] = deque(maxlen=KEPT_EVENTS)
         self._over: dict[int, str] = {}
+        self._voices: dict[VoiceChoice, Voice] = {}
+        self._voices_lock = threading.Lock()
         self._fault: ResourceError | UsageError | None = None
         self._stops = False
         self._wake_in, self._wake_out = socket.socketpair()
@@ -177,6 +183,65 @@ class Client(GestureMethods):
         with self._telling():
             if utterance not in self._over:
                 self._sender.append(utterance, _phones(phones))
+
+    def words(
+        self,
+        words: Iterable[tuple[str, float, float]],
+        *,
+        utterance: int | None = None,
+        voice: "str | VoiceChoice | Voice" = "en-us",
+        at_s: float | None = None,
+        audio: bool = False,
+    ) -> int:
+        """Let words be said whose times are known, as a TTS tells them beside its sound.
+
+        They are pronounced here, by espeak-ng, and their phones fitted into their times.
+
+        Parameters
+        ----------
+        words : iterable of (str, float, float)
+            Word, start and end in seconds from the utterance's beginning; in order. May be few: what is known so far.
+        utterance : int, optional
+            One that is open, which they are added to; by default they begin one. :meth:`end` says that no more follow.
+        voice : str, VoiceChoice or Voice
+            Language of the words.
+        at_s, audio
+            Beginning of a new utterance, as of :meth:`say`.
+
+        Returns
+        -------
+        int
+            Number of the utterance.
+
+        Raises
+        ------
+        UsageError
+            If times are out of order, nothing of it can be pronounced, or the utterance was ended or has sound.
+        ResourceError
+            If espeak-ng is not installed.
+        """
+        spoken = self._pronounced(list(words), voice)
+        with self._telling() as now_s:
+            if utterance is None:
+                utterance = self._sender.begin(now_s, anchor=_anchor(at_s, audio), at_s=at_s or 0.0)
+            if utterance not in self._over:
+                self._sender.append(utterance, spoken)
+            return utterance
+
+    def _pronounced(
+        self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice"
+    ) -> list[Phone]:  # fmt: skip
+        from fapengine.voices.choice import VoiceChoice
+        from fapengine.voices.pronounce import pronounce_words
+
+        chosen = VoiceChoice(voice) if isinstance(voice, str) else voice
+        if isinstance(chosen, VoiceChoice):
+            with self._voices_lock:
+                loaded = self._voices.get(chosen) or chosen.load()
+                self._voices[chosen] = loaded
+        else:
+            loaded = chosen
+        return pronounce_words(words, loaded)
 
     def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
         """Let the engine's ear find the phones of a sound, as it comes.

@@ -14,7 +14,7 @@ it is closed.
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
@@ -33,6 +33,7 @@ from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
 from fapengine.mpeg4 import fap
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE
+from fapengine.voices.pronounce import pronounce_words
 from fapengine.voices.protocol import Speech
 
 __all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
@@ -310,6 +311,59 @@ class Hub:
         for remark in speech.remarks:
             log.warning("%s", remark, extra={"session": session})
         return self.say(session, speech.padded(lead_s=LEAD_S, tail_s=TAIL_S), text=text)
+
+    async def say_words(
+        self,
+        session: str,
+        words: Sequence[tuple[str, float, float]],
+        *,
+        voice: str = DEFAULT_VOICE,
+        anchor: Anchor = "now",
+        at_s: float = 0.0,
+    ) -> int | None:
+        """Let a face say words whose times are known, as a TTS tells them; their sound is elsewhere.
+
+        Parameters
+        ----------
+        session : str
+            An open one.
+        words : sequence of (str, float, float)
+            Word, start and end in s from the utterance's beginning.
+        voice : str
+            Language that they are pronounced in.
+        anchor : Anchor
+            When it begins.
+        at_s : float
+            Engine time, for ``"at"``.
+
+        Returns
+        -------
+        int or None
+            Number of the utterance; None if the session was told to stop meanwhile.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open or has no place, the times are out of order, or the voice is unknown.
+        ResourceError
+            If the voice is not installed.
+        """
+        request = Asked(session)
+        self._asked.append(request)
+        try:
+            phones = await asyncio.to_thread(lambda: pronounce_words(words, VoiceChoice(voice).load()))
+        finally:
+            self._asked.remove(request)
+        if request.is_cancelled:
+            return None
+        number = self.new_number()
+        self.apply(session, Begin(number, anchor, at_s))
+        if self.engine.utterance(session, number) is None:
+            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
+        for first in range(0, len(phones), PHONES_A_COMMAND):
+            self.apply(session, Append(number, first, tuple(phones[first : first + PHONES_A_COMMAND])))
+        self.apply(session, End(number, len(phones), phones[-1].end_s if phones else 0.0))
+        return number
 
     # Time
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+from fapengine.live.engine.commands import Anchor
 from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.messages import (
@@ -18,6 +19,7 @@ from fapengine.live.web.messages import (
     Request,
     Say,
     Tell,
+    Words,
     parse_request,
     parse_sound,
     text_of,
@@ -209,12 +211,27 @@ class Connection:
                 self.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
             case Plays(on):
                 self._view.plays(self, on=on)
-            case Say() if len(self._voices) < MAX_VOICES:
-                task = asyncio.create_task(self._say(request))
+            case Say() | Words() if len(self._voices) < MAX_VOICES:
+                task = asyncio.create_task(self._say(request) if isinstance(request, Say) else self._say_words(request))
                 self._voices.add(task)
                 task.add_done_callback(self._voices.discard)
-            case Say():
+            case Say() | Words():
                 raise UsageError("text: still busy with what was asked before")
+
+    async def _say_words(self, request: Words) -> None:
+        anchor: Anchor = "audio" if request.audio else "now" if request.at_s is None else "at"
+        try:
+            number = await self._hub.say_words(
+                self._view.session,
+                request.words,
+                voice=request.voice or self._voice.name,
+                anchor=anchor,
+                at_s=request.at_s or 0.0,
+            )
+        except FapEngineError as error:
+            self.put_text(text_of("error", message=str(error)))
+        else:
+            self.put_text(text_of("words", utterance=number))
 
     async def _say(self, request: Say) -> None:
         try:

@@ -57,6 +57,19 @@ class Say(Struct, frozen=True, forbid_unknown_fields=True):
     """Words a minute; 0, where the message has none: the server's rate."""
 
 
+class Words(Struct, frozen=True, forbid_unknown_fields=True):
+    """Say words whose times are known; the page, or somebody else, has their sound."""
+
+    words: Annotated[list[tuple[Annotated[str, Meta(max_length=64)], float, float]], Meta(min_length=1, max_length=200)]
+    """Word, start and end in s from the utterance's beginning."""
+    voice: Annotated[str, Meta(max_length=64)] = ""
+    """Language code; empty: the server's voice."""
+    at_s: Annotated[float, Meta(ge=-commands.MAX_TIME_S, le=commands.MAX_TIME_S)] | None = None
+    """Engine time of its beginning; none: now, or behind what is being said."""
+    audio: bool = False
+    """True: its beginning waits for a message ``audio``."""
+
+
 class Pin(Struct, frozen=True, forbid_unknown_fields=True):
     """Hold FAPs at values, whatever the engine says; None lets one go."""
 
@@ -86,8 +99,15 @@ class Tell(Struct, frozen=True):
     command: Command
 
 
-Request = Say | Pin | ReleaseAll | Ping | Plays | Tell
-_PAGE_MESSAGES: dict[str, type[Struct]] = {"say": Say, "pin": Pin, "release": ReleaseAll, "ping": Ping, "plays": Plays}
+Request = Say | Words | Pin | ReleaseAll | Ping | Plays | Tell
+_PAGE_MESSAGES: dict[str, type[Struct]] = {
+    "say": Say,
+    "words": Words,
+    "pin": Pin,
+    "release": ReleaseAll,
+    "ping": Ping,
+    "plays": Plays,
+}
 
 
 def structs() -> dict[str, type[Struct]]:

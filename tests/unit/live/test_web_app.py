@@ -137,6 +137,32 @@ def test_a_slider_holds_a_fap_and_lets_it_go(head: FaceMesh) -> None:
     serve(head, use)
 
 
+def test_words_with_times_move_the_lips_and_a_cancel_empties_them(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            words = [["Mama", 0.3, 0.9], ["may", 1.0, 1.3]]
+            await socket.send_json({"type": "words", "words": words, "voice": "en-gb", "at_s": hub.clock() + 0.1})
+            phones = (await text_from(socket, "phones"))["phones"]
+            assert [phone[0] for phone in phones if phone[0] != "_"][:2] == ["m", "a"]  # en-gb; en-us says ɑː
+            number = (await text_from(socket, "words"))["utterance"]
+            while (await frame_from(socket))[2][fap.column(3)] < 50:
+                pass
+            assert hub.engine.state("anna") == "speaking"
+            await socket.send_json({"type": "cancel"})
+            event = await text_from(socket, "event")
+            while event["kind"] != "cancelled":
+                event = await text_from(socket, "event")
+            assert event["utterance"] == number
+            while (await frame_from(socket))[2][fap.column(3)] != 0:
+                pass
+            await socket.send_json({"type": "words", "words": [["b", 1.0, 2.0], ["a", 0.1, 0.5]]})
+            assert "starts at" in (await text_from(socket, "error"))["message"]
+            await socket.send_json({"type": "words", "words": [["b", 1.0]]})
+            assert "words" in (await text_from(socket, "error"))["message"]
+
+    serve(head, use)
+
+
 def test_a_text_becomes_phones_frames_and_sound(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws?session=anna") as socket:

@@ -13,11 +13,23 @@ from hypothesis import strategies as st
 from fapengine.errors import DataError
 from fapengine.live.engine import commands
 from fapengine.live.web import messages
-from fapengine.live.web.messages import Pin, Ping, Plays, ReleaseAll, Say, Tell, pack_frame, parse_request, text_of
+from fapengine.live.web.messages import (
+    Pin,
+    Ping,
+    Plays,
+    ReleaseAll,
+    Say,
+    Tell,
+    Words,
+    pack_frame,
+    parse_request,
+    text_of,
+)
 from fapengine.mpeg4.visemes import Expression
 
 CASES = [
     ({"type": "say", "text": "Hello"}, Say("Hello", "", 0)),
+    ({"type": "words", "words": [["Hi", 0.1, 0.4]], "audio": True}, Words([("Hi", 0.1, 0.4)], "", None, True)),
     ({"type": "say", "text": "Hallo", "voice": "de", "rate": 200}, Say("Hallo", "de", 200)),
     ({"type": "pin", "values": {"3": 400, "68": None}}, Pin({3: 400, 68: None})),
     ({"type": "release"}, ReleaseAll()),
