@@ -1,6 +1,8 @@
 """How well does it speak? Held-out utterances from their phone timings alone, against what was captured.
 
     python -m bench.fidelity --train data/speech_train.npz [--test B.npz] -o report/
+    python -m bench.fidelity --new-words    # the same figures for words left out of the training, in five folds
+    python -m bench.fidelity --json         # both, and the word errors of python -m bench.intelligible; needs JAX
 
 Both files hold tracked points of a talking face and its phones: :mod:`design.make_speech_data` makes them from public
 sources, :mod:`design.speech_sample` the like of them in any clone.
@@ -15,20 +17,23 @@ all 65. Points come from a video tracker, good to about 0.7 mm: differences belo
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from bench.judge import Word
 from design.data_files import FOLDER, need
 from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.capture.session import Interval
+from fapengine.errors import FapEngineError
 from fapengine.files.profiles import load_profile
 from fapengine.geometry.rigid import RigidMotion
-from fapengine.laboratory.phones import learn_context, study_phones
+from fapengine.laboratory.phones import captured_tokens, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.space import study_space
 from fapengine.models.viseme_space import MARKERS
@@ -38,6 +43,7 @@ from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
+from fapengine.trajectory.context import fit_context
 from fapengine.trajectory.dominance import dominance as spread
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
@@ -45,6 +51,12 @@ from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import PUSHED, WIDTH, extend, layer_faps
 from fapengine.trajectory.targets import resolve
 
+ARRAYS = (
+    "ids", "text", "fps", "n_frames", "offset", "marker_delta", "marker_step_mm", "marker_mediapipe", "marker_is_lip",
+    "phone_clip", "phone", "phone_start", "phone_end", "word_clip", "word", "word_start", "word_end",
+)  # fmt: skip
+"""What is read of a file; only what is of words may lack."""
+LAYOUT = "an .npz as design/make_speech_data.py writes it"
 INNER = tuple(f"2.{n}" for n in range(2, 10))
 NAMES = (*MARKERS, *INNER)
 HELD_OUT, SEED = 100, 7
@@ -70,6 +82,8 @@ class Clip:
     phones: PhoneTrack
     spoken: Array
     """(T,) bool."""
+    words: tuple[Word, ...] = ()
+    """None where the file has no words."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +99,17 @@ class Corpus:
 
 
 def load(path: Path) -> Corpus:
-    data = np.load(need(path))
+    """Read utterances from a file in the layout of :mod:`design.make_speech_data`, or end the program with one line."""
+    try:
+        with np.load(need(path)) as kept:
+            return _corpus({name: kept[name] for name in ARRAYS if name in kept})
+    except KeyError as error:
+        raise SystemExit(f"error: {path}: {error} is missing, expected {LAYOUT}") from error
+    except (ValueError, TypeError, IndexError, OSError, EOFError, BadZipFile, FapEngineError) as error:
+        raise SystemExit(f"error: {path}: {error}; expected {LAYOUT}") from error
+
+
+def _corpus(data: Mapping[str, Array]) -> Corpus:
     numbers = [int(number) for number in data["marker_mediapipe"]]
     column = {FEATURE_POINTS[number]: index for index, number in enumerate(numbers) if number in FEATURE_POINTS}
     lips = np.flatnonzero(data["marker_is_lip"])
@@ -112,37 +136,85 @@ def load(path: Path) -> Corpus:
             Clip(
                 str(data["ids"][index]), str(data["text"][index]), moved[:, [column[name] for name in NAMES]],
                 moved[:, lips], track, (times >= spoken[0].start_s) & (times <= spoken[-1].end_s),
+                _words(data, index),
             )
         )  # fmt: skip
+    if not clips:
+        raise ValueError("got no utterance with phones")
     middle = (row[column["2.2"]], row[column["2.3"]])
     return Corpus(clips, rate, middle, (row[column["8.3"]], row[column["8.4"]]))
 
 
-def learn(clips: list[Clip], rate_hz: float) -> tuple[Profile, Array]:
-    """Learn a profile by the laboratory's own steps, and the map from its points to all lip points."""
-    still = RigidMotion(np.eye(3)[None], np.zeros((1, 3)))
-    takes = tuple(
-        Displacements(
-            clip.name, clip.points, tuple(Interval(p.label, p.start_s, p.end_s) for p in clip.phones.phones), still
-        )
-        for clip in clips
+def _words(data: Mapping[str, Array], index: int) -> tuple[Word, ...]:
+    """Words of one utterance; none where the file has no words."""
+    if "word" not in data:
+        return ()
+    rows = np.flatnonzero(data["word_clip"] == index)
+    return tuple(
+        Word(text.lower(), float(data["word_start"][row]), float(data["word_end"][row]))
+        for row, text in zip(rows, data["word"][rows].tolist(), strict=True)
+        if text.lower() not in SILENCES
     )
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A profile, and what else was learned from the same utterances."""
+
+    profile: Profile
+    lift: Array
+    """(3 P, 3 L): from the profile's points to all lip points."""
+    prepared: Prepared
+    rate_hz: float
+
+
+def learn(clips: list[Clip], rate_hz: float) -> Learned:
+    """Learn a profile by the laboratory's own steps, and the map from its points to all lip points."""
+    takes = tuple(_take(clip) for clip in clips)
     prepared = Prepared(
         subject="train", rate_hz=rate_hz, labels=NAMES, points=NAMES, neutral_mm=np.zeros((len(NAMES), 3)), scale=1.0,
         takes=takes, gaps=None, warnings=(),
     )  # fmt: skip
     space = study_space(prepared, takes, (), modes=None, variance=0.99).space
-    phones, _ = study_phones(takes, prepared, space)
-    known = {name: study.target for name, study in phones.items()}
-    context = learn_context(takes, prepared, space, known)
     shipped = load_profile("grid_s1_en")  # its FAPU is this speaker's; nothing else of it is used
-    profile = replace(shipped, space=space, phones=known, context=context)
     order = [NAMES.index(name) for name in space.points]
     inputs = np.concatenate([clip.points[:, order] for clip in clips]).reshape(-1, 3 * len(order))
     outputs = np.concatenate([clip.lips for clip in clips]).reshape(len(inputs), -1)
     square = inputs.T @ inputs
     lift = np.linalg.solve(square + 1e-4 * np.trace(square) / len(square) * np.eye(len(square)), inputs.T @ outputs)
-    return profile, lift
+    blank = Learned(replace(shipped, space=space, phones={}, context=None), lift, prepared, rate_hz)
+    return replace(blank, profile=learn_phones(blank, clips))
+
+
+def learn_phones(learned: Learned, clips: Sequence[Clip], *, without: Set[str] = frozenset()) -> Profile:
+    """Learn medians and context anew, from all but the phones of some words; their sentences keep the others."""
+    space, prepared = learned.profile.space, learned.prepared
+    kept = {clip.name: [p for p in clip.phones.phones if word_at(clip, p) not in without] for clip in clips}
+    phones, _ = study_phones(tuple(_take(clip, kept[clip.name]) for clip in clips), prepared, space)
+    known = {name: study.target for name, study in phones.items()}
+    sentences, weights = captured_tokens(tuple(_take(clip) for clip in clips), prepared, space, known)
+    for clip, tokens, values in zip(clips, sentences, weights, strict=True):
+        starts = {phone.start_s for phone in kept[clip.name]}
+        values[[token.phone.start_s not in starts for token in tokens]] = np.nan
+    return replace(learned.profile, phones=known, context=fit_context(sentences, weights))
+
+
+def word_at(clip: Clip, phone: Phone) -> str:
+    """Word in whose time a phone's middle lies, or nothing."""
+    middle_s = (phone.start_s + phone.end_s) / 2
+    return next((word.text for word in clip.words if word.start_s <= middle_s <= word.end_s), "")
+
+
+def _take(clip: Clip, phones: Sequence[Phone] | None = None) -> Displacements:
+    shown = clip.phones.phones if phones is None else phones
+    still = RigidMotion(np.eye(3)[None], np.zeros((1, 3)))
+    return Displacements(clip.name, clip.points, tuple(Interval(p.label, p.start_s, p.end_s) for p in shown), still)
+
+
+def to_lips(points: Array, lift: Array) -> Array:
+    """(T, L, 3) mm: all lip points for (T, P, 3) points of the profile."""
+    lips: Array = (points.reshape(len(points), -1) @ lift).reshape(len(points), -1, 3)
+    return lips
 
 
 Method = Callable[[Clip, Profile, Array], Array]
@@ -259,6 +331,7 @@ METHODS: dict[str, Method] = {
     "captured (limit of the space and the map)": captured(False),
 }
 DEFAULT = "context, quintic, closures (the default)"
+PAPER = "the same with closures (--method paper)"
 
 
 def judge(corpus: Corpus, clips: list[Clip], predicted: list[Array]) -> dict[str, float]:
@@ -381,44 +454,98 @@ def page(
     ).encode()
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--train", type=Path, default=FOLDER / "speech_train.npz")
-    parser.add_argument("--test", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/fidelity"))
-    options = parser.parse_args()
+def add_files(parser: argparse.ArgumentParser) -> None:
+    """Give a command the options --train and --test."""
+    parser.add_argument("--train", type=Path, default=FOLDER / "speech_train.npz", help="default: %(default)s")
+    parser.add_argument("--test", type=Path, help=f"default: {HELD_OUT} sentences of --train, held out (fixed seed)")
+
+
+def read_files(options: argparse.Namespace, *, words: bool = False) -> tuple[list[Clip], Corpus]:
+    """Read what :func:`add_files` asked for: utterances to learn from, and a corpus to test on.
+
+    ``words`` tells that both need words.
+    """
     corpus = load(options.train)
-    training, clips = corpus.clips, load(options.test).clips if options.test else []
-    if not clips:
-        out = set(np.random.default_rng(SEED).permutation(len(corpus.clips))[:HELD_OUT].tolist())
-        clips = [clip for index, clip in enumerate(corpus.clips) if index in out]
+    training, tested = corpus.clips, load(options.test) if options.test else corpus
+    if not options.test:
+        count = min(HELD_OUT, len(corpus.clips) // 4)
+        out = set(np.random.default_rng(SEED).permutation(len(corpus.clips))[:count].tolist())
+        tested = replace(corpus, clips=[clip for index, clip in enumerate(corpus.clips) if index in out])
         training = [clip for index, clip in enumerate(corpus.clips) if index not in out]
-    profile, lift = learn(training, corpus.rate_hz)
+    test = options.test or options.train
+    if tested.rate_hz != corpus.rate_hz:
+        raise SystemExit(f"error: {test}: got {tested.rate_hz:g} frames/s, expected {corpus.rate_hz:g} as in --train")
+    if not training or not tested.clips:
+        raise SystemExit(f"error: {test}: got {len(tested.clips)} utterances to test on, expected one and more")
+    if tested.clips[0].lips.shape[1] != training[0].lips.shape[1]:
+        raise SystemExit(
+            f"error: {test}: got {tested.clips[0].lips.shape[1]} lip points, expected"
+            f" {training[0].lips.shape[1]} as in --train"
+        )
+    for path, clips in ((options.train, training), (test, tested.clips)):
+        silent = next((clip.name for clip in clips if not clip.words), None)
+        if words and silent is not None:
+            raise SystemExit(
+                f"error: {path}: utterance {silent} has no words, expected word, word_clip, word_start, word_end"
+            )
+    return training, tested
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_files(parser)
+    parser.add_argument("--new-words", action="store_true", help="leave the words out of the training, in five folds")
+    parser.add_argument(
+        "--json", action="store_true", help="print both measures as JSON, as python -m bench.intelligible --json does"
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/fidelity"), help="default: %(default)s")
+    options = parser.parse_args(arguments)
+    training, tested = read_files(options, words=options.new_words or options.json)
+    if options.json:
+        from bench.measures import measure
+
+        print(json.dumps({"clips": len(tested.clips), "methods": measure(training, tested)}, indent=1))
+        return 0
+    if options.new_words:
+        from bench.measures import measure_new_words
+
+        print_table(measure_new_words(training, tested))
+        return 0
+    return report(training, tested, options.output)
+
+
+def report(training: list[Clip], corpus: Corpus, output: Path) -> int:
+    """Print and write the table of all methods."""
+    clips, learned = corpus.clips, learn(training, corpus.rate_hz)
     mean = np.concatenate([clip.lips[clip.spoken] for clip in training]).mean(axis=0)
     results = {"mean speech pose": judge(corpus, clips, [np.tile(mean, (len(clip.lips), 1, 1)) for clip in clips])}
     shown = {}
     for name, method in METHODS.items():
         predicted = []
         for clip in clips:
-            points = method(clip, profile, np.arange(len(clip.points)) / corpus.rate_hz)
-            predicted.append((points.reshape(len(points), -1) @ lift).reshape(len(points), -1, 3))
+            points = method(clip, learned.profile, np.arange(len(clip.points)) / corpus.rate_hz)
+            predicted.append(to_lips(points, learned.lift))
         results[name] = judge(corpus, clips, predicted)
         if name in (DEFAULT, "phone medians at 30 %, natural cubic (paper 001)"):
             shown[name] = predicted
+    print_table(results)
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "fidelity.json").write_text(json.dumps({"clips": len(clips), "methods": results, "goal": GOAL}, indent=1))
+    (output / "index.html").write_bytes(page(corpus, clips, results, shown))
+    mine = results[DEFAULT]
+    short = [name for name, goal in GOAL.items() if (mine[name] > goal if name.endswith("mm") else mine[name] < goal)]
+    context = learned.profile.context
+    print(f"{len(context.features) if context else 0} features; report in {output}")
+    print("short of the goal:", ", ".join(f"{name} {mine[name]} ({GOAL[name]})" for name in short) or "nothing")
+    return 0
+
+
+def print_table(results: Mapping[str, Mapping[str, float]]) -> None:
+    """Print a row a method and a column a figure."""
     width = max(map(len, results))
     print(" " * width, *(f"{text:>18}" for text in COLUMNS.values()))
     for name, row in results.items():
         print(f"{name:{width}}", *(f"{row[key]:18.3f}" for key in COLUMNS))
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "fidelity.json").write_text(
-        json.dumps({"clips": len(clips), "methods": results, "goal": GOAL}, indent=1)
-    )
-    (options.output / "index.html").write_bytes(page(corpus, clips, results, shown))
-    mine = results[DEFAULT]
-    short = [name for name, goal in GOAL.items() if (mine[name] > goal if name.endswith("mm") else mine[name] < goal)]
-    print(f"{len(profile.context.features) if profile.context else 0} features; report in {options.output}")
-    print("short of the goal:", ", ".join(f"{name} {mine[name]} ({GOAL[name]})" for name in short) or "nothing")
-    return 0
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.fidelity import HELD_OUT, SEED, learn, load
+from bench.fidelity import HELD_OUT, SEED, learn, load, to_lips
 from design.data_files import FOLDER, asked_path
 from fapengine.trajectory.stream import StreamingPlanner
 
@@ -20,12 +20,12 @@ AHEAD_S = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0)
 def main(path: Path) -> None:
     corpus = load(path)
     out = set(np.random.default_rng(SEED).permutation(len(corpus.clips))[:HELD_OUT].tolist())
-    profile, lift = learn([clip for n, clip in enumerate(corpus.clips) if n not in out], corpus.rate_hz)
+    learned = learn([clip for n, clip in enumerate(corpus.clips) if n not in out], corpus.rate_hz)
     clips = [clip for n, clip in enumerate(corpus.clips) if n in out]
     for ahead_s in AHEAD_S:
         off, late = [], 0
         for clip in clips:
-            planner, waiting = StreamingPlanner(profile), [p for p in clip.phones.phones if not p.is_silence]
+            planner, waiting = StreamingPlanner(learned.profile), [p for p in clip.phones.phones if not p.is_silence]
             path_ = []
             for time in np.arange(len(clip.points)) / corpus.rate_hz:
                 due = [phone for phone in waiting if phone.start_s - ahead_s <= time]
@@ -34,8 +34,8 @@ def main(path: Path) -> None:
                     waiting = waiting[len(due) :]
                 path_.append(planner.path([time])[0])
                 planner.settle(time)
-            moved = profile.space.to_points_mm(np.stack(path_))
-            lips = (moved.reshape(len(moved), -1) @ lift).reshape(len(moved), -1, 3)
+            moved = learned.profile.space.to_points_mm(np.stack(path_))
+            lips = to_lips(moved, learned.lift)
             off.append(np.linalg.norm(lips - clip.lips, axis=-1)[clip.spoken].ravel())
             late += planner.counts.late
         print(f"{1000 * ahead_s:5.0f} ms ahead: lips {np.concatenate(off).mean():.3f} mm, {late} phones late")

@@ -103,8 +103,12 @@ zero Z IH R OW
 """Pronunciations in ARPAbet, British where the two differ."""
 
 
-def draw_sentence(statistics: Arrays, rng: np.random.Generator) -> tuple[str, list[tuple[str, float, float]]]:
-    """Draw a sentence of the grammar: its text and its phones (ARPAbet, start and end in s), silence around them."""
+Timed = tuple[str, float, float]
+"""Label, start and end in s."""
+
+
+def draw_sentence(statistics: Arrays, rng: np.random.Generator) -> tuple[list[Timed], list[Timed]]:
+    """Draw a sentence of the grammar: its words, and its phones (ARPAbet), silence around them."""
     words = [str(rng.choice(slot.split())) for slot in GRAMMAR]
     labels = statistics["phone_labels"].tolist()
     phones, now = [("sil", 0.0, float(rng.uniform(*START_S)))], 0.0
@@ -117,7 +121,11 @@ def draw_sentence(statistics: Arrays, rng: np.random.Generator) -> tuple[str, li
         now += length
     scale = min(1.0, (FRAMES / RATE_HZ - 0.3) / now)  # all sentences are 3 s long
     phones = [(label, start * scale, end * scale) for label, start, end in phones]
-    return " ".join(words), [*phones, ("sil", now * scale, FRAMES / RATE_HZ)]
+    ends = np.cumsum([len(WORDS[word]) for word in words])
+    timed = [
+        (word, phones[end - len(WORDS[word]) + 1][1], phones[end][2]) for word, end in zip(words, ends, strict=True)
+    ]
+    return timed, [*phones, ("sil", now * scale, FRAMES / RATE_HZ)]
 
 
 def to_track(phones: list[tuple[str, float, float]]) -> PhoneTrack:
@@ -162,11 +170,12 @@ def move_points(statistics: Arrays, phones: list[tuple[str, float, float]], prof
 def make(statistics: Arrays, sentences: int, seed: int = 1) -> dict[str, NDArray[Any]]:
     """Make so many sentences, in the arrays of ``speech_train.npz``."""
     rng, profile = np.random.default_rng(seed), load_profile("grid_s1_en")
-    texts, phones, deltas = [], [], []
+    texts, words, phones, deltas = [], [], [], []
     for clip in range(sentences):
-        text, spoken = draw_sentence(statistics, rng)
+        said, spoken = draw_sentence(statistics, rng)
         steps = np.round(move_points(statistics, spoken, profile, rng).reshape(FRAMES, -1) / STEP_MM)
-        texts.append(text)
+        texts.append(" ".join(word for word, _, _ in said))
+        words += [(clip, *word) for word in said]
         phones += [(clip, *phone) for phone in spoken]
         deltas.append(np.diff(steps, axis=0, prepend=0))
     return {
@@ -179,6 +188,10 @@ def make(statistics: Arrays, sentences: int, seed: int = 1) -> dict[str, NDArray
         "phone": np.array([phone[1] for phone in phones]),
         "phone_start": np.array([phone[2] for phone in phones], np.float32),
         "phone_end": np.array([phone[3] for phone in phones], np.float32),
+        "word_clip": np.array([word[0] for word in words], np.int32),
+        "word": np.array([word[1] for word in words]),
+        "word_start": np.array([word[2] for word in words], np.float32),
+        "word_end": np.array([word[3] for word in words], np.float32),
         "marker_delta": np.concatenate(deltas).T.astype(np.int16),
         "marker_step_mm": np.float32(STEP_MM),
         "marker_mediapipe": statistics["marker_mediapipe"],

@@ -34,6 +34,9 @@ FAPU_NAMES = ("irisd0", "es0", "ens0", "mns0", "mw0")
 Contact = Literal["none", "lips", "teeth"]
 """Contact that a phone makes: none, lip on lip (p b m), lower lip on upper teeth (f v)."""
 CONTACTS: tuple[Contact, ...] = get_args(Contact)
+FeatureKind = Literal["bias", "phone", "length", "way", "letter", "cross", "pair", "triple"]
+"""First word of a context feature's name; :mod:`fapengine.trajectory.context_features` tells what follows."""
+FEATURE_KINDS: tuple[FeatureKind, ...] = get_args(FeatureKind)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -296,9 +299,16 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
             features = tuple(str(feature) for feature in arrays["features"])
             shape = (context.count, len(fractions), modes)
             coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
-        return ContextModel(fractions=fractions, features=features, coefficients=coefficients)
+        model = ContextModel(fractions=fractions, features=features, coefficients=coefficients)
     except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
         raise _wrong(f"{context.file}: {error}", "context", "file") from error
+    strange = next((name for name in features if name.split(" ")[0] not in FEATURE_KINDS), None)
+    if strange is not None:
+        raise _wrong(
+            f"{context.file}: got feature {strange!r}, expected one that begins with {', '.join(FEATURE_KINDS)};"
+            " a profile of an earlier fapengine must be fitted anew (fapengine fit)", "context", "file",
+        )  # fmt: skip
+    return model
 
 
 def _file(table: _Modes | _Context, files: Mapping[str, bytes], key: str) -> bytes:

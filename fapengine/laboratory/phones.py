@@ -13,7 +13,8 @@ from fapengine.models.viseme_space import VisemeSpace, sample_phones
 from fapengine.profiles import ContextModel, PhoneTarget
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import FRACTIONS, fit_context, tokens_of
+from fapengine.trajectory.context import FRACTIONS, fit_context
+from fapengine.trajectory.tokens import Token, tokens_of
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,23 @@ def learn_context(
     takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, object]
 ) -> ContextModel | None:
     """Learn what neighbours do to a phone; None where there are too few tokens to tell."""
+    sentences, weights = captured_tokens(takes, prepared, space, known)
+    count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
+    return fit_context(sentences, weights) if count >= MIN_CONTEXT else None
+
+
+def captured_tokens(
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, object]
+) -> tuple[list[list[Token]], list[Array]]:
+    """Collect what :func:`fapengine.trajectory.context.fit_context` needs.
+
+    Returns
+    -------
+    sentences : list of token lists
+        One a take; takes without phones are left out.
+    weights : list of (N, keyframes, K) arrays
+        Captured weights of each token.
+    """
     markers = space.points[: space.marker_count]
     sentences, weights = [], []
     for take in takes:
@@ -105,8 +123,7 @@ def learn_context(
         at = [sample_phones(captured, prepared.rate_hz, starts, ends, fraction) for fraction in FRACTIONS]
         sentences.append(tokens)
         weights.append(np.stack(at, axis=1))
-    count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
-    return fit_context(sentences, weights) if count >= MIN_CONTEXT else None
+    return sentences, weights
 
 
 def spoken(take: Displacements) -> PhoneTrack:

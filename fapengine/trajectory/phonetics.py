@@ -29,8 +29,8 @@ from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES
-from fapengine.trajectory.context import LABELS
 from fapengine.trajectory.targets import Resolved
+from fapengine.trajectory.tokens import LABELS
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ WIDTH = len(AXES)
 """Number of axes."""
 ROUND = AXES.index("round")
 REACH = 3
-"""Neighbours to either side, as in :data:`.context.REACH`: what makes a stream equal its offline plan."""
+"""Neighbours to either side, as in :data:`.context_features.REACH`: what makes a stream equal its offline plan."""
 AHEAD = 0.65
 """Share of what follows in what a letter takes over; rounding is foreseen more than it lingers (Perkell and Matthies
 1992, J. Acoust. Soc. Am. 91, 2911; the number is ours)."""

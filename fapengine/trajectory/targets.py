@@ -20,8 +20,9 @@ from fapengine.profiles import ContextModel, Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import Token, targets, tokens_of
+from fapengine.trajectory.context import targets
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
+from fapengine.trajectory.tokens import Token, tokens_of
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""

@@ -26,13 +26,14 @@ def test_the_default_is_nearer_to_the_lips_than_the_paper_and_closes_them(speech
     corpus = fidelity.load(path)
     shuffled = np.random.default_rng(fidelity.SEED).permutation(len(corpus.clips))
     held_out = [corpus.clips[index] for index in shuffled[: len(shuffled) * 100 // 520]]
-    profile, lift = fidelity.learn([corpus.clips[index] for index in sorted(shuffled[len(held_out) :])], corpus.rate_hz)
+    training = [corpus.clips[index] for index in sorted(shuffled[len(held_out) :])]
+    learned = fidelity.learn(training, corpus.rate_hz)
     figures = {}
     for name in (fidelity.DEFAULT, PAPER):
-        points = [
-            fidelity.METHODS[name](clip, profile, np.arange(len(clip.points)) / corpus.rate_hz) for clip in held_out
-        ]
-        lips = [(moved.reshape(len(moved), -1) @ lift).reshape(len(moved), -1, 3) for moved in points]
+        times = [np.arange(len(clip.points)) / corpus.rate_hz for clip in held_out]
+        move = fidelity.METHODS[name]
+        points = [move(clip, learned.profile, at) for clip, at in zip(held_out, times, strict=True)]
+        lips = [fidelity.to_lips(moved, learned.lift) for moved in points]
         figures[name] = fidelity.judge(corpus, held_out, lips)
     ours, paper = figures[fidelity.DEFAULT], figures[PAPER]
     lips_mm, paper_mm, opening_r = LIMITS[kind]
