@@ -96,7 +96,7 @@ def test_accents_blinks_and_gaze_stay_where_they_are() -> None:
     alive, dead = approximate_arkit(faps), approximate_arkit(still)
     assert alive[:, EYES_AND_BROWS].max() > 0.3
     assert np.abs(alive - dead)[:, MOUTH].max() < 0.06  # idle corners drift by a third of a millimetre
-    assert find_moods(faps, ALL_MOODS)[0].max() == 0.0
+    assert find_moods(faps, ALL_MOODS)[0].max() < 0.004  # less than one step of 8 bits
     plain = approximate_arkit(living(*LIFE[1:]))  # accents alone
     moved = np.flatnonzero(np.abs(plain - dead).max(axis=0) > 0.02)
     assert {ARKIT_NAMES[index] for index in moved} == {"browInnerUp", "browOuterUpLeft", "browOuterUpRight"}
