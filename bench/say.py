@@ -36,8 +36,8 @@ SENTENCES = {
 }
 LONG_TEXT = SENTENCES["a paragraph"] + (
     " Later in the evening the wind turns, the water grows dark, and the fishermen pull their nets on to the sand"
-    " before the first drops of rain begin to fall. Nobody hurries, because everybody knows that the storm will be over by"
-    " tomorrow morning."
+    " before the first drops of rain begin to fall. Nobody hurries, because everybody knows that the storm will be"
+    " over by tomorrow morning."
 )
 ROUNDS = 3
 GOAL = 1.0
