@@ -123,7 +123,9 @@ class World:
 
         if self._becomes(lambda: all(map(rests, sessions))):
             return []
-        return [f"{session} does not rest" for session in sessions if not rests(session)]
+        return [
+            f"{session} does not rest: {self._ear.frames[session][-1]}" for session in sessions if not rests(session)
+        ]
 
     def _not_alive(self) -> list[str]:
         """Whether a face that comes now is shown, and speaks."""
