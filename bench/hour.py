@@ -57,7 +57,17 @@ def command(stage: str, folder: Path, timings: Path, sound: Path, rate_hz: float
         return [*run, "encode", str(folder / "talk.fap"), "--quant", "4", "-o", str(folder / "talk.fba")]
     if stage == "inspect":
         return [*run, "inspect", str(folder / "talk.fba"), "--json"]
-    return [*talk, "--size", f"{size}x{size}", "--edges", "soft", "-o", str(folder / "talk.mp4")]
+    return [
+        *talk,
+        "--head",
+        "default:level=coarse",
+        "--size",
+        f"{size}x{size}",
+        "--edges",
+        "soft",
+        "-o",
+        str(folder / "talk.mp4"),
+    ]
 
 
 def measured(arguments: list[str]) -> tuple[float, float]:

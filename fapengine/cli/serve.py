@@ -134,11 +134,27 @@ def _start(config: "ServeConfig") -> None:
     from fapengine.live.server.logs import begin_log
     from fapengine.live.server.watchdog import start_watchdog
 
+    _need_extra()
     begin_log(config.log.level, config.log.format)
     face = load_head(config.face.head) if config.listen.web_port is not None else None
     profile = load_profile(config.face.profile)
     with start_watchdog(config.sinks, config.face.rate_hz) as watchdog:
         asyncio.run(_run(config, profile, face, watchdog))
+
+
+def _need_extra() -> None:
+    """Refuse at once what would fail in the middle: the server's libraries are an extra."""
+    from importlib import import_module
+
+    from fapengine.errors import ResourceError
+
+    for name in ("aiohttp", "prometheus_client"):
+        try:
+            import_module(name)
+        except ImportError as error:
+            raise ResourceError(
+                f'serve: {name} is not installed; mend it with: pip install "fapengine[live]"'
+            ) from error
 
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:

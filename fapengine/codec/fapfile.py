@@ -4,7 +4,9 @@ Readers in the wild differ in two places, and both are read: FAP 1 and 2 as four
 as a single number each; 68 mask digits or 69. Numbers may be floats. Line ends do not matter between numbers.
 """
 
-from collections.abc import Iterator
+from array import array
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,8 @@ VERSIONS = ("1.1", "2.0", "2.1", "2.2")
 """No difference of syntax between them is known."""
 VISEME_NUMBERS, EXPRESSION_NUMBERS = 4, 6
 MAX_VALUE = 2**31 - 1
+LINES_KEPT = 256
+"""Number of lines whose counts are remembered: a frame's digits may stand one a line."""
 
 
 def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
@@ -55,30 +59,42 @@ class _Token:
 
 
 class _Tokens:
-    """The numbers behind the header, with their lines; comments left out.
+    """The numbers behind the header, with their lines; comments left out. Only what was asked for is taken apart.
 
     Stateful.
     """
 
-    def __init__(self, lines: list[tuple[int, str]]) -> None:
-        self._tokens = [_Token(text, number) for number, line in lines for text in line.split()]
-        self._at = 0
-        self.per_line: dict[int, int] = {number: len(line.split()) for number, line in lines}
+    def __init__(self, lines: Iterable[tuple[int, str]]) -> None:
+        self._lines = iter(lines)
+        self._ready: deque[_Token] = deque()
+        self._last_line = 1
+        self.per_line: dict[int, int] = {}
+        """Count of numbers in the lines that were looked at last."""
 
     def __bool__(self) -> bool:
-        return self._at < len(self._tokens)
+        return self._has(1)
+
+    def _has(self, count: int) -> bool:
+        while len(self._ready) < count:
+            number, line = next(self._lines, (0, ""))
+            if not number:
+                return False
+            texts = line.split()
+            self._ready.extend(_Token(text, number) for text in texts)
+            self._last_line = number
+            self.per_line[number] = len(texts)
+            if len(self.per_line) > LINES_KEPT:
+                del self.per_line[next(iter(self.per_line))]
+        return True
 
     def peek_line(self) -> int:
-        return self._tokens[min(self._at, len(self._tokens) - 1)].line if self._tokens else 1
+        return self._ready[0].line if self._has(1) else self._last_line
 
     def take(self, count: int, what: str) -> list[_Token]:
-        row = self._tokens[self._at : self._at + count]
-        if len(row) < count:
-            raise TruncatedError(
-                f"{what}: got {len(row)} numbers, expected {count}", where=f"line {self.peek_line()}, the end"
-            )
-        self._at += count
-        return row
+        if not self._has(count):
+            where = f"line {self.peek_line()}, the end"
+            raise TruncatedError(f"{what}: got {len(self._ready)} numbers, expected {count}", where=where)
+        return [self._ready.popleft() for _ in range(count)]
 
 
 def parse_fap(data: bytes) -> FapTrack:
@@ -93,20 +109,28 @@ def parse_fap(data: bytes) -> FapTrack:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError("FAP file: got bytes that are no text", where=f"byte {error.start}") from error
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if _says_something(line)]
-    if not lines:
+    lines = ((number, line) for number, line in enumerate(text.splitlines(), start=1) if _says_something(line))
+    header = next(lines, None)
+    if header is None:
         raise TruncatedError("FAP file: got no header, expected '2.1 name rate frames'", where="line 1")
-    name, rate_hz = _header(*lines[0])
-    frames = list(_frames(_Tokens(lines[1:])))
-    if not frames:
-        raise TruncatedError("FAP file: got no frame", where=f"line {lines[0][0]}")
+    name, rate_hz = _header(*header)
+    masks, numbers = bytearray(), array("i")  # a frame's rows one behind the other: an hour as lists takes a gigabyte
+    count = 0
+    for frame in _frames(_Tokens(lines)):
+        masks.extend(frame.mask)
+        numbers.extend((frame.number, *frame.values, *frame.viseme, *frame.expression))
+        count += 1
+    if not count:
+        raise TruncatedError("FAP file: got no frame", where=f"line {header[0]}")
+    table = np.frombuffer(numbers, np.int32).reshape(count, -1)
+    first, visemes, expressions = np.split(table[:, 1:], np.cumsum([fap.FAP_COUNT, VISEME_NUMBERS]), axis=1)
     try:
         return FapTrack(
-            mask=np.array([frame.mask for frame in frames]),
-            values=np.array([frame.values for frame in frames]),
-            visemes=np.array([frame.viseme for frame in frames]),
-            expressions=np.array([frame.expression for frame in frames]),
-            frame_numbers=np.array([frame.number for frame in frames]),
+            mask=np.frombuffer(masks, np.bool_).reshape(count, fap.FAP_COUNT),
+            values=first,
+            visemes=visemes,
+            expressions=expressions,
+            frame_numbers=table[:, 0].astype(np.int64),
             rate_hz=rate_hz,
             name=name,
         )

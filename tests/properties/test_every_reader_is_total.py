@@ -8,7 +8,7 @@ import pytest
 
 from fapengine.errors import DataError, FapEngineError
 from tests.fuzz.mutated import BYTE_S, LEAST_S, Tally, attempt, mutated, table
-from tests.fuzz.readers import Reader, clean, readers
+from tests.fuzz.readers import NUMBER, Reader, clean, readers
 
 INPUTS = 12
 DAMAGED = ("FBA", "timings, any")
@@ -39,6 +39,15 @@ def test_spoiled_files_are_read_or_refused() -> None:
             assert attempt(reader, data, tally) is None, f"{reader.name}: {data!r:.500}"
     assert tally.inputs == INPUTS * len(readers())
     assert 0.05 < tally.taken / tally.inputs < 0.9
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_what_a_search_has_found() -> None:
+    known = {reader.name: reader for reader in readers()}
+    far = NUMBER.sub(b"1e301", known["landmarks"].good[0], count=1)
+    for name, data in (("timings, ctm", b"#"), ("timings, ctm", b"talk 1 0.0 0.1 \x0c"), ("landmarks", far)):
+        with pytest.raises(DataError):
+            known[name].read(data)
 
 
 def test_what_breaks_the_law_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,8 +33,15 @@ def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = No
     spoken = [(number, row) for number, row in rows if len(recordings) == 1 or row[0] == tier]
     entries: list[Entry] = []
     for number, row in spoken:
+        if len(row) < 5:
+            raise DataError(
+                f"CTM: got {row}, expected recording, channel, start, length, label", where=f"line {number}"
+            )
         start_s = number_at(row[2], number)
-        entries.append(Entry(start_s, start_s + number_at(row[3], number), row[4].split()[0], f"line {number}"))
+        label = next(iter(row[4].split()), "")
+        if not label:
+            raise DataError("CTM: got no label, expected one behind the times", where=f"line {number}")
+        entries.append(Entry(start_s, start_s + number_at(row[3], number), label, f"line {number}"))
     if entries and all(re.fullmatch(r"\d+", entry.label) for entry in entries):
         raise UnsupportedError("CTM: got numbers of phones, expected labels; map them with phones.txt (int2sym.pl)")
     if alphabet is None and guess(entry.label for entry in entries).words:
