@@ -3,13 +3,14 @@
 import io
 import json
 import logging
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.server.config import ServeConfig
 from fapengine.live.server.logs import begin_log
 
@@ -143,3 +144,10 @@ def test_the_log_for_people_leaves_out_that_it_is_information(log: io.StringIO) 
     begin_log("info", "text", log)
     logging.getLogger("fapengine.server").info("ready")
     assert log.getvalue().split(" ", 1)[1] == "ready\n"
+
+
+@pytest.mark.parametrize("name", ["aiohttp", "prometheus_client"])
+def test_without_its_extra_it_names_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ResourceError, match=rf'{name} is not installed; mend it with: pip install "fapengine\[live\]"'):
+        CliRunner().invoke(app, ["serve", "--port", "0", "--no-page"], catch_exceptions=False)

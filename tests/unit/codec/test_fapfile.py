@@ -1,6 +1,7 @@
 """The ``.fap`` text format: what we write, what others write, and what is no such file."""
 
 import contextlib
+import tracemalloc
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -136,3 +137,15 @@ def test_every_fap_file_of_the_vectors_is_read_and_written_back(vectors: Mapping
         if len(text) < 30_000:
             track = parse_fap(text)
             assert parse_fap(format_fap(track).encode()).equals(track), name
+
+
+def test_memory_is_that_of_the_text_and_the_track() -> None:
+    """A token of each number takes 40 times the text: a gigabyte and a half for an hour."""
+    data = format_fap(FapTrack.of(np.arange(68)[None].repeat(1500, 0) * (np.arange(68) > 1), rate_hz=25.0)).encode()
+    tracemalloc.start()
+    try:
+        parse_fap(data)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 10 * len(data)
