@@ -34,7 +34,8 @@ def main(path: Path) -> None:
                     waiting = waiting[len(due) :]
                 path_.append(planner.path([time])[0])
                 planner.settle(time)
-            moved = learned.profile.space.to_points_mm(np.stack(path_))
+            space = learned.profile.space
+            moved = space.to_points_mm(np.stack(path_)[:, : space.mode_count])
             lips = to_lips(moved, learned.lift)
             off.append(np.linalg.norm(lips - clip.lips, axis=-1)[clip.spoken].ravel())
             late += planner.counts.late

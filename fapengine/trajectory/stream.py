@@ -127,8 +127,8 @@ class StreamingPlanner:
         Articulation and context; gestures are for whoever shows the face.
     horizon_s : float
         How far behind the last frame asked for the plan is settled. 0 reacts soonest, and costs nothing: what counts is
-        how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.02 mm of lip error,
-        0.2 s 0.11, 0.1 s 0.25, none 1.3 (``design/look_ahead.py``).
+        how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.01 mm of lip error,
+        0.2 s 0.08, 0.1 s 0.23, none 1.4 (``design/look_ahead.py``).
 
     Raises
     ------
