@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.files.animation import ENCODERS, GIF_MAX_HZ, is_sequence, write_animation, write_sequence
+from fapengine.files.paths import refuse_standard_output
 from fapengine.files.video import ALPHA_KINDS, CODECS, write_video
 
 Picture = NDArray[np.uint8]
@@ -35,6 +36,7 @@ def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bo
     UsageError
         For an unknown suffix, a rate that GIF cannot keep, odd sides of a video, or alpha where there is none.
     """
+    refuse_standard_output(path)
     if not is_moving(path):
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}")
     if path.suffix == ".gif" and rate_hz > GIF_MAX_HZ:

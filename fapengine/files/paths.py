@@ -17,9 +17,12 @@ import glob
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
+from typing import BinaryIO
 
 from fapengine.errors import ResourceError, UsageError
 
@@ -39,14 +42,40 @@ _unfinished: dict[Path, int | None] = {}
 """Hidden names that this process writes now, each with the file descriptor that holds its lock."""
 
 
+STANDARD = "-"
+"""Name that stands for standard input."""
+
+
+@lru_cache(maxsize=1)
+def _whole(stream: BinaryIO) -> bytes:
+    """Read a stream to its end, once, however often it is asked for."""
+    return stream.read()
+
+
+def refuse_standard_output(path: Path) -> None:
+    """Refuse to write several files, or one that is put in place when it is whole, to standard output.
+
+    Raises
+    ------
+    UsageError
+        If the path is ``-``.
+    """
+    if str(path) == STANDARD:
+        raise UsageError("path: got -, but nothing is written to standard output; expected a file's name")
+
+
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
+    """Read a whole file; ``-`` is standard input.
 
     Raises
     ------
     UsageError
         If it is not there or cannot be read.
     """
+    if str(path) == STANDARD:
+        if sys.stdin is None:
+            raise UsageError("-: standard input is closed; expected a file's name")
+        return _whole(sys.stdin.buffer)
     try:
         return path.read_bytes()
     except OSError as error:
@@ -66,6 +95,7 @@ def replacing(path: Path) -> Iterator[Path]:
     ResourceError
         If it cannot be written, or for an OSError inside.
     """
+    refuse_standard_output(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = path.resolve()
