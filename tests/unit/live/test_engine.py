@@ -495,7 +495,7 @@ def test_manner_changes_a_session_smoothly_and_no_other():
     seen = np.array([face.frame(n / RATE_HZ).faps for n in range(40, 80)])
     assert not seen[-1, 0].any()
     assert opening(seen[-1, 1]) > 100
-    assert np.abs(np.diff(seen[:, 0], axis=0)).max() < 80
+    assert np.abs(np.diff(seen[:, 0], axis=0)).max() < 95  # of 520 that the jaw is down
     assert face.style("anna").jaw == 0
 
 
