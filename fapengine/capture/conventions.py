@@ -30,7 +30,7 @@ FRAMES_FOR_SIZE = 500
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 MIN_ZEROS = 3
 """Number of zeros in one marker from which on they mean "not seen"; fewer may be its position."""
-LARGEST = 1e9
+MAX_COORDINATE = 1e9
 """Greatest coordinate, in any unit: a thousand kilometres in millimetres."""
 
 
@@ -71,8 +71,8 @@ def understand(
     labels, kept = _names(raw.labels, notes)
     positions = raw.positions if len(kept) == len(raw.labels) else raw.positions[:, kept]
     positions = _without_sentinels(positions, labels, notes)
-    if (beyond := np.abs(positions) > LARGEST).any():
-        raise DataError(f"recording: got a coordinate of {positions[beyond][0]:g}, expected at most {LARGEST:g}")
+    if (beyond := np.abs(positions) > MAX_COORDINATE).any():
+        raise DataError(f"recording: got a coordinate of {positions[beyond][0]:g}, expected at most {MAX_COORDINATE:g}")
     scale = _scale(positions, raw.units, units, notes)
     positions = positions if scale == 1.0 else positions * scale
     positions = _without_absurd(positions, labels, notes)
