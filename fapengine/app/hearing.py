@@ -109,7 +109,7 @@ def hear(
         recording = listen_by(OnnxEar(ear), sound(), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
     if transcript is None:
-        recording = listen(sound(), on_heard=on_heard)
+        recording = listen(sound(), words=_is_english(language), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
     aligner = _aligner(transcript, language)
     recording = follow(sound(), aligner, on_heard=on_heard)
@@ -153,8 +153,11 @@ def _aligner(transcript: str, language: str) -> "SphinxAligner":
     words = words_of(transcript)
     if not words:
         raise UsageError(f"transcript: got {transcript[:40]!r}, expected words")
-    english = language.lower().replace("_", "-").split("-")[0] == "en"
-    return SphinxAligner(words, _pronouncer(language), dictionary=english)
+    return SphinxAligner(words, _pronouncer(language), dictionary=_is_english(language))
+
+
+def _is_english(language: str) -> bool:
+    return language.lower().replace("_", "-").split("-")[0] == "en"
 
 
 def _pronouncer(language: str) -> Callable[[str], tuple[Phone, ...]]:

@@ -28,6 +28,10 @@ VOWELS = frozenset(name for name in MODEL_PHONES if name[0] in "AEIOU")
 _LOOP = {"lw": 2.0, "beam": 1e-20, "pbeam": 1e-20}
 """Weight of the phone language model and beams of the phone loop (``bench/ears.py``: 1 to 4 differ by .02 of r)."""
 
+_WORDS = {"fwdflat": False, "bestpath": False, "pl_window": 5, "maxhmmpf": 5000, "maxwpf": 10}
+"""One pass over the words, with phones looked at 50 ms ahead: 2.6 times quicker than the three passes by default, for
+169 instead of 171 right words of 205 (20 sentences of Festival's voice ked)."""
+
 
 def new_decoder(**options: Any) -> Any:
     """Make a decoder with the shipped acoustic model.
@@ -49,12 +53,29 @@ def new_phone_loop() -> Any:
     return new_decoder(allphone=str(_folder() / "en-us-phone.lm.bin"), **_LOOP) if _installed() else new_decoder()
 
 
-def new_aligner(*, beam: float) -> Any:
-    """Make a decoder for texts that are known, with the shipped dictionary. Raises as :func:`new_decoder`."""
+def new_aligner(*, beam: float, silence: float, noise: float) -> Any:
+    """Make a decoder for texts that are known, with the shipped dictionary. Raises as :func:`new_decoder`.
+
+    ``silence`` and ``noise`` are the probabilities of a pause and of a noise between two words.
+    """
     if not _installed():
         return new_decoder()
-    words = {"beam": beam, "pbeam": beam, "wbeam": beam**0.75}
+    words = {"beam": beam, "pbeam": beam, "wbeam": beam**0.75, "silprob": silence, "fillprob": noise}
     return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=None, bestpath=False, **words)
+
+
+def new_word_decoder() -> Any:
+    """Make a decoder of English words, by the shipped model of word triples. Raises as :func:`new_decoder`."""
+    if not _installed():
+        return new_decoder()
+    return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=str(_folder() / "en-us.lm.bin"), **_WORDS)
+
+
+def pronounced(decoder: Any, word: str) -> list[str]:
+    """Phones of the model for a word of a hypothesis; none for a silence or a noise."""
+    if word.startswith(("<", "[", "+")):
+        return []
+    return str(decoder.lookup_word(word) or "").split()
 
 
 def ipa_of(name: str) -> str:

@@ -1,7 +1,7 @@
 """An ear that knows the text: PocketSphinx finds when each of its phones is said."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,17 @@ from fapengine.errors import UsageError
 
 BEAMS = (1e-48, 1e-300)
 """Beams of the first try and, if it loses the way, of the second, which cuts off nothing (as 1e-120 still did)."""
+SILENCES = (0.005, 1e-6, 1e-10)
+"""Probabilities of a pause between two words: of the first try, and in another language of others if its pauses are not
+quiet. Sounds that the model does not know are taken for pauses otherwise."""
+NOISES = {True: 1e-8, False: 1e-100}
+"""Probabilities of a noise, with the dictionary and without: noises fit everything, sounds of other languages too."""
+PAUSE_DB, SOUND_DB = 20.0, 35.0
+"""Ranges below the loud frames (their 95th percentile): no pause is within the first, no sound below the second."""
+MAX_STOP = 12
+"""Frames of the longest stop, in which it may be quiet."""
+MAX_AGAINST = 6
+"""Frames that may be against loudness before other tries are made: 60 ms."""
 LOUD_DB = 25.0
 """Range below the loudest frames in which a frame counts as spoken, where words are placed by loudness alone."""
 _OWN = "fapengine_"
@@ -63,7 +74,8 @@ class SphinxAligner:
         self.words = tuple(words)
         self.dictionary = dictionary
         """Whether words come from the model's dictionary, which is of its own language."""
-        self._decoders = [new_aligner(beam=BEAMS[0])]
+        self._decoders = {(SILENCES[0], BEAMS[0]): self._new_decoder(SILENCES[0], BEAMS[0])}
+        self._first = self._decoders[SILENCES[0], BEAMS[0]]
         self._own: dict[str, tuple[str, Pronunciation]] = {}
         self.pronounced: tuple[str, ...] = ()
         """Words that the dictionary lacks, which ``pronounce`` spoke; of English alone."""
@@ -80,7 +92,11 @@ class SphinxAligner:
             raise UsageError(f"text: got {', '.join(map(repr, strange[:10]))}, expected words that can be pronounced")
         if dictionary:
             self.pronounced = tuple(self._own)
-        self._learn(self._decoders[0])
+        self._learn(self._first)
+
+    def take(self, words: Sequence[str]) -> None:
+        """Take another text, of words that the dictionary has."""
+        self.words = tuple(words)
 
     def model_phones(self, index: int) -> list[str]:
         """Phones of the model for one word."""
@@ -106,14 +122,29 @@ class SphinxAligner:
         if first >= behind:
             return []
         keys = [self._key(word) for word in self.words[first:behind]]
-        for attempt in range(len(BEAMS)):
-            if attempt == len(self._decoders):
-                self._decoders.append(new_aligner(beam=BEAMS[attempt]))
-                self._learn(self._decoders[attempt])
-            found = self._try(self._decoders[attempt], samples, keys, first)
+        best: tuple[int, list[Aligned]] | None = None
+        for silence in SILENCES[:1] if self.dictionary else SILENCES:
+            found = self._aligned(samples, keys, first, silence)
+            if found is not None:
+                found = found if self.dictionary else without_quiet(found, samples)
+                against = against_loudness(found, samples)
+                if best is None or against < best[0]:
+                    best = against, found
+            if best is None or best[0] <= MAX_AGAINST:
+                break
+        return best[1] if best else self.placed(samples, first, behind)
+
+    def _aligned(
+        self, samples: NDArray[np.int16], keys: Sequence[str], first: int, silence: float
+    ) -> list[Aligned] | None:  # fmt: skip
+        for beam in BEAMS:
+            if (silence, beam) not in self._decoders:
+                self._decoders[silence, beam] = self._new_decoder(silence, beam)
+                self._learn(self._decoders[silence, beam])
+            found = self._try(self._decoders[silence, beam], samples, keys, first)
             if found is not None:
                 return found
-        return self.placed(samples, first, behind)
+        return None
 
     def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
         """Spread words evenly over the loud parts of a piece, (N,) int16; for what cannot be aligned."""
@@ -176,8 +207,11 @@ class SphinxAligner:
                 at += len(names)
         return told
 
+    def _new_decoder(self, silence: float, beam: float) -> Any:
+        return new_aligner(beam=beam, silence=silence, noise=NOISES[self.dictionary])
+
     def _lookup(self, word: str) -> str:
-        return self._decoders[0].lookup_word(dictionary_key(word)) or ""
+        return self._first.lookup_word(dictionary_key(word)) or ""
 
     def _key(self, word: str) -> str:
         return self._own[word][0] if word in self._own else dictionary_key(word)
@@ -185,3 +219,39 @@ class SphinxAligner:
     def _learn(self, decoder: Any) -> None:
         for number, (key, spoken) in enumerate(self._own.values(), start=1):
             decoder.add_word(key, spoken.spelling, number == len(self._own))  # the last one rebuilds the search
+
+
+def against_loudness(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> int:
+    """Count the frames whose loudness speaks against an alignment of a piece, (N,) int16.
+
+    They are told to be a pause and are loud, or told to be a phone in a quiet that is longer than any stop.
+    """
+    levels = loudness_db(samples)
+    top = np.percentile(levels, 95)
+    pause = np.ones(len(levels), dtype=bool)
+    for phone in aligned:
+        pause[phone.first : phone.behind] = False
+    quiet = sum(int((~pause[a:b]).sum()) for a, b in _quiet(levels))
+    return int((pause & (levels > top - PAUSE_DB)).sum()) + quiet
+
+
+def without_quiet(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> list[Aligned]:
+    """Take the quiet that is longer than any stop out of the phones that it cuts; ``samples`` are (N,) int16."""
+    phones = list(aligned)
+    for first, behind in _quiet(loudness_db(samples)):
+        for index, phone in enumerate(phones):
+            before, after = max(first - phone.first, 0), max(phone.behind - behind, 0)
+            if phone.first >= behind or phone.behind <= first or not before + after:
+                continue
+            if before >= after:
+                phones[index] = replace(phone, behind=first)
+            else:
+                phones[index] = replace(phone, first=behind)
+    return phones
+
+
+def _quiet(levels: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Parts of a piece, first frame and the one behind the last, that are quiet for longer than a stop is."""
+    quiet = levels < np.percentile(levels, 95) - SOUND_DB
+    edges = np.flatnonzero(np.diff(quiet, prepend=False, append=False))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= MAX_STOP]

@@ -12,7 +12,7 @@ from fapengine.ears.pronunciations import MODEL_NAMES, SOUNDS_LIKE, heard_as, wo
 from fapengine.ears.protocol import RATE_HZ
 from fapengine.ears.recording import Recording, follow
 from fapengine.ears.sphinx import MODEL_PHONES
-from fapengine.ears.sphinx_aligner import SphinxAligner
+from fapengine.ears.sphinx_aligner import Aligned, SphinxAligner, against_loudness, without_quiet
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone
@@ -75,6 +75,29 @@ def test_another_language_by_a_speaker_that_the_model_hears_badly(language: str,
     starts = [phone.start_s for phone in found.phones.phones]
     off_s = [min(abs(start_s - phone.start_s) for start_s in starts) for phone in speech.phones.phones]
     assert np.median(off_s) < 0.03
+
+
+def test_no_loud_sound_of_another_language_is_a_pause() -> None:
+    """The diphthong of "seit" was taken for a pause of 0.3 s, and the vowels around it lay late."""
+    text = "Mein Bruder wohnt seit vielen Jahren in Hamburg."
+    speech = spoken_by_espeak("de+m1", text)
+    aligner = SphinxAligner(words_of(text), lambda word: pronounce(word, "de"), dictionary=False)
+    found = follow([speech.samples], aligner).phones
+    duration_s = len(speech.samples) / RATE_HZ
+    assert np.corrcoef(opening_mm(found, duration_s), opening_mm(speech.phones, duration_s))[0, 1] > 0.88
+    assert not [phone for phone in found.phones if phone.is_silence and 0.1 < phone.start_s < 2.3]
+
+
+def test_quiet_is_taken_out_of_phones_and_speaks_against_them() -> None:
+    rng = np.random.default_rng(1)
+    sound = (5000 * rng.normal(size=RATE_HZ)).clip(-32768, 32767).astype(np.int16)
+    sound[30 * 160 : 60 * 160] = 0
+    told = [Aligned(0, "a", 0, 0, 40, "AA"), Aligned(0, "m", 0, 40, 50, "M"), Aligned(1, "o", 0, 50, 100, "OW")]
+    assert against_loudness(told, sound) == 30
+    cut = without_quiet(told, sound)
+    assert [(phone.first, phone.behind) for phone in cut] == [(0, 30), (40, 50), (60, 100)]
+    assert against_loudness(cut, sound) == 10
+    assert against_loudness(told[:1], sound) == 50  # 10 quiet ones in it, 40 loud ones behind it
 
 
 def test_another_language_is_told_in_its_own_phones() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fapengine.ears.commit import due
+from fapengine.ears.guessed_words import agreeing
 from fapengine.ears.process import END, HEAD, SOUND, serve
 from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.ears.recording import listen
@@ -117,6 +118,30 @@ def test_what_is_told_stays_whatever_comes() -> None:
     # now the m is thought to be longer, and something else
     assert due([("n", 0, 12), ("a", 12, 30)], 8, 40, silence=SILENCE) == [("n", 8, 12), ("a", 12, 30)]
     assert due([("n", 0, 10), ("a", 10, 30)], 8, 40, silence=SILENCE) == [("a", 8, 30)]  # 20 ms are no phone
+
+
+def test_guessed_words_mend_phones_that_sound_alike() -> None:
+    found = {True: [0, 0, 0], False: [0, 0, 0]}
+    for voice in ("rms", "kal16"):
+        speech = spoken(voice, "The weather forecast for tomorrow is probably wrong. Many people walk home.")
+        for words, count in found.items():
+            truth, told = closures(speech.phones), closures(listen([speech.samples], words=words).phones)
+            count[0] += met(truth, told)
+            count[1] += len(truth)
+            count[2] += len(told) - met(told, truth)
+    hits, asked, false = found[True]
+    assert hits == asked
+    assert false == 0
+    assert found[False] != found[True]  # without the words
+
+
+def test_guessed_words_that_disagree_are_not_told() -> None:
+    heard = [("M", 0, 10), ("AA", 10, 30), ("SIL", 30, 40), ("S", 40, 60)]
+    wrong, right = [("K", 0, 10), ("IY", 10, 30)], [("Z", 40, 60)]
+    assert agreeing(heard, [wrong], 60) == heard
+    assert agreeing(heard, [right], 60) == [*heard[:3], ("Z", 40, 60)]
+    assert agreeing(heard, [wrong, right], 60) == [*heard[:3], ("Z", 40, 60)]
+    assert agreeing([], [right], 60) == []
 
 
 def test_refuses_a_look_ahead_that_cannot_be() -> None:
