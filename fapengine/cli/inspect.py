@@ -11,7 +11,7 @@ FBA_STARTS = (b"\x00\x00\x01",)
 
 def inspect(
     path: Path = typer.Argument(
-        ..., help="What to look into: an FBA stream (.fba), phone timings, or a profile: folder or name."
+        ..., help="What to look into: .fba, .fap, phone timings, a sound, a film, a profile or a head (folder or name)."
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
@@ -22,13 +22,16 @@ def inspect(
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Say what is in a file or profile; what it is, its bytes decide.
+    """Say what is in a file, a profile or a head; what a file is, its bytes decide.
 
-    Example: fapengine inspect talk.fba; fapengine inspect grid_s1_en --plot faces.png
+    Example: fapengine inspect talk.fba; fapengine inspect talk.wav; fapengine inspect grid_s1_en --plot faces.png
     """
     from fapengine._resources import profile_ids
+    from fapengine.app.hearing import SOUND_SUFFIXES
+    from fapengine.cli._inspect_media import inspect_fap, inspect_head, inspect_recording
     from fapengine.errors import UnsupportedError
     from fapengine.files.paths import read_bytes
+    from fapengine.mesh.default_head.people import parse_person
     from fapengine.speech.formats.registry import guess_format
 
     if plot is not None:
@@ -37,6 +40,9 @@ def inspect(
         from fapengine.cli._inspect_profile import inspect_profile
 
         inspect_profile(str(path), as_json=as_json, plot=plot)
+        return
+    if (path / "head.toml").is_file() or (not path.exists() and parse_person(str(path)) is not None):
+        inspect_head(str(path), as_json=as_json, plot=plot)
         return
     data = read_bytes(path)
     head = data[:4]
@@ -50,8 +56,13 @@ def inspect(
 
         track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
         inspect_timings(path, track, as_json=as_json, everything=everything, plot=plot, file_format=file_format)
+    elif path.suffix.lower() == ".fap":
+        inspect_fap(path, as_json=as_json, everything=everything, plot=plot)
+    elif path.suffix.lower() in SOUND_SUFFIXES:
+        inspect_recording(path, as_json=as_json, plot=plot)
     else:
         raise UnsupportedError(
-            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), phone timings or a profile's folder",
+            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), a .fap file, phone timings, a sound, a"
+            " film, or the folder of a profile or a head",
             where="byte 0",
         )

@@ -143,6 +143,31 @@ def _encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: 
     yield from stream.encode(None)
 
 
+@dataclass(frozen=True, slots=True)
+class FilmInfo:
+    """What a file says of its pictures before they are decoded."""
+
+    width: int
+    height: int
+    rate_hz: float
+    """Frames a second; 0 if it states none."""
+    codec: str
+    has_sound: bool
+
+
+def inspect_film(path: Path) -> FilmInfo | None:
+    """Look at a file's pictures without decoding them; None if it has none, or cannot be opened as a film."""
+    try:
+        with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
+            if not container.streams.video:
+                return None
+            stream = container.streams.video[0]
+            rate_hz = float(stream.average_rate or 0)
+            return FilmInfo(stream.width, stream.height, rate_hz, stream.codec.name, bool(container.streams.audio))
+    except (av.FFmpegError, ValueError, OSError):
+        return None
+
+
 def count_pictures(path: Path) -> int:
     """Tell how many pictures a film states to have; 0 if it states none, or cannot be read."""
     try:

@@ -1,0 +1,98 @@
+"""``inspect`` of the project's own files: .fap, sound, film, head."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.files.fap import save_fap
+from fapengine.files.pictures import load_picture
+from fapengine.files.sound import save_wav
+from fapengine.files.video import write_video
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+
+RATE_HZ = 8000
+
+
+def inspected(*words: object) -> str:
+    done = CliRunner().invoke(app, ["inspect", *map(str, words)])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def as_json(*words: object) -> dict[str, Any]:
+    return dict(json.loads(inspected(*words, "--json")))
+
+
+@pytest.fixture
+def tone(tmp_path: Path) -> Path:
+    """One second: half of it at a tenth of full scale, half silent."""
+    wave = 3276.8 * np.sin(2 * np.pi * 200 * np.arange(RATE_HZ) / RATE_HZ)
+    wave[RATE_HZ // 2 :] = 0
+    path = tmp_path / "tone.wav"
+    save_wav(path, wave.astype(np.int16), RATE_HZ)
+    return path
+
+
+def test_a_fap_file(tmp_path: Path) -> None:
+    values = np.zeros((30, 68))
+    values[10:20, fap.column(3)] = np.arange(10) * 50
+    values[:, fap.column(49)] = -900
+    path = tmp_path / "talk.fap"
+    save_fap(path, FapTrack.of(values, rate_hz=25.0))
+    report = as_json(path)
+    assert (report["frames"], report["seconds"], report["skipped"]) == (30, 1.2, 0)
+    assert report["faps"]["open_jaw"] == {"number": 3, "low": 0, "high": 450, "unit": "MNS"}
+    assert set(report["faps"]) == {"open_jaw", "head_yaw"}
+    told = inspected(path, "--plot", tmp_path / "plot.png")
+    assert "30 frames at 25 Hz" in told
+    assert "2 FAPs move" in told
+    assert load_picture(tmp_path / "plot.png").shape[2] == 3
+
+
+def test_a_sound(tone: Path, tmp_path: Path) -> None:
+    report = as_json(tone)["sound"]
+    assert report["seconds"] == pytest.approx(1.0)
+    assert (report["sample_rate_hz"], report["channels"], report["clipped"]) == (RATE_HZ, 1, 0)
+    assert report["peak_db"] == pytest.approx(-20.0, abs=0.1)
+    assert report["level_db"] == pytest.approx(-20.0 - 3.0 - 3.0, abs=0.1)  # a sine, half of the time
+    inspected(tone, "--plot", tmp_path / "plot.png")
+    inked = (load_picture(tmp_path / "plot.png").astype(int).min(axis=-1) < 200).sum(axis=0)
+    left, right = np.array_split(inked, 2)
+    assert left.sum() > 3 * right.sum()  # the second half is silent
+
+
+def test_a_film_with_and_without_sound(tmp_path: Path) -> None:
+    pictures = [np.full((32, 48, 3), 8 * number, np.uint8) for number in range(10)]
+    loud = np.full(RATE_HZ, np.iinfo(np.int16).max, np.int16)
+    with_sound, silent = tmp_path / "talk.mp4", tmp_path / "mute.mp4"
+    write_video(with_sound, pictures, rate_hz=10.0, sound=(loud, RATE_HZ))
+    write_video(silent, pictures, rate_hz=10.0)
+    report = as_json(with_sound)
+    assert report["film"] == {"width": 48, "height": 32, "rate_hz": 10.0, "codec": "h264"}
+    assert report["sound"]["seconds"] == pytest.approx(1.0, abs=0.1)
+    assert "no sound" in inspected(silent)
+    done = CliRunner().invoke(app, ["inspect", str(silent), "--plot", str(tmp_path / "plot.png")])
+    assert done.exit_code != 0
+    assert not (tmp_path / "plot.png").exists()
+
+
+def test_a_head(tmp_path: Path) -> None:
+    report = as_json("default:hair=false,level=coarse")
+    assert report["feature_points"] == 84
+    assert report["licence"] == "Apache-2.0"
+    assert 3 in report["faps_by_surface"]
+    assert "84 feature points" in inspected("default:hair=false,level=coarse", "--plot", tmp_path / "head.png")
+    assert load_picture(tmp_path / "head.png").shape == (512, 512, 3)
+
+
+def test_what_is_none_of_them_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "notes.wav"
+    path.write_text("not a sound")
+    done = CliRunner().invoke(app, ["inspect", str(path)])
+    assert done.exit_code != 0
