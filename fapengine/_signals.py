@@ -18,6 +18,7 @@ def signals_kept() -> Iterator[list[int]]:
 
     Examples
     --------
+    >>> before = signal.signal(signal.SIGINT, signal.default_int_handler)
     >>> try:
     ...     with signals_kept() as kept:
     ...         signal.raise_signal(signal.SIGINT)
@@ -26,6 +27,7 @@ def signals_kept() -> Iterator[list[int]]:
     ...     print("stopped")
     still here 1
     stopped
+    >>> _ = signal.signal(signal.SIGINT, before)
     """
     kept: list[int] = []
     before: dict[int, Any] = {}
