@@ -55,7 +55,7 @@ ARRAYS = (
     "ids", "text", "fps", "n_frames", "offset", "marker_delta", "marker_step_mm", "marker_mediapipe", "marker_is_lip",
     "phone_clip", "phone", "phone_start", "phone_end", "word_clip", "word", "word_start", "word_end",
 )  # fmt: skip
-"""What is read of a file; only what is of words may lack."""
+"""Arrays that are read of a file; only those of words may be missing."""
 LAYOUT = "an .npz as design/make_speech_data.py writes it"
 INNER = tuple(f"2.{n}" for n in range(2, 10))
 NAMES = (*MARKERS, *INNER)

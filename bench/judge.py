@@ -87,7 +87,7 @@ class Grammar:
 
 @dataclass(frozen=True)
 class Judge:
-    """What was learned; :meth:`read` uses it."""
+    """A trained judge of lips: network weights, scaling of its input, grammar; :meth:`read` reads words with it."""
 
     mean: Array
     spread: Array

@@ -1,4 +1,4 @@
-"""What a face does beside speaking, counted as one counts it in people: blinks, nods with raised brows, head motion.
+"""Blinks, nods with raised brows and head motion of a talking face, counted as one counts them in people.
 
     python -m bench.life [--seeds 8] [--json]
 
@@ -136,7 +136,7 @@ def lived(phones: PhoneTrack, seed: int, *without: str) -> Array:
 
 
 def mean_moved_deg(turns: Array, from_s: Sequence[float], over_s: float) -> float:
-    """How far the head goes from each of these times on."""
+    """Mean angle, degrees, by which the head turns within ``over_s`` from each of these times on."""
     steps = [posture(turns, t + over_s) - posture(turns, t) for t in from_s]
     return float(np.degrees(np.mean(np.linalg.norm(steps, axis=1))))
 

@@ -27,7 +27,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Spoken:
-    """What one method made of the words that count in one utterance."""
+    """Motion that one method planned for an utterance, and the words of it that count."""
 
     clip: Clip
     """Frames and phones that count; words are all of the sentence."""

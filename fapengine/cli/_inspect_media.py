@@ -1,4 +1,4 @@
-"""What ``fapengine inspect`` says about FAP files, sound, films and heads."""
+"""Reports of ``fapengine inspect`` on FAP files, sounds, films and heads: text, JSON and plots."""
 
 import json
 from pathlib import Path

@@ -22,6 +22,8 @@ from fapengine.mesh.face_mesh import FaceMesh
 CACHE_VARIABLE = "FAPENGINE_CACHE"
 MAX_KEPT = 16
 """Heads that are kept, about 2 MB each; beyond it the one that was used longest ago goes."""
+MADE_BY = ("mesh", "geometry", "mpeg4")
+"""Packages whose code makes a head."""
 OURS = HeadInfo("fapengine", "Apache-2.0")
 
 
@@ -79,8 +81,10 @@ def _digest(style: HeadStyle, level: str) -> str:
     """Name of everything that a head depends on."""
     digest = hashlib.sha256(f"{SCHEMA} {metadata.version('numpy')} {metadata.version('scipy')}".encode())
     digest.update(f"{style} {level}".encode())
-    for source in sorted(Path(fapengine.mesh.__path__[0]).rglob("*.py")):
-        digest.update(source.read_bytes())
+    package = Path(fapengine.mesh.__path__[0]).parent
+    for folder in MADE_BY:
+        for source in sorted((package / folder).rglob("*.py")):
+            digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
 
 

@@ -1,5 +1,7 @@
 """Our own heads are kept on disk: the same ones, bounded, and never in the way."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -51,6 +53,14 @@ def test_another_look_or_program_is_another_head(folder: Path, monkeypatch: pyte
     assert len(digests) == 4
     monkeypatch.setattr(built, "SCHEMA", 99)
     assert built._digest(BALD, "coarse") not in digests
+
+
+def test_all_code_that_makes_a_head_is_in_its_name() -> None:
+    """Else an old head would be taken after a change of that code."""
+    program = "import sys, fapengine.mesh.default_head.head; print(*(n for n in sys.modules if n[:10] == 'fapengine.'))"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    rooms = {name.split(".")[1] for name in loaded}
+    assert rooms - {"_arrays", "errors"} == set(built.MADE_BY)  # those two check and refuse, they make nothing
 
 
 def test_a_damaged_head_is_built_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from fapengine.mesh.default_head.relief_table import RELIEF_TENTHS_MM
 from fapengine.mesh.default_head.style import HeadStyle, parse_look
 from fapengine.mesh.default_head.surface import position, radius
 from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
 from fapengine.mpeg4 import fap
 
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
@@ -53,6 +53,10 @@ def test_a_person_keeps_what_the_default_head_promises(name: str) -> None:
             np.linalg.norm(moved - head.eye_pivots_mm[side], axis=1) < 18  # mm; the ball's radius is 14.2
         )
         assert np.linalg.norm(moved[lids] - head.eye_pivots_mm[side], axis=1).min() > 14.2
+
+
+def test_the_usual_iris_is_brown() -> None:
+    assert EYE_COLOURS["brown"] == BROWN_IRIS
 
 
 def test_numbers_make_people_that_differ() -> None:
