@@ -34,8 +34,8 @@ class ObservedEngine:
         self.inner = engine
         self.command_listeners: list[OnCommand] = []
         self.event_listeners: list[OnEvent] = []
-        self.is_loaded = False
-        """True while the machine shows as many faces as it can in time: no more are opened."""
+        self.room: int | None = None
+        """Sessions that may still be opened; whoever knows the load sets it anew. None: any number."""
         self.refused = 0
         """Sessions that were not opened for that."""
         self.touched_s: dict[str, float] = {}
@@ -59,7 +59,8 @@ class ObservedEngine:
         UsageError
             If its name cannot be sent on every wire: 1 to 32 bytes of UTF-8 without NUL; or if there is no time for it.
         """
-        if self.is_loaded and self.sessions and session not in self:
+        is_new = session not in self
+        if is_new and self.room is not None and self.room <= 0 and self.sessions:
             self.refused += 1
             raise UsageError("sessions: got one more than this machine can show in time; ask again later")
         size = len(session.encode(errors="replace"))
@@ -69,6 +70,8 @@ class ObservedEngine:
             )
         self.inner.open(session, now_s)
         self.touched_s[session] = now_s
+        if is_new and self.room is not None:
+            self.room -= 1
 
     def close(self, session: str, now_s: float) -> None:
         """End a session; see :meth:`EnginePort.close`."""

@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 WINDOW_S = 1.0
 """Time over which work is summed up."""
-FULL, FREE = 0.8, 0.65
+FULL, FREE = 0.65, 0.55
 """Share of the time that the faces need, from which on no new one is let in; and below which one is, again."""
+A_FACE = 0.004
+"""Share that a new face is taken to need until it was measured: what one needs that speaks, told phone by phone, at 60
+frames a second (``python -m bench.sessions``). One that only waits needs a third of it."""
 
 
 @dataclass(slots=True)
@@ -13,6 +16,7 @@ class Load:
     """Work of the loop's thread, in seconds of the processor, against the time of the frames that were shown.
 
     A machine that is busy with other programs does not count: there the thread waits, and works no more than before.
+    What newcomers cost is known only after a window, so each window lets in no more than would fill the time.
 
     Stateful.
 
@@ -25,7 +29,7 @@ class Load:
     --------
     >>> load = Load(rate_hz=50.0)
     >>> for frame in range(101):  # 18 of 20 ms
-    ...     load.add(0.018 * frame, 0.02 * frame)
+    ...     is_new = load.add(0.018 * frame, 0.02 * frame)
     >>> round(load.share, 2), load.is_full
     (0.9, True)
     """
@@ -34,25 +38,33 @@ class Load:
     share: float = 0.0
     """Share of the last window."""
     is_full: bool = False
+    room: int = int(FULL / A_FACE)
+    """Faces that may be let in before the window ends."""
     _frames: int = 0
     _begun_s: float | None = None
     _begun_cpu_s: float = 0.0
 
-    def add(self, cpu_s: float, now_s: float) -> None:
-        """Count a frame.
+    def add(self, cpu_s: float, now_s: float) -> bool:
+        """Count a frame, and tell whether a window ended with it: then all figures are new.
 
         Parameters
         ----------
         cpu_s : float
             Processor time of the thread up to now.
         now_s : float
+
+        Returns
+        -------
+        bool
         """
         if self._begun_s is None:
             self._begun_s, self._begun_cpu_s = now_s, cpu_s
-            return
+            return False
         self._frames += 1
         if now_s - self._begun_s < WINDOW_S:
-            return
+            return False
         self.share = (cpu_s - self._begun_cpu_s) * self.rate_hz / self._frames
         self.is_full = self.share > (FREE if self.is_full else FULL)
+        self.room = 0 if self.is_full else int((FULL - self.share) / A_FACE)
         self._frames, self._begun_s, self._begun_cpu_s = 0, now_s, cpu_s
+        return True

@@ -261,6 +261,7 @@ class Server:
     async def _tick_on(self) -> None:
         before, after, observe = self.ingress.before_frame, self._after, self.metrics.tick_s.observe
         load, engine = self.load, self.hub.engine
+        engine.room = load.room
         clock, late = self.hub.clock, self.metrics.late_s.observe
         speaker, begun_s = self._parts.speaker, 0.0
 
@@ -277,8 +278,8 @@ class Server:
             after(now_s)
             observe(clock() - begun_s)
             was_full = load.is_full
-            load.add(time.thread_time(), now_s)
-            engine.is_loaded = load.is_full
+            if load.add(time.thread_time(), now_s):
+                engine.room = load.room
             if load.is_full and not was_full:
                 log.warning(
                     "no time for more faces: %d take %.0f %% of it", len(engine.sessions), 100 * load.share,

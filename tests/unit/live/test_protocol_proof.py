@@ -6,7 +6,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.live.engine.engine import Engine
 from fapengine.live.hub.observed_engine import ObservedEngine
-from fapengine.live.server.load import Load
+from fapengine.live.server.load import A_FACE, FULL, Load
 from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.handshake import Handshake
@@ -138,15 +138,26 @@ def test_a_ninth_listener_takes_only_the_place_of_a_silent_one() -> None:
 def test_no_face_is_added_where_there_is_no_time_for_it_and_those_there_go_on() -> None:
     server = receiver()
     prove(server, "a:1")
-    server._engine.is_loaded = True
+    server._engine.room = 0
     (answer,) = tell(server, "b:1", schema.Hello("berta"))
     assert answer.reason == "sessions"
     assert isinstance(prove(server, "a:1"), schema.Welcome)  # it is there already
     with pytest.raises(UsageError, match="in time; ask again later"):
         server._engine.open("carl", 0.0)
     assert server._engine.refused == 2
-    server._engine.is_loaded = False
+    server._engine.room = 1
     assert isinstance(tell(server, "b:1", schema.Hello("berta"))[0], schema.Welcome)
+    assert tell(server, "c:1", schema.Hello("carl"))[0].reason == "sessions"  # berta has taken the room
+
+
+def test_a_window_lets_in_no_more_than_would_fill_the_time() -> None:
+    load = Load(rate_hz=60.0)
+    assert load.room * A_FACE == pytest.approx(FULL, abs=A_FACE)
+    assert not load.add(0.0, 0.0)
+    for frame in range(1, 61):
+        is_new = load.add(frame * 0.2 / 60, frame / 60 + 1e-9)
+    assert is_new
+    assert load.room * A_FACE == pytest.approx(FULL - 0.2, abs=A_FACE)
 
 
 def test_load_is_the_work_of_a_frame_and_lets_go_later_than_it_takes_hold() -> None:
@@ -160,9 +171,9 @@ def test_load_is_the_work_of_a_frame_and_lets_go_later_than_it_takes_hold() -> N
             load.add(cpu_s, now_s)
         return load.is_full
 
-    assert not work(0.7 / 60)
+    assert not work(0.55 / 60)
     assert work(0.9 / 60)
-    assert work(0.7 / 60)  # not at once
-    assert not work(0.5 / 60)
-    assert not work(0.5 / 60, waits_s=0.1)  # other programs have the processor
+    assert work(0.55 / 60)  # not at once
+    assert not work(0.4 / 60)
+    assert not work(0.4 / 60, waits_s=0.1)  # other programs have the processor
     assert work(3.0 / 60)  # frames are late by our own work
