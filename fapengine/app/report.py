@@ -1,8 +1,8 @@
 """What a job did: files, figures, and how long each stage took."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,12 +33,15 @@ class Report:
 
     notes: tuple[str, ...] = ()
     """Remarks of the ear: words that a voice pronounced, places where text and sound differ."""
+    shows: Callable[[str], AbstractContextManager[object]] = nullcontext
+    """Opened with the name of each stage for as long as it lasts: tells a user what he waits for."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time what happens inside."""
         started_s = time.perf_counter()
-        yield
+        with self.shows(name):
+            yield
         self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - started_s
 
     @property

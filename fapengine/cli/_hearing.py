@@ -101,7 +101,7 @@ def hear_with_bar(
 ) -> "Hearing":
     """Hear a file under a bar that counts its seconds. Raises as :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
-    from fapengine.cli._talking import progress
+    from fapengine.cli._progress import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:

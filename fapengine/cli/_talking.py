@@ -1,37 +1,18 @@
 """The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
 
 import json
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.app.talk import write_talk
+from fapengine.cli._progress import progress, working
+from fapengine.files.moving import is_moving
 from fapengine.render.drawing import Drawing
-
-
-class Advance:
-    """One progress bar; a call moves it on. Stateful."""
-
-    def __init__(self, progress: Progress, total: int, description: str) -> None:
-        self._progress, self._task = progress, progress.add_task(description, total=total)
-
-    def __call__(self, steps: float = 1) -> None:
-        self._progress.advance(self._task, steps)
-
-
-@contextmanager
-def progress(description: str, total: int) -> Iterator[Advance]:
-    """Show a progress bar, on a terminal only; what it gives is called after each step."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield Advance(bar, total, description)
 
 
 def write(
@@ -45,10 +26,11 @@ def write(
     recording: Path | None = None,
 ) -> None:
     """Write every file of a performance under a progress bar, and fill in the report."""
-    with progress("drawing", len(performance.track)) as advance:
+    frames = len(performance.track)
+    with progress("drawing", frames) if is_moving(output) else working(f"writing {frames} frames") as advance:
         write_talk(
             performance, output, report,
-            head=head, drawing=drawing, inputs=inputs, recording=recording, on_frame=advance,
+            head=head, drawing=drawing, inputs=inputs, recording=recording, on_frame=advance or (lambda: None),
         )  # fmt: skip
 
 

@@ -62,6 +62,7 @@ def animate(
     from fapengine.app.report import Report
     from fapengine.app.talk import check, outputs_of, refuse_unknown
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
+    from fapengine.cli._progress import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.sound import load_sound
@@ -96,7 +97,7 @@ def animate(
     words = transcript_of(text, transcript) if listens else None
     reports: list[Report] = []
     for number, path in tracks:
-        report = Report()
+        report = Report(shows=working)
         reports.append(report)
         if listens:
             with report.stage("listen"):

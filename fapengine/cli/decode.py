@@ -29,19 +29,22 @@ def decode(
     """
     from dataclasses import asdict, replace
 
+    from fapengine.cli._progress import working
     from fapengine.codec.interpolate import fill_track
     from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
 
     writing.check([output], [stream])
-    decoded = load_fba(stream, errors="resync" if resync else "strict")
+    with working(f"decoding {stream.name}"):
+        decoded = load_fba(stream, errors="resync" if resync else "strict")
     track = fill_track(decoded) if fill else decoded.track
     rate = next((part.header.rate for part in decoded.planes if part.header.rate is not None), None)
     if rate is not None and rate.whole and not exact_rate:  # what all readers of .fap understand
         track = replace(track, rate_hz=float(rate.whole))
         if rate.hz != rate.whole:
             typer.echo(f"{stream}: {rate.hz:.6g} Hz is written as {rate.whole}; --exact-rate keeps it", err=True)
-    save_fap(output, track, single_numbers=single_numbers)
+    with working(f"writing {len(track)} frames"):
+        save_fap(output, track, single_numbers=single_numbers)
     losses = [asdict(loss) for loss in decoded.losses]
     if as_json:
         import json

@@ -28,6 +28,7 @@ def encode(
 
     Example: fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba
     """
+    from fapengine.cli._progress import working
     from fapengine.codec.encoder import EncoderOptions
     from fapengine.codec.encoder import encode as encode_track
     from fapengine.codec.epf import encode_orders
@@ -38,7 +39,8 @@ def encode(
     from fapengine.mpeg4.fapu import Fapu
 
     writing.check([output], [track, epf])
-    faps = load_fap(track)
+    with working(f"reading {track.name}"):
+        faps = load_fap(track)
     if epf is not None:
         if any(choice is not None for choice in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:
             raise UsageError("--epf: got other choices beside it, expected it alone (or with --clamp, --start-codes)")
@@ -55,7 +57,8 @@ def encode(
             fapu=None if max_error_mm is None else face,
             plane_start_codes="intra" if start_codes else "none",
         )
-        data = encode_track(faps, options)
+        with working(f"encoding {len(faps)} frames"):
+            data = encode_track(faps, options)
     write_bytes(output, data)
     seconds = float(faps.frame_numbers[-1] - faps.frame_numbers[0] + 1) / faps.rate_hz
     result = {

@@ -45,7 +45,7 @@ def render(
     import numpy as np
 
     from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, side_by_side
-    from fapengine.cli._talking import progress
+    from fapengine.cli._progress import progress
     from fapengine.errors import UsageError
     from fapengine.files.animation import is_sequence
     from fapengine.files.heads.load import load_head

@@ -77,6 +77,7 @@ def say(
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
     from fapengine.app.talk import check, outputs_of, refuse_unknown
+    from fapengine.cli._progress import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
@@ -98,7 +99,7 @@ def say(
     check(output, chosen, how, shapes=shapes)
     if not live:
         writing.check(outputs_of(output, sound=True), [head, manner.profile, drawing.background])
-    report = Report()
+    report = Report(shows=working)
     if text == "-" and sys.stdin is None:
         raise UsageError("text: got -, but standard input is closed; expected a text")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text

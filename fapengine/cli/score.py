@@ -49,7 +49,7 @@ def score(
     fapengine score talk.mp4 --phones talk.TextGrid    # any video; needs the face detector (docs/how-to/score.md)
     """
     from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
-    from fapengine.cli._talking import progress
+    from fapengine.cli._progress import progress
     from fapengine.files.report.score_page import score_rows
     from fapengine.files.video import count_pictures
 
