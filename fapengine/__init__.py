@@ -10,8 +10,9 @@ without notice. A name is imported when it is first used: importing this package
 The folders are floors; imports go down only (``pyproject.toml``, import-linter):
 
 ====  ==========================================  ==========================================================
-14    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
-13    ``app``                                     what a verb does, for Python too
+15    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
+14    ``app``                                     what a verb does, for Python too
+13    ``agents``                                  the face of a voice agent: LiveKit, Pipecat
 12    ``live``                                    sessions in real time
 11    ``render`` ``files`` ``voices`` ``ears``    the edge: pictures, paths, sound
 10    ``_resources`` ``_signals``                 the data inside the package; Ctrl-C while a library works

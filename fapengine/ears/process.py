@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.ears.loudness import RunningSoundings
-from fapengine.ears.protocol import RATE_HZ, Ear
+from fapengine.ears.protocol import RATE_HZ, Ear, Heard
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.speech.phone_track import Phone
 from fapengine.speech.prosody import RunningProsody
@@ -39,19 +39,6 @@ HANDED_S = 0.5
 """Length of sound that the process is handed before it has heard it."""
 PIECE_S = 0.08
 """Length of sound that is handed over at a time: the ear's block."""
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What the process has told."""
-
-    stream: int
-    position_s: float
-    """Length of the stream's sound that was heard."""
-    phones: tuple[Phone, ...] = ()
-    """Phones that follow those told before; times count from the stream's first sample."""
-    is_over: bool = False
-    """True when the stream's end was heard."""
 
 
 @dataclass(slots=True, eq=False)
@@ -247,6 +234,49 @@ class _Stream:
             frame = AudioFrame.from_ndarray(samples[None], format="s16", layout="mono")
             frame.sample_rate = self._rate_hz
         return [out.to_ndarray()[0] for out in self._resampler.resample(frame)]
+
+
+class DirectEar:
+    """An ear of this process as a :class:`.protocol.StreamEar`: it hears while it is given sound, and waits meanwhile.
+
+    Stateful. For tests and for sound that is not live; a face that is, wants :class:`EarProcess`.
+
+    Parameters
+    ----------
+    ear : Ear
+    """
+
+    def __init__(self, ear: Ear) -> None:
+        self.is_ready, self.look_ahead_s, self.waiting_s = True, ear.look_ahead_s, 0.0
+        self._ear = ear
+        self._number = 0
+        self._stream: _Stream | None = None
+        self._told: list[Heard] = []
+
+    def begin(self) -> int:
+        """Begin a stream."""
+        self._number += 1
+        self._stream = None
+        self._told.clear()
+        return self._number
+
+    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
+        """Hear more: (N,) int16."""
+        self._stream = self._stream or _Stream(self._ear, self._number, rate_hz)
+        self._told.append(self._stream.push(samples))
+
+    def end(self) -> None:
+        """Hear the end."""
+        self._told.append(self._stream.end() if self._stream else Heard(self._number, 0.0, is_over=True))
+        self._stream = None
+
+    def poll(self) -> list[Heard]:
+        """Return what was heard."""
+        told, self._told = self._told, []
+        return told
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def serve(reads: BinaryIO, writes: BinaryIO, ear: Ear) -> None:

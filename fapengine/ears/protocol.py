@@ -1,5 +1,6 @@
-"""What an ear is: sound in, phones out, as it comes."""
+"""What an ear is: sound in, phones out, as it comes; and an ear whose answers come later, from a process of its own."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -39,4 +40,48 @@ class Ear(Protocol):
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What an ear has told of a stream."""
+
+    stream: int
+    position_s: float
+    """Length of the stream's sound that was heard."""
+    phones: tuple[Phone, ...] = ()
+    """Phones that follow those told before; times count from the stream's first sample."""
+    is_over: bool = False
+    """True when the stream's end was heard."""
+
+
+class StreamEar(Protocol):
+    """An ear that is given sound of any rate and asked later what it heard; none of its methods waits. Stateful."""
+
+    is_ready: bool
+    """True when it is there; sound that comes before is kept."""
+    look_ahead_s: float
+    """Time behind the sound at which its phones are told; known when it is ready."""
+    waiting_s: float
+    """Length of sound that was not heard yet."""
+
+    def begin(self) -> int:
+        """Forget what was not heard yet, and begin a stream; returns its number."""
+        ...
+
+    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
+        """Add sound to the stream: (N,) int16, mono; ``rate_hz`` is the same in all of a stream."""
+        ...
+
+    def end(self) -> None:
+        """Say that the stream is over."""
+        ...
+
+    def poll(self) -> list[Heard]:
+        """Return what was told of this stream since the last call; ``ResourceError`` if the ear has ended."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
         ...

@@ -15,12 +15,12 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.ears.process import EarProcess, Heard
+from fapengine.ears.process import EarProcess
+from fapengine.ears.protocol import Heard, StreamEar
 from fapengine.ears.sphinx_ear import LOOK_AHEAD_S
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.live.engine.commands import Append, Begin, Cancel, Command, End
@@ -49,34 +49,6 @@ log = logging.getLogger("fapengine.hub")
 def _delay_s(one: "_Session") -> float:
     """Time by which a session's face follows its sound: :data:`DELAY_S`, and more for an ear that looks farther."""
     return DELAY_S + max(one.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
-
-
-class ProcessOfEar(Protocol):
-    """The part of :class:`fapengine.ears.process.EarProcess` that is used here."""
-
-    is_ready: bool
-    look_ahead_s: float
-    waiting_s: float
-
-    def begin(self) -> int:
-        """Begin a stream."""
-        ...
-
-    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
-        """Add sound to it: (N,) int16."""
-        ...
-
-    def end(self) -> None:
-        """Say that it is over."""
-        ...
-
-    def poll(self) -> list[Heard]:
-        """Take what was heard."""
-        ...
-
-    def close(self) -> None:
-        """End it."""
-        ...
 
 
 @dataclass(slots=True)
@@ -110,7 +82,7 @@ class _Utterance:
 class _Session:
     """One session's ear. Stateful."""
 
-    ear: ProcessOfEar
+    ear: StreamEar
     touched_s: float
     utterance: _Utterance | None = None
     """Utterance that is said now."""
@@ -137,10 +109,10 @@ class Hearing:
     max_ears: int = MAX_EARS
     model: Path | None = None
     """Learned ear (:mod:`fapengine.ears.onnx_ear`); by default PocketSphinx hears."""
-    opens: Callable[[Path | None], ProcessOfEar] = EarProcess.open
+    opens: Callable[[Path | None], StreamEar] = EarProcess.open
     counts: HearingCounts = field(default_factory=HearingCounts)
     _sessions: dict[str, _Session] = field(default_factory=dict)
-    _spare: ProcessOfEar | None = None
+    _spare: StreamEar | None = None
 
     def __post_init__(self) -> None:
         self.hub.on_command(None, self._note_command)

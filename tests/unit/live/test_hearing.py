@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine.ears.process import Heard
-from fapengine.ears.protocol import RATE_HZ
+from fapengine.ears.protocol import RATE_HZ, Heard
 from fapengine.ears.sphinx_ear import LOOK_AHEAD_S, SphinxEar
 from fapengine.errors import ResourceError
 from fapengine.live.engine.commands import Append, Begin, Cancel, Command, End

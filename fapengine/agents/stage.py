@@ -1,0 +1,424 @@
+"""The stage: sound, words, gestures and interruptions in; FAPs and the sound that belongs to them out, frame by frame.
+
+Theory of operation
+-------------------
+The stage has no clock: whoever shows the face asks for :meth:`Stage.next` once a frame and plays the sound that comes
+with it. So lips and sound cannot come apart, however late the sound came in, and each frame's sound is handed out once:
+frames = ceil(sound x rate), to the sample.
+
+Sound is held back until the phones of the next :data:`LEAD_S` are known, which costs the ear's look-ahead and that
+much of delay, and makes lips that are ready for what comes. Then:
+
+- **Words with times** say what is spoken (:meth:`Stage.words`); the ear only moves their phones. Where there are none,
+  the ear's own phones are shown.
+- **A TTS that stalls** holds the sound and the face comes to rest; after :data:`STALL_S` the end that was held back
+  is played, too. When more comes, both go on.
+- **A TTS that sends nothing** makes no sound and no event. What it sends at once is played in its time.
+- **Another rate** in the middle is handed out at its own rate, in a piece of its own.
+- **An ear that is slow or gone** delays the sound by :data:`PATIENCE_S` at most; then this utterance goes on without.
+- **An interruption** ends all utterances at once; the lips are at rest within :data:`REST_S`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
+from itertools import count
+from math import inf
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.agents.sound_queue import Run, Sound, SoundQueue
+from fapengine.agents.spoken_words import TimedWord, WordQueue
+from fapengine.ears.protocol import Heard, StreamEar
+from fapengine.errors import ResourceError, UsageError
+from fapengine.live.engine.command_table import Command
+from fapengine.live.engine.commands import Append, Begin, Cancel, End, Pause, Resume, without_neutral
+from fapengine.live.engine.engine import Engine
+from fapengine.live.engine.gesture_methods import GestureMethods
+from fapengine.live.engine.session import Counters, Limits
+from fapengine.profiles import Profile
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.style import Style
+
+LEAD_S = 0.3
+"""Time ahead of the sound up to which phones are known when it begins, or goes on after a stall: what comes later costs
+0.01 mm of lip error (``design/look_ahead.py``)."""
+MIN_LEAD_S = 0.1
+"""Time ahead below which the sound is held back again."""
+FEED_S = 0.6
+"""Time ahead for which the engine is given phones; later word may still change the others."""
+STALL_S = 1.0
+"""Time without more sound after which what is held back is played."""
+PATIENCE_S = 1.0
+"""Time for which sound waits for its ear."""
+REST_S = 0.25
+"""Time after an interruption within which the lips are at rest."""
+_FADE_S = 0.2
+_FACE = "face"
+_LIMITS = Limits(sessions=1, phones=1_000_000, queued_s=86_400.0, silence_s=1e9)
+
+EventKind = Literal["started", "finished", "interrupted"]
+Pronounce = Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]]
+"""Speaker of words that have times, such as :func:`fapengine.voices.pronounce.pronounce_words`."""
+
+
+@dataclass(frozen=True, slots=True)
+class StageEvent:
+    """What became of an utterance."""
+
+    utterance: int
+    """1 for the first."""
+    kind: EventKind
+    position_s: float
+    """Length of its sound that was handed out; for ``interrupted``, that was heard."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StageFrame:
+    """One frame."""
+
+    faps: NDArray[np.int32]
+    """(68,) FAPU."""
+    sounds: tuple[Sound, ...]
+    """Sound to be played from now on: none while nothing is said, one piece of a frame's length, less at the end of an
+    utterance; two where the rate changes."""
+
+
+@dataclass(slots=True)
+class StageCounts:
+    """Counts of what was not as it should be. Stateful."""
+
+    stalls: int = 0
+    """Times that sound had begun and was held back again."""
+    deaf: int = 0
+    """Utterances that went on without their ear."""
+    late_words: int = 0
+    """Words that came after their time."""
+
+
+@dataclass(slots=True, eq=False)
+class _Utterance:
+    """One utterance, until it is over. Stateful."""
+
+    number: int
+    sound: SoundQueue = field(default_factory=SoundQueue)
+    words: WordQueue = field(default_factory=WordQueue)
+    heard: list[Phone] = field(default_factory=list)
+    """Phones of the ear, in the utterance's time."""
+    cues: list[tuple[float, int, Command]] = field(default_factory=list)
+    """Commands by their time in it, earliest first."""
+    is_ended: bool = False
+    is_deaf: bool = False
+    is_held: bool = True
+    """True while its sound waits: before it begins, and in a stall."""
+    has_begun: bool = False
+    quiet_s: float = 0.0
+    """Time since sound came."""
+    waited_s: float = 0.0
+    """Time for which sound was there and the ear silent."""
+    told: int = 0
+    """Phones that the engine was given."""
+    told_s: float = 0.0
+    """Time in it up to which they reach."""
+
+    @property
+    def heard_s(self) -> float:
+        """Time in it up to which the ear has told phones."""
+        if all(run.is_heard for run in self.sound.runs):
+            return self.sound.end_s
+        return self.heard[-1].end_s if self.heard else 0.0
+
+
+class Stage(GestureMethods):
+    """One face that says what it is given; see the theory of operation. Stateful.
+
+    Parameters
+    ----------
+    profile : Profile
+        Whose way of speaking.
+    rng : numpy.random.Generator
+        Chance of blinks, glances and head motion.
+    style : Style, optional
+    ear : StreamEar, optional
+        Hears phones; without it only words move the mouth. Who opened it closes it.
+    pronounce : callable, optional
+        Turns words with times into phones; without it :meth:`words` does nothing.
+
+    Examples
+    --------
+    Half a second of silence, shown at 25 frames a second::
+
+        stage = Stage(profile, rng=np.random.default_rng(1))
+        stage.push(np.zeros(12_000, np.int16), 24_000)
+        stage.end()
+        frames = [stage.next(0.04) for _ in range(13)]
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        rng: np.random.Generator,
+        style: Style | None = None,
+        ear: StreamEar | None = None,
+        pronounce: Pronounce | None = None,
+    ) -> None:
+        self.counts = StageCounts()
+        self._engine = Engine(profile, rng=rng, limits=_LIMITS, style=style)
+        self._engine.open(_FACE, 0.0)
+        self._ear, self._pronounce = ear, pronounce
+        self._now_s = 0.0
+        self._numbers = count(1)
+        self._order = count()
+        self._queue: list[_Utterance] = []
+        self._listening: tuple[_Utterance, Run] | None = None
+        self._events: list[StageEvent] = []
+
+    # What comes in ---------------------------------------------------------------------------------------------------
+
+    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
+        """Take the next sound of what is being said, or the first of something new.
+
+        Parameters
+        ----------
+        samples : (N,) int16
+            Mono.
+        rate_hz : int
+            Samples a second.
+
+        Raises
+        ------
+        UsageError
+            If there is no such rate.
+        """
+        if not 4_000 <= rate_hz <= 192_000:
+            raise UsageError(f"rate_hz: got {rate_hz}, expected 4000..192000")
+        if len(samples):
+            utterance = self._open()
+            utterance.sound.push(np.asarray(samples, np.int16).copy(), rate_hz)
+            utterance.quiet_s = 0.0
+
+    def words(self, words: Sequence[TimedWord]) -> None:
+        """Take words of what is being said, in order, with their times from its first sample on."""
+        if self._pronounce is not None and words:
+            utterance = self._open() if not self._queue else self._queue[-1]
+            self.counts.late_words += utterance.words.add(words, self._pronounce, utterance.told_s)
+
+    def cue(self, command: Command, at_s: float = 0.0) -> None:
+        """Give a command at a time of what is being said, such as an expression at a word."""
+        utterance = self._open() if not self._queue else self._queue[-1]
+        heappush(utterance.cues, (at_s, next(self._order), command))
+
+    def tell(self, command: Command) -> None:
+        """Give a command now."""
+        for each in without_neutral(command):
+            self._engine.apply(_FACE, each, self._now_s)
+
+    def end(self) -> None:
+        """Say that what is being said is whole: the next sound is of something new."""
+        if self._queue and not self._queue[-1].is_ended:
+            self._queue[-1].is_ended = True
+            self._queue[-1].sound.close()
+
+    def interrupt(self, unplayed_s: float = 0.0) -> None:
+        """Stop speaking, and forget all sound that was not handed out.
+
+        Parameters
+        ----------
+        unplayed_s : float
+            Length of sound that was handed out and has not been heard: it is taken off the position of the event.
+        """
+        for utterance in self._queue:
+            position_s = max(utterance.sound.position_s - unplayed_s, 0.0)
+            self._events.append(StageEvent(utterance.number, "interrupted", position_s))
+        self._queue.clear()
+        self._engine.apply(_FACE, Cancel(fade_s=_FADE_S), self._now_s)
+        if self._listening is not None and self._ear is not None:
+            self._ear.begin()
+        self._listening = None
+
+    # What goes out ---------------------------------------------------------------------------------------------------
+
+    def next(self, dt_s: float) -> StageFrame:
+        """Show the next frame.
+
+        Parameters
+        ----------
+        dt_s : float
+            Time for which it is shown, 0.001..1 s.
+
+        Raises
+        ------
+        UsageError
+            If there is no such time.
+        """
+        if not 1e-3 <= dt_s <= 1.0:
+            raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001..1")
+        self._listen()
+        sounds = self._speak(dt_s)
+        faps = self._engine.frame(self._now_s).faps[0]
+        self._now_s += dt_s
+        self._engine.events()
+        return StageFrame(faps, sounds)
+
+    def events(self) -> list[StageEvent]:
+        """Tell what became of utterances since this was last asked."""
+        events, self._events = self._events, []
+        return events
+
+    def counters(self) -> Counters:
+        """Count what the engine met with: phones that were late, dropped or unknown."""
+        return self._engine.counters(_FACE)
+
+    @property
+    def is_speaking(self) -> bool:
+        """Whether something is being said, or waits to be."""
+        return bool(self._queue)
+
+    @property
+    def position_s(self) -> float:
+        """Length of the sound of this utterance that was handed out; 0 between utterances."""
+        return self._queue[0].sound.position_s if self._queue else 0.0
+
+    # ----------------------------------------------------------------------------------------------------------------
+
+    def _open(self) -> _Utterance:
+        if not self._queue or self._queue[-1].is_ended:
+            self._queue.append(_Utterance(next(self._numbers)))
+        return self._queue[-1]
+
+    def _speak(self, dt_s: float) -> tuple[Sound, ...]:
+        """Hand out the sound of a frame, if it is ready."""
+        while self._queue:
+            utterance = self._queue[0]
+            if utterance.is_ended and utterance.sound.due_s >= utterance.sound.end_s:
+                self._finish(utterance)
+                continue
+            self._wait(utterance, dt_s)
+            if not self._is_ready(utterance, dt_s):
+                self._hold(utterance)
+                return ()
+            self._go_on(utterance)
+            self._feed(utterance, dt_s)
+            self._give_cues(utterance, dt_s)
+            return utterance.sound.take(dt_s)
+        return ()
+
+    def _wait(self, utterance: _Utterance, dt_s: float) -> None:
+        """Count time that passes without sound, or without its ear."""
+        sound = utterance.sound
+        for each in self._queue:
+            each.quiet_s += dt_s
+        if utterance.quiet_s > STALL_S:
+            sound.close()
+        is_there = sound.is_over or sound.end_s >= sound.due_s + dt_s + LEAD_S
+        is_deaf = is_there and self._known_s(utterance) < min(sound.due_s + dt_s + MIN_LEAD_S, sound.end_s)
+        utterance.waited_s = utterance.waited_s + dt_s if is_deaf else 0.0
+        if utterance.waited_s > PATIENCE_S:
+            self.counts.deaf += 1
+            self._deafen(utterance)
+
+    def _is_ready(self, utterance: _Utterance, dt_s: float) -> bool:
+        sound = utterance.sound
+        if sound.due_s >= sound.end_s:
+            return False
+        lead_s = LEAD_S if utterance.is_held else MIN_LEAD_S
+        known_s = min(self._known_s(utterance), inf if sound.is_over else sound.end_s)
+        return known_s >= min(sound.due_s + dt_s + lead_s, sound.end_s if sound.is_over else inf)
+
+    def _known_s(self, utterance: _Utterance) -> float:
+        """Time in an utterance up to which its phones are known."""
+        if self._ear is None or utterance.is_deaf:
+            return inf
+        return max(utterance.heard_s, utterance.words.end_s)
+
+    def _hold(self, utterance: _Utterance) -> None:
+        if utterance.has_begun and not utterance.is_held:
+            self.counts.stalls += 1
+            self._engine.apply(_FACE, Pause(fade_s=_FADE_S), self._now_s)
+        utterance.is_held = True
+
+    def _go_on(self, utterance: _Utterance) -> None:
+        if not utterance.is_held:
+            return
+        utterance.is_held = False
+        if utterance.has_begun:
+            self._engine.apply(_FACE, Resume(), self._now_s)
+        else:
+            utterance.has_begun = True
+            self._events.append(StageEvent(utterance.number, "started", 0.0))
+            self._engine.apply(_FACE, Begin(utterance.number, "at", self._now_s), self._now_s)
+
+    def _finish(self, utterance: _Utterance) -> None:
+        self._queue.pop(0)
+        self._events.append(StageEvent(utterance.number, "finished", utterance.sound.position_s))
+        for _, _, command in sorted(utterance.cues):
+            self.tell(command)
+        if not utterance.has_begun:
+            return
+        if utterance.is_held:
+            self._engine.apply(_FACE, Cancel(utterance.number, fade_s=_FADE_S), self._now_s)
+        else:
+            self._engine.apply(_FACE, End(utterance.number, utterance.told, utterance.sound.end_s), self._now_s)
+
+    def _give_cues(self, utterance: _Utterance, dt_s: float) -> None:
+        while utterance.cues and utterance.cues[0][0] < utterance.sound.due_s + dt_s:
+            self.tell(heappop(utterance.cues)[2])
+
+    # Phones ---------------------------------------------------------------------------------------------------------
+
+    def _feed(self, utterance: _Utterance, dt_s: float) -> None:
+        """Give the engine the phones of the next :data:`FEED_S`."""
+        until_s = utterance.sound.due_s + dt_s + FEED_S
+        phones = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
+        if phones:
+            self._engine.apply(_FACE, Append(utterance.number, utterance.told, tuple(phones)), self._now_s)
+            utterance.told += len(phones)
+            utterance.told_s = phones[-1].end_s
+        utterance.told_s = max(utterance.told_s, utterance.sound.due_s)
+        utterance.heard = [phone for phone in utterance.heard if phone.end_s > utterance.told_s] or utterance.heard[-1:]
+
+    def _listen(self) -> None:
+        """Give the ear the sound of one run after the other, and take what it heard."""
+        while self._ear is not None:
+            if self._listening is None:
+                waiting = ((each, run) for each in self._queue for run in each.sound.runs if not run.is_heard)
+                self._listening = next(waiting, None)
+                if self._listening is None:
+                    return
+                self._ear.begin()
+            utterance, run = self._listening
+            for piece in run.unheard:
+                self._ear.push(piece, run.rate_hz)
+            run.unheard.clear()
+            if run.is_over and not run.is_end_told:
+                self._ear.end()
+                run.is_end_told = True
+            try:
+                told = self._ear.poll()
+            except ResourceError:
+                self._ear = self._listening = None
+                return
+            for heard in told:
+                self._take(heard, utterance, run)
+            if not run.is_heard:
+                return
+            self._listening = None
+
+    def _take(self, heard: Heard, utterance: _Utterance, run: Run) -> None:
+        for phone in heard.phones:
+            start_s, end_s = phone.start_s + run.start_s, min(phone.end_s + run.start_s, run.end_s)
+            if end_s > start_s:
+                utterance.heard.append(replace(phone, start_s=start_s, end_s=end_s))
+        run.is_heard = heard.is_over
+
+    def _deafen(self, utterance: _Utterance) -> None:
+        utterance.is_deaf = True
+        for run in utterance.sound.runs:
+            run.is_heard = True
+            run.unheard.clear()
+        if self._listening is not None and self._listening[0] is utterance and self._ear is not None:
+            self._ear.begin()
+            self._listening = None
