@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
+from fapengine.app.scene_files import Into, check_scene, save_scene
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
@@ -28,7 +29,7 @@ Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and how many of them a second."""
 LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 """Suffixes of face motion that can be loaded."""
-SAVED = f".fap, .fba, .csv, .wav, .png, {KINDS}"
+SAVED = f".fap, .fba, .csv, .wav, .png, .glb, {KINDS}"
 """Endings of a name to save to, in words."""
 
 
@@ -66,6 +67,7 @@ def save(
     shapes: str = "arkit",
     kbit_s: float | None = None,
     encoding: EncoderOptions | None = None,
+    into: str | Path | Into | None = None,
     on_frame: Callable[[], None] = lambda: None,
 ) -> Path:
     """Save face motion as what the name asks for; folders are made.
@@ -76,7 +78,7 @@ def save(
     path : str or Path
         ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv`` video; ``.gif``,
         ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
-        ``.wav`` the sound alone.
+        ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside.
     sound : ((N,) int16, int), optional
         Mono samples and their rate in Hz: goes into a video, from its start, and into ``.wav``.
     head : str, Path or Head
@@ -94,6 +96,8 @@ def save(
         Bit rate of ``.fba``; by default as ``encoding`` says.
     encoding : EncoderOptions, optional
         All choices for ``.fba``.
+    into : str, Path or Into, optional
+        Somebody's avatar (.glb, .vrm, .gltf) that is written with the motion as an animation, and how.
     on_frame : callable
         Called after each frame that is drawn.
 
@@ -110,8 +114,12 @@ def save(
         If the file cannot be written, or there is no OpenGL.
     """
     path = Path(path)
+    avatar = Into(Path(into)) if isinstance(into, str | Path) else into
     check_cues(path, shapes)
-    if is_cues(path):
+    check_scene(path, avatar)
+    if avatar is not None:
+        save_scene(path, track, avatar, name=path.stem)
+    elif is_cues(path):
         save_cues_of_motion(path, track)
     elif path.suffix == ".fap":
         save_fap(path, track)
@@ -130,7 +138,7 @@ def save(
     elif is_moving(path):
         chosen = resized(drawing, size)
         check_moving(path, rate_hz=track.rate_hz, size=chosen.size, alpha=chosen.components == 4)
-        pictures = _drawn(_even_rows(track), head, chosen)
+        pictures = _drawn(track.even_values(), head, chosen)
         write_moving(path, pictures, rate_hz=track.rate_hz, sound=sound, on_frame=on_frame)
     else:
         raise UsageError(f"path: got {path}, expected a name that ends with {SAVED}")
@@ -168,20 +176,12 @@ def frames(
     ResourceError
         If there is no OpenGL.
     """
-    return _drawn(_even_rows(track), head, resized(drawing, size))
+    return _drawn(track.even_values(), head, resized(drawing, size))
 
 
 def _drawn(rows: NDArray[np.int32], head: str | Path | FaceMesh, drawing: Drawing) -> Iterator[Picture]:
     with FaceRenderer(head if isinstance(head, FaceMesh) else load_head(head), drawing) as renderer:
         yield from map(straight, renderer.frames(rows))
-
-
-def _even_rows(track: FapTrack) -> NDArray[np.int32]:
-    """(T, 68) int32, FAPU: a row for every frame number from the first to the last."""
-    numbers = track.frame_numbers
-    every = np.arange(numbers[0], numbers[-1] + 1) if len(track) else numbers
-    rows: NDArray[np.int32] = track.values[np.searchsorted(numbers, every, side="right") - 1]
-    return rows
 
 
 def _row_at(track: FapTrack, at_s: float) -> int:

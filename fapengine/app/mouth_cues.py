@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from fapengine.errors import UsageError
 from fapengine.files.paths import write_bytes
 from fapengine.mpeg4.track import FapTrack
@@ -42,10 +40,7 @@ def save_cues_of_phones(path: Path, phones: PhoneTrack, duration_s: float, sound
 
 def save_cues_of_motion(path: Path, track: FapTrack, sound_file: Path | None = None) -> None:
     """Write the shapes that look like a motion. Raises ResourceError if the file cannot be written."""
-    numbers = track.frame_numbers - (track.frame_numbers[0] if len(track) else 0)
-    every = np.arange(numbers[-1] + 1 if len(track) else 0)
-    rows = track.values[np.searchsorted(numbers, every, side="right") - 1]
-    _save(path, cues_of_frames(approximate_shapes(rows, track.rate_hz), track.rate_hz), sound_file)
+    _save(path, cues_of_frames(approximate_shapes(track.even_values(), track.rate_hz), track.rate_hz), sound_file)
 
 
 def _save(path: Path, cues: tuple[MouthCue, ...], sound_file: Path | None) -> None:

@@ -10,6 +10,7 @@ from fapengine.app.hearing import hear, is_sound
 from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
 from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
+from fapengine.app.scene_files import Into
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
@@ -83,6 +84,7 @@ class Performance:
         shapes: str = "arkit",
         kbit_s: float | None = None,
         encoding: EncoderOptions | None = None,
+        into: str | Path | Into | None = None,
         on_frame: Callable[[], None] = lambda: None,
     ) -> Path:
         """Save it as what the name asks for, with its sound: see :func:`fapengine.save`.
@@ -104,6 +106,7 @@ class Performance:
             shapes=shapes,
             kbit_s=kbit_s,
             encoding=encoding,
+            into=into,
             on_frame=on_frame,
         )
 

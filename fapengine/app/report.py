@@ -35,6 +35,8 @@ class Report:
     """Remarks of the ear: words that a voice pronounced, places where text and sound differ."""
     shows: Callable[[str], AbstractContextManager[object]] = nullcontext
     """Opened with the name of each stage for as long as it lasts: tells a user what he waits for."""
+    moved: str = ""
+    """Motion of an avatar in words."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -62,6 +64,7 @@ class Report:
             "phones": self.phones,
             "level": self.level,
             "heard": list(self.notes),
+            "moved": self.moved,
             "unknown_phones": [
                 {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
                 for each in self.unknown

@@ -10,6 +10,7 @@ from fapengine.app.manner import Manner, check_expressions
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_phones
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
+from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene, told
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
@@ -29,7 +30,7 @@ KEY_FRACTION = 0.3
 """Part of a phone's duration after which it is shown: its keyframe."""
 
 
-def check(path: Path, manner: Manner, drawing: Drawing, *, shapes: str | None = None) -> None:
+def check(path: Path, manner: Manner, drawing: Drawing, *, shapes: str | None = None, into: Into | None = None) -> None:
     """Refuse choices that cannot be met before any work is done.
 
     Raises
@@ -39,7 +40,8 @@ def check(path: Path, manner: Manner, drawing: Drawing, *, shapes: str | None = 
     """
     check_cues(path, shapes)
     check_expressions(manner.expressions)
-    if is_cues(path):
+    check_scene(path, into)
+    if is_cues(path) or into is not None:
         return
     if not (is_moving(path) or path.suffix == ".fap"):
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
@@ -64,6 +66,8 @@ def outputs_of(path: Path, *, sound: bool, inputs: Collection[Path] = (), record
     if is_cues(path):
         return [path, *([wav] if sound and not recording else [])]
     names = [beside(path, ".fap"), *([wav] if sound and not _is_among(wav, inputs) else [])]
+    if is_scene(path):
+        return [path, *names]
     return names if path.suffix == ".fap" else [*moving_files(path), *names, beside(path, ".png")]
 
 
@@ -99,6 +103,7 @@ def write_talk(
     drawing: Drawing,
     inputs: Collection[Path] = (),
     recording: Path | None = None,
+    into: Into | None = None,
     on_frame: Callable[[], None] = lambda: None,
 ) -> None:
     """Write every file, and fill in the report.
@@ -117,6 +122,8 @@ def write_talk(
         The user's own files: a recording that stands where the sound would be written stays as it is.
     recording : Path, optional
         File that the sound came from; files of mouth shapes name it.
+    into : Into, optional
+        Somebody's avatar, into which the motion goes: it is not drawn.
     on_frame : callable
         Called after each frame that is drawn.
 
@@ -136,7 +143,12 @@ def write_talk(
     own_sound = _is_among(beside(path, ".wav"), inputs)
     if sound is not None and not own_sound:
         save_wav(beside(path, ".wav"), *sound)
-    if path.suffix != ".fap":
+    if into is not None:
+        with report.stage("avatar"):
+            reached = save_scene(path, track, into, name=path.stem)
+        report.files.append((path, "avatar"))
+        report.moved = told(reached)
+    elif path.suffix != ".fap":
         kept = _draw(performance, path, report, head=head, drawing=drawing, on_frame=on_frame)
         if kept:
             with report.stage("contact sheet"):

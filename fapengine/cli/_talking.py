@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
+from fapengine.app.scene_files import Into
 from fapengine.app.talk import write_talk
 from fapengine.cli._progress import progress, working
 from fapengine.files.moving import is_moving
@@ -24,13 +25,15 @@ def write(
     drawing: Drawing,
     inputs: Collection[Path] = (),
     recording: Path | None = None,
+    into: Into | None = None,
 ) -> None:
     """Write every file of a performance under a progress bar, and fill in the report."""
     frames = len(performance.track)
     with progress("drawing", frames) if is_moving(output) else working(f"writing {frames} frames") as advance:
         write_talk(
             performance, output, report,
-            head=head, drawing=drawing, inputs=inputs, recording=recording, on_frame=advance or (lambda: None),
+            head=head, drawing=drawing, inputs=inputs, recording=recording, into=into,
+            on_frame=advance or (lambda: None),
         )  # fmt: skip
 
 
@@ -58,6 +61,8 @@ def _print_report(report: Report) -> None:
         f" {report.duration_s / report.total_s:.1f} times real time",
         soft_wrap=True,
     )
+    if report.moved:
+        console.print(f"{'motion':>14}  {report.moved}", soft_wrap=True)
     for note in report.notes:
         console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)
     if report.level != "phone":

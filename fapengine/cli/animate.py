@@ -15,6 +15,7 @@ def animate(
     ],
     manner: shared.MannerOptions,
     drawing: shared.DrawingOptions,
+    avatar: shared.AvatarOptions,
     audio: Annotated[
         Path | None, typer.Option("--audio", "-a", help="The sound of timings: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
@@ -55,6 +56,8 @@ def animate(
 
     fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
 
+    fapengine animate talk.wav --into avatar.glb -o out/spoken.glb
+
     fapengine animate two.wav --channel each -o out/two.mp4    # out/two-1.mp4, out/two-2.mp4
     """
     from fapengine.app.hearing import is_sound
@@ -83,16 +86,16 @@ def animate(
                 "a recording; expected phone timings" if listens else "no name of a recording; expected .wav, .mp3, ..."
             )
             raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
-    chosen, how = manner.value(), drawing.value()
+    chosen, how, into = manner.value(), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
     has_words = text is not None or transcript is not None
     tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
     for _, path in tracks:
-        check(path, chosen, how, shapes=shapes)
+        check(path, chosen, how, shapes=shapes, into=into)
     has_sound = listens or audio is not None
     writing.check(
         [name for _, path in tracks for name in outputs_of(path, sound=has_sound, inputs=inputs, recording=True)],
-        [*inputs, text, ear, head, manner.profile, drawing.background],
+        [*inputs, text, ear, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
     )
     words = transcript_of(text, transcript) if listens else None
     reports: list[Report] = []
@@ -116,5 +119,5 @@ def animate(
             performance = perform(phones, sound, chosen, text=source.name)
         for remark in performance.remarks:
             typer.echo(f"fapengine: {remark}", err=True)
-        write(performance, path, report, head=head, drawing=how, inputs=inputs, recording=recording)
+        write(performance, path, report, head=head, drawing=how, inputs=inputs, recording=recording, into=into)
     print_reports(reports, as_json=as_json)

@@ -6,7 +6,7 @@ import typer
 
 from fapengine.cli import options as shared
 
-OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat")
+OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm")
 
 
 def convert(
@@ -18,7 +18,8 @@ def convert(
         ...,
         "--output",
         "-o",
-        help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat).",
+        help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat); with --into,"
+        " an avatar (.glb, .vrm).",
     ),
     shapes: str = typer.Option(
         "arkit",
@@ -26,14 +27,18 @@ def convert(
         help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of .json, .tsv, .xml,"
         " .dat: rhubarb (nine mouth shapes, as Rhubarb writes them).",
     ),
+    avatar: shared.AvatarOptions = shared.AvatarOptions(),
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Convert face motion: FAPs to blend shapes or visemes of avatars, and back.
+    """Convert face motion: FAPs to blend shapes or visemes of avatars, and back; or into an avatar's own file.
 
     Example: fapengine convert talk.fap -o talk.csv; fapengine convert talk.fap --shapes oculus -o visemes.csv;
     fapengine convert livelink.csv -o take.fap; fapengine convert take.fap --shapes rhubarb -o take.json
+
+    fapengine convert take.fap --into avatar.glb -o spoken.glb    # any tool opens it, and it speaks
     """
     from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
+    from fapengine.app.scene_files import check_scene, save_scene, told
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
@@ -43,12 +48,17 @@ def convert(
     if output.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
     check_cues(output, shapes)
-    writing.check([output], [motion])
+    into = avatar.value()
+    check_scene(output, into)
+    writing.check([output], [motion, avatar.into, avatar.mapping])
     track = load_motion(motion)
-    if is_cues(output):
+    moved = ""
+    if into is not None:
+        moved = f"; {told(save_scene(output, track, into, name=motion.stem))}"
+    elif is_cues(output):
         save_cues_of_motion(output, track)
     elif output.suffix == ".fap":
         save_fap(output, track)
     else:
         write_bytes(output, format_blend_csv(track, shapes))
-    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz")
+    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz{moved}")

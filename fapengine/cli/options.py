@@ -11,11 +11,12 @@ if TYPE_CHECKING:
 
     from fapengine.app.manner import Manner
     from fapengine.app.say_live import LiveOutput
+    from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
     from fapengine.trajectory.style import Style
     from fapengine.voices.choice import VoiceChoice
 
-MANNER, DRAWING, LIVE = "How it speaks", "How it is drawn", "Live"
+MANNER, DRAWING, LIVE, AVATAR = "How it speaks", "How it is drawn", "Live", "Into an avatar's file"
 """Titles of the groups in a verb's help."""
 
 Output = Annotated[
@@ -24,7 +25,8 @@ Output = Annotated[
         "--output",
         "-o",
         help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder), or"
-        " .fap for the FAPs alone; with --shapes, mouth shapes: .json, .tsv, .xml or .dat.",
+        " .fap for the FAPs alone; with --into, an avatar (.glb, .vrm); with --shapes, mouth shapes (.json, .tsv, .xml,"
+        " .dat).",
     ),
 ]
 ProfileName = Annotated[
@@ -245,6 +247,53 @@ class WriteOptions:
         read = [Path(path) for path in inputs if path is not None]
         if replaced := check_outputs(outputs, read, overwrite=not self.no_overwrite):
             typer.echo(f"fapengine: replaces {listed(replaced)}", err=True)
+
+
+@dataclass(frozen=True, slots=True)
+class AvatarOptions:
+    """Options that put the motion into somebody's avatar."""
+
+    into: Annotated[
+        Path | None,
+        typer.Option(
+            "--into",
+            metavar="AVATAR",
+            help="Avatar (.glb, .vrm, .gltf) that is written to --output (.glb, .vrm) with the motion as an animation:"
+            " its shapes by ARKit's, Oculus' or VRM's names, its head and eyes; nothing else in it changes.",
+            rich_help_panel=AVATAR,
+        ),
+    ] = None
+    keys: Annotated[
+        str,
+        typer.Option(
+            "--keys",
+            help="linear: a key a frame; cubic: few keys with tangents, at most 0.01 of a weight away.",
+            rich_help_panel=AVATAR,
+        ),
+    ] = "linear"
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="What shapes of other names mean (.toml), as of head import.", rich_help_panel=AVATAR
+        ),
+    ] = None
+
+    def value(self) -> "Into | None":
+        """Return them as one value; None without an avatar.
+
+        Raises
+        ------
+        UsageError
+            If there is no avatar, and something is said of it.
+        """
+        from fapengine.app.scene_files import Into
+        from fapengine.errors import UsageError
+
+        if self.into is None:
+            if self.mapping is not None or self.keys != "linear":
+                raise UsageError("into: got none, expected the avatar that --keys and --map are for")
+            return None
+        return Into(self.into, self.keys, self.mapping)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ def say(
     voice: shared.VoiceOptions,
     manner: shared.MannerOptions,
     drawing: shared.DrawingOptions,
+    avatar: shared.AvatarOptions,
     live_output: shared.LiveOptions,
     text: Annotated[
         str | None, typer.Argument(help="What to say; - reads it from standard input. Not with --mic.")
@@ -70,6 +71,8 @@ def say(
 
     Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4; fapengine say "Hello there." --live
 
+    fapengine say "Hello there." --into avatar.glb -o out/hello.glb
+
     fapengine say --live --mic --sink vmc://127.0.0.1
     """
     import sys
@@ -84,7 +87,7 @@ def say(
     from fapengine.speech.text.normal_form import decoded, speakable
     from fapengine.speech.text.ssml import check_ssml
 
-    chosen, how = manner.value(), drawing.value()
+    chosen, how, into = manner.value(), drawing.value(), avatar.value()
     if mic or mic_device is not None:
         if text is not None or not live:
             given = f"the text {text!r:.40}" if text is not None else "no --live"
@@ -96,9 +99,11 @@ def say(
         return
     if text is None:
         raise UsageError("text: got none, expected what to say; --live --mic lets you say it")
-    check(output, chosen, how, shapes=shapes)
+    check(output, chosen, how, shapes=shapes, into=into)
     if not live:
-        writing.check(outputs_of(output, sound=True), [head, manner.profile, drawing.background])
+        writing.check(
+            outputs_of(output, sound=True), [head, manner.profile, drawing.background, avatar.into, avatar.mapping]
+        )
     report = Report(shows=working)
     if text == "-" and sys.stdin is None:
         raise UsageError("text: got -, but standard input is closed; expected a text")
@@ -121,5 +126,5 @@ def say(
         return
     with report.stage("plan"):
         performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown)
-    write(performance, output, report, head=head, drawing=how)
+    write(performance, output, report, head=head, drawing=how, into=into)
     print_reports([report], as_json=as_json)

@@ -27,7 +27,9 @@ from fapengine.errors import UsageError
 from fapengine.geometry.smooth import low_pass
 
 WINDOW = 12
-"""Neighbours on each side that a removal is judged with: 0.43^12 is 4e-5."""
+"""Neighbours on each side that a removal is judged with: 0.43^12 is 4e-5; a cubic forgets by 0.27."""
+Frames = NDArray[np.int64]
+
 MIN_POINTS = 3
 """A natural quintic through two points is not unique."""
 
@@ -52,7 +54,7 @@ class ViaPoints:
         """(T, M, 3) mm: the curve at ``times_s``; before the first and behind the last point it stands still."""
         times = np.clip(np.asarray(times_s, dtype=np.float64), self.times_s[0], self.times_s[-1])
         flat = self.positions_mm.reshape(len(self.times_s), -1)
-        return _spline(self.times_s, flat)(times).reshape(len(times), -1, 3)
+        return natural_spline(self.times_s, flat)(times).reshape(len(times), -1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,15 +96,37 @@ def extract_via_points(
         raise UsageError(f"positions_mm: got {len(positions)} frames, expected at least {MIN_POINTS}")
     if not (rate_hz > 0 and tolerance_mm > 0):
         raise UsageError(f"rate_hz, tolerance_mm: got {rate_hz} and {tolerance_mm}, expected positive numbers")
-    flat = positions.reshape(len(positions), -1)
-    chosen = np.zeros(len(flat), dtype=bool)
-    chosen[[0, len(flat) // 2, -1]] = True
-    _insert(flat, chosen, tolerance_mm)
-    if prune:
-        _prune(flat, chosen, tolerance_mm)
-        _insert(flat, chosen, tolerance_mm)
-    frames = np.flatnonzero(chosen)
+    frames = choose_frames(positions, tolerance_mm, prune=prune)
     return ViaPoints(times_s=frames / rate_hz, positions_mm=positions[frames])
+
+
+def choose_frames(positions: NDArray[np.float64], tolerance: float, *, prune: bool = True, degree: int = 5) -> Frames:
+    """Find few frames whose natural spline keeps every point of every frame within ``tolerance``.
+
+    Parameters
+    ----------
+    positions : (T, M, D)
+        At least 3 frames; distances are of all D coordinates together.
+    tolerance : float
+        In the unit of the positions.
+    prune : bool
+        As of :func:`extract_via_points`.
+    degree : int
+        5 for the curve of least jerk, 3 for that of least acceleration, which other programs can play.
+
+    Returns
+    -------
+    (N,) int64
+        Frames, rising; the first and the last are among them.
+    """
+    motion = _Motion(positions, degree)
+    chosen = np.zeros(len(positions), dtype=bool)
+    chosen[[0, len(positions) // 2, -1]] = True
+    _insert(motion, chosen, tolerance)
+    if prune:
+        _prune(motion, chosen, tolerance)
+        _insert(motion, chosen, tolerance)
+    return np.flatnonzero(chosen)
 
 
 def reduction_curve(positions_mm: ArrayLike, rate_hz: float, tolerances_mm: ArrayLike) -> list[Reduction]:
@@ -132,45 +156,57 @@ def without_noise(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12
     return low_pass(positions, rate_hz, cutoff_hz)
 
 
-def _spline(times: NDArray[np.float64], flat: NDArray[np.float64]) -> BSpline:
-    zero = np.zeros(flat.shape[1])
-    free = [(3, zero), (4, zero)]
-    return make_interp_spline(times, flat, k=5, bc_type=(free, free))  # type: ignore[arg-type]  # the stubs lack derivatives
+def natural_spline(times: NDArray[np.float64], values: NDArray[np.float64], degree: int = 5) -> BSpline:
+    """Lay the spline of degree 3 or 5 with free ends through values, (N, W), at times, (N,) rising, N >= 3."""
+    zero = np.zeros(values.shape[1])
+    free = [(order, zero) for order in range((degree + 1) // 2, degree)]
+    return make_interp_spline(times, values, k=degree, bc_type=(free, free))  # type: ignore[arg-type]  # the stubs lack derivatives
 
 
-def _off(curve: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T,): squared distance of the worst marker in each frame."""
-    worst: NDArray[np.float64] = ((curve - flat) ** 2).reshape(len(flat), -1, 3).sum(axis=-1).max(axis=-1)
-    return worst
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """What a spline of a degree must retrace."""
+
+    positions: NDArray[np.float64]
+    """(T, M, D)."""
+    degree: int
+
+    def off(self, frames: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(T,): squared distance of the worst point at some frames from the spline through others."""
+        flat = self.positions.reshape(len(self.positions), -1)
+        curve = natural_spline(frames.astype(np.float64), flat[frames], self.degree)(at.astype(np.float64))
+        away = curve.reshape(len(at), *self.positions.shape[1:]) - self.positions[at]
+        worst: NDArray[np.float64] = (away**2).sum(axis=-1).max(axis=-1)
+        return worst
 
 
-def _insert(flat: NDArray[np.float64], chosen: NDArray[np.bool_], tolerance_mm: float) -> None:
+def _insert(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None:
     """Step 1, in place: set frames in ``chosen`` until the curve is near everywhere."""
-    every = np.arange(len(flat), dtype=np.float64)
+    every = np.arange(len(chosen))
     while True:
         frames = np.flatnonzero(chosen)
-        off = _off(_spline(every[frames], flat[frames])(every), flat)
+        off = motion.off(frames, every)
         off[frames] = 0.0
-        if off.max() <= tolerance_mm**2:
+        if off.max() <= tolerance**2:
             return
         worst = np.maximum.reduceat(off, frames[:-1])
         for start, stop, peak in zip(frames[:-1], frames[1:], worst, strict=True):
-            if peak > tolerance_mm**2:
+            if peak > tolerance**2:
                 chosen[start + off[start:stop].argmax()] = True
 
 
-def _prune(flat: NDArray[np.float64], chosen: NDArray[np.bool_], tolerance_mm: float) -> None:
+def _prune(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None:
     """Step 2, in place: clear frames in ``chosen`` that their neighbours can spare."""
     frames = np.flatnonzero(chosen)
-    need = {int(frame): _error_without(flat, chosen, int(frame)) for frame in frames[1:-1]}
+    need = {int(frame): _error_without(motion, chosen, int(frame)) for frame in frames[1:-1]}
     for frame in sorted(need, key=need.__getitem__):
-        if need[frame] > 4 * tolerance_mm**2 or chosen.sum() <= MIN_POINTS:
+        if need[frame] > 4 * tolerance**2 or chosen.sum() <= MIN_POINTS:
             break
-        if _error_without(flat, chosen, frame) <= tolerance_mm**2:
+        if _error_without(motion, chosen, frame) <= tolerance**2:
             chosen[frame] = False
 
 
-def _error_without(flat: NDArray[np.float64], chosen: NDArray[np.bool_], frame: int) -> float:
+def _error_without(motion: _Motion, chosen: NDArray[np.bool_], frame: int) -> float:
     """Largest squared distance within half a window when ``frame`` is no via point."""
     before = np.flatnonzero(chosen[:frame])[-WINDOW:]
     behind = frame + 1 + np.flatnonzero(chosen[frame + 1 :])[:WINDOW]
@@ -178,5 +214,4 @@ def _error_without(flat: NDArray[np.float64], chosen: NDArray[np.bool_], frame: 
     if len(frames) < MIN_POINTS:
         return np.inf
     inner = np.arange(before[-(WINDOW // 2) :][0], behind[: WINDOW // 2][-1] + 1)
-    curve = _spline(frames.astype(np.float64), flat[frames])(inner.astype(np.float64))
-    return float(_off(curve, flat[inner]).max())
+    return float(motion.off(frames, inner).max())

@@ -111,6 +111,13 @@ class FapTrack:
         """(T,) float64, s: when each frame is shown."""
         return self.frame_numbers / self.rate_hz
 
+    def even_values(self) -> NDArray[np.int32]:
+        """(N, 68) int32, FAPU: a row for every frame from the first to the last; skipped ones held."""
+        numbers = self.frame_numbers
+        every = np.arange(numbers[0], numbers[-1] + 1) if len(self) else numbers
+        rows: NDArray[np.int32] = self.values[np.searchsorted(numbers, every, side="right") - 1]
+        return rows
+
     def equals(self, other: "FapTrack") -> bool:
         """Exact equality of values, masks, frame numbers and rate; the name does not count."""
         return self.rate_hz == other.rate_hz and all(

@@ -143,17 +143,17 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     """
     own_faps = {name: meaning for name, meaning in (mapping or {}).items() if not isinstance(meaning, str)}
     words = {name: word for name, word in (mapping or {}).items() if isinstance(word, str)}
-    by_role = _by_role([name for name in names if name not in own_faps and words.get(name) != UNUSED], words)
-    arkit, visemes = by_role[Role.ARKIT], by_role[Role.VISEME]
-    lacking = [name for name in ARKIT_NAMES if name not in arkit | by_role[Role.SUBSTITUTE]]
-    halved = {name.removesuffix("Left").removesuffix("Right") for name in by_role[Role.HALF]}
+    found = by_role([name for name in names if name not in own_faps and words.get(name) != UNUSED], words)
+    arkit, visemes = found[Role.ARKIT], found[Role.VISEME]
+    lacking = [name for name in ARKIT_NAMES if name not in arkit | found[Role.SUBSTITUTE]]
+    halved = {name.removesuffix("Left").removesuffix("Right") for name in found[Role.HALF]}
     tongue = arkit.pop("tongueOut", None)
     if tongue is not None:
         own_faps[tongue] = {TONGUE_FAP: TONGUE_FAPU}
     blended = [name for target, name in arkit.items() if not GAZE.fullmatch(plain(target))]
-    blended += [*by_role[Role.SUBSTITUTE].values(), *by_role[Role.HALF].values()]
-    blended += [name for left, name in by_role[Role.PAIR].items() if left not in arkit]
-    both = tuple(by_role[Role.BLINK].values())
+    blended += [*found[Role.SUBSTITUTE].values(), *found[Role.HALF].values()]
+    blended += [name for left, name in found[Role.PAIR].items() if left not in arkit]
+    both = tuple(found[Role.BLINK].values())
     if len(blended) < MIN_WITHOUT_VISEMES:
         blended += [name for target, name in visemes.items() if target != "sil"]
         blended += [] if "eyeBlinkLeft" in arkit else both
@@ -169,14 +169,14 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     )
 
 
-def _by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[str, str]]:
+def by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[str, str]]:
     """Names by their role and by what they stand for; mapped names go first, then those that are ARKit's own."""
     arkit = dict(NAME_RULES)[Role.ARKIT]
-    by_role: dict[Role, dict[str, str]] = {role: {} for role in Role}
+    found: dict[Role, dict[str, str]] = {role: {} for role in Role}
     for name in sorted(names, key=lambda name: (name not in words, _bare(name) not in arkit)):
         bare = plain(words.get(name, name))
         for role, targets in NAME_RULES:
             if bare in targets:
-                by_role[role].setdefault(targets[bare], name)
+                found[role].setdefault(targets[bare], name)
                 break
-    return by_role
+    return found

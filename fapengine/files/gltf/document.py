@@ -175,8 +175,16 @@ class Gltf:
         return filled
 
 
-def parse_gltf(data: bytes, fetch: Fetch) -> Gltf:
+def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gltf:
     """Read a GLB or a glTF document with its buffers.
+
+    Parameters
+    ----------
+    data : bytes
+    fetch : callable
+        Reads the files that it names.
+    every_extension : bool
+        Whether all that it requires must be understood; what is compressed is refused again where it is read.
 
     Raises
     ------
@@ -192,13 +200,16 @@ def parse_gltf(data: bytes, fetch: Fetch) -> Gltf:
     version = root.item("asset").string("version", "")
     if not version.startswith(f"{VERSION}."):
         raise DataError(f"asset.version: got {version!r}, expected {VERSION}.x", where="asset")
-    for name in root.strings("extensionsRequired"):
+    for name in root.strings("extensionsRequired") if every_extension else ():
         if name in COMPRESSED:
             raise compressed(name, "extensionsRequired")
         if name not in UNDERSTOOD and not name.startswith(HARMLESS):
             raise UnsupportedError(f"extension: got {name}, which is not understood here", where="extensionsRequired")
     buffers = []
     for number, item in enumerate(root.items("buffers")):
+        if "uri" not in item and item.item("extensions").item("EXT_meshopt_compression").flag("fallback"):
+            buffers.append(b"")  # of which no byte is there: its views say where the compressed ones are
+            continue
         content = fetch_uri(item.string("uri"), fetch, item.where) if "uri" in item or number else binary
         length = item.index("byteLength", 1 << 40)
         if len(content) < length:
@@ -235,8 +246,16 @@ def compressed(name: str, where: str) -> UnsupportedError:
     )
 
 
-def _unpack(data: bytes) -> tuple[bytes, bytes]:
-    """Text and binary chunk of a GLB."""
+def split_glb(data: bytes) -> list[tuple[int, bytes]]:
+    """Chunks of a GLB, each with its kind, in their order.
+
+    Raises
+    ------
+    TruncatedError
+        If bytes are missing.
+    DataError
+        If it is none.
+    """
     if len(data) < HEADER:
         raise TruncatedError(f"GLB: got {len(data)} bytes, expected a header of {HEADER}")
     version, length = struct.unpack_from("<II", data, 4)
@@ -244,15 +263,21 @@ def _unpack(data: bytes) -> tuple[bytes, bytes]:
         raise DataError(f"GLB: got version {version}, expected {VERSION}", where="byte 4")
     if length > len(data):
         raise TruncatedError(f"GLB: got {len(data)} bytes, expected {length}", where="byte 8")
-    chunks: dict[int, bytes] = {}
+    chunks: list[tuple[int, bytes]] = []
     at = HEADER
     while at + CHUNK_HEADER <= length:
         size, kind = struct.unpack_from("<II", data, at)
         at += CHUNK_HEADER
         if at + size > length:
             raise TruncatedError(f"GLB chunk: got {length - at} bytes, expected {size}", where=f"byte {at}")
-        chunks.setdefault(kind, data[at : at + size])
+        chunks.append((kind, data[at : at + size]))
         at += size
+    return chunks
+
+
+def _unpack(data: bytes) -> tuple[bytes, bytes]:
+    """Text and binary chunk of a GLB."""
+    chunks = dict(reversed(split_glb(data)))  # of two of one kind the first counts
     if JSON_CHUNK not in chunks:
         raise DataError("GLB: got no JSON chunk, expected one", where=f"byte {HEADER}")
     return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK, b"")

@@ -64,10 +64,10 @@ def read_scene(gltf: Gltf) -> BlendshapeMesh:
         If the document contradicts itself, or shows no triangle.
     """
     nodes = gltf.rows["nodes"]
-    children = [node.indices("children", len(nodes)) for node in nodes]
-    world = _transforms(gltf, nodes, children)
-    bones = _bones(gltf, nodes, world)
-    below = {name: _subtree(node, children) for name, node in bones.items()}
+    children = children_of(nodes)
+    world = world_transforms(gltf, nodes, children)
+    bones = find_bones(gltf, nodes, world)
+    below = {name: subtree(node, children) for name, node in bones.items()}
     parts, atlas = _Parts(), Atlas(gltf)
     for node in world:
         if "mesh" in nodes[node]:
@@ -90,8 +90,13 @@ def read_scene(gltf: Gltf) -> BlendshapeMesh:
     )
 
 
-def _transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dict[int, Array]:
-    """World matrix of each node that the scene shows."""
+def children_of(nodes: list[Item]) -> list[list[int]]:
+    """Children of each node."""
+    return [node.indices("children", len(nodes)) for node in nodes]
+
+
+def world_transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dict[int, Array]:
+    """(4, 4) world matrix of each node that the scene shows."""
     parents: dict[int, int] = {}
     for parent, below in enumerate(children):
         for child in below:
@@ -110,14 +115,15 @@ def _transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dic
         if node in world:
             raise DataError(f"node {node}: got it twice in the scene, expected a tree", where=nodes[node].where)
         with np.errstate(all="ignore"):
-            world[node] = above @ _local(nodes[node])
+            world[node] = above @ local_transform(nodes[node])
         if not (np.abs(world[node]) < MAX_NUMBER).all():
             raise DataError(f"node {node}: got a transform beyond {MAX_NUMBER:g} in all", where=nodes[node].where)
         waiting += [(child, world[node]) for child in children[node]]
     return world
 
 
-def _local(node: Item) -> Array:
+def local_transform(node: Item) -> Array:
+    """(4, 4): a node in its parent's space."""
     if "matrix" in node:
         return np.array(node.numbers("matrix", [0.0] * 16)).reshape(4, 4).T
     x, y, z, w = np.array(node.numbers("rotation", [0.0, 0.0, 0.0, 1.0]))
@@ -138,8 +144,8 @@ def _local(node: Item) -> Array:
     return matrix
 
 
-def _bones(gltf: Gltf, nodes: list[Item], world: dict[int, Array]) -> dict[str, int]:
-    """Joints that are named by VRM's humanoid, else by their own name."""
+def find_bones(gltf: Gltf, nodes: list[Item], world: dict[int, Array]) -> dict[str, int]:
+    """Joints named by VRM's humanoid, else by themselves, among the nodes shown: those with a (4, 4) matrix."""
     joints = humanoid(gltf, len(nodes))
     for node in world:
         name = nodes[node].string("name", "").rpartition(":")[2]
@@ -149,7 +155,7 @@ def _bones(gltf: Gltf, nodes: list[Item], world: dict[int, Array]) -> dict[str, 
     return {bone: node for bone, node in joints.items() if node in world}
 
 
-def _subtree(root: int, children: list[list[int]]) -> set[int]:
+def subtree(root: int, children: list[list[int]]) -> set[int]:
     """Find a node and all below it."""
     inside, waiting = {root}, [root]
     while waiting:
@@ -166,7 +172,6 @@ def _add_mesh(
     meshes = gltf.rows["meshes"]
     number = nodes[node].index("mesh", len(meshes))
     mesh = meshes[number]
-    names = mesh.extras().strings("targetNames")
     for item in mesh.items("primitives"):
         mode = item.index("mode", 7, TRIANGLES)
         if mode < TRIANGLES:
@@ -186,7 +191,7 @@ def _add_mesh(
         if look.hidden:
             parts.notes.append(f"{' / '.join(filter(None, (*titles, look.name)))}: left out, as it is translucent")
             continue
-        carry = _carrier(gltf, nodes[node], attributes, len(local), world, node)
+        carry = carrier(gltf, nodes[node], attributes, len(local), world, node)
         placed = np.einsum("vij,vj->vi", carry.matrix[:, :3, :3], local) + carry.matrix[:, :3, 3]
         first = parts.count + np.arange(len(local))
         _add_look(gltf, attributes, look, titles, len(local), parts)
@@ -196,12 +201,20 @@ def _add_mesh(
         for name, inside in below.items():
             parts.bones.setdefault(name, []).append((first, carry.share(inside)))
         size = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(local, axis=0))) if len(local) else 0.0
-        own = item.extras().strings("targetNames") or names
-        for target, attribute in enumerate(item.items("targets")):
+        for target, (name, attribute) in enumerate(
+            zip(target_names(gltf, mesh, item), item.items("targets"), strict=True)
+        ):
             _add_target(gltf, attribute, size, (number, target), first, carry.matrix, parts)
-            parts.names.setdefault(
-                (number, target), own[target] if target < len(own) else _title(gltf, attribute, target)
-            )
+            parts.names.setdefault((number, target), name)
+
+
+def target_names(gltf: Gltf, mesh: Item, primitive: Item) -> list[str]:
+    """Names of a primitive's morph targets, as its mesh or it gives them."""
+    given = primitive.extras().strings("targetNames") or mesh.extras().strings("targetNames")
+    return [
+        given[target] if target < len(given) else _title(gltf, attribute, target)
+        for target, attribute in enumerate(primitive.items("targets"))
+    ]
 
 
 def _title(gltf: Gltf, attribute: Item, target: int) -> str:
@@ -227,7 +240,7 @@ def _add_target(
 
 
 @dataclass(frozen=True, slots=True)
-class _Carrier:
+class Carrier:
     """What takes each vertex to the scene."""
 
     matrix: Array
@@ -247,10 +260,11 @@ class _Carrier:
         return np.asarray((self.weights * np.isin(self.joints, list(nodes))).sum(axis=1))
 
 
-def _carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[int, Array], number: int) -> _Carrier:
+def carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[int, Array], number: int) -> Carrier:
+    """Find what takes the (V,) vertices of a node's mesh to the scene: the node, or its skin's joints."""
     if "skin" not in node or "JOINTS_0" not in attributes:
         still = np.broadcast_to(world[number], (count, 4, 4))
-        return _Carrier(still, np.full((count, 1), number), np.ones((count, 1)))
+        return Carrier(still, np.full((count, 1), number), np.ones((count, 1)))
     skins = gltf.rows["skins"]
     skin = skins[node.index("skin", len(skins))]
     bones = skin.indices("joints", len(gltf.rows["nodes"]))
@@ -274,7 +288,7 @@ def _carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[i
     matrix = np.zeros((count, 4, 4))
     for joint, weight in zip(joints.T, weights.T, strict=True):  # one after the other: all at once fill the memory
         matrix += weight[:, None, None] * matrices[joint]
-    return _Carrier(matrix, np.array(bones)[joints], weights)
+    return Carrier(matrix, np.array(bones)[joints], weights)
 
 
 def _influences(gltf: Gltf, attributes: Item, count: int) -> tuple[Indices, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
-from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.images import MAX_PIXELS
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.ict_facekit import load_ict_folder
@@ -39,6 +39,14 @@ def load_rig(path: Path) -> BlendshapeMesh:
         return load_ict_folder(path)
     if path.suffix.lower() not in RIG_ENDINGS:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(RIG_ENDINGS)} or a folder")
+    try:
+        return read_scene(parse_gltf(read_bytes(path), files_beside(path)))
+    except DataError as error:
+        raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
+
+
+def files_beside(path: Path) -> Fetch:
+    """Make what reads the files that a document names: those in its own folder, and below it."""
 
     def fetch(name: str) -> bytes:
         try:
@@ -52,10 +60,7 @@ def load_rig(path: Path) -> BlendshapeMesh:
         except UsageError as error:
             raise DataError(f"uri: {error}") from error
 
-    try:
-        return read_scene(parse_gltf(read_bytes(path), fetch))
-    except DataError as error:
-        raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
+    return fetch
 
 
 def load_neutral(path: Path) -> BlendshapeMesh:

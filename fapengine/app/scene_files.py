@@ -1,0 +1,111 @@
+"""Face motion inside the files that other programs open: a clip in a GLB or VRM."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.errors import DataError, UsageError
+from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
+from fapengine.files.heads.built import load_built
+from fapengine.files.heads.meshes import files_beside
+from fapengine.files.heads.tables import load_mapping
+from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.deform import bone_transforms
+from fapengine.models.keyed_curve import STRAIGHT, WAYS
+from fapengine.mpeg4.track import FapTrack
+
+BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
+"""Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
+SCENES = (".glb", ".vrm", ".gltf")
+"""Endings of what a clip is put into."""
+ENDINGS = (".glb", ".vrm")
+"""Endings of what is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Into:
+    """Whose file a motion goes into, and how."""
+
+    avatar: Path
+    keys: str = STRAIGHT
+    """``"linear"``: a key a frame; ``"cubic"``: few."""
+    mapping: Path | None = None
+    """Table of what shapes of other names mean."""
+
+
+def is_scene(path: Path) -> bool:
+    """Tell whether a name is that of a file with an avatar inside."""
+    return path.suffix.lower() in ENDINGS
+
+
+def check_scene(path: Path, into: Into | None) -> None:
+    """Refuse what does not belong together, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If a scene is to be written and none is given, or one is given and the name has another ending.
+    """
+    if into is None:
+        if is_scene(path):
+            raise UsageError(f"into: got none, expected the avatar that goes into {path} (into=AVATAR.glb)")
+        return
+    if not is_scene(path):
+        raise UsageError(f"path: got {path}, expected a name that ends with {' or '.join(ENDINGS)} for into=AVATAR")
+    if into.avatar.suffix.lower() not in SCENES:
+        raise UsageError(f"into: got {into.avatar}, expected a name that ends with {', '.join(SCENES)}")
+    if into.keys not in WAYS:
+        raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
+
+
+def save_scene(path: Path, track: FapTrack, into: Into, *, name: str = "face") -> Reached:
+    """Write an avatar's file with a motion inside, under a name of its own; all else in it stays.
+
+    Parameters
+    ----------
+    path : Path
+    track : FapTrack
+        Frames that it skips show the one before.
+    into : Into
+    name : str
+        Of the animation.
+
+    Raises
+    ------
+    UsageError
+        If the avatar or its mapping cannot be read.
+    DataError
+        If they are wrong, or nothing of the avatar is known; ``where`` is the file.
+    ResourceError
+        If it cannot be written.
+    """
+    check_scene(path, into)
+    meanings = load_mapping(into.mapping) if into.mapping else None
+    data = read_bytes(into.avatar)
+    try:
+        written, reached = add_clip(
+            data, files_beside(into.avatar), face_motion(track, name), keys=into.keys, meanings=meanings
+        )
+    except DataError as error:
+        raise type(error)(f"{into.avatar}: {error.message}", where=error.where) from error
+    write_bytes(path, written)
+    return reached
+
+
+def told(reached: Reached) -> str:
+    """Say in words what moves."""
+    bones = f", and turns {', '.join(reached.bones)}" if reached.bones else ""
+    return f"moves {len(reached.shapes)} shapes{bones}; {reached.keys} keys"
+
+
+def face_motion(track: FapTrack, name: str) -> FaceMotion:
+    """Give a track as weights and turns can be made of it; the jaw turns as that of our own head does."""
+    faps = track.even_values().astype(np.float64)
+    if not len(faps):
+        raise UsageError("track: got no frame, expected some")
+    transforms = bone_transforms(load_built(HeadStyle()), faps)
+    turns: Mapping[str, np.ndarray] = {bone: transforms[:, row, :3, :3] for bone, row in BONES.items()}
+    return FaceMotion(faps=faps, turns=turns, rate_hz=track.rate_hz, name=name)

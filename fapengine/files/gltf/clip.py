@@ -1,0 +1,333 @@
+"""A face's motion as an animation inside somebody's glTF scene, of which nothing else is changed.
+
+Theory of operation
+-------------------
+Morph targets get weights by their names (:mod:`fapengine.retarget.rig_weights`), one channel for each node that shows
+them. Bones of head and eyes turn about the face's own axes, ``local = parent' turn parent rest``; the jaw's bone turns
+where no shape opens the mouth, the eyes' where no shape turns them. What never leaves its rest gets no channel.
+
+A scene's face looks along +z as glTF asks for, along -z in VRM 0.x, and else wherever its eyes say: its left is where
+its left eye is.
+"""
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fapengine.errors import DataError, UnsupportedError
+from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, MAGIC, Fetch, Gltf, fetch_uri, parse_gltf, split_glb
+from fapengine.files.gltf.json_cursor import Item
+from fapengine.files.gltf.scene import (
+    carrier,
+    children_of,
+    find_bones,
+    local_transform,
+    subtree,
+    target_names,
+    world_transforms,
+)  # fmt: skip
+from fapengine.files.gltf.vrm import bindings
+from fapengine.files.gltf.writing import Row, Writer
+from fapengine.models.keyed_curve import STRAIGHT, KeyedCurve, key_curve
+from fapengine.retarget.blendshape_names import plain, viseme
+from fapengine.retarget.rig_weights import Meanings, has_arkit, rig_weights
+
+Array = NDArray[np.float64]
+
+WEIGHT_TOLERANCE, TURN_TOLERANCE = 0.01, 0.002
+"""Largest error of cubic curves: of a weight, and of a quaternion's components (0.23 degrees)."""
+EYES = ("left eye", "right eye")
+MOVED, MOVED_SHARE = 1e-5, 0.2
+"""Motion of an eyeball, in the file's unit and as a share of what its mesh does, from which a shape turns the eye."""
+MEDIA_TYPES = {
+    "jpg": "image/jpeg",
+    "jpeg": "image/jpeg",
+    "png": "image/png",
+    "webp": "image/webp",
+    "ktx2": "image/ktx2",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FaceMotion:
+    """What a face does, for any rig."""
+
+    faps: Array
+    """(T, 68) FAPU, T >= 1, a row a frame."""
+    turns: Mapping[str, Array]
+    """(T, 3, 3) rotations of ``head``, ``jaw``, ``left eye`` and ``right eye``, in the space of the head: x its left,
+    y up, z forward; the head's in the world's."""
+    rate_hz: float
+    name: str = "face"
+    """Title of the animation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """What of a rig a motion moves."""
+
+    shapes: tuple[str, ...]
+    """Names of shapes that leave 0 at some time."""
+    bones: tuple[str, ...]
+    keys: int
+    """Keys of all curves."""
+
+
+def add_clip(
+    data: bytes, fetch: Fetch, motion: FaceMotion, *, keys: str = STRAIGHT, meanings: Meanings | None = None
+) -> tuple[bytes, Reached]:
+    """Put an animation into a scene.
+
+    Parameters
+    ----------
+    data : bytes
+        A GLB (also a VRM) or a glTF document.
+    fetch : callable
+        Reads files that the document names; of a document that is no GLB they go into the result.
+    motion : FaceMotion
+    keys : str
+        ``"linear"`` or ``"cubic"``: see :func:`fapengine.models.keyed_curve.key_curve`.
+    meanings : mapping, optional
+        What shapes of other names mean.
+
+    Returns
+    -------
+    bytes
+        A GLB. All rows and bytes of a GLB stay; new ones stand behind them.
+    Reached
+
+    Raises
+    ------
+    DataError
+        If it is no glTF, or nothing in it is known to be a face's.
+    """
+    rig = _Rig.of(parse_gltf(data, fetch, every_extension=False))
+    shapes = _shape_weights(rig, motion.faps, meanings)
+    turned = _turned_bones(rig, motion, shapes.used)
+    if not shapes.by_mesh and not turned:
+        raise DataError(
+            "rig: got no shape named as ARKit's, Oculus' or VRM's, and no bone of a head, eye or jaw; expected some,"
+            " or what its shapes mean (mapping=FILE)"
+        )
+    writer, others = _opened(data, fetch)
+    curves = _Curves(writer, motion.rate_hz, keys)
+    for node in rig.world:
+        if "mesh" in rig.nodes[node]:
+            curves.add_weights(node, shapes.by_mesh.get(rig.mesh_of(rig.nodes[node])))
+    for bone, node in turned.items():
+        curves.add_turns(node, rig.local_turns(node, motion.turns[bone]))
+    writer.row("animations", {"name": motion.name, "samplers": curves.samplers, "channels": curves.channels})
+    return writer.glb(*others), Reached(shapes.used, tuple(turned), curves.count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rig:
+    """A scene and the nodes of its face."""
+
+    gltf: Gltf
+    nodes: list[Item]
+    parents: Mapping[int, int]
+    world: dict[int, Array]
+    """World matrix of each node that is shown."""
+    bones: Mapping[str, int]
+
+    @classmethod
+    def of(cls, gltf: Gltf) -> "_Rig":
+        nodes = gltf.rows["nodes"]
+        children = children_of(nodes)
+        world = world_transforms(gltf, nodes, children)
+        parents = {child: node for node, below in enumerate(children) for child in below}
+        return cls(gltf, nodes, parents, world, find_bones(gltf, nodes, world))
+
+    def mesh_of(self, node: Item) -> int:
+        """Find the number of the mesh that a node shows."""
+        return node.index("mesh", len(self.gltf.rows["meshes"]))
+
+    def local_turns(self, node: int, turns: Array) -> Array:
+        """(T, 4) quaternions x y z w of a node that shows turns of the head's space, (T, 3, 3)."""
+        above = self.world[self.parents[node]][:3, :3] if node in self.parents else np.eye(3)
+        outer, rest = _rotation(above), _rotation(local_transform(self.nodes[node])[:3, :3])
+        facing = self._facing()
+        matrices = outer.T @ facing @ turns @ facing.T @ outer @ rest
+        quaternions = Rotation.from_matrix(matrices).as_quat()
+        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+        quaternions[1:] *= flips[:, None]  # of the two that mean a turn, the one near to that of the frame before
+        return np.asarray(quaternions)
+
+    def _facing(self) -> Array:
+        """(3, 3): from the head's axes to the scene's, a quarter turn about y or none."""
+        left = np.array([-1.0 if "VRM" in self.gltf.root.item("extensions") else 1.0, 0.0, 0.0])
+        if all(eye in self.bones for eye in EYES):
+            one, other = (self.world[self.bones[eye]][:3, 3] for eye in EYES)
+            apart = (one - other) * (1.0, 0.0, 1.0)
+            if np.abs(apart).max() > 0:
+                left = np.zeros(3)
+                left[np.abs(apart).argmax()] = np.sign(apart[np.abs(apart).argmax()])
+        up = np.array([0.0, 1.0, 0.0])
+        return np.stack([left, up, np.cross(left, up)], axis=1)
+
+
+def _rotation(matrix: Array) -> Array:
+    """(3, 3): the rotation, or mirrored rotation, that is nearest to a matrix."""
+    one, _, other = np.linalg.svd(matrix)
+    return np.asarray(one @ other)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shapes:
+    """Weights of morph targets."""
+
+    by_mesh: dict[int, Array]
+    """(T, targets) by the number of a mesh, of meshes with some that move."""
+    used: tuple[str, ...]
+
+
+def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes:
+    """Weights by the meshes' own names if these are ARKit's, or no VRM says more; else by the VRM's expressions."""
+    titles = [_titles(rig.gltf, mesh) for mesh in rig.gltf.rows["meshes"]]
+    bound = bindings(rig.gltf, rig.nodes)
+    looks = not any(eye in rig.bones for eye in EYES)
+    by_mesh = {number: np.zeros((len(faps), len(names))) for number, names in enumerate(titles)}
+    used: dict[str, None] = {}
+    if not bound or has_arkit(name for names in titles for name in names):
+        for number, weights in enumerate(rig_weights(titles, faps, meanings, looks=looks)):
+            for name, weight in weights.items():
+                by_mesh[number][:, titles[number].index(name)] = weight
+                used |= {name: None} if weight.any() else {}
+    else:
+        for name, weight in rig_weights([bound], faps, meanings, looks=looks)[0].items():
+            for bind in bound[name]:
+                by_mesh[bind.mesh][:, bind.target] += bind.weight * weight
+            used |= {name: None} if weight.any() else {}
+    return _Shapes({number: weights for number, weights in by_mesh.items() if weights.any()}, tuple(used))
+
+
+def _titles(gltf: Gltf, mesh: Item) -> list[str]:
+    """Names of a mesh's targets, of which all its primitives have the same (glTF 2.0, 3.7.2.2)."""
+    return max((target_names(gltf, mesh, item) for item in mesh.items("primitives")), key=len, default=[])
+
+
+def _turned_bones(rig: _Rig, motion: FaceMotion, used: tuple[str, ...]) -> dict[str, int]:
+    """Nodes to turn, by their bones."""
+    left_to_shapes = {"jaw"} if any(plain(name) == "jawopen" or viseme(name) for name in used) else set()
+    left_to_shapes |= {bone for bone in EYES if bone in rig.bones and _shapes_turn(rig, rig.bones[bone])}
+    return {
+        bone: node
+        for bone, node in rig.bones.items()
+        if bone in motion.turns and bone not in left_to_shapes and (motion.turns[bone] != np.eye(3)).any()
+    }
+
+
+def _shapes_turn(rig: _Rig, eye: int) -> bool:
+    """Tell whether a shape that looks down moves what hangs on an eye's bone."""
+    below = subtree(eye, children_of(rig.nodes))
+    for number in rig.world:
+        node = rig.nodes[number]
+        if "mesh" not in node:
+            continue
+        mesh = rig.gltf.rows["meshes"][rig.mesh_of(node)]
+        for primitive in mesh.items("primitives"):
+            targets = zip(target_names(rig.gltf, mesh, primitive), primitive.items("targets"), strict=True)
+            for name, target in targets:
+                if not plain(name).startswith("eyelookdown") or "POSITION" not in target:
+                    continue
+                try:
+                    moves = rig.gltf.accessor(target.index("POSITION", len(rig.gltf.accessors)))
+                    share = carrier(rig.gltf, node, primitive.item("attributes"), len(moves), rig.world, number).share(
+                        below
+                    )
+                except UnsupportedError:  # compressed: shapes are the usual way
+                    return True
+                far = np.linalg.norm(moves, axis=1)
+                if far[share > 0.5].max(initial=0.0) > max(MOVED_SHARE * far.max(initial=0.0), MOVED):
+                    return True
+    return False
+
+
+class _Curves:
+    """Samplers and channels of one animation. Stateful."""
+
+    def __init__(self, writer: Writer, rate_hz: float, keys: str) -> None:
+        self._writer, self._rate_hz, self._keys = writer, rate_hz, keys
+        self._made: dict[tuple[bytes, float], int] = {}
+        self.samplers: list[Row] = []
+        self.channels: list[Row] = []
+        self.count = 0
+
+    def add_weights(self, node: int, weights: Array | None) -> None:
+        """Add the weights of a node's morph targets, (T, targets), if any move."""
+        if weights is not None:
+            self._add(node, "weights", weights, WEIGHT_TOLERANCE)
+
+    def add_turns(self, node: int, quaternions: Array) -> None:
+        """Add the turns of a node, (T, 4)."""
+        row = self._writer.document["nodes"][node]
+        if "matrix" in row:  # a node that is animated has none (glTF 2.0, 3.5.3)
+            row |= _parts(np.array(row.pop("matrix")).reshape(4, 4).T)
+        self._add(node, "rotation", quaternions, TURN_TOLERANCE)
+
+    def _add(self, node: int, path: str, values: Array, tolerance: float) -> None:
+        key = values.tobytes(), tolerance
+        if key not in self._made:  # meshes of one face have the same weights
+            curve = key_curve(values, self._rate_hz, self._keys, tolerance)
+            self.count += len(curve.times_s)
+            self._made[key] = len(self.samplers)
+            self.samplers.append(self._sampler(curve, path))
+        self.channels.append({"sampler": self._made[key], "target": {"node": node, "path": path}})
+
+    def _sampler(self, curve: KeyedCurve, path: str) -> Row:
+        times = self._writer.accessor(curve.times_s.astype(np.float32), bounds=True)
+        out = curve.values
+        if curve.slopes is not None:  # at each key the slope before, the value and the slope behind
+            out = np.stack([curve.slopes, curve.values, curve.slopes], axis=1)
+        flat = out.reshape(-1, 4) if path == "rotation" else out.reshape(-1)
+        row = {"input": times, "output": self._writer.accessor(flat.astype(np.float32))}
+        return row if curve.slopes is None else row | {"interpolation": "CUBICSPLINE"}
+
+
+def _parts(matrix: Array) -> Row:
+    """Take a node's matrix apart into translation, rotation and scale, which glTF wants to be made of these alone."""
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    scale[0] *= np.sign(np.linalg.det(matrix[:3, :3])) or 1.0
+    turn = Rotation.from_matrix(matrix[:3, :3] / np.where(scale == 0, 1.0, scale))
+    return {"translation": matrix[:3, 3].tolist(), "rotation": turn.as_quat().tolist(), "scale": scale.tolist()}
+
+
+def _opened(data: bytes, fetch: Fetch) -> tuple[Writer, list[tuple[int, bytes]]]:
+    """Make a writer of a document as it is, and the chunks that are neither it nor its first buffer."""
+    if data[:4] == MAGIC:
+        chunks = split_glb(data)
+        text = next(content for kind, content in chunks if kind == JSON_CHUNK)
+        binary = next((content for kind, content in chunks if kind == BINARY_CHUNK), b"")
+        document = json.loads(text)
+        if document.get("buffers") and "uri" not in document["buffers"][0]:
+            others = [chunk for chunk in chunks if chunk[0] not in (JSON_CHUNK, BINARY_CHUNK)]
+            return Writer(document, binary[: document["buffers"][0]["byteLength"]]), others
+    else:
+        document = json.loads(data)
+    return Writer(_with_own_buffer(document, fetch)), []
+
+
+def _with_own_buffer(document: Row, fetch: Fetch) -> Row:
+    """Put an empty buffer in front of a document's others, and the files that it names into it."""
+    for kind, media in (("buffers", "application/octet-stream"), ("images", "")):
+        for row in document.get(kind, []):
+            uri = row.get("uri", "data:")
+            if not uri.startswith("data:"):
+                media_type = (
+                    media or row.get("mimeType") or MEDIA_TYPES.get(uri.rpartition(".")[2].lower(), "image/png")
+                )
+                content = base64.b64encode(fetch_uri(uri, fetch, kind)).decode()
+                row["uri"] = f"data:{media_type};base64,{content}"
+    for row in document.get("bufferViews", []):
+        row["buffer"] += 1
+        compressed = row.get("extensions", {}).get("EXT_meshopt_compression")
+        if compressed:
+            compressed["buffer"] += 1
+    document["buffers"] = [{}, *document.get("buffers", [])]
+    return document

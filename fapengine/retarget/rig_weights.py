@@ -1,0 +1,141 @@
+"""FAPs to the blendshapes that a rig has, by their names: ARKit's, Oculus' visemes, VRM's presets, or a mapping's.
+
+A rig with enough of ARKit's shapes gets these. Any other gets visemes or vowels for the mouth, and what it has of
+ARKit's for eyes and brows, or VRM's moods. What two spellings of one file name twice moves once in each mesh.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.mpeg4 import fap
+from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
+from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.blendshape_names import (
+    MIN_WITHOUT_VISEMES,
+    OCULUS,
+    OCULUS_SPELLINGS,
+    UNUSED,
+    Role,
+    by_role,
+    plain,
+)
+from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
+from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES, approximate_presets
+
+Array = NDArray[np.float64]
+Weights = dict[str, Array]
+"""(T,) float64, 0..1, by a shape's name."""
+Meanings = Mapping[str, str | Mapping[int, float]]
+"""Meaning of a shape that has another name: one of the tables, ``unused``, or FAPU at full weight by FAP number."""
+
+UPPER_FACE = ("eye", "brow")
+"""Beginnings of ARKit's names that have nothing to do with the mouth."""
+MOODS = ("happy", "angry", "sad", "relaxed", "surprised")
+LOOKS = ("lookUp", "lookDown", "lookLeft", "lookRight")
+
+
+def rig_weights(
+    meshes: Sequence[Iterable[str]], faps: ArrayLike, meanings: Meanings | None = None, *, looks: bool = True
+) -> list[Weights]:
+    """Find the weights of a rig's shapes.
+
+    Parameters
+    ----------
+    meshes : sequence of names
+        Names of the shapes of each mesh.
+    faps : (T, 68) FAPU
+    meanings : mapping, optional
+        What shapes mean whose names are in no table.
+    looks : bool
+        Whether VRM's looks are among the shapes to move; not where eyes turn as bones.
+
+    Returns
+    -------
+    list of dict
+        For each mesh the weights of its shapes that are known; shapes that stay 0 are among them.
+    """
+    values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
+    told = meanings or {}
+    own = {name: row for name, row in told.items() if not isinstance(row, str)}
+    words = {name: word for name, word in told.items() if isinstance(word, str)}
+    named = [[name for name in names if name not in own and words.get(name) != UNUSED] for names in meshes]
+    roles = [by_role(names, words) for names in named]
+    by_target = _targets(values, roles, looks)
+    weights: list[Weights] = []
+    for names, found, mesh in zip(named, roles, meshes, strict=True):
+        chosen = {name: own_weight(values, own[name]) for name in mesh if name in own}
+        for role, spelled in found.items():
+            chosen |= {name: by_target[role, target] for target, name in spelled.items() if (role, target) in by_target}
+        for name in names:  # presets that are no viseme and no blink
+            if name not in chosen and (None, plain(words.get(name, name))) in by_target:
+                chosen[name] = by_target[None, plain(words.get(name, name))]
+        weights.append(chosen)
+    return weights
+
+
+def has_arkit(names: Iterable[str]) -> bool:
+    """Tell whether names are ARKit's, so many that a rig needs no visemes."""
+    return _is_arkit({role: set(targets) for role, targets in by_role(names, {}).items()})
+
+
+def _is_arkit(present: Mapping[Role, set[str]]) -> bool:
+    count = sum(len(present[role]) for role in (Role.ARKIT, Role.SUBSTITUTE, Role.HALF, Role.PAIR))
+    return count >= MIN_WITHOUT_VISEMES
+
+
+def own_weight(faps: Array, row: Mapping[int, float]) -> Array:
+    """(T,): weight of a shape that means some FAPs by itself, FAPU at full weight."""
+    shape = np.zeros((1, fap.FAP_COUNT))
+    for number, value in row.items():
+        shape[0, fap.column(number)] = value
+    if set(row) <= {43, 44, 46, 47}:  # ways of the tongue, which count nothing in millimetres there
+        square = float((shape**2).sum())
+        return np.asarray(np.clip(faps @ shape[0] / square, 0.0, 1.0))
+    return BlendMap(("own",), shape).approximate_weights(faps)[:, 0]
+
+
+Targets = dict[tuple[Role | None, str], Array]
+
+
+def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], looks: bool) -> Targets:
+    """Weights by role and by what names stand for; None is the role of VRM's other presets, spelled plainly."""
+    present = {role: {target for found in roles for target in found[role]} for role in Role}
+    arkit = dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
+    speaks = _is_arkit(present) or not present[Role.VISEME]
+
+    def is_meant(name: str) -> bool:
+        return speaks or name.startswith(UPPER_FACE)
+
+    targets: Targets = {(role, name): arkit[name] for role in (Role.ARKIT, Role.SUBSTITUTE) for name in arkit}
+    targets |= {
+        (Role.HALF, name): arkit[name.removesuffix("Left").removesuffix("Right")] for name in present[Role.HALF]
+    }
+    targets |= {
+        (Role.PAIR, left): (arkit[left] + arkit[left.removesuffix("Left") + "Right"]) / 2
+        for left in present[Role.PAIR] - present[Role.ARKIT]
+    }
+    targets = {(role, name): weight for (role, name), weight in targets.items() if is_meant(name)}
+    if "eyeBlinkLeft" not in present[Role.ARKIT]:
+        targets[Role.BLINK, "blink"] = (arkit["eyeBlinkLeft"] + arkit["eyeBlinkRight"]) / 2
+    return targets if speaks else targets | _mouth(faps, present, looks)
+
+
+def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool) -> Targets:
+    """Weights of visemes, or of VRM's presets where vowels are all that there is."""
+    if len(present[Role.VISEME] & set(OCULUS)) >= MIN_OCULUS:
+        visemes = zip(OCULUS_NAMES, approximate_visemes(faps).T, strict=True)
+        return {(Role.VISEME, OCULUS_SPELLINGS[name.lower()]): weight for name, weight in visemes}
+    presets = dict(zip(VRM1_NAMES, approximate_presets(faps).T, strict=True))
+    targets: Targets = {(Role.VISEME, name): presets[name] for name in VRM1_NAMES[:SHOWN]}
+    shown = (*MOODS, *LOOKS) if looks else MOODS
+    for older, name in zip(VRM0_NAMES, VRM1_NAMES, strict=True):
+        if name in shown:
+            targets[None, plain(older)] = targets[None, plain(name)] = presets[name]
+    return targets
+
+
+MIN_OCULUS = 8
+"""Number of Oculus' visemes from which a rig has all that count."""
