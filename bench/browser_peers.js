@@ -82,7 +82,7 @@ async function three() {
 }
 
 async function ours() {
-  const [{ FaceView }, { parseHead }] = await Promise.all([import("/face.js"), import("/head.js")]);
+  const [{ FaceView }, { parseHead }] = await Promise.all([import("/face/face.js"), import("/face/head.js")]);
   const setup = await (await fetch("/setup.json")).json();
   const head = parseHead(await (await fetch("/head.bin")).arrayBuffer());
   const faps = new Float32Array(await fetched("faps"));

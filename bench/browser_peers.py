@@ -64,7 +64,7 @@ def contents(name: str, folder: Path) -> dict[str, tuple[str, bytes]]:
     arrays: dict[str, np.ndarray] = {"faps": faps.astype("f4")}
     files: dict[str, tuple[str, bytes]] = {}
     if name == "our page":
-        files |= page_files(head, [])
+        files |= page_files(head, {})
     else:
         with np.load(folder / "mesh.npz") as mesh:
             arrays |= {key: mesh[key] for key in ("positions", "normals", "colours", "triangles")}

@@ -28,19 +28,19 @@ const phone = document.getElementById("phone");
 const watch = new MutationObserver(() => {
     if (!["aɪ", "ʌ", "oʊ", "ə"].includes(phone.textContent)) return;
     watch.disconnect();
-    const faps = Float32Array.from(page.faps);
-    const shown = page.jitterBuffer.sample(performance.now() / 1000, new Float32Array(68));
-    page.jitterBuffer.sample = (now, into) => { into.set(faps); return { ...shown, faps: into }; };
-    page.fadeOut.at = () => 1;
-    Object.defineProperty(page, "wantsFineEdges", { get: () => true });
-    page.resized = true;
+    const faps = Float32Array.from(page.picture.faps);
+    const shown = page.session.jitterBuffer.sample(performance.now() / 1000, new Float32Array(68));
+    page.session.jitterBuffer.sample = (now, into) => { into.set(faps); return { ...shown, faps: into }; };
+    page.session.fadeOut.at = () => 1;
+    Object.defineProperty(page.picture, "wantsFineEdges", { get: () => true });
+    page.picture.resized = true;
     window.isHeld = true;
 });
 watch.observe(phone, { childList: true, characterData: true, subtree: true });
 """
 """Keeps the face as it is when one of these vowels is said, with the edges that a graphics card draws."""
 NO_RATES = """
-    if (page.view.frugal)
+    if (page.picture.view.frugal)
         for (const name of ["fps", "latency"]) document.getElementById(name).parentElement.hidden = true;
 """
 """A CPU that draws beside the browser shows rates that no reader will meet: they are left out of the picture."""
@@ -50,10 +50,11 @@ async def show() -> tuple[Image.Image, Image.Image]:
     async with Browser((1280, 837)) as browser:
         await browser.open(f"http://127.0.0.1:{PORT}/?session=anna")
         await browser.until(
-            "document.body.dataset.connection === 'connected' && page.jitterBuffer.frames.length > 30", 90
+            "document.body.dataset.connection === 'connected' && page.session.jitterBuffer.frames.length > 30", 90
         )
         await browser.run(
-            "page.budget.add = () => false; page.hasChosenSilence = true; page.camera = { ...page.camera, yaw: 14 }"
+            "page.picture.budget.add = () => false; page.hasChosenSilence = true;"
+            "page.steering.camera = { ...page.steering.camera, yaw: 14 }"
         )
         await browser.run("document.querySelector('.faps details').open = true;" + SMILE)
         await asyncio.sleep(1.5)

@@ -27,8 +27,14 @@ def shader_source(name: str) -> str:
 
 
 def page_files() -> dict[str, bytes]:
-    """Return every file of the page in a browser as ``{name: bytes}``."""
-    return {p.name: p.read_bytes() for p in _data_folder("web-page").iterdir() if p.is_file()}
+    """Return every file of the page in a browser as ``{name: bytes}``; the npm package's lie in ``face/``."""
+    folders = {"": _data_folder("web-page"), "face/": _data_folder("fapengine-face")}
+    return {
+        f"{prefix}{p.name}": p.read_bytes()
+        for prefix, folder in folders.items()
+        for p in folder.iterdir()
+        if p.is_file()
+    }
 
 
 def profile_ids() -> list[str]:

@@ -1,32 +1,33 @@
-// The page: fetches the head, opens the link, draws whatever comes, and passes on what is done here.
+// The page: fetches the head, opens a session, shows whatever comes, and passes on what is done here.
 
-import { FaceView } from "./face.js";
-import { between, turned, zoomed } from "./camera.js";
-import { parseHead } from "./head.js";
-import { Link } from "./link.js";
-import { Microphone } from "./microphone.js";
+import { Caption } from "./caption.js";
+import { parseHead } from "./face/head.js";
+import { Microphone, samplesOf } from "./face/microphone.js";
+import { Picture } from "./face/picture.js";
+import { Recorder } from "./face/recorder.js";
+import { Session } from "./face/session.js";
+import { Steering } from "./face/steering.js";
 import { Panel } from "./panel.js";
-import { Sound } from "./sound.js";
 import { Ticker } from "./ticker.js";
-import { JitterBuffer, PixelBudget, FadeOut, ServerClock } from "./time.js";
 
-const MAX_PIXELS = 2_600_000;
-const FLIGHT_MS = 450;
 const LOOK_EVERY_MS = 80;
-const LAGS = 90;
+const MAX_TEXT = 2000;
+const MAX_HISTORY = 50;
+const SINGLE_KEYS = ["/", "m", "b", "f", ...Array.from({ length: 9 }, (_, digit) => String(digit + 1))];
 const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "server is away, looking for it …" };
 
 const byId = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const token = query.get("token") ?? sessionStorage.getItem("token");
 if (token) sessionStorage.setItem("token", token);
-const calm = matchMedia("(prefers-reduced-motion: reduce)");
+const isBroadcast = query.has("transparent"); // the face alone on a clear ground, for broadcasting software
+if (isBroadcast) document.documentElement.dataset.mode = "broadcast";
 
-function fail(error) {
-  byId("notice").textContent = error.message;
-  byId("notice").hidden = false;
-  console.error(error);
-}
+const address = (path) => {
+  const url = new URL(path, document.baseURI);
+  if (token) url.searchParams.set("token", token);
+  return url;
+};
 
 async function fetched(path, read) {
   const answer = await fetch(address(path));
@@ -34,214 +35,121 @@ async function fetched(path, read) {
   return answer[read]();
 }
 
-function address(path, scheme = location.protocol) {
-  const url = new URL(path, location.href);
-  url.protocol = scheme;
-  if (token) url.searchParams.set("token", token);
-  return url;
+const headNamed = async (name) => parseHead(await fetched(name ? `head.bin?name=${encodeURIComponent(name)}` : "head.bin", "arrayBuffer"));
+
+// A text node is changed, not replaced: nothing is left for the collector.
+function write(id, text) {
+  const element = byId(id);
+  if (!element.firstChild) element.append("");
+  if (element.firstChild.data !== text) element.firstChild.data = text;
 }
 
 class Page {
   constructor(setup, head) {
     const canvas = byId("face");
     this.setup = setup;
-    this.view = new FaceView(canvas, head, setup, setup.wall);
-    this.clock = new ServerClock();
-    this.jitterBuffer = new JitterBuffer(60);
-    this.fadeOut = new FadeOut();
-    this.budget = new PixelBudget(!this.view.frugal);
-    this.ticker = new Ticker(byId("ticker"));
-    this.panel = new Panel(setup, (type, fields) => this.link.send(type, fields));
-    this.sound = new Sound((where) => this.report(where));
-    this.microphone = new Microphone((rate, samples) => this.link.sendSound(rate, samples));
-    this.heardElsewhere = false; // the server plays the sound
-    this.paused = false;
-    this.faps = new Float32Array(68);
-    this.fps = { since: performance.now(), count: 0, last: 0 };
-    this.lags = [];
-    this.cameras(setup.cameras);
-    this.turnByHand(canvas);
-    this.speaking();
-    this.keys();
-    new ResizeObserver(() => (this.resized = true)).observe(canvas);
-    this.resized = true;
-    const url = address("/ws", location.protocol === "https:" ? "wss:" : "ws:");
-    url.searchParams.set("session", query.get("session") ?? "face");
-    this.link = new Link(url.href, {
-      state: (name) => this.connection(name),
-      refused: (why) => this.refused(why),
-      message: (message) => this.message(message),
-      frame: (frame, arrival) => this.jitterBuffer.push(frame, arrival),
-      pong: (sent, server, received) => this.clock.add(sent, server, received),
+    this.session = new Session({ server: document.baseURI, session: query.get("session") ?? "face", token });
+    this.steering = new Steering(setup.cameras, (name) => this.mark(name));
+    this.steering.listen(canvas);
+    this.picture = new Picture(canvas, setup, head, (now, faps) => this.session.sample(now, faps), this.steering, {
+      wall: isBroadcast ? null : setup.wall,
+      edges: query.get("edges"),
+      isBusy: () => this.session.isSpeaking || this.recorder.on,
+      shown: (shown, now) => this.shown(shown, now),
     });
-    requestAnimationFrame((now) => this.draw(now));
+    if (this.picture.trouble) this.notice(`${this.picture.trouble} The face speaks all the same, unseen.`);
+    this.ticker = new Ticker(byId("ticker"));
+    this.caption = new Caption(byId("said"), byId("queue"));
+    this.panel = new Panel(setup, (type, fields) => this.session.send(type, fields));
+    this.microphone = new Microphone((rate, samples) => this.session.link.sendSound(rate, samples));
+    this.recorder = new Recorder(canvas, this.session.sound);
+    this.history = new History();
+    this.rate = { since: performance.now(), count: 0 };
+    canvas.addEventListener("pointermove", (event) => this.lookAt(event));
+    this.cameras();
+    this.listen();
+    this.speaking();
+    this.ownControls();
+    this.keys();
+    if (isBroadcast) this.session.play(true);
   }
 
   // Pictures
 
-  draw(now) {
-    requestAnimationFrame((next) => this.draw(next));
-    const here = performance.now() / 1000;
-    const shown = this.jitterBuffer.sample(here, this.faps);
-    const share = this.fadeOut.at(here, shown ? here - this.jitterBuffer.arrived : Infinity);
-    if (share < 1) for (let column = 0; column < 68; ++column) this.faps[column] *= share;
-    this.size(now);
-    this.view.draw(this.faps, this.seen(now));
+  shown(shown, now) {
+    this.ticker.show(this.session.moment);
+    write("phone", this.session.moment?.label || "–");
     if (!shown) return;
-    const phone = this.ticker.show(shown.time);
-    byId("ticker").classList.toggle("speaking", this.ticker.current !== null);
-    this.write("phone", phone || "–");
-    this.panel.follow(this.faps, now);
-    if (this.clock.known) {
-      this.lags.push(this.clock.at(here) - shown.time);
-      if (this.lags.length > LAGS) this.lags.shift();
-    }
+    this.panel.follow(this.picture.faps, now);
     this.count(now);
   }
 
-  size(now) {
-    if (this.fps.last && this.budget.add((now - this.fps.last) / 1000)) this.resized = true;
-    this.fps.last = now;
-    if (!this.resized) return;
-    this.resized = false;
-    const { clientWidth: width, clientHeight: height } = this.view.canvas;
-    const dense = Math.min(devicePixelRatio, 2, Math.sqrt(MAX_PIXELS / Math.max(width * height, 1))) * this.budget.scale;
-    const [across, down] = [width, height].map((side) => Math.max(1, Math.round(side * dense)));
-    this.view.resize(across, down, this.wantsFineEdges);
-  }
-
-  // Where a graphics card draws and holds the rate; ?edges=fine or soft decides otherwise.
-  get wantsFineEdges() {
-    const wanted = query.get("edges");
-    return wanted ? wanted === "fine" : this.budget.fine;
-  }
-
-  // From the server's clock to the screen, s: the middle one of the last pictures, for single ones are held up.
-  get lag() {
-    return this.lags.length ? Float64Array.from(this.lags).sort()[this.lags.length >> 1] : 0;
-  }
-
   count(now) {
-    this.fps.count += 1;
-    const passed = now - this.fps.since;
+    this.rate.count += 1;
+    const passed = now - this.rate.since;
     if (passed < 500) return;
-    const reduced = this.budget.scale < 1 ? ` at ${Math.round(100 * this.budget.scale)} %` : "";
-    this.write("fps", `${Math.round((1000 * this.fps.count) / passed)}${reduced}`);
-    this.write("latency", this.clock.known ? `${Math.max(0, Math.round(1000 * this.lag))} ms` : "–");
-    this.fps.since = now;
-    this.fps.count = 0;
-  }
-
-  write(id, text) {
-    const element = byId(id);
-    if (element.textContent !== text) element.textContent = text;
+    const { scale } = this.picture.budget;
+    const reduced = scale < 1 ? ` at ${Math.round(100 * scale)} %` : "";
+    write("fps", this.picture.view ? `${Math.round((1000 * this.rate.count) / passed)}${reduced}` : "no picture");
+    write("latency", this.session.clock.known ? `${Math.max(0, Math.round(1000 * this.session.lag))} ms` : "–");
+    this.rate = { since: now, count: 0 };
   }
 
   // Camera
 
-  cameras(presets) {
-    this.presets = Object.entries(presets);
-    this.presets.forEach(([name], index) => {
+  cameras() {
+    this.steering.presets.forEach(([name], index) => {
       const button = document.createElement("button");
       button.type = "button";
+      button.dataset.name = name;
       button.textContent = name[0].toUpperCase() + name.slice(1).replaceAll("-", " ");
       button.title = `${button.textContent} (${index + 1})`;
-      button.addEventListener("click", () => this.fly(index));
+      button.addEventListener("click", () => this.steering.fly(index));
       byId("views").append(button);
     });
-    this.camera = this.presets[0][1];
-    this.mark(0);
+    const wanted = query.get("camera");
+    this.mark(this.steering.presets[0][0]);
+    if (wanted) this.steering.fly(wanted, { atOnce: true });
   }
 
-  fly(index) {
-    if (!this.presets[index]) return;
-    this.flight = calm.matches ? null : { from: this.camera, to: this.presets[index][1], since: performance.now() };
-    if (!this.flight) this.camera = this.presets[index][1];
-    this.mark(index);
-  }
-
-  mark(index) {
-    [...byId("views").children].forEach((button, place) => button.setAttribute("aria-pressed", place === index));
-  }
-
-  seen(now) {
-    if (this.flight) {
-      const share = Math.min(Math.max((now - this.flight.since) / FLIGHT_MS, 0), 1);
-      this.camera = between(this.flight.from, this.flight.to, share * share * (3 - 2 * share));
-      if (share === 1) this.flight = null;
-    }
-    return this.camera;
-  }
-
-  move(camera) {
-    this.flight = null;
-    this.camera = camera;
-    this.mark(-1);
-  }
-
-  turnByHand(canvas) {
-    const pointers = new Map();
-    const spread = () => {
-      const [a, b] = [...pointers.values()];
-      return Math.hypot(a.x - b.x, a.y - b.y);
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      this.lookAt(event);
-      const last = pointers.get(event.pointerId);
-      if (!last) return;
-      const before = pointers.size === 2 ? spread() : 0;
-      pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
-      if (before) this.move(zoomed(this.camera, before / Math.max(spread(), 1)));
-      else this.move(turned(this.camera, (last.x - event.clientX) * 0.35, (event.clientY - last.y) * 0.25));
-    });
-    for (const end of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
-    }
-    canvas.addEventListener("dblclick", () => this.fly(0));
-    const nearer = (event) => {
-      event.preventDefault();
-      this.move(zoomed(this.camera, Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * 0.0012)));
-    };
-    canvas.addEventListener("wheel", nearer, { passive: false });
-    canvas.addEventListener("keydown", (event) => {
-      const turns = { ArrowLeft: [-6, 0], ArrowRight: [6, 0], ArrowUp: [0, 4], ArrowDown: [0, -4] };
-      if (turns[event.key]) this.move(turned(this.camera, ...turns[event.key]));
-      else if (event.key === "+" || event.key === "=") this.move(zoomed(this.camera, 0.92));
-      else if (event.key === "-") this.move(zoomed(this.camera, 1 / 0.92));
-      else return;
-      event.preventDefault();
-    });
+  mark(name) {
+    for (const button of byId("views").children) button.setAttribute("aria-pressed", button.dataset.name === name);
   }
 
   lookAt({ clientX, clientY }) {
     const now = performance.now();
     if (!byId("follow").checked || now - (this.looked ?? 0) < LOOK_EVERY_MS) return;
     this.looked = now;
-    const { left, top, width, height } = this.view.canvas.getBoundingClientRect();
+    const { left, top, width, height } = this.picture.canvas.getBoundingClientRect();
     const angle = (name, slope) => {
       const { low, high } = this.setup.ranges.look[name];
       return Math.min(Math.max(Math.atan(slope), low), high);
     };
     const yaw = angle("yaw", (1.1 * (clientX - left - width / 2)) / height);
     const pitch = angle("pitch", (0.8 * (clientY - top - 0.45 * height)) / height);
-    this.link.send("look", { yaw, pitch });
+    this.session.look(yaw, pitch);
   }
 
   // Speech
 
   speaking() {
     for (const [code, name] of Object.entries(this.setup.voices)) byId("voice").add(new Option(`${code}  ${name}`, code));
+    remembered(byId("voice"), "voice");
     byId("speak").addEventListener("submit", (event) => {
       event.preventDefault();
       this.say(byId("text").value.trim());
     });
     byId("stop").addEventListener("click", () => this.hush());
-    byId("sound").addEventListener("click", () => this.setSound(!this.sound.on));
+    byId("sound").addEventListener("click", () => this.setSound(!this.session.sound.on));
     byId("microphone").addEventListener("click", () => this.setMicrophone(!this.microphone.on));
+    byId("file").addEventListener("click", () => byId("recording").click());
+    byId("recording").addEventListener("change", ({ target }) => target.files[0] && this.sayFile(target.files[0]));
+    byId("text").addEventListener("keydown", (event) => {
+      const text = { ArrowUp: () => this.history.older(event.target.value), ArrowDown: () => this.history.newer() }[event.key]?.();
+      if (text === undefined || text === null) return;
+      event.target.value = text;
+      event.preventDefault();
+    });
   }
 
   async say(text) {
@@ -249,10 +157,15 @@ class Page {
       byId("text").focus();
       return;
     }
-    const voice = byId("voice").value;
-    this.pause(false);
-    if (!this.hasChosenSilence && !this.heardElsewhere && !this.sound.on) await this.setSound(true);
-    if (this.link.send("say", voice ? { text, voice } : { text })) {
+    if (text.length > MAX_TEXT) {
+      this.told(`This text has ${text.length} letters; ${MAX_TEXT} are said at once. Nothing was sent.`, true);
+      return;
+    }
+    this.session.pause(false);
+    if (!this.hasChosenSilence && !this.session.heardElsewhere && !this.session.sound.on) await this.setSound(true);
+    const rate = this.panel.rate;
+    if (this.session.say(text, { voice: byId("voice").value, rate })) {
+      this.history.add(text);
       byId("text").select();
       this.told("");
     } else {
@@ -261,20 +174,20 @@ class Page {
   }
 
   async setSound(wanted) {
-    if (this.heardElsewhere) return;
+    if (this.session.heardElsewhere) return;
     this.hasChosenSilence = !wanted;
-    const on = wanted ? await this.sound.enable() : (await this.sound.disable(), false);
+    const on = await this.session.play(wanted);
     this.showSound(on);
-    this.link.send("plays", { on });
     if (wanted && !on) this.told("This browser has no sound to play on; the face speaks silently.");
   }
 
   showSound(on) {
     const button = byId("sound");
-    button.disabled = this.heardElsewhere;
+    const { heardElsewhere } = this.session;
+    button.disabled = heardElsewhere;
     button.setAttribute("aria-pressed", on);
-    button.textContent = this.heardElsewhere ? "At server" : on ? "Sound on" : "Sound off";
-    button.title = this.heardElsewhere ? "The server plays the sound, on its machine" : "Sound on this page (M)";
+    button.textContent = heardElsewhere ? "At server" : on ? "Sound on" : "Sound off";
+    button.title = heardElsewhere ? "The server plays the sound, on its machine" : "Sound on this page (M)";
   }
 
   async setMicrophone(wanted) {
@@ -286,90 +199,125 @@ class Page {
       this.microphone.disable();
       this.told(error.name === "NotAllowedError" ? "The microphone was not allowed." : error.message, true);
     }
-    this.showMicrophone();
-  }
-
-  showMicrophone() {
     const { on } = this.microphone;
     byId("microphone").setAttribute("aria-pressed", on);
     byId("microphone").textContent = on ? "Mic on" : "Mic off";
   }
 
+  // A recording: heard by the server's ear as it plays.
+  async sayFile(file) {
+    try {
+      const { samples, rate } = await samplesOf(await file.arrayBuffer());
+      if (this.session.push(samples, rate)) this.told(`${file.name}: ${(samples.length / rate).toFixed(1)} s of sound`);
+      else this.told("The server is away; it will be looked for again.", true);
+    } catch {
+      this.told(`${file.name}: got no sound that this browser can read, expected WAV, MP3, Ogg, M4A or the like`, true);
+    }
+    byId("recording").value = "";
+  }
+
   hush() {
-    this.link.send("cancel");
-    this.sound.stop(null);
-    this.pause(false);
-  }
-
-  // Face and sound stand still together, and go on together.
-  pause(wanted) {
-    if (wanted === this.paused) return;
-    this.link.send(wanted ? "pause" : "resume");
-    this.stand(wanted);
-  }
-
-  stand(still) {
-    if (still === this.paused) return;
-    this.paused = still;
-    this.sound.hold(still);
-    this.told(still ? "Paused; Space goes on." : "");
-  }
-
-  // Where the sound is, in the server's time. The face shows frames some time after they were made: it is told to be
-  // ahead by just that, so that both meet here.
-  report({ utterance, position, rate }) {
-    if (!this.clock.known) return;
-    const at = this.clock.at(performance.now() / 1000);
-    this.link.send("audio", { utterance, at_s: at, position_s: position + Math.max(0, this.lag), rate });
+    this.session.cancel();
+    this.session.pause(false);
   }
 
   told(text, wrong = false) {
-    byId("said").textContent = text;
-    byId("said").classList.toggle("wrong", wrong);
+    byId("told").textContent = text;
+    byId("told").classList.toggle("wrong", wrong);
+  }
+
+  notice(text) {
+    byId("notice").textContent = text;
+    byId("notice").hidden = !text;
+  }
+
+  // What belongs to this page alone
+
+  ownControls() {
+    for (const [name, title] of Object.entries(this.setup.heads)) byId("who").add(new Option(title, name));
+    byId("who").parentElement.hidden = byId("who").options.length < 2;
+    byId("who").addEventListener("change", ({ target }) => this.wear(target.value));
+    const wanted = query.get("head");
+    if (wanted && Object.hasOwn(this.setup.heads, wanted)) byId("who").value = wanted;
+    byId("full").addEventListener("click", () => this.fill());
+    byId("record").addEventListener("click", () => this.record());
+    byId("record").disabled = !Recorder.isPossible || !this.picture.view;
+    byId("broadcast").addEventListener("click", () => {
+      const url = new URL(location.href);
+      url.searchParams.set("transparent", "");
+      if (byId("who").value) url.searchParams.set("head", byId("who").value);
+      window.open(url, "_blank", "popup");
+    });
+    remembered(byId("letters"), "letters");
+  }
+
+  async wear(name) {
+    this.told("The face is fetched …");
+    try {
+      const head = await headNamed(name);
+      this.picture.wear(head);
+      this.told("");
+    } catch (error) {
+      this.told(error.message, true);
+    }
+  }
+
+  fill() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else byId("stage").requestFullscreen().catch((error) => this.told(error.message, true));
+  }
+
+  async record() {
+    const button = byId("record");
+    if (this.recorder.on) {
+      const film = await this.recorder.stop();
+      const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(film), download: this.recorder.name });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+      this.told(`${this.recorder.name}: ${(film.size / 1e6).toFixed(1)} MB`);
+    } else {
+      this.recorder.start();
+      this.told("Recording the face and its sound.");
+    }
+    button.setAttribute("aria-pressed", this.recorder.on);
+    button.textContent = this.recorder.on ? "Stop recording" : "Record";
   }
 
   // The server
 
-  connection(name) {
-    document.body.dataset.connection = name;
-    this.write("connection", CONNECTIONS[name]);
-    if (name === "connected") {
-      this.refused("");
-    } else {
-      this.ticker.clear();
-      this.sound.stop(null); // nobody moves the lips any more
-    }
+  listen() {
+    const heard = {
+      connection: (name) => this.connection(name),
+      refused: (why) => this.notice(why || (this.picture.trouble ?? "")),
+      stand: (still) => this.told(still ? "Paused; Space goes on." : ""),
+      begin: (utterance) => this.begin(utterance),
+      phone: () => this.caption.follow(this.session.moment.index),
+      message: (message) => this.message(message),
+    };
+    for (const [type, hear] of Object.entries(heard)) this.session.addEventListener(type, ({ detail }) => hear(detail));
   }
 
-  refused(why) {
-    byId("notice").textContent = why;
-    byId("notice").hidden = !why;
+  connection(name) {
+    document.body.dataset.connection = name;
+    write("connection", CONNECTIONS[name]);
+    if (name === "connected") this.notice(this.picture.trouble ?? "");
+    else this.ticker.clear();
+  }
+
+  begin(utterance) {
+    this.ticker.update(utterance);
+    this.caption.begin(utterance);
   }
 
   message(message) {
-    const { utterance } = message;
+    const { utterances } = this.session;
     switch (message.type) {
       case "hello":
         this.hello(message);
         break;
-      case "begin":
-        this.ticker.begin(utterance);
-        break;
       case "phones":
-        this.ticker.phones(utterance, message.first, message.phones);
-        break;
-      case "position":
-        this.ticker.position(utterance, message.position_s, message.time_s);
-        break;
-      case "cancel":
-        this.sound.stop(utterance);
-        break;
-      case "event":
-        if (message.kind === "finished" || message.kind === "cancelled") this.ticker.over(utterance);
-        break;
       case "sound":
-        this.told(message.text);
-        if (this.sound.on && message.url) this.sound.play(utterance, address(message.url));
+        if (message.utterance === this.session.moment?.utterance) this.begin(utterances.said.get(message.utterance));
         break;
       case "pins":
         this.panel.pins(message.values);
@@ -380,27 +328,25 @@ class Page {
       case "head":
         this.panel.turnHead(message);
         break;
+      case "manner":
+        this.panel.manner(message.setting, message.value);
+        break;
       case "error":
         this.told(message.message, true);
         break;
     }
+    this.caption.wait(utterances.queue);
   }
 
-  hello({ session, rate_hz, profile, voice, ear, sound, paused }) {
-    byId("microphone").hidden = !ear;
-    this.write("session", session);
+  hello({ session, profile, voice, ear, manner = {} }) {
+    byId("microphone").hidden = byId("file").hidden = !ear;
+    write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
-    this.clock = new ServerClock();
-    this.lags = [];
     this.panel.rest(); // what is set is told next
-    this.stand(paused);
-    this.jitterBuffer = new JitterBuffer(rate_hz);
+    for (const [setting, value] of Object.entries(manner)) this.panel.manner(setting, value);
     for (const id of ["text", "say", "voice"]) byId(id).disabled = !voice;
     byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
-    this.heardElsewhere = sound === "server";
-    const on = this.sound.on && !this.heardElsewhere;
-    this.showSound(on);
-    if (on) this.link.send("plays", { on });
+    this.showSound(this.session.sound.on && !this.session.heardElsewhere);
   }
 
   keys() {
@@ -408,22 +354,64 @@ class Page {
       if (event.key === "Escape") this.hush();
       if (event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.target.matches("[type=text], [type=search], select")) return;
-      if (event.key === " " && event.target.matches("button, summary, [type=checkbox]")) return; // it means these
+      if (event.key === " " && event.target.matches("button, summary, input")) return; // it means these
       const key = event.key.toLowerCase();
+      if (SINGLE_KEYS.includes(key) && !byId("letters").checked) return;
       if (key === "/") byId("text").focus();
-      else if (key === "m") this.setSound(!this.sound.on);
-      else if (key === "b") this.link.send("blink");
-      else if (key === " ") this.pause(!this.paused);
-      else if (key >= "1" && key <= "9") this.fly(Number(key) - 1);
+      else if (key === "m") this.setSound(!this.session.sound.on);
+      else if (key === "b") this.session.send("blink");
+      else if (key === "f") this.fill();
+      else if (key === " ") this.session.pause(!this.session.paused);
+      else if (key >= "1" && key <= "9") this.steering.fly(Number(key) - 1);
       else return;
       event.preventDefault();
     });
   }
 }
 
+// What was said on this page, for the arrow keys of the text box.
+class History {
+  constructor() {
+    this.texts = JSON.parse(sessionStorage.getItem("history") ?? "[]");
+    this.place = this.texts.length;
+    this.draft = "";
+  }
+
+  add(text) {
+    this.texts = [...this.texts.filter((one) => one !== text), text].slice(-MAX_HISTORY);
+    this.place = this.texts.length;
+    sessionStorage.setItem("history", JSON.stringify(this.texts));
+  }
+
+  // Null where there is none.
+  older(now) {
+    if (this.place === this.texts.length) this.draft = now;
+    if (this.texts[this.place - 1] === now) this.place -= 1; // it still stands there after it was said
+    return this.place > 0 ? this.texts[--this.place] : null;
+  }
+
+  newer() {
+    if (this.place >= this.texts.length) return null;
+    return ++this.place === this.texts.length ? this.draft : this.texts[this.place];
+  }
+}
+
+// A field that keeps its value from visit to visit.
+function remembered(field, name) {
+  const property = field.type === "checkbox" ? "checked" : "value";
+  const kept = localStorage.getItem(name);
+  if (kept !== null && property === "checked") field.checked = kept === "true";
+  else if (kept !== null && [...field.options].some(({ value }) => value === kept)) field.value = kept;
+  field.addEventListener("change", () => localStorage.setItem(name, field[property]));
+}
+
 try {
-  const [setup, head] = await Promise.all([fetched("/setup.json", "json"), fetched("/head.bin", "arrayBuffer")]);
-  window.page = new Page(setup, parseHead(head)); // for the console
+  const setup = await fetched("setup.json", "json");
+  const wanted = query.get("head");
+  const head = await headNamed(wanted && Object.hasOwn(setup.heads, wanted) ? wanted : "");
+  window.page = new Page(setup, head); // for the console
 } catch (error) {
-  fail(error);
+  byId("notice").textContent = error.message;
+  byId("notice").hidden = false;
+  console.error(error);
 }

@@ -5,7 +5,9 @@ const SHOW_EVERY_MS = 90;
 const HEAD = { yaw: "Turn", pitch: "Nod", roll: "Tilt" };
 const HEAD_OVER_S = 0.15; // a slider that is dragged sends more often than that
 const RAD = Math.PI / 180;
-const MANNERS = { articulation: "Articulation", jaw: "Jaw", lips: "Lips" };
+const SHARE = { low: 0, high: 3, step: 0.05, value: 1 };
+const LOUDNESS = { low: -20, high: 20, step: 1, value: 0, text: (number) => `${number} dB` };
+const MANNERS = { articulation: ["Articulation", SHARE], jaw: ["Jaw", SHARE], lips: ["Lips", SHARE], loudness_db: ["Loudness", LOUDNESS] };
 const SWITCHES = { blinks: "Blinks", head_motion: "Head moves", gaze: "Gaze", idle: "Breath", emphasis: "Emphasis" };
 
 const byId = (id) => document.getElementById(id);
@@ -60,6 +62,7 @@ export class Panel {
     this.expressions(setup.expressions);
     this.head(setup.head);
     this.manners();
+    this.rates(setup.rates);
     for (const group of setup.groups) this.group(group);
     byId("search").addEventListener("input", ({ target }) => this.search(target.value));
     byId("release").addEventListener("click", () => send("release"));
@@ -118,17 +121,35 @@ export class Panel {
   }
 
   manners() {
-    for (const [setting, name] of Object.entries(MANNERS)) {
+    this.settings = new Map(); // setting to what shows its value
+    for (const [setting, [name, limits]] of Object.entries(MANNERS)) {
       const tell = throttled((value) => this.send("manner", { setting, value }));
-      byId("manners").append(row(`manner-${setting}`, name, { low: 0, high: 2, step: 0.05, value: 1 }, tell).element);
+      const made = row(`manner-${setting}`, name, limits, tell);
+      this.settings.set(setting, (value) => document.activeElement === made.input || made.show(value));
+      byId("manners").append(made.element);
     }
     for (const [setting, name] of Object.entries(SWITCHES)) {
-      const box = made("input", { type: "checkbox", checked: true });
+      const box = made("input", { type: "checkbox", checked: true, id: `manner-${setting}` });
       box.addEventListener("change", () => this.send("manner", { setting, value: box.checked ? 1 : 0 }));
+      this.settings.set(setting, (value) => (box.checked = value !== 0));
       byId("switches").append(made("label", {}, box, name));
     }
     const eyes = made("input", { type: "checkbox", id: "follow" });
     byId("switches").append(made("label", {}, eyes, "Eyes follow the pointer"));
+  }
+
+  // How the face speaks and moves, as somebody set it; a hand on the slider knows better.
+  manner(setting, value) {
+    this.settings.get(setting)?.(value);
+  }
+
+  // Words a minute of what this page has said.
+  rates({ low, high, usual }) {
+    const text = (number) => `${number}`;
+    const made = row("rate", "Rate", { low, high, step: 1, value: usual, text }, (value) => (this.rate = value));
+    made.input.title = "Words a minute";
+    this.rate = null; // the server's
+    byId("rates").append(made.element);
   }
 
   group({ name, faps }) {

@@ -22,9 +22,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_wheel_holds_every_shader_profile_and_page(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    shipped = [
-        path for folder in ("shaders", "profiles", "web-page") for path in (ROOT / folder).rglob("*") if path.is_file()
-    ]
+    folders = ("shaders", "profiles", "web-page", "fapengine-face")
+    shipped = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
     assert len(shipped) >= 25
     missing = [path for path in shipped if f"fapengine/_data/{path.relative_to(ROOT).as_posix()}" not in names]
     assert not missing

@@ -65,9 +65,9 @@ class Page:
     def open(self, session: str = "face", query: str = "") -> None:
         """Open the page and wait until frames come."""
         self._runner.run(self._browser.open(f"{self.server.url}?session={session}{query}"))
-        self.until("document.body.dataset.connection === 'connected' && page.jitterBuffer.frames.length > 3")
+        self.until("document.body.dataset.connection === 'connected' && page.session.jitterBuffer.frames.length > 3")
         # As many pixels as the window has, however slow the machine: pictures are compared.
-        self.run("page.budget.add = () => false; page.budget.scale = 1; page.resized = true")
+        self.run("page.picture.budget.add = () => false; page.picture.budget.scale = 1; page.picture.resized = true")
 
     def go(self, url: str) -> None:
         self._runner.run(self._browser.open(url))

@@ -46,7 +46,7 @@ def plausible(count: int) -> np.ndarray:
 def calculated(page: Page, module: str, code: str, **given: object) -> Any:
     """Run code in the page; ``m`` is the module, ``given`` what is passed in."""
     return page.run(
-        f"import('/{module}').then((m) => {{ const given = {json.dumps(given)}; return (() => {{ {code} }})(); }})"
+        f"import('/face/{module}').then((m) => {{ const given = {json.dumps(given)}; return (() => {{ {code} }})(); }})"
     )
 
 
@@ -55,7 +55,7 @@ def test_channels_bones_pupil_and_lids_are_python_s(modules: Page, head: FaceMes
     found = calculated(
         modules,
         "deform.js",
-        """const { head } = page.view;
+        """const { head } = page.picture.view;
         return given.frames.map((faps) => [
             [...m.channelWeights(head, faps)], [...m.boneMatrices(head, faps)],
             m.irisAndPupil(head, faps), m.lidMargins(head, faps)]);""",
@@ -121,7 +121,7 @@ def test_a_high_picture_keeps_the_width_of_a_square_one(modules: Page) -> None:
 def pictured(page: Page, faps: np.ndarray, camera: str, size: int, edges: str) -> np.ndarray:
     """(size, size, 4) int: what the page draws with nothing behind the face."""
     code = """const { size } = given;
-        const view = new m.FaceView(document.createElement("canvas"), page.view.head, page.setup, null);
+        const view = new m.FaceView(document.createElement("canvas"), page.picture.view.head, page.setup, null);
         view.resize(size, size, given.edges === "fine");
         view.draw(given.faps, page.setup.cameras[given.camera]);
         const pixels = new Uint8Array(size * size * 4);
@@ -274,13 +274,31 @@ def test_pixels_are_given_up_for_the_rate_and_come_back_slowly(modules: Page) ->
             for (let n = 0; n < count; ++n) budget.add(interval);
             return budget.scale;
         };
-        return [pass(1 / 60, 600), pass(2, 50), pass(1 / 30, 15), pass(1 / 30, 30), pass(1 / 30, 1000),
+        return [pass(1 / 60, 600), pass(1 / 2, 1), pass(1 / 30, 15), pass(1 / 30, 30), pass(1 / 30, 1000),
             pass(1 / 60, 3000), pass(1 / 60, 40000)];"""
-    steady, hidden, hiccup, slow, slowest, soon, later = calculated(modules, "time.js", code)
-    assert (steady, hidden, hiccup) == (1, 1, 1)
+    steady, hiccup, short, slow, slowest, soon, later = calculated(modules, "time.js", code)
+    assert (steady, hiccup, short) == (1, 1, 1)
     assert slow == pytest.approx(0.64)
     assert slowest == pytest.approx(0.4)
     assert soon < later == 1
+
+
+def test_two_pictures_a_second_are_answered_at_once(modules: Page) -> None:
+    code = """const budget = new m.PixelBudget(given.card);
+        return Array.from({ length: 4 }, () => (budget.add(0.4), [budget.fine, budget.scale]));"""
+    assert calculated(modules, "time.js", code, card=False) == [[False, 0.5], [False, 0.4], [False, 0.4], [False, 0.4]]
+    assert calculated(modules, "time.js", code, card=True)[0] == [False, 0.5]
+
+
+def test_words_of_a_text_are_found_in_it_with_all_between(modules: Page) -> None:
+    code = """const word = (word, count) => Array.from({ length: count }, () => ({ label: "a", word }));
+        const phones = [...word(null, 1), ...word("Well", 3), ...word("well", 2), ...word("xx", 1), ...word("I", 1)];
+        return [m.captionPieces({ text: "Well, well -- 2 I!", phones }), m.captionPieces({ text: "", phones })]
+            .map((pieces) => pieces.map(({ text, first, last }) => [text, first, last]));"""
+    assert calculated(modules, "utterances.js", code) == [
+        [["Well", 1, 3], [", ", -1, -1], ["well", 4, 5], [" -- 2 ", -1, -1], ["I", 7, 7], ["!", -1, -1]],
+        [["Well", 1, 3], [" ", -1, -1], ["well", 4, 5], [" ", -1, -1], ["xx", 6, 6], [" ", -1, -1], ["I", 7, 7]],
+    ]
 
 
 EDGES_AND_SCALE = """const budget = new m.PixelBudget(true);

@@ -223,7 +223,8 @@ class SetParameter(Command):
 
     SPEC: ClassVar[CommandSpec] = CommandSpec(
         doc="articulation, jaw, lips (0 to 3), loudness_db; blinks, head_motion, gaze, idle, emphasis (0 or 1)",
-        osc="/fap/1/param", one_shot="/param", json="manner", is_direct=True, is_repeatable=True,
+        osc="/fap/1/param", one_shot="/param", json="manner",
+        is_direct=True, is_repeatable=True, is_shown=True,
     )  # fmt: skip
     parameter: Annotated[str, _PARAMETER]
     value: Annotated[float, FieldSpec(osc="value", json="value", low=-20.0, high=20.0)]

@@ -6,6 +6,7 @@ from fapengine.live.engine.commands import Command
 from fapengine.live.engine.engine import EngineFrame, Fault
 from fapengine.live.engine.session import Counters, Event, State
 from fapengine.live.engine.utterance import Utterance
+from fapengine.trajectory.style import Style
 
 
 class EnginePort(Protocol):
@@ -48,6 +49,10 @@ class EnginePort(Protocol):
 
     def state(self, session: str) -> State:
         """``idle``, ``waiting``, ``speaking`` or ``paused``."""
+        ...
+
+    def style(self, session: str) -> Style:
+        """Tell how a session speaks and moves now."""
         ...
 
     def counters(self, session: str) -> Counters:

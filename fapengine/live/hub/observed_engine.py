@@ -11,6 +11,7 @@ from fapengine.live.engine.port import EnginePort
 from fapengine.live.engine.session import Counters, Event, State
 from fapengine.live.engine.utterance import Utterance
 from fapengine.live.wire.fap_osc import MAX_SESSION_BYTES
+from fapengine.trajectory.style import Style
 
 MAX_EVENTS = 4096
 """Kept for a reader that does not come."""
@@ -107,6 +108,10 @@ class ObservedEngine:
     def state(self, session: str) -> State:
         """Tell what a session is doing; see :meth:`EnginePort.state`."""
         return self.inner.state(session)
+
+    def style(self, session: str) -> Style:
+        """Tell how a session speaks and moves now; see :meth:`EnginePort.style`."""
+        return self.inner.style(session)
 
     def counters(self, session: str) -> Counters:
         """Tell what a session has met with; see :meth:`EnginePort.counters`."""

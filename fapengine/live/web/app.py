@@ -1,5 +1,6 @@
 """The web server: page, head, shaders, sounds, and the WebSocket that they talk over (:mod:`.admission`: who may)."""
 
+import asyncio
 import gzip
 import json
 import logging
@@ -12,6 +13,7 @@ from aiohttp import WSCloseCode, web
 
 from fapengine import _resources
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.heads.load import load_head
 from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.admission import harden, refusal
@@ -21,9 +23,11 @@ from fapengine.live.web.messages import MAX_MESSAGE, PROTOCOL, session_name, tex
 from fapengine.live.web.page_config import setup
 from fapengine.live.web.session_view import SessionView, open_session_view
 from fapengine.live.web.sounds import SoundCache
+from fapengine.mesh.default_head.people import PEOPLE
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.voices import espeak
 from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.espeak import DEFAULT_RATE_WPM
 
 DEFAULT_SESSION = "face"
 DEFAULT_CHOICE = VoiceChoice()
@@ -54,6 +58,8 @@ class _Server:
     sounds: SoundCache = field(default_factory=SoundCache)
     views: dict[str, SessionView] = field(default_factory=dict)
     connections: set[Connection] = field(default_factory=set)
+    heads: dict[str, asyncio.Future[tuple[bytes, bytes]]] = field(default_factory=dict)
+    """People whose heads were asked for, as they are and packed."""
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
         """``/ws?session=NAME``: a page."""
@@ -79,7 +85,11 @@ class _Server:
         connection = Connection(self.hub, view, socket, self.counts, self.voice, self.hearing)
         self.connections.add(connection)
         try:
-            greeting = {"sound": "server" if view.server_plays_audio else "page", "paused": view.is_paused}
+            greeting = {
+                "sound": "server" if view.server_plays_audio else "page",
+                "paused": view.is_paused,
+                "manner": view.manner,
+            }
             await connection.run(text_of("hello", session=session, **greeting, **self.hello))
         finally:
             self.connections.discard(connection)
@@ -97,6 +107,19 @@ class _Server:
         if wav is None:
             raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
         return web.Response(body=wav, content_type="audio/wav")
+
+    async def head(self, own: Handler, request: web.Request) -> web.StreamResponse:
+        """``/head.bin``: the server's own head, or with ``?name=woman`` one of our people, built on demand."""
+        name = request.query.get("name", "")
+        if not name:
+            return await own(request)
+        self.admit(request)
+        if name not in PEOPLE:
+            raise web.HTTPNotFound(text=f"name: got {name!r:.60}, expected one of {', '.join(PEOPLE)}")
+        if name not in self.heads:
+            self.heads[name] = asyncio.ensure_future(asyncio.to_thread(_packed_head, name))
+        body, packed = await asyncio.shield(self.heads[name])
+        return await self.file("application/octet-stream", body, packed, request)
 
     async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
         """Answer with a file of the page, packed for whoever can unpack it."""
@@ -184,22 +207,31 @@ def make_app(
     app.on_shutdown.append(server.stop)
     app.router.add_get("/ws", server.socket)
     app.router.add_get("/sound.wav", server.sound)
-    for path, (kind, body) in page_files(head, voices).items():
-        app.router.add_get(path, partial(server.file, kind, body, gzip.compress(body, 6, mtime=0)))
+    for path, (kind, body) in page_files(head, voices, voice.rate_wpm).items():
+        handler = partial(server.file, kind, body, gzip.compress(body, 6, mtime=0))
+        app.router.add_get(path, partial(server.head, handler) if path == "/head.bin" else handler)
     return app
 
 
-def page_files(head: FaceMesh, voices: dict[str, str]) -> dict[str, tuple[str, bytes]]:
+def page_files(
+    head: FaceMesh, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM
+) -> dict[str, tuple[str, bytes]]:
     """Path to kind and content of all that never changes."""
+    told = setup(voices=voices, rate_wpm=rate_wpm)
     pages = {
         "/head.bin": ("application/octet-stream", head_binary(head)),
-        "/setup.json": ("application/json", json.dumps(setup(voices=voices), ensure_ascii=False).encode()),
+        "/setup.json": ("application/json", json.dumps(told, ensure_ascii=False).encode()),
     }
     for name, content in _resources.page_files().items():
         suffix = PurePosixPath(name).suffix
         if suffix in KINDS:
             pages["/" if name == "index.html" else f"/{name}"] = (KINDS[suffix], content)
     return pages
+
+
+def _packed_head(name: str) -> tuple[bytes, bytes]:
+    body = head_binary(load_head(name))
+    return body, gzip.compress(body, 6, mtime=0)
 
 
 def _charset(kind: str) -> str | None:

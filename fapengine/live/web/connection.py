@@ -19,6 +19,7 @@ from fapengine.live.web.messages import (
     Request,
     Say,
     Tell,
+    Watch,
     Words,
     parse_request,
     parse_sound,
@@ -211,6 +212,8 @@ class Connection:
                 self.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
             case Plays(on):
                 self._view.plays(self, on=on)
+            case Watch(on):
+                self._view.watches(self, on=on)
             case Say() | Words() if len(self._voices) < MAX_VOICES:
                 task = asyncio.create_task(self._say(request) if isinstance(request, Say) else self._say_words(request))
                 self._voices.add(task)

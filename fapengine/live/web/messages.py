@@ -93,13 +93,19 @@ class Plays(Struct, frozen=True, forbid_unknown_fields=True):
     on: bool
 
 
+class Watch(Struct, frozen=True, forbid_unknown_fields=True):
+    """Say whether this page can be seen: a hidden one is sent no frames."""
+
+    on: bool
+
+
 class Tell(Struct, frozen=True):
     """A command for the session's face."""
 
     command: Command
 
 
-Request = Say | Words | Pin | ReleaseAll | Ping | Plays | Tell
+Request = Say | Words | Pin | ReleaseAll | Ping | Plays | Watch | Tell
 _PAGE_MESSAGES: dict[str, type[Struct]] = {
     "say": Say,
     "words": Words,
@@ -107,6 +113,7 @@ _PAGE_MESSAGES: dict[str, type[Struct]] = {
     "release": ReleaseAll,
     "ping": Ping,
     "plays": Plays,
+    "watch": Watch,
 }
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from fapengine.live.engine import commands
 from fapengine.live.engine.command_table import Command, fields_of
+from fapengine.mesh.default_head.people import PEOPLE
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.mpeg4.visemes import Expression
@@ -20,6 +21,7 @@ from fapengine.render.programs import (
     VARIANTS,
     stage_source,
 )
+from fapengine.voices.espeak import DEFAULT_RATE_WPM, RATES_WPM
 
 GROUP_NAMES = {
     2: "Jaw, chin and inner lips",
@@ -51,13 +53,15 @@ UNUSED = ("wire", "enlarge")
 """Programs that the page has no use for."""
 
 
-def setup(*, voices: dict[str, str]) -> dict[str, Any]:
+def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[str, Any]:
     """Gather it; JSON can say all of it.
 
     Parameters
     ----------
     voices : dict of str to str
         Language codes and names of the voices that the server has; empty if it has none.
+    rate_wpm : int
+        Words a minute of the server's voice.
     """
     stages = {
         " ".join((name, *defined)): {
@@ -95,6 +99,8 @@ def setup(*, voices: dict[str, str]) -> dict[str, Any]:
             for name, camera in ((name, PRESETS[name]) for name in PAGE_CAMERAS)
         },
         "voices": voices,
+        "rates": {"low": RATES_WPM[0], "high": RATES_WPM[1], "usual": rate_wpm},
+        "heads": {"": "The server's", **{name: name.capitalize() for name in PEOPLE}},
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from urllib.parse import urlencode
 
 from fapengine.live.engine.command_table import Choice, Command, fields_of
-from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, End
+from fapengine.live.engine.commands import PARAMETERS, Append, Audio, Begin, Cancel, End
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubFrame, Spoken
 from fapengine.live.web.messages import pack_frame, text_of
@@ -72,6 +72,7 @@ class SessionView:
             hub.on_command(session, self._command),
         ]
         self._members: dict[Member, Callable[[], None]] = {}
+        self._watching: set[Member] = set()
         self._settings: dict[tuple[str, ...], str] = {}
         self._said: OrderedDict[int, _Said] = OrderedDict()
         self._speaking: int | None = None
@@ -84,9 +85,16 @@ class SessionView:
         """Whether the face stands still until it is told to go on."""
         return self._hub.engine.state(self.session) == "paused"
 
+    @property
+    def manner(self) -> dict[str, float]:
+        """How the face speaks and moves: each parameter's value, 0 and 1 for switches."""
+        style = self._hub.engine.style(self.session)
+        return {name: float(getattr(style, name)) for name in PARAMETERS}
+
     def enter(self, member: Member) -> None:
         """Let a page in; it is told what is being said."""
         self._members[member] = lambda: None
+        self._watching.add(member)
         self.plays(member, on=False)
         for text in (self._pins(), *self._settings.values()):
             member.put_text(text)
@@ -97,6 +105,7 @@ class SessionView:
     def leave(self, member: Member) -> None:
         """Let a page go; the last one closes the door."""
         self._members.pop(member)()
+        self._watching.discard(member)
         for said in self._said.values():
             if said.leader is member:
                 said.leader = None
@@ -110,6 +119,13 @@ class SessionView:
         self._members[member] = self._hub.on_speech(
             self.session, lambda spoken: self._spoken(member, spoken), plays=on and not self.server_plays_audio
         )
+
+    def watches(self, member: Member, *, on: bool) -> None:
+        """Note whether a page can be seen: a hidden one is sent no frames."""
+        if on:
+            self._watching.add(member)
+        else:
+            self._watching.discard(member)
 
     def tell(self, member: Member, command: Command) -> None:
         """Pass a page's command on. Of the pages that play one sound, the first says where it is.
@@ -157,9 +173,10 @@ class SessionView:
         member.put_text(text_of("sound", utterance=spoken.utterance, url=url, text=spoken.text))
 
     def _frame(self, frame: HubFrame) -> None:
-        packed = pack_frame(frame.number, frame.time_s, frame.faps)
-        for member in self._members:
-            member.put_frame(packed)
+        if self._watching:
+            packed = pack_frame(frame.number, frame.time_s, frame.faps)
+            for member in self._watching:
+                member.put_frame(packed)
         if self._speaking is not None and frame.number % POSITION_EVERY == 0:
             self._position(self._speaking, frame.time_s)
 

@@ -131,7 +131,7 @@ def test_the_client_has_a_method_of_the_commands_name_and_defaults(kind: type[Co
 
 def test_the_page_sends_only_messages_that_there_are() -> None:
     sent = set()
-    for file in (ROOT / "web-page").glob("*.js"):
+    for file in (*(ROOT / "web-page").glob("*.js"), *(ROOT / "fapengine-face").glob("*.js")):
         sent |= set(re.findall(r"""\bsend\(\s*(?:wanted \? )?"(\w+)"(?: : "(\w+)")?""", file.read_text()))
     names = {name for pair in sent for name in pair if name}
     assert names <= set(messages.structs())

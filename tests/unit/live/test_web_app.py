@@ -82,6 +82,7 @@ def test_the_page_and_all_that_it_asks_for_is_served(head: FaceMesh) -> None:
         kinds = {
             "/": "text/html",
             "/main.js": "text/javascript",
+            "/face/session.js": "text/javascript",
             "/style.css": "text/css",
             "/icon.svg": "image/svg+xml",
             "/setup.json": "application/json",
@@ -98,6 +99,44 @@ def test_the_page_and_all_that_it_asks_for_is_served(head: FaceMesh) -> None:
         for path in ("/index.html", "/../app.py", "/app.py", "/sound.wav", "/sound.wav?utterance=x"):
             async with client.get(path) as answer:
                 assert answer.status == 404, path
+
+    serve(head, use)
+
+
+def test_another_face_is_built_when_it_is_asked_for(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[str] = []
+    monkeypatch.setattr(web_app, "load_head", lambda name: built.append(name) or head)
+
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.get("/setup.json") as answer:
+            assert list((await answer.json())["heads"]) == ["", "default", "woman", "man", "child", "older"]
+        for _ in range(2):
+            async with client.get("/head.bin?name=woman") as answer:
+                assert answer.status == 200
+                assert (await answer.read())[:8] == b"FAPHEAD1"
+        assert built == ["woman"]
+        for name in ("nobody", "../folder", "random:7"):
+            async with client.get("/head.bin", params={"name": name}) as answer:
+                assert answer.status == 404
+
+    serve(head, use)
+
+
+def test_a_page_that_nobody_sees_is_sent_no_frames(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+            assert (await text_from(socket, "hello"))["manner"]["idle"] == 0.0
+            await frame_from(socket)
+            await socket.send_json({"type": "watch", "on": False})
+            await socket.send_json({"type": "manner", "setting": "jaw", "value": 0.5})
+            assert (await text_from(socket, "manner")) == {"type": "manner", "setting": "jaw", "value": 0.5}
+            await asyncio.sleep(0.1)  # ten frames of its server
+            await socket.send_json({"type": "ping", "number": 1})
+            assert (await socket.receive()).type is WSMsgType.TEXT
+            await socket.send_json({"type": "watch", "on": True})
+            await frame_from(socket)
+        async with client.ws_connect("/ws?session=anna") as socket:
+            assert (await text_from(socket, "hello"))["manner"]["jaw"] == 0.5
 
     serve(head, use)
 

@@ -20,6 +20,7 @@ from fapengine.live.web.messages import (
     ReleaseAll,
     Say,
     Tell,
+    Watch,
     Words,
     pack_frame,
     parse_request,
@@ -51,6 +52,7 @@ CASES = [
     ({"type": "resume"}, Tell(commands.Resume())),
     ({"type": "ping", "number": 3}, Ping(3)),
     ({"type": "plays", "on": True}, Plays(True)),
+    ({"type": "watch", "on": False}, Watch(False)),
 ]
 assert {message["type"] for message, _ in CASES} == set(messages.structs())
 

@@ -143,7 +143,7 @@ def test_the_page_is_told_every_fap_once_and_every_program() -> None:
 
 
 def test_numbers_that_the_page_repeats_are_pythons() -> None:
-    page = Path(__file__).resolve().parents[3] / "web-page"
+    page = Path(__file__).resolve().parents[3] / "fapengine-face"
     repeated = {
         ("camera.js", "NEAR"): NEAR_MM, ("camera.js", "FAR"): FAR_MM, ("deform.js", "MAX_CHANNELS"): MAX_CHANNELS,
         ("head.js", "MAGIC"): MAGIC.decode(),

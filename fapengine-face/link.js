@@ -10,22 +10,40 @@ const MAX_UNSENT = 1 << 16; // bytes of a line that is too slow for sound
 
 export class Link {
   // on: { state(name), refused(why), message(object), frame(frame, arrival), pong(sent, server, received) }; times in s.
-  constructor(url, on) {
+  // watched(): whether frames are wanted; a page that nobody sees is sent none, and asks for the time no more.
+  constructor(url, on, watched = () => !document.hidden) {
     this.url = url;
     this.on = on;
+    this.watched = watched;
     this.wait = FIRST_WAIT_MS;
     this.pings = new Map();
     this.number = 0;
-    window.addEventListener("online", () => this.hurry());
-    document.addEventListener("visibilitychange", () => document.hidden || this.hurry());
-    setInterval(() => this.ping(), PING_EVERY_MS);
+    this.end = new AbortController();
+    const { signal } = this.end;
+    window.addEventListener("online", () => this.hurry(), { signal });
+    document.addEventListener("visibilitychange", () => this.watch(), { signal });
+    this.pinging = setInterval(() => this.ping(), PING_EVERY_MS);
     this.connect();
+  }
+
+  close() {
+    this.end.abort();
+    clearInterval(this.pinging);
+    clearTimeout(this.timer);
+    const { socket } = this;
+    this.socket = null;
+    socket?.close();
+  }
+
+  get isOpen() {
+    return this.socket?.readyState === WebSocket.OPEN;
   }
 
   connect() {
     clearTimeout(this.timer);
     this.on.state("connecting");
     this.heard = performance.now();
+    this.isWatched = true; // the server takes it so at first
     const socket = (this.socket = new WebSocket(this.url));
     socket.binaryType = "arraybuffer";
     socket.onmessage = ({ data }) => {
@@ -55,6 +73,7 @@ export class Link {
       this.wait = FIRST_WAIT_MS;
       this.on.state("connected");
       this.on.message(message);
+      this.watch();
       this.ping();
       return;
     }
@@ -80,36 +99,47 @@ export class Link {
   }
 
   hurry() {
-    if (this.socket.readyState === WebSocket.CLOSED) {
+    if (this.socket?.readyState === WebSocket.CLOSED) {
       this.wait = FIRST_WAIT_MS;
       this.connect();
     }
   }
 
+  // Says whether frames are wanted, when that has changed.
+  watch() {
+    const wanted = this.watched();
+    if (wanted) this.hurry();
+    if (wanted === this.isWatched || !this.send("watch", { on: wanted })) return;
+    this.isWatched = wanted;
+    this.heard = performance.now(); // it was silent because it was told to be
+    if (wanted) this.ping();
+  }
+
   ping() {
-    if (this.socket.readyState === WebSocket.OPEN) {
-      if (performance.now() - this.heard > SILENCE_MS && !document.hidden) {
-        const silent = this.socket; // the cable is out: nobody says goodbye
-        this.socket = null;
-        silent.close();
-        this.connect();
-        return;
-      }
-      this.pings.set(++this.number, performance.now() / 1000);
-      this.send("ping", { number: this.number });
+    if (!this.isOpen) return;
+    this.watch();
+    if (!this.isWatched) return;
+    if (performance.now() - this.heard > SILENCE_MS) {
+      const silent = this.socket; // the cable is out: nobody says goodbye
+      this.socket = null;
+      silent.close();
+      this.connect();
+      return;
     }
+    this.pings.set(++this.number, performance.now() / 1000);
+    this.send("ping", { number: this.number });
   }
 
   // Sound, as an Int16Array; left out where the line does not keep up.
   sendSound(rate, samples) {
-    if (this.socket.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > MAX_UNSENT) return false;
+    if (!this.isOpen || this.socket.bufferedAmount > MAX_UNSENT) return false;
     this.socket.send(packSound(rate, samples));
     return true;
   }
 
   // Returns whether it could be sent.
   send(type, fields = {}) {
-    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    if (!this.isOpen) return false;
     this.socket.send(JSON.stringify({ type, ...fields }));
     return true;
   }

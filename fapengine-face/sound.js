@@ -11,13 +11,20 @@ export class Sound {
     this.held = false;
     this.playing = new Map();
     this.queue = Promise.resolve();
-    setInterval(() => this.tell(), REPORT_EVERY_MS);
+    this.telling = setInterval(() => this.tell(), REPORT_EVERY_MS);
+  }
+
+  close() {
+    clearInterval(this.telling);
+    this.stop(null);
+    this.context?.close();
+    this.context = null;
   }
 
   // Browsers let a page sound only after a click or a key. Resolves to whether it may.
   async enable() {
     try {
-      this.context ??= new AudioContext({ latencyHint: "interactive" });
+      this.open();
       const patience = new Promise((resolve) => setTimeout(resolve, 800));
       await Promise.race([this.context.resume(), patience]);
     } catch {
@@ -26,6 +33,14 @@ export class Sound {
     this.on = this.context.state === "running";
     await this.hold(this.held);
     return this.on;
+  }
+
+  // The way to the loudspeaker, which others may listen at.
+  open() {
+    if (this.context) return;
+    this.context = new AudioContext({ latencyHint: "interactive" });
+    this.output = new GainNode(this.context);
+    this.output.connect(this.context.destination);
   }
 
   disable() {
@@ -59,7 +74,7 @@ export class Sound {
     if (sound.cancelled) return;
     const source = new AudioBufferSourceNode(this.context, { buffer });
     const gain = new GainNode(this.context);
-    source.connect(gain).connect(this.context.destination);
+    source.connect(gain).connect(this.output);
     const starts = this.context.currentTime + START_IN_S;
     const over = new Promise((resolve) => (source.onended = sound.end = resolve));
     source.start(starts);
@@ -98,5 +113,24 @@ export class Sound {
       if (Math.abs(now - context.currentTime) < 0.5) return now;
     }
     return context.currentTime - (context.outputLatency || context.baseLatency || 0);
+  }
+}
+
+// Plays pieces of sound one behind the other, each so long after it was pushed that a face has seen to its lips.
+export class SoundStream {
+  push(samples, rate, delay) {
+    this.context ??= new AudioContext({ latencyHint: "interactive" });
+    const buffer = new AudioBuffer({ length: samples.length, sampleRate: rate, numberOfChannels: 1 });
+    buffer.copyToChannel(Float32Array.from(samples, (sample) => sample / 32768), 0);
+    const source = new AudioBufferSourceNode(this.context, { buffer });
+    source.connect(this.context.destination);
+    const starts = Math.max(this.next ?? 0, this.context.currentTime + delay);
+    source.start(starts);
+    this.next = starts + buffer.duration;
+  }
+
+  stop() {
+    this.context?.close();
+    this.context = this.next = null;
   }
 }

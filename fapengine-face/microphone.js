@@ -16,7 +16,7 @@ export class Microphone {
       audio: { channelCount: 1, echoCancellation: true, noiseSuppression: true, autoGainControl: true },
     });
     this.context = new AudioContext({ sampleRate: RATE_HZ }); // the browser resamples
-    await this.context.audioWorklet.addModule("microphone-worklet.js");
+    await this.context.audioWorklet.addModule(new URL("./microphone-worklet.js", import.meta.url));
     const pieces = new AudioWorkletNode(this.context, "pieces", { numberOfOutputs: 0 });
     pieces.port.onmessage = ({ data }) => this.on && this.send(RATE_HZ, data);
     new MediaStreamAudioSourceNode(this.context, { mediaStream: this.stream }).connect(pieces);
@@ -30,4 +30,17 @@ export class Microphone {
     this.context?.close();
     this.stream = this.context = null;
   }
+}
+
+// The sound of a file, mono at 16 kHz: { samples (Int16Array), rate }.
+export async function samplesOf(bytes) {
+  const decoder = new OfflineAudioContext(1, 1, RATE_HZ); // decodes at its own rate
+  const sound = await decoder.decodeAudioData(bytes);
+  const mixer = new OfflineAudioContext(1, sound.length, RATE_HZ);
+  const source = new AudioBufferSourceNode(mixer, { buffer: sound });
+  source.connect(mixer.destination); // mixes its channels
+  source.start();
+  const mono = (await mixer.startRendering()).getChannelData(0);
+  const samples = Int16Array.from(mono, (value) => Math.max(-32768, Math.min(32767, Math.round(32768 * value))));
+  return { samples, rate: RATE_HZ };
 }

@@ -80,9 +80,16 @@ export class JitterBuffer {
   }
 }
 
+const SLOW_S = 1 / 45;
+const QUICK_S = 1 / 55;
+const VERY_SLOW_S = 0.1;
+const FIRST_PICTURES = 5; // among these one very slow picture counts, later it takes two in a row
+const LEAST_SCALE = 0.4;
+
 // Holds the frame rate of the screen by drawing less. A graphics card gives up its fine edges first, for good; then both
-// it and a CPU give up pixels, and ask for them again after a long quiet time. A card that is no quicker for three falls
-// is not what takes the time: the screen is slow, or somebody else is busy. It then has everything back, for good.
+// it and a CPU give up pixels, and ask for them again after a long quiet time. A picture that takes longer than 0.1 s is
+// answered at once, with half the pixels of each side. A card that is no quicker for three falls is not what takes the
+// time: the screen is slow, or somebody else is busy. It then has everything back, for good.
 export class PixelBudget {
   // fine: whether there are fine edges to give up, as where a card draws.
   constructor(fine = false) {
@@ -90,35 +97,40 @@ export class PixelBudget {
     this.hasCard = fine;
     this.scale = 1;
     this.slow = 0;
+    this.verySlow = 0;
     this.quick = 0;
     this.patience = 180;
     this.falls = 0;
+    this.pictures = 0;
     this.mean = 0;
   }
 
-  // How long the last picture took from the one before, s. Returns whether there is something else to draw.
+  // How long a picture held the screen up, s: only while it was to be seen. Returns whether there is something else to draw.
   add(interval) {
-    if (this.settled || interval > 0.25) return false; // the page was hidden
+    if (this.settled) return false;
+    this.pictures += 1;
     this.mean += (interval - this.mean) / (this.mean ? 10 : 1);
-    this.slow = interval > 1 / 45 ? this.slow + 1 : Math.max(0, this.slow - 1);
-    this.quick = interval < 1 / 55 ? this.quick + 1 : 0;
-    if (this.slow >= 20) return this.fall();
+    this.slow = interval > SLOW_S ? this.slow + 1 : Math.max(0, this.slow - 1);
+    this.verySlow = interval > VERY_SLOW_S ? this.verySlow + 1 : 0;
+    this.quick = interval < QUICK_S ? this.quick + 1 : 0;
+    if (this.verySlow >= (this.pictures <= FIRST_PICTURES ? 1 : 2)) return this.fall(0.5);
+    if (this.slow >= 20) return this.fall(this.fine ? 1 : 0.8);
     return this.quick >= this.patience && this.rise();
   }
 
-  fall() {
-    this.slow = this.quick = 0;
+  fall(share) {
+    this.slow = this.verySlow = this.quick = 0;
     if (this.falls === 0) this.before = this.mean;
     if (this.hasCard && this.falls === 3 && this.mean > 0.9 * this.before) {
       this.fine = this.settled = true;
       this.scale = 1;
       return true;
     }
-    if (this.scale <= 0.4) return false;
+    if (this.scale <= LEAST_SCALE) return false;
     this.falls += 1;
     this.patience = Math.min(this.patience * 2, 3600);
-    if (this.fine) this.fine = false;
-    else this.scale = Math.max(0.4, this.scale * 0.8);
+    this.fine = false;
+    this.scale = Math.max(LEAST_SCALE, this.scale * share);
     return true;
   }
 

@@ -23,6 +23,25 @@ export class FaceView {
     this.build();
   }
 
+  // Draw another head from now on.
+  wear(head) {
+    const { gl } = this;
+    for (const { array } of this.arrays.values()) gl.deleteVertexArray(array);
+    for (const { program } of this.programs.values()) gl.deleteProgram(program);
+    for (const { buffer } of [{ buffer: this.vertices }, ...this.indices]) gl.deleteBuffer(buffer);
+    for (const texture of [this.displacements, this.normalDeltas, this.skin]) gl.deleteTexture(texture);
+    gl.deleteVertexArray(this.empty);
+    this.target?.release();
+    this.head = head;
+    this.weights = this.bones = undefined;
+    this.build();
+  }
+
+  // Gives the graphics card everything back.
+  close() {
+    this.gl.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+
   build() {
     const { gl } = this;
     this.frugal = DRAWN_BY_CPU.test(this.renderer);
