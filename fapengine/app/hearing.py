@@ -1,7 +1,7 @@
 """A sound file to phones, with its text or without."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -123,6 +123,25 @@ def hear(
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
         notes.insert(0, f"not in the dictionary, pronounced by espeak-ng: {listed}")
     return Hearing(recording.phones, recording.soundings, tuple(notes), recording.mismatches)
+
+
+def with_loudness(phones: PhoneTrack, samples: NDArray[np.int16], rate_hz: int) -> PhoneTrack:
+    """Give timings the loudness of their recording, and stress where they mark none (:mod:`fapengine.speech.prosody`).
+
+    Parameters
+    ----------
+    phones : PhoneTrack
+        Those that tell their loudness keep it.
+    samples : (N,) int16
+    rate_hz : int
+    """
+    from fapengine.ears.loudness import soundings_at
+    from fapengine.speech.prosody import with_prosody
+
+    if any(phone.loudness_db for phone in phones.phones):
+        return phones
+    told = with_prosody(phones.phones, soundings_at(phones.phones, samples, rate_hz))
+    return replace(phones, phones=tuple(told))
 
 
 def write_phones(hearing: Hearing, path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.hearing import hear, is_sound
+from fapengine.app.hearing import hear, is_sound, with_loudness
 from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
 from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
@@ -256,7 +256,8 @@ def animate(
         raise UsageError("transcript: got one, expected none with phone timings, which say themselves what is spoken")
     phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))
     heard = load_sound(Path(sound), channel=channel) if isinstance(sound, str | Path) else sound
-    return perform(pronounced(phones, voice), heard, manner)
+    phones = pronounced(phones, voice)
+    return perform(with_loudness(phones, *heard) if heard else phones, heard, manner)
 
 
 def load_voice(voice: str | VoiceChoice | Voice) -> Voice:

@@ -60,7 +60,7 @@ def animate(
 
     fapengine animate two.wav --channel each -o out/two.mp4    # out/two-1.mp4, out/two-2.mp4
     """
-    from fapengine.app.hearing import is_sound
+    from fapengine.app.hearing import is_sound, with_loudness
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
     from fapengine.app.talk import check, outputs_of, refuse_unknown
@@ -113,6 +113,8 @@ def animate(
         with report.stage("read"):
             recording = source if listens else audio
             sound = load_sound(recording, channel=number) if recording else None
+            if sound is not None and not listens:
+                phones = with_loudness(phones, *sound)
         if strict:
             refuse_unknown(phones, str(source))
         with report.stage("plan"):

@@ -5,7 +5,9 @@ autocorrelation, normalised by the frame's energy; as in Boersma, "Accurate shor
 frequency", IFA Proceedings 17, 1993, without his path through the candidates).
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -21,6 +23,7 @@ SILENT_DB = -100.0
 """Level of digital silence."""
 PITCH_HZ = (60.0, 450.0)
 """Pitches that are looked for."""
+PIECE_S = 20.0
 VOICED = 0.5
 """Least likeness of a frame to itself, one period later, that counts as voiced."""
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
@@ -130,6 +133,32 @@ def soundings(phones: list[Phone], samples: NDArray[np.int16]) -> list[Sounding]
                 float(np.median(voiced)) if len(voiced) else 0.0,
             )
         )
+    return found
+
+
+def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: int) -> list[Sounding]:
+    """Loudness and pitch of each phone of a sound of any rate and length, :data:`PIECE_S` at a time.
+
+    Parameters
+    ----------
+    phones : sequence of Phone
+        In order.
+    samples : (N,) int16
+    rate_hz : int
+    """
+    from scipy.signal import resample_poly
+
+    found: list[Sounding] = []
+    for _, group in groupby(phones, key=lambda phone: phone.start_s // PIECE_S):
+        piece = list(group)
+        first = int(piece[0].start_s * rate_hz)
+        sound = samples[first : int(piece[-1].end_s * rate_hz) + 1]
+        if rate_hz != RATE_HZ and len(sound):
+            resampled = resample_poly(sound.astype(np.float32), RATE_HZ, rate_hz)
+            sound = np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
+        shift_s = first / rate_hz
+        there = [replace(one, start_s=one.start_s - shift_s, end_s=one.end_s - shift_s) for one in piece]
+        found += soundings(there, sound)
     return found
 
 
