@@ -5,8 +5,8 @@ Theory of operation
 A word's phones are a voice's, fitted into the word's time; so what is shown is what is written. The ear tells *when*
 each of them sounds: its phones are laid beside the word's by edit distance, what a phone looks like being what counts
 (:func:`fapengine.speech.ipa.distance`). Where one is heard, it is moved to within :data:`SURE_S` of when it was heard,
-if that is no farther than :data:`MAX_MOVE_S`; the others lie between in proportion. Before, behind and between words the
-ear's own phones are shown: a laugh, or what the TTS has no word for.
+if that is no farther than :data:`MAX_MOVE_S`; the others lie between in proportion. Before, behind and between words
+the ear's own phones are shown: a laugh, or what the TTS has no word for.
 
 On 20 sentences of GRID, word times that are 20 ms off (standard deviation) put the onsets of p b m f v 18 ms off
 without the ear and 11 ms with it; 40 ms off, 28 and 18; those of the aligner that also made the reference, 5 and 8

@@ -25,6 +25,7 @@ from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.pacer import FramePacer
 from fapengine.live.server.sinks import DatagramSink, SinkAddress, parse_sink
 from fapengine.profiles import Profile
+from fapengine.speech.marks import read_marks
 from fapengine.trajectory.expression import EXPRESSIONS, mood_ramps
 from fapengine.trajectory.planner import rest_s
 from fapengine.trajectory.ramps import Ramp
@@ -174,7 +175,8 @@ class Face(GestureMethods):
             If the voice is not installed.
         """
         if isinstance(speech, str):
-            text, spoken = speech, load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+            spoken = load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+            text = read_marks(speech).text
         elif isinstance(speech, Performance):
             text, spoken = text or speech.text, speech.speech
         else:

@@ -16,11 +16,15 @@ from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound
 from fapengine.files.timings import load_timings
+from fapengine.live.engine.commands import Express
+from fapengine.live.engine.marked import command_ramps, commands_of
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
+from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
@@ -54,6 +58,8 @@ class Performance:
     """Words that were spoken, where they are known."""
     remarks: tuple[str, ...] = ()
     """Sentences about what was not spoken as it is written, or does not fit together."""
+    marks: tuple[TimedMark, ...] = ()
+    """Marks of the text: what it wants of the face beside speaking."""
 
     @property
     def duration_s(self) -> float:
@@ -71,7 +77,10 @@ class Performance:
         """
         if self.sound is None:
             raise UsageError("sound: got none, expected a performance with its sound")
-        return Speech(samples=self.sound[0], sample_rate_hz=self.sound[1], phones=self.phones, remarks=self.remarks)
+        samples, rate_hz = self.sound
+        return Speech(
+            samples=samples, sample_rate_hz=rate_hz, phones=self.phones, remarks=self.remarks, marks=self.marks
+        )
 
     def save(
         self,
@@ -126,7 +135,13 @@ def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound |
 
 
 def perform(
-    phones: PhoneTrack, sound: Sound | None, manner: Manner, *, text: str = "", remarks: tuple[str, ...] = ()
+    phones: PhoneTrack,
+    sound: Sound | None,
+    manner: Manner,
+    *,
+    text: str = "",
+    remarks: tuple[str, ...] = (),
+    marks: tuple[TimedMark, ...] = (),
 ) -> Performance:
     """Plan the motion of a face that speaks these phones.
 
@@ -142,11 +157,22 @@ def perform(
         profile,
         rng=np.random.default_rng(manner.seed),
         rate_hz=manner.rate_hz,
-        expressions=moods_of(manner.expressions, phones),
+        expressions=[*moods_of(manner.expressions, phones), *_moods_of_marks(marks)],
         style=manner.style,
         duration_s=len(sound[0]) / sound[1] if sound else None,
+        gestures=[ramp for at_s, command in commands_of(marks) for ramp in command_ramps(command, at_s)],
     )
-    return Performance(track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking))
+    return Performance(
+        track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking), marks=marks
+    )
+
+
+def _moods_of_marks(marks: tuple[TimedMark, ...]) -> list[Mood]:
+    return [
+        Mood(command.expression, command.level, at_s, at_s + command.attack_s + command.hold_s + command.release_s)
+        for at_s, command in commands_of(marks)
+        if isinstance(command, Express)
+    ]
 
 
 def speak(
@@ -193,7 +219,14 @@ def speak(
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
     speech = load_voice(voice).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    return perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text, remarks=speech.remarks)
+    return perform(
+        speech.phones,
+        (speech.samples, speech.sample_rate_hz),
+        manner,
+        text=read_marks(text).text,
+        remarks=speech.remarks,
+        marks=speech.marks,
+    )
 
 
 def animate(

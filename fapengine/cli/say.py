@@ -74,6 +74,8 @@ def say(
     fapengine say "Hello there." --into avatar.glb -o out/hello.glb
 
     fapengine say --live --mic --sink vmc://127.0.0.1
+
+    Marks in the text move the face and are not spoken: fapengine say "[laughs] Oh really? 🤔 <mark name='nod'/>Yes."
     """
     import sys
 
@@ -84,8 +86,8 @@ def say(
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
+    from fapengine.speech.marks import read_marks
     from fapengine.speech.text.normal_form import decoded, speakable
-    from fapengine.speech.text.ssml import check_ssml
 
     chosen, how, into = manner.value(), drawing.value(), avatar.value()
     if mic or mic_device is not None:
@@ -110,8 +112,8 @@ def say(
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
         speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    shown = speakable(words).text.strip()
-    shown = check_ssml(shown) if voice.ssml else shown
+    marked = read_marks(words, ssml=voice.ssml)
+    shown = " ".join(speakable(marked.text).text.split()) if voice.ssml else speakable(marked.text).text.strip()
     for remark in speech.remarks:
         typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
     if strict:
@@ -125,6 +127,8 @@ def say(
         print_live(done, as_json=as_json)
         return
     with report.stage("plan"):
-        performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown)
+        performance = perform(
+            speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks
+        )
     write(performance, output, report, head=head, drawing=how, into=into)
     print_reports([report], as_json=as_json)

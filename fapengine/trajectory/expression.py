@@ -12,6 +12,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
+from fapengine.speech.marks import words_of
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import same_word
 from fapengine.trajectory.faps import displacements_to_faps
@@ -59,7 +60,7 @@ def during_word(
     UsageError
         If the word is not spoken, or its phones do not tell their words.
     """
-    spans = _spans(_words(phones), same_word(word))
+    spans = _spans(words_of(phones.phones), same_word(word))
     if not spans:
         spoken = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"
         raise UsageError(f"expression {expression.name.lower()}: got word {word!r}, expected one of: {spoken}")
@@ -67,19 +68,6 @@ def during_word(
         Mood(expression, strength, max(start_s - attack_s, 0.0), stop_s + RELEASE_S, attack_s)
         for start_s, stop_s in spans
     ]
-
-
-def _words(phones: PhoneTrack) -> list[tuple[str, float, float]]:
-    """Words in the order in which they are spoken, with their times."""
-    words: list[tuple[str, float, float]] = []
-    last = ""
-    for phone in phones.phones:
-        if phone.word and phone.word == last:
-            words[-1] = (phone.word, words[-1][1], phone.end_s)
-        elif phone.word:
-            words.append((phone.word, phone.start_s, phone.end_s))
-        last = phone.word
-    return words
 
 
 def _spans(words: list[tuple[str, float, float]], wanted: str) -> list[tuple[float, float]]:

@@ -390,7 +390,12 @@ def _add(faps: Array, numbers: Iterable[int], values: Array) -> None:
 
 
 def gestures_of(
-    times_s: Array, end_s: float, phones: Iterable[Phone], style: Style, rng: np.random.Generator
+    times_s: Array,
+    end_s: float,
+    phones: Iterable[Phone],
+    style: Style,
+    rng: np.random.Generator,
+    wanted: Iterable[Ramp] = (),
 ) -> Callable[[slice], Array]:
     """Draw the gestures of a file.
 
@@ -404,6 +409,8 @@ def gestures_of(
         What is spoken; accents make nods, pauses draw blinks.
     style : Style
     rng : numpy.random.Generator
+    wanted : iterable of Ramp
+        Gestures that are made besides.
 
     Returns
     -------
@@ -413,7 +420,7 @@ def gestures_of(
     generator = GestureGenerator(rng, style)
     generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
     ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
-    levels = sample_ramps(start_levels(style), ramps, times_s)
+    levels = sample_ramps(start_levels(style), [*ramps, *wanted], times_s)
     return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece]).T
 
 

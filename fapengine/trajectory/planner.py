@@ -34,7 +34,7 @@ from fapengine.trajectory.gestures import gestures_of
 from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import ROUND, WIDTH, extend, give_way, layer_faps, layer_gain
-from fapengine.trajectory.ramps import sample_ramps
+from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style as Style
 from fapengine.trajectory.targets import joined_track, resolve
 
@@ -61,6 +61,7 @@ def plan(
     expressions: Mapping[Expression, float] | Sequence[Mood] = (),
     style: Style | None = None,
     duration_s: float | None = None,
+    gestures: Sequence[Ramp] = (),
 ) -> Plan:
     """Plan the motion of a face that speaks.
 
@@ -81,6 +82,8 @@ def plan(
     duration_s : float, optional
         Length of the track, by default that of the phones; it is longer where the face takes longer to come to rest
         (:data:`.keyframes.REST_MARGIN_S` behind the last phone).
+    gestures : sequence of Ramp
+        Glances, nods and blinks that are wanted beside those of the style.
 
     Raises
     ------
@@ -101,7 +104,7 @@ def plan(
     path = sample_path(style.method, spoken, keyframes, times_s)
     levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s) if moods else None
     holds = Holds(holds_of(resolved))
-    gestures = gestures_of(times_s, end_s, phones.phones, style, rng) if style.has_gestures else None
+    moved = gestures_of(times_s, end_s, phones.phones, style, rng, gestures) if style.has_gestures or gestures else None
     values = np.zeros((len(times_s), FAP_COUNT), np.int32)
     for start in range(0, len(times_s), PIECE):
         piece = slice(start, start + PIECE)
@@ -111,8 +114,8 @@ def plan(
         if levels is not None:
             faps += give_way(expression_faps(profile) @ levels[:, piece], layer[:, ROUND]).T
         faps = close_lips(faps, times_s[piece], holds.near(times_s[piece]), openness=style.openness)
-        if gestures is not None:
-            faps += gestures(piece)
+        if moved is not None:
+            faps += moved(piece)
         values[piece] = to_codable(faps)
     return Plan(FapTrack.of(values, rate_hz=rate_hz), dict(unknown))
 

@@ -8,7 +8,7 @@ GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
 
 import ctypes
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import inf
 from pathlib import Path
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
+from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
 from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_remarks
@@ -204,7 +205,11 @@ class EspeakVoice:
 
     def speak(self, text: str) -> Speech:
         """Speak ``text``; see :class:`fapengine.voices.protocol.Voice`."""
-        formed = speakable(text)
+        marked = read_marks(text, ssml=self.ssml)
+        if marked.ssml is not None and not self.ssml:  # a pause or emphasis is wanted
+            spoken = replace(self, ssml=True).speak(marked.ssml)
+            return replace(spoken, marks=()).marked(marked)
+        formed = speakable(marked.text if marked.ssml is None else marked.ssml)
         if self.ssml:
             check_ssml(formed.text)
         words = without_tags(formed.text) if self.ssml else formed.text
@@ -213,7 +218,8 @@ class EspeakVoice:
         if all(phone.is_silence for phone in phones.phones):
             told = f"expected something to speak (voice {self.name!r} finds nothing in it)"
             raise NothingToSpeakError(f"text: got {_shortened(text)}, {told}")
-        return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
+        speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
+        return speech.marked(marked)
 
     def transcribe(self, text: str) -> str:
         """Return the phonemes of a text in IPA, as the library writes them without speaking (espeak_TextToPhonemes).

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+from fapengine.speech.marks import MarkedText, TimedMark, timed_marks, with_loudness, words_of
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 
@@ -22,6 +23,8 @@ class Speech:
     """IPA; covers the whole sound, silence included."""
     remarks: tuple[str, ...] = ()
     """Sentences about what was not spoken as it is written, such as a script that the voice does not read."""
+    marks: tuple[TimedMark, ...] = ()
+    """Marks of the text (:mod:`fapengine.speech.marks`), in the time of the sound."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples, "samples", ("N",), np.int16))
@@ -42,7 +45,15 @@ class Speech:
         end_s = len(samples) / self.sample_rate_hz
         if tail:
             moved.append(Phone(SILENCE, moved[-1].end_s if moved else shift_s, end_s))
-        return replace(self, samples=samples, phones=PhoneTrack.of(moved))
+        marks = tuple(replace(m, at_s=m.at_s + shift_s, until_s=m.until_s + shift_s) for m in self.marks)
+        return replace(self, samples=samples, phones=PhoneTrack.of(moved), marks=marks)
+
+    def marked(self, text: MarkedText) -> "Speech":
+        """Give the speech the marks of its text; loudness goes to the phones."""
+        marks = tuple(timed_marks(text, words_of(self.phones.phones), self.duration_s))
+        phones = replace(self.phones, phones=with_loudness(self.phones.phones, marks))
+        unknown = [f"text: the mark {label!r} says nothing that a face could show" for label in text.unknown]
+        return replace(self, phones=phones, marks=marks, remarks=(*self.remarks, *unknown))
 
 
 class Voice(Protocol):

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import Blink, Express, Look, TurnHead
+from fapengine.live.engine.marked import command_ramps
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.batch import Overlay
 from fapengine.trajectory.expression import EXPRESSIONS, expression_faps
-from fapengine.trajectory.gestures import Channel, GestureGenerator, blink, gesture_faps, start_levels
+from fapengine.trajectory.gestures import Channel, GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.ramps import Ramp, Ramps
 from fapengine.trajectory.style import Style
 
@@ -86,19 +87,15 @@ class BatchGestures:
 
     def look(self, row: int, request: Look, now_s: float) -> None:
         """Turn the eyes."""
-        angles = ((Channel.LOOK_YAW, request.yaw_rad), (Channel.LOOK_PITCH, request.pitch_rad))
-        self._ramps.send(row, [Ramp(now_s, channel, rad, request.over_s) for channel, rad in angles])
+        self._ramps.send(row, command_ramps(request, now_s))
 
     def turn_head(self, row: int, request: TurnHead, now_s: float) -> None:
         """Turn the head."""
-        angles = (
-            (Channel.PITCH, request.pitch_rad), (Channel.YAW, request.yaw_rad), (Channel.ROLL, request.roll_rad)
-        )  # fmt: skip
-        self._ramps.send(row, [Ramp(now_s, channel, rad, request.over_s) for channel, rad in angles])
+        self._ramps.send(row, command_ramps(request, now_s))
 
-    def blink(self, row: int, _: Blink, now_s: float) -> None:
+    def blink(self, row: int, request: Blink, now_s: float) -> None:
         """Close the eyes once."""
-        self._ramps.send(row, blink(now_s))
+        self._ramps.send(row, command_ramps(request, now_s))
 
     def behave(self, row: int, style: Style, now_s: float) -> None:
         """Take a new style over."""

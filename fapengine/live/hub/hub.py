@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
+from fapengine.live.engine.marked import commands_of
 from fapengine.live.engine.port import EnginePort
 from fapengine.live.engine.session import Event
 from fapengine.live.hub.messages import HubCounts, HubFrame, HubFrames, Spoken
@@ -31,6 +32,7 @@ from fapengine.live.hub.observed_engine import ObservedEngine
 from fapengine.live.hub.pacer import FramePacer
 from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
 from fapengine.mpeg4 import fap
+from fapengine.speech.marks import read_marks
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.voices.pronounce import pronounce_words
@@ -61,6 +63,16 @@ class _Unheard:
     session: str
     utterance: int
     since_s: float
+
+
+@dataclass(slots=True)
+class _Cue:
+    """A command that waits for its time in an utterance."""
+
+    session: str
+    utterance: int
+    at_s: float
+    command: Command
 
 
 @dataclass(slots=True)
@@ -119,6 +131,7 @@ class Hub:
         self._utterances = count(VOICE_UTTERANCES)
         self._holders: dict[str, int] = {}
         self._unheard: list[_Unheard] = []
+        self._cues: list[_Cue] = []
         self._asked: list[Asked] = []
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._pins: dict[str, dict[int, int]] = {}
@@ -273,6 +286,7 @@ class Hub:
         for first in range(0, len(phones), PHONES_A_COMMAND):
             self.apply(session, Append(spoken.utterance, first, phones[first : first + PHONES_A_COMMAND]))
         self.apply(session, End(spoken.utterance, len(phones), speech.duration_s))
+        self._cues += [_Cue(session, spoken.utterance, *cue) for cue in commands_of(speech.marks)]
         if anchor == "audio":
             self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
         for key, (_, _, listener) in listeners.items():
@@ -310,7 +324,8 @@ class Hub:
             return None
         for remark in speech.remarks:
             log.warning("%s", remark, extra={"session": session})
-        return self.say(session, speech.padded(lead_s=LEAD_S, tail_s=TAIL_S), text=text)
+        shown = read_marks(text, ssml=ssml).text
+        return self.say(session, speech.padded(lead_s=LEAD_S, tail_s=TAIL_S), text=shown)
 
     async def say_words(
         self,
@@ -370,6 +385,8 @@ class Hub:
     def tick(self, now_s: float, number: int | None = None) -> HubFrames:
         """Show one frame of every session to all who want it. Times rise from call to call."""
         self._hurry_unheard(now_s)
+        if self._cues:
+            self._give_cues(now_s)
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_EVERY_S
             self._close_idle(now_s)
@@ -431,6 +448,17 @@ class Hub:
             )  # fmt: skip
             if fault.session in self._holders:
                 self.engine.open(fault.session, now_s)
+
+    def _give_cues(self, now_s: float) -> None:
+        """Give commands whose time in their utterance has come; those of an utterance that is over are dropped."""
+        waiting = []
+        for cue in self._cues:
+            utterance = self.engine.utterance(cue.session, cue.utterance) if cue.session in self.engine else None
+            if utterance is not None and utterance.position_s(now_s) < cue.at_s:
+                waiting.append(cue)
+            elif utterance is not None:
+                self.engine.apply(cue.session, cue.command, now_s)
+        self._cues = waiting
 
     def _hurry_unheard(self, now_s: float) -> None:
         """Let what waits for a sound that is not heard of go on by the clock, one behind the other."""

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from fapengine.errors import NothingToSpeakError, UsageError
+from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.speech.text.pieces import ends_sentence, pieces_of
 from fapengine.voices.choice import VoiceChoice
@@ -123,7 +124,8 @@ class Speaker:
         spoken: list[tuple[Speech, float]] = []
         nothing: NothingToSpeakError | None = None
         left_s = self._most_s
-        for piece in [text] if choice.ssml else pieces_of(text):
+        marked = MarkedText(text) if choice.ssml else read_marks(text)  # before the text is cut
+        for piece in [text] if choice.ssml else pieces_of(marked.text):
             async with self._turn:
                 if asked.is_cancelled:
                     return None
@@ -136,7 +138,10 @@ class Speaker:
             spoken.append((speech, SENTENCE_PAUSE_S if ends_sentence(piece) else PAUSE_S))
         if nothing is not None and not spoken:
             raise nothing
-        return None if asked.is_cancelled else joined(spoken)
+        if asked.is_cancelled:
+            return None
+        speech = joined(spoken)
+        return speech.marked(marked) if marked.marks or marked.unknown else speech
 
     def close(self) -> None:
         """Stop at once."""

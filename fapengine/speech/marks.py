@@ -1,0 +1,394 @@
+"""Marks in a text: what a face shall do beside speaking, at which word; without them the text is for any voice.
+
+Theory of operation
+-------------------
+Language models are taught to write how a sentence is to be said. Four spellings are read, each in its place:
+
+- the marker of LiveKit Agents: ``<expr type="expression" label="say playfully"/>``, also ``sound``, ``break`` and
+  ``prosody`` (around words);
+- words in brackets, as for ElevenLabs and Fish: ``[laughs]``, ``[whispering]``, ``[nod]``; unknown ones stay text;
+- emoji with a face;
+- ``<mark name="joy:0.6"/>``, and in SSML also ``break``, ``emphasis`` and ``prosody``.
+
+:func:`read_marks` takes them off and remembers before which character of what is left each stood. Once the words are
+spoken, :func:`timed_marks` tells when that is. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
+gesture have their own time.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from html import escape, unescape
+from itertools import pairwise
+
+from fapengine.mpeg4.visemes import Expression
+from fapengine.speech.phone_track import LOUDNESS_DB, Phone
+from fapengine.speech.text.normal_form import same_word
+
+GESTURES = ("nod", "shake", "blink", "left", "right", "up", "down")
+"""A nod, a shake of the head, a blink, glances to the subject's left and right, up and down."""
+BRIEF_S = 1.6
+"""Time for which a laugh or an emoji is shown."""
+MAX_LEVEL = 2.0
+
+# fmt: off
+_FEELINGS: tuple[tuple[str, Expression, float], ...] = (  # stems of English words, those that decide first
+    ("sarcas", Expression.DISGUST, 0.3), ("disgust", Expression.DISGUST, 0.9), ("contempt", Expression.DISGUST, 0.7),
+    ("apolog", Expression.SADNESS, 0.4), ("sheepish", Expression.SADNESS, 0.3), ("regret", Expression.SADNESS, 0.5),
+    ("empath", Expression.SADNESS, 0.3), ("sympath", Expression.SADNESS, 0.35), ("concern", Expression.FEAR, 0.3),
+    ("sorry", Expression.SADNESS, 0.45), ("sad", Expression.SADNESS, 0.7), ("cry", Expression.SADNESS, 0.9),
+    ("sob", Expression.SADNESS, 0.9), ("disappoint", Expression.SADNESS, 0.5), ("melanchol", Expression.SADNESS, 0.5),
+    ("sigh", Expression.SADNESS, 0.35), ("worr", Expression.FEAR, 0.5), ("nervous", Expression.FEAR, 0.4),
+    ("anxious", Expression.FEAR, 0.5), ("scared", Expression.FEAR, 0.8), ("afraid", Expression.FEAR, 0.8),
+    ("terrif", Expression.FEAR, 1.0), ("fear", Expression.FEAR, 0.8), ("panic", Expression.FEAR, 0.9),
+    ("angry", Expression.ANGER, 0.8), ("anger", Expression.ANGER, 0.8), ("furious", Expression.ANGER, 1.0),
+    ("annoy", Expression.ANGER, 0.4), ("frustrat", Expression.ANGER, 0.45), ("irritat", Expression.ANGER, 0.45),
+    ("stern", Expression.ANGER, 0.3), ("determin", Expression.ANGER, 0.2), ("shout", Expression.ANGER, 0.4),
+    ("surpris", Expression.SURPRISE, 0.8), ("gasp", Expression.SURPRISE, 0.8), ("shock", Expression.SURPRISE, 1.0),
+    ("amaz", Expression.SURPRISE, 0.7), ("astonish", Expression.SURPRISE, 0.9), ("curious", Expression.SURPRISE, 0.3),
+    ("inquisit", Expression.SURPRISE, 0.3), ("confus", Expression.SURPRISE, 0.25),
+    ("laugh", Expression.JOY, 1.0), ("chuckl", Expression.JOY, 0.7), ("giggl", Expression.JOY, 0.8),
+    ("excit", Expression.JOY, 0.8), ("delight", Expression.JOY, 0.9), ("happ", Expression.JOY, 0.7),
+    ("joy", Expression.JOY, 0.8), ("cheer", Expression.JOY, 0.7), ("playful", Expression.JOY, 0.6),
+    ("mischiev", Expression.JOY, 0.5), ("smil", Expression.JOY, 0.6), ("smirk", Expression.JOY, 0.3),
+    ("grin", Expression.JOY, 0.7), ("warm", Expression.JOY, 0.4), ("welcom", Expression.JOY, 0.45),
+    ("friendl", Expression.JOY, 0.4), ("amiabl", Expression.JOY, 0.4), ("bright", Expression.JOY, 0.5),
+    ("hopeful", Expression.JOY, 0.3), ("proud", Expression.JOY, 0.4), ("enthusias", Expression.JOY, 0.7),
+    ("amus", Expression.JOY, 0.5), ("reassur", Expression.JOY, 0.25), ("gentl", Expression.JOY, 0.2),
+    ("calm", Expression.NEUTRAL, 0.0), ("neutral", Expression.NEUTRAL, 0.0), ("serious", Expression.NEUTRAL, 0.0),
+    ("chill", Expression.NEUTRAL, 0.0), ("casual", Expression.NEUTRAL, 0.0), ("easygoing", Expression.NEUTRAL, 0.0),
+)
+_SMALLER = re.compile(r"\b(slight|a little|a bit|mild|somewhat)")
+_GREATER = re.compile(r"\b(really|very|extreme|so)\b")
+_SOUNDS = ("laugh", "chuckl", "giggl", "sigh", "gasp", "sob", "cry", "smil", "smirk", "grin")
+"""Stems of what is done once, and does not last."""
+_LOUDNESS_DB = (("whisper", -9.0), ("x-soft", -9.0), ("soft", -5.0), ("quiet", -5.0), ("x-loud", 7.0), ("loud", 5.0),
+                ("shout", 7.0), ("silent", -12.0))
+_EMOJI: dict[str, tuple[Expression, float]] = {
+    **dict.fromkeys("😀😃😄😁😊☺🙂😺🥰😍🤗😎", (Expression.JOY, 0.7)),
+    **dict.fromkeys("😂🤣😆😹", (Expression.JOY, 1.0)),
+    **dict.fromkeys("😉😏😜😛🤪", (Expression.JOY, 0.5)), **dict.fromkeys("😢🙁☹😞😔😟🥺😕", (Expression.SADNESS, 0.6)),
+    **dict.fromkeys("😭", (Expression.SADNESS, 1.0)), **dict.fromkeys("😠😡🤬👿", (Expression.ANGER, 0.8)),
+    **dict.fromkeys("😨😰😱", (Expression.FEAR, 0.9)), **dict.fromkeys("😬", (Expression.FEAR, 0.4)),
+    **dict.fromkeys("🤢🤮", (Expression.DISGUST, 0.9)), **dict.fromkeys("🙄😒", (Expression.DISGUST, 0.3)),
+    **dict.fromkeys("😮😲😯😳🤯", (Expression.SURPRISE, 0.8)), **dict.fromkeys("🤔🤨", (Expression.SURPRISE, 0.25)),
+    **dict.fromkeys("😐😶😑", (Expression.NEUTRAL, 0.0)),
+}
+# fmt: on
+_TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
+_MARKS = re.compile(rf"{_TAG}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
+_ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
+_STRETCHES = ("emphasis", "prosody", "expr")
+
+
+@dataclass(frozen=True, slots=True)
+class Feel:
+    """Show an expression; ``NEUTRAL`` takes all away."""
+
+    expression: Expression
+    level: float
+    is_brief: bool = False
+    """True for a laugh or an emoji, False for a delivery, which lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gesture:
+    """Make one of :data:`GESTURES`."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Loudness:
+    """Speak as a mouth does that is so much louder, dB."""
+
+    db: float
+
+
+Act = Feel | Gesture | Loudness
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that a face does at a place of a text."""
+
+    at: int
+    """Character of the plain text before which it stands."""
+    act: Act
+
+
+@dataclass(frozen=True, slots=True)
+class TimedMark:
+    """Something that a face does at a time."""
+
+    at_s: float
+    act: Act
+    until_s: float
+    """Time at which an expression goes; that of others is their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkedText:
+    """A text without its marks, and these."""
+
+    text: str
+    """Text for any voice."""
+    marks: tuple[Mark, ...] = ()
+    """Marks in order."""
+    ssml: str | None = None
+    """The text for a voice that speaks SSML, where a mark is for the voice: a pause, emphasis."""
+    unknown: tuple[str, ...] = ()
+    """Labels that say nothing that a face could show."""
+
+
+def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
+    """Take the marks off a text.
+
+    Parameters
+    ----------
+    text : str
+    ssml : bool
+        Whether it is SSML; else tags but ``expr`` and ``mark`` are text.
+
+    Returns
+    -------
+    MarkedText
+        The same text where there is no mark.
+
+    Examples
+    --------
+    >>> marked = read_marks('[laughs] Oh <expr type="break" label="1s"/> no 😢')
+    >>> marked.text, [mark.at for mark in marked.marks], marked.ssml
+    ('Oh no', [0, 5], 'Oh <break time="1s"/> no')
+    """
+    return _Reader(ssml).read(text)
+
+
+class _Reader:
+    """Reads one text. Stateful."""
+
+    def __init__(self, ssml: bool) -> None:
+        self._is_ssml = ssml
+        self._plain = ""
+        self._ssml = ""
+        self._marks: list[Mark] = []
+        self._unknown: list[str] = []
+        self._is_for_voice = ssml
+        self._open: list[tuple[str, str, Loudness | None]] = []
+        """Stretches that are open: name, closing tag for the voice, loudness that ends with it."""
+
+    def read(self, text: str) -> MarkedText:
+        last, is_changed = 0, self._is_ssml
+        for match in _MARKS.finditer(text):
+            before = len(self._marks), len(self._ssml), self._plain
+            self._text(text[last : match.start()])
+            if self._mark(match):
+                last, is_changed = match.end(), True
+            else:
+                del self._marks[before[0] :]
+                self._plain, self._ssml = before[2], self._ssml[: before[1]]
+        self._text(text[last:])
+        plain = self._plain.strip() if is_changed else text
+        if not plain and not self._is_ssml:
+            return MarkedText(text)  # nothing is left to say: it is no mark, but what is to be said
+        voice = self._ssml.strip() if self._is_for_voice else None
+        marks = tuple(Mark(min(mark.at, len(plain)), mark.act) for mark in self._marks)
+        return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)))
+
+    def _text(self, piece: str) -> None:
+        shown = unescape(piece) if self._is_ssml else piece
+        if self._plain.endswith((" ", "\n")) or not self._plain:
+            shown = shown.lstrip(" ")
+        self._plain += shown
+        spoken = piece if self._is_ssml else escape(piece, quote=False)
+        self._ssml += spoken.lstrip(" ") if self._ssml.endswith(" ") else spoken
+
+    def _mark(self, match: re.Match[str]) -> bool:
+        """Obey a mark; False if it is text."""
+        if match["emoji"]:
+            self._add(Feel(*_EMOJI[match["emoji"]], is_brief=True))
+            return True
+        if match["word"]:
+            return self._describe(match["word"], is_strict=True)
+        name = match["tag"].lower()
+        if name not in (_SSML_TAGS if self._is_ssml else _PLAIN_TAGS):
+            self._ssml += match[0] if self._is_ssml else ""
+            return self._is_ssml
+        if match["close"]:
+            return self._close(name, match[0])
+        given = {key.lower(): unescape(one or other) for key, one, other in _ATTRIBUTE.findall(match["rest"])}
+        if name == "mark":
+            self._named(given.get("name", ""))
+        elif name == "expr":
+            self._expr(given, is_empty=bool(match["empty"]))
+        else:
+            self._stretch(name, given, match[0], f"</{name}>", is_empty=bool(match["empty"]))
+        return True
+
+    def _expr(self, given: dict[str, str], *, is_empty: bool) -> None:
+        kind, label = given.get("type", "expression").lower(), given.get("label", given.get("name", ""))
+        if kind == "break" and (pause := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(ms|s)\s*", label)):
+            self._is_for_voice = True
+            self._ssml += f'<break time="{pause[1]}{pause[2]}"/>'
+        elif kind == "prosody":
+            tag = _voice_tag(label)
+            self._is_for_voice |= bool(tag) and not is_empty
+            closing = f"</{tag.split()[0][1:]}>" if tag else ""
+            self._stretch("expr", {"level": label, "volume": label}, tag, closing, is_empty=is_empty)
+        elif kind in ("expression", "sound"):
+            if not self._describe(label, is_strict=False):
+                self._unknown.append(label)
+        elif not is_empty:
+            self._open.append(("expr", "", None))
+
+    def _stretch(self, name: str, given: dict[str, str], opening: str, closing: str, *, is_empty: bool) -> None:
+        """Emphasis is a nod, loudness lasts to the end of the stretch."""
+        level = given.get("level", "moderate" if name == "emphasis" else "")
+        if (name == "emphasis" and level not in ("none", "reduced")) or level in ("emphasis", "emphasized"):
+            self._add(Gesture("nod"))
+        loudness = next((Loudness(db) for stem, db in _LOUDNESS_DB if stem in given.get("volume", "").lower()), None)
+        if loudness:
+            self._add(loudness)
+        if is_empty:
+            self._ssml += opening if self._is_ssml and name != "expr" else ""
+            return
+        self._ssml += opening
+        self._open.append((name, closing, loudness))
+
+    def _close(self, name: str, tag: str) -> bool:
+        if not self._open or self._open[-1][0] != name:
+            return name == "expr"  # one too many says nothing
+        _, closing, loudness = self._open.pop()
+        self._ssml += closing
+        if loudness:
+            self._add(Loudness(0.0))
+        return True
+
+    def _named(self, name: str) -> None:
+        """Obey ``joy:0.6``, ``nod``, ``look:left``."""
+        what, _, level = name.lower().partition(":")
+        what, level = (level, "") if what in ("look", "glance") else (what, level)
+        expression = next((each for each in Expression if each.name.lower() == what), None)
+        if what in GESTURES:
+            self._add(Gesture(what))
+        elif expression is not None and re.fullmatch(r"(\d+(\.\d+)?)?", level):
+            self._add(Feel(expression, min(float(level or 1.0), MAX_LEVEL)))
+        elif not self._describe(name, is_strict=True):
+            self._unknown.append(name)
+
+    def _describe(self, label: str, *, is_strict: bool) -> bool:
+        """Obey a description in words; a strict one is short, so that no bracket of a text is taken for one."""
+        words = label.lower().strip()
+        if is_strict and len(words.split()) > 3:
+            return False
+        starts = re.findall(r"[a-z]+", words)
+        if gesture := next((name for name in ("nod", "shake") if any(word.startswith(name) for word in starts)), None):
+            self._add(Gesture(gesture))
+            return True
+        felt = next((each for each in _FEELINGS if any(word.startswith(each[0]) for word in starts)), None)
+        if felt is not None:
+            stem, expression, level = felt
+            level *= 0.6 if _SMALLER.search(words) else 1.2 if _GREATER.search(words) else 1.0
+            self._add(Feel(expression, round(min(level, MAX_LEVEL), 2), is_brief=stem in _SOUNDS))
+        loudness = next((db for stem, db in _LOUDNESS_DB if any(word.startswith(stem) for word in starts)), None)
+        if loudness is not None:
+            self._add(Loudness(loudness))
+        return felt is not None or loudness is not None
+
+    def _add(self, act: Act) -> None:
+        self._marks.append(Mark(len(self._plain), act))
+
+
+def _voice_tag(label: str) -> str:
+    """Give the SSML tag for a style of speaking; empty if a voice does nothing of the kind."""
+    words = label.lower()
+    if "emphas" in words:
+        return '<emphasis level="strong">'
+    if "slow" in words or "fast" in words:
+        return f'<prosody rate="{"slow" if "slow" in words else "fast"}">'
+    if "pitch" in words:
+        return f'<prosody pitch="{"low" if "low" in words else "high"}">'
+    return ""
+
+
+def words_of(phones: Iterable[Phone]) -> list[tuple[str, float, float]]:
+    """Words that phones belong to, with their times.
+
+    Examples
+    --------
+    >>> words_of([Phone("h", 0.0, 0.1, word="hi"), Phone("aɪ", 0.1, 0.3, word="hi"), Phone("_", 0.3, 0.4)])
+    [('hi', 0.0, 0.3)]
+    """
+    words: list[tuple[str, float, float]] = []
+    last = ""
+    for phone in phones:
+        if phone.word and phone.word == last:
+            words[-1] = (phone.word, words[-1][1], phone.end_s)
+        elif phone.word:
+            words.append((phone.word, phone.start_s, phone.end_s))
+        last = phone.word
+    return words
+
+
+def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], end_s: float) -> list[TimedMark]:
+    """Tell when marks are due.
+
+    Parameters
+    ----------
+    marked : MarkedText
+    words : sequence of (str, float, float)
+        Words as they were spoken, in order, with start and end in s; one that the text lacks is passed over.
+    end_s : float
+        When the speech is over.
+
+    Returns
+    -------
+    list of TimedMark
+        In order; each with the word that follows it, those behind the last word at its end.
+
+    Examples
+    --------
+    >>> marked = read_marks("Well [laughs] that is it.")
+    >>> [(mark.at_s, mark.until_s) for mark in timed_marks(marked, [("Well", 0.1, 0.4), ("that", 0.5, 0.8)], 1.0)]
+    [(0.5, 2.1)]
+    """
+    places, cursor = [], 0
+    text = marked.text.casefold()
+    for word, start_s, stop_s in words:
+        found = text.find(same_word(word), cursor)
+        if found >= 0:
+            places.append((found, start_s, stop_s))
+            cursor = found + len(word)
+    last_s = places[-1][2] if places else 0.0
+    timed = [
+        (next((start_s for place, start_s, _ in places if place >= mark.at), last_s), mark.act) for mark in marked.marks
+    ]
+    lasting = [at_s for at_s, act in timed if isinstance(act, Feel) and not act.is_brief]
+    until = dict(pairwise([*lasting, max(end_s, last_s)]))
+    return [
+        TimedMark(
+            at_s, act, until.get(at_s, at_s) if isinstance(act, Feel) and not act.is_brief else at_s + BRIEF_S
+        )
+        for at_s, act in timed
+    ]  # fmt: skip
+
+
+def with_loudness(phones: Sequence[Phone], marks: Iterable[TimedMark]) -> tuple[Phone, ...]:
+    """Make phones as loud as marks say, each from its time on.
+
+    Examples
+    --------
+    >>> said = with_loudness([Phone("a", 0.0, 0.5), Phone("a", 0.5, 1.0)], [TimedMark(0.5, Loudness(5.0), 1.0)])
+    >>> [phone.loudness_db for phone in said]
+    [0.0, 5.0]
+    """
+    changes = [(mark.at_s, mark.act.db) for mark in marks if isinstance(mark.act, Loudness)]
+    if not changes:
+        return tuple(phones)
+    low_db, high_db = LOUDNESS_DB
+    louder = []
+    for phone in phones:
+        db = next((db for at_s, db in reversed(changes) if at_s <= phone.start_s + 1e-6), 0.0)
+        louder.append(replace(phone, loudness_db=min(max(phone.loudness_db + db, low_db), high_db)))
+    return tuple(louder)
