@@ -31,7 +31,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs, for the table of python -m bench.ears: Rhubarb, HeadAudio; needs Node"
+	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears for bench.ears; needs Node"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
@@ -98,10 +98,13 @@ faults: $(VENV)/.ready-dev
 docs: $(VENV)/.ready-docs
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
 
-# Foreign programs that ours is compared with; they need Node and a network, and no test needs them.
+# Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
+# are tried too, as far as they lie in out/oracles/avatars; Blender, where it is installed.
 oracles:
 	mkdir -p out/oracles
-	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0
+	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
+	    gltf-validator@2.0.0-dev.3.10 three@0.187
+	$(BIN)/python -m tests.oracles out/oracles
 
 fresh-machine:
 	.ci/fresh-machine

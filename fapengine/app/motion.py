@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
-from fapengine.app.scene_files import Into, check_scene, save_scene
+from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
@@ -29,7 +29,7 @@ Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and how many of them a second."""
 LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 """Suffixes of face motion that can be loaded."""
-SAVED = f".fap, .fba, .csv, .wav, .png, .glb, {KINDS}"
+SAVED = f".fap, .fba, .csv, .wav, .png, .glb, .vrma, {KINDS}"
 """Endings of a name to save to, in words."""
 
 
@@ -64,7 +64,7 @@ def save(
     drawing: Drawing | None = None,
     size: tuple[int, int] | None = None,
     at_s: float = 0.0,
-    shapes: str = "arkit",
+    shapes: str | None = None,
     kbit_s: float | None = None,
     encoding: EncoderOptions | None = None,
     into: str | Path | Into | None = None,
@@ -78,7 +78,8 @@ def save(
     path : str or Path
         ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv`` video; ``.gif``,
         ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
-        ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside.
+        ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside; ``.vrma`` a VRM
+        animation.
     sound : ((N,) int16, int), optional
         Mono samples and their rate in Hz: goes into a video, from its start, and into ``.wav``.
     head : str, Path or Head
@@ -89,9 +90,10 @@ def save(
         Width and height in pixels; goes before those of ``drawing``.
     at_s : float
         Time of the frame that ``.png`` shows.
-    shapes : str
-        Columns of ``.csv``: ``"arkit"`` (52), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``; ``"rhubarb"``: nine
-        mouth shapes with their times, in Rhubarb's files ``.json``, ``.tsv``, ``.xml`` or ``.dat``.
+    shapes : str, optional
+        Columns of ``.csv``: ``"arkit"`` (52, the default), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
+        ``"rhubarb"``: nine mouth shapes with their times, in Rhubarb's files ``.json``, ``.tsv``, ``.xml`` or ``.dat``.
+        Expressions of ``.vrma``: ``"vrm1"``, the presets, by default, or ``"arkit"``.
     kbit_s : float, optional
         Bit rate of ``.fba``; by default as ``encoding`` says.
     encoding : EncoderOptions, optional
@@ -117,8 +119,8 @@ def save(
     avatar = Into(Path(into)) if isinstance(into, str | Path) else into
     check_cues(path, shapes)
     check_scene(path, avatar)
-    if avatar is not None:
-        save_scene(path, track, avatar, name=path.stem)
+    if is_scene(path):
+        save_scene(path, track, avatar, shapes=shapes, name=path.stem)
     elif is_cues(path):
         save_cues_of_motion(path, track)
     elif path.suffix == ".fap":
@@ -128,7 +130,7 @@ def save(
             raise UsageError("kbit_s and encoding: got both, expected one; EncoderOptions has a kbit_s of its own")
         write_bytes(path, encode(track, encoding or EncoderOptions(kbit_s=kbit_s)))
     elif path.suffix == ".csv":
-        write_bytes(path, format_blend_csv(track, shapes))
+        write_bytes(path, format_blend_csv(track, shapes or "arkit"))
     elif path.suffix == ".wav":
         if sound is None:
             raise UsageError(f"sound: got none, expected samples and their rate for {path}")

@@ -90,7 +90,7 @@ class Performance:
         drawing: Drawing | None = None,
         size: tuple[int, int] | None = None,
         at_s: float = 0.0,
-        shapes: str = "arkit",
+        shapes: str | None = None,
         kbit_s: float | None = None,
         encoding: EncoderOptions | None = None,
         into: str | Path | Into | None = None,

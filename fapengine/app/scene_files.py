@@ -1,4 +1,4 @@
-"""Face motion inside the files that other programs open: a clip in a GLB or VRM."""
+"""Face motion inside the files that other programs open: a clip in a GLB or VRM, and VRM's animations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +8,10 @@ import numpy as np
 
 from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
+from fapengine.files.gltf.head_file import format_head
+from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.load import load_head, load_head_info
 from fapengine.files.heads.meshes import files_beside
 from fapengine.files.heads.tables import load_mapping
 from fapengine.files.paths import read_bytes, write_bytes
@@ -16,13 +19,16 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import bone_transforms
 from fapengine.models.keyed_curve import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.puppet import make_puppet
 
 BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
 """Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
 SCENES = (".glb", ".vrm", ".gltf")
 """Endings of what a clip is put into."""
 ENDINGS = (".glb", ".vrm")
-"""Endings of what is written."""
+"""Endings of what is written with an avatar inside."""
+ANIMATION = ".vrma"
+"""Ending of a motion for any VRM avatar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +36,7 @@ class Into:
     """Whose file a motion goes into, and how."""
 
     avatar: Path
+    """A scene's file, or the name of a head, which is exported."""
     keys: str = STRAIGHT
     """``"linear"``: a key a frame; ``"cubic"``: few."""
     mapping: Path | None = None
@@ -37,8 +44,8 @@ class Into:
 
 
 def is_scene(path: Path) -> bool:
-    """Tell whether a name is that of a file with an avatar inside."""
-    return path.suffix.lower() in ENDINGS
+    """Tell whether a name is that of a file with an avatar inside, or of an animation for one."""
+    return path.suffix.lower() in (*ENDINGS, ANIMATION)
 
 
 def check_scene(path: Path, into: Into | None) -> None:
@@ -50,28 +57,34 @@ def check_scene(path: Path, into: Into | None) -> None:
         If a scene is to be written and none is given, or one is given and the name has another ending.
     """
     if into is None:
-        if is_scene(path):
+        if is_scene(path) and path.suffix.lower() != ANIMATION:
             raise UsageError(f"into: got none, expected the avatar that goes into {path} (into=AVATAR.glb)")
         return
-    if not is_scene(path):
+    if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"path: got {path}, expected a name that ends with {' or '.join(ENDINGS)} for into=AVATAR")
-    if into.avatar.suffix.lower() not in SCENES:
-        raise UsageError(f"into: got {into.avatar}, expected a name that ends with {', '.join(SCENES)}")
     if into.keys not in WAYS:
         raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
 
 
-def save_scene(path: Path, track: FapTrack, into: Into, *, name: str = "face") -> Reached:
-    """Write an avatar's file with a motion inside, under a name of its own; all else in it stays.
+def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
+    """Write an avatar's file with a motion inside, of which all else stays; or the motion as a VRM animation.
 
     Parameters
     ----------
     path : Path
     track : FapTrack
         Frames that it skips show the one before.
-    into : Into
+    into : Into, optional
+        The avatar; none for ``.vrma``.
+    shapes : str, optional
+        Of ``.vrma``: ``"vrm1"``, the presets, or ``"arkit"``.
     name : str
         Of the animation.
+
+    Returns
+    -------
+    str
+        What moves, in words.
 
     Raises
     ------
@@ -83,8 +96,15 @@ def save_scene(path: Path, track: FapTrack, into: Into, *, name: str = "face") -
         If it cannot be written.
     """
     check_scene(path, into)
+    if into is None:
+        chosen = shapes or PRESETS
+        if chosen not in SETS:
+            raise UsageError(f"shapes: got {chosen!r}, expected {' or '.join(SETS)} for {path.name}")
+        write_bytes(path, format_vrma(face_motion(track, name), shapes=chosen))
+        return f"expressions of {chosen}, head and gaze"
     meanings = load_mapping(into.mapping) if into.mapping else None
-    data = read_bytes(into.avatar)
+    is_file = into.avatar.suffix.lower() in SCENES
+    data = read_bytes(into.avatar) if is_file else exported_head(str(into.avatar))
     try:
         written, reached = add_clip(
             data, files_beside(into.avatar), face_motion(track, name), keys=into.keys, meanings=meanings
@@ -92,10 +112,22 @@ def save_scene(path: Path, track: FapTrack, into: Into, *, name: str = "face") -
     except DataError as error:
         raise type(error)(f"{into.avatar}: {error.message}", where=error.where) from error
     write_bytes(path, written)
-    return reached
+    return _told(reached)
 
 
-def told(reached: Reached) -> str:
+def exported_head(name: str) -> bytes:
+    """Make a GLB of a head.
+
+    Raises
+    ------
+    UsageError, ProfileError
+        As :func:`fapengine.files.heads.load.load_head` does.
+    """
+    info = load_head_info(name)
+    return format_head(make_puppet(load_head(name)), licence=info.licence, source=info.source)
+
+
+def _told(reached: Reached) -> str:
     """Say in words what moves."""
     bones = f", and turns {', '.join(reached.bones)}" if reached.bones else ""
     return f"moves {len(reached.shapes)} shapes{bones}; {reached.keys} keys"

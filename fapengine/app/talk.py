@@ -10,7 +10,7 @@ from fapengine.app.manner import Manner, check_expressions
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_phones
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene, told
+from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
@@ -41,7 +41,7 @@ def check(path: Path, manner: Manner, drawing: Drawing, *, shapes: str | None = 
     check_cues(path, shapes)
     check_expressions(manner.expressions)
     check_scene(path, into)
-    if is_cues(path) or into is not None:
+    if is_cues(path) or is_scene(path):
         return
     if not (is_moving(path) or path.suffix == ".fap"):
         raise UsageError(f"path: got {path}, expected a name that ends with {KINDS}, or .fap")
@@ -143,11 +143,10 @@ def write_talk(
     own_sound = _is_among(beside(path, ".wav"), inputs)
     if sound is not None and not own_sound:
         save_wav(beside(path, ".wav"), *sound)
-    if into is not None:
+    if is_scene(path):
         with report.stage("avatar"):
-            reached = save_scene(path, track, into, name=path.stem)
+            report.moved = save_scene(path, track, into, name=path.stem)
         report.files.append((path, "avatar"))
-        report.moved = told(reached)
     elif path.suffix != ".fap":
         kept = _draw(performance, path, report, head=head, drawing=drawing, on_frame=on_frame)
         if kept:

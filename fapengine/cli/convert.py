@@ -6,7 +6,7 @@ import typer
 
 from fapengine.cli import options as shared
 
-OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm")
+OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".vrma")
 
 
 def convert(
@@ -19,13 +19,13 @@ def convert(
         "--output",
         "-o",
         help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat); with --into,"
-        " an avatar (.glb, .vrm).",
+        " an avatar (.glb, .vrm); an animation for VRM avatars (.vrma).",
     ),
-    shapes: str = typer.Option(
-        "arkit",
+    shapes: str | None = typer.Option(
+        None,
         "--shapes",
-        help="Of the table: arkit (52), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of .json, .tsv, .xml,"
-        " .dat: rhubarb (nine mouth shapes, as Rhubarb writes them).",
+        help="Of the table: arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of"
+        " .vrma: vrm1 (the default) or arkit; of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
     ),
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
     writing: shared.WriteOptions = shared.WriteOptions(),
@@ -38,7 +38,7 @@ def convert(
     fapengine convert take.fap --into avatar.glb -o spoken.glb    # any tool opens it, and it speaks
     """
     from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
-    from fapengine.app.scene_files import check_scene, save_scene, told
+    from fapengine.app.scene_files import check_scene, is_scene, save_scene
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
@@ -53,12 +53,12 @@ def convert(
     writing.check([output], [motion, avatar.into, avatar.mapping])
     track = load_motion(motion)
     moved = ""
-    if into is not None:
-        moved = f"; {told(save_scene(output, track, into, name=motion.stem))}"
+    if is_scene(output):
+        moved = f"; {save_scene(output, track, into, shapes=shapes, name=motion.stem)}"
     elif is_cues(output):
         save_cues_of_motion(output, track)
     elif output.suffix == ".fap":
         save_fap(output, track)
     else:
-        write_bytes(output, format_blend_csv(track, shapes))
+        write_bytes(output, format_blend_csv(track, shapes or "arkit"))
     typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz{moved}")

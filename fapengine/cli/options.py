@@ -258,8 +258,9 @@ class AvatarOptions:
         typer.Option(
             "--into",
             metavar="AVATAR",
-            help="Avatar (.glb, .vrm, .gltf) that is written to --output (.glb, .vrm) with the motion as an animation:"
-            " its shapes by ARKit's, Oculus' or VRM's names, its head and eyes; nothing else in it changes.",
+            help="Avatar (.glb, .vrm, .gltf), or the name of a head (default, woman, heads/mine), that is written to"
+            " --output (.glb, .vrm) with the motion as an animation: its shapes by ARKit's, Oculus' or VRM's names, its"
+            " head and eyes; nothing else in it changes.",
             rich_help_panel=AVATAR,
         ),
     ] = None

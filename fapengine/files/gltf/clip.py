@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UnsupportedError
+from fapengine.files.gltf.curves import Curves, quaternions_of
 from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, MAGIC, Fetch, Gltf, fetch_uri, parse_gltf, split_glb
 from fapengine.files.gltf.json_cursor import Item
 from fapengine.files.gltf.scene import (
@@ -33,14 +34,12 @@ from fapengine.files.gltf.scene import (
 )  # fmt: skip
 from fapengine.files.gltf.vrm import bindings
 from fapengine.files.gltf.writing import Row, Writer
-from fapengine.models.keyed_curve import STRAIGHT, KeyedCurve, key_curve
+from fapengine.models.keyed_curve import STRAIGHT
 from fapengine.retarget.blendshape_names import plain, viseme
 from fapengine.retarget.rig_weights import Meanings, has_arkit, rig_weights
 
 Array = NDArray[np.float64]
 
-WEIGHT_TOLERANCE, TURN_TOLERANCE = 0.01, 0.002
-"""Largest error of cubic curves: of a weight, and of a quaternion's components (0.23 degrees)."""
 EYES = ("left eye", "right eye")
 MOVED, MOVED_SHARE = 1e-5, 0.2
 """Motion of an eyeball, in the file's unit and as a share of what its mesh does, from which a shape turns the eye."""
@@ -115,13 +114,14 @@ def add_clip(
             " or what its shapes mean (mapping=FILE)"
         )
     writer, others = _opened(data, fetch)
-    curves = _Curves(writer, motion.rate_hz, keys)
+    curves = Curves(writer, motion.rate_hz, keys)
     for node in rig.world:
         if "mesh" in rig.nodes[node]:
             curves.add_weights(node, shapes.by_mesh.get(rig.mesh_of(rig.nodes[node])))
     for bone, node in turned.items():
+        _take_apart(writer.document["nodes"][node])
         curves.add_turns(node, rig.local_turns(node, motion.turns[bone]))
-    writer.row("animations", {"name": motion.name, "samplers": curves.samplers, "channels": curves.channels})
+    writer.row("animations", curves.row(motion.name))
     return writer.glb(*others), Reached(shapes.used, tuple(turned), curves.count)
 
 
@@ -154,10 +154,7 @@ class _Rig:
         outer, rest = _rotation(above), _rotation(local_transform(self.nodes[node])[:3, :3])
         facing = self._facing()
         matrices = outer.T @ facing @ turns @ facing.T @ outer @ rest
-        quaternions = Rotation.from_matrix(matrices).as_quat()
-        flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-        quaternions[1:] *= flips[:, None]  # of the two that mean a turn, the one near to that of the frame before
-        return np.asarray(quaternions)
+        return quaternions_of(matrices)
 
     def _facing(self) -> Array:
         """(3, 3): from the head's axes to the scene's, a quarter turn about y or none."""
@@ -249,53 +246,15 @@ def _shapes_turn(rig: _Rig, eye: int) -> bool:
     return False
 
 
-class _Curves:
-    """Samplers and channels of one animation. Stateful."""
-
-    def __init__(self, writer: Writer, rate_hz: float, keys: str) -> None:
-        self._writer, self._rate_hz, self._keys = writer, rate_hz, keys
-        self._made: dict[tuple[bytes, float], int] = {}
-        self.samplers: list[Row] = []
-        self.channels: list[Row] = []
-        self.count = 0
-
-    def add_weights(self, node: int, weights: Array | None) -> None:
-        """Add the weights of a node's morph targets, (T, targets), if any move."""
-        if weights is not None:
-            self._add(node, "weights", weights, WEIGHT_TOLERANCE)
-
-    def add_turns(self, node: int, quaternions: Array) -> None:
-        """Add the turns of a node, (T, 4)."""
-        row = self._writer.document["nodes"][node]
-        if "matrix" in row:  # a node that is animated has none (glTF 2.0, 3.5.3)
-            row |= _parts(np.array(row.pop("matrix")).reshape(4, 4).T)
-        self._add(node, "rotation", quaternions, TURN_TOLERANCE)
-
-    def _add(self, node: int, path: str, values: Array, tolerance: float) -> None:
-        key = values.tobytes(), tolerance
-        if key not in self._made:  # meshes of one face have the same weights
-            curve = key_curve(values, self._rate_hz, self._keys, tolerance)
-            self.count += len(curve.times_s)
-            self._made[key] = len(self.samplers)
-            self.samplers.append(self._sampler(curve, path))
-        self.channels.append({"sampler": self._made[key], "target": {"node": node, "path": path}})
-
-    def _sampler(self, curve: KeyedCurve, path: str) -> Row:
-        times = self._writer.accessor(curve.times_s.astype(np.float32), bounds=True)
-        out = curve.values
-        if curve.slopes is not None:  # at each key the slope before, the value and the slope behind
-            out = np.stack([curve.slopes, curve.values, curve.slopes], axis=1)
-        flat = out.reshape(-1, 4) if path == "rotation" else out.reshape(-1)
-        row = {"input": times, "output": self._writer.accessor(flat.astype(np.float32))}
-        return row if curve.slopes is None else row | {"interpolation": "CUBICSPLINE"}
-
-
-def _parts(matrix: Array) -> Row:
-    """Take a node's matrix apart into translation, rotation and scale, which glTF wants to be made of these alone."""
+def _take_apart(node: Row) -> None:
+    """Give a node translation, rotation and scale in place of a matrix, as one that moves must (glTF 2.0, 3.5.3)."""
+    if "matrix" not in node:
+        return
+    matrix = np.array(node.pop("matrix")).reshape(4, 4).T
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     scale[0] *= np.sign(np.linalg.det(matrix[:3, :3])) or 1.0
     turn = Rotation.from_matrix(matrix[:3, :3] / np.where(scale == 0, 1.0, scale))
-    return {"translation": matrix[:3, 3].tolist(), "rotation": turn.as_quat().tolist(), "scale": scale.tolist()}
+    node |= {"translation": matrix[:3, 3].tolist(), "rotation": turn.as_quat().tolist(), "scale": scale.tolist()}
 
 
 def _opened(data: bytes, fetch: Fetch) -> tuple[Writer, list[tuple[int, bytes]]]:

@@ -66,7 +66,6 @@ def test_animate_writes_faps_beside_it(avatar: Path, tmp_path: Path) -> None:
     [
         ("a.glb", None, "into: got none"),
         ("a.mp4", Into(Path("b.glb")), "path: got a.mp4"),
-        ("a.glb", Into(Path("b.fbx")), "into: got b.fbx"),
         ("a.glb", Into(Path("b.glb"), keys="few"), "keys: got 'few'"),
     ],
 )
@@ -100,3 +99,21 @@ def test_skipped_frames_are_held() -> None:
         frame_numbers=[3, 6], rate_hz=25.0,
     )  # fmt: skip
     assert uneven.even_values()[:, 2].tolist() == [0, 0, 0, 5]
+
+
+def test_a_head_is_exported_with_the_motion_inside(tmp_path: Path) -> None:
+    fapengine.save(open_mouth(), tmp_path / "talk.glb", into="default:level=coarse")
+    assert names(tmp_path / "talk.glb") == ["talk"]
+    done = run("head", "export", "default:level=coarse", "-o", tmp_path / "plain.glb")
+    assert "Apache-2.0" in done.stdout
+    before, after = (dict(split_glb((tmp_path / f"{name}.glb").read_bytes())) for name in ("plain", "talk"))
+    assert json.loads(before[JSON_CHUNK])["meshes"] == json.loads(after[JSON_CHUNK])["meshes"]
+
+
+def test_a_vrm_animation_needs_no_avatar(tmp_path: Path) -> None:
+    fapengine.save(open_mouth(), tmp_path / "talk.fap")
+    done = run("convert", tmp_path / "talk.fap", "--shapes", "arkit", "-o", tmp_path / "talk.vrma")
+    assert "expressions of arkit" in done.stdout
+    assert names(tmp_path / "talk.vrma") == ["talk"]
+    with pytest.raises(UsageError, match="shapes: got 'oculus'"):
+        fapengine.save(open_mouth(), tmp_path / "b.vrma", shapes="oculus")

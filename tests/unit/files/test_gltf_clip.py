@@ -12,7 +12,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError
-from fapengine.files.gltf.clip import TURN_TOLERANCE, WEIGHT_TOLERANCE, FaceMotion, add_clip
+from fapengine.files.gltf.clip import FaceMotion, add_clip
+from fapengine.files.gltf.curves import TURN_TOLERANCE, WEIGHT_TOLERANCE
 from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, split_glb
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
@@ -71,7 +72,7 @@ def curves(data: bytes, folder: Any) -> dict[tuple[int, str], tuple[np.ndarray, 
     def numbers(index: int) -> np.ndarray:
         row = scene.accessors[index]
         view = scene.bufferViews[row.bufferView]
-        width = {"SCALAR": 1, "VEC4": 4}[row.type]
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[row.type]
         found = np.frombuffer(blob, "<f4", row.count * width, view.byteOffset)
         return found if width == 1 else found.reshape(-1, width)
 

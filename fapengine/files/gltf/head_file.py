@@ -1,0 +1,101 @@
+"""A head as a GLB: meshes with morph targets, a skin, textures, and whose work it is."""
+
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fapengine.files.gltf.writing import INDICES, VERTICES, Row, Writer
+from fapengine.retarget.puppet import JOINTS, PARENTS, Part, Puppet
+
+GENERATOR = "fapengine"
+
+
+def format_head(puppet: Puppet, *, licence: str, source: str) -> bytes:
+    """Write a head; what licence it is under stands in ``asset``.
+
+    Joints hang on each other as :data:`fapengine.retarget.puppet.JOINTS` tells; each part is a skinned mesh with the
+    shapes that move it.
+    """
+    copyright_line = f"{source}; {licence}"
+    writer = Writer({
+        "asset": {
+            "version": "2.0", "generator": GENERATOR, "copyright": copyright_line, "extras": {"license": licence},
+        },
+        "scene": 0,
+        "scenes": [{"nodes": []}],
+    })  # fmt: skip
+    shown = writer.document["scenes"][0]["nodes"]
+    skin = _add_skin(writer, puppet, shown)
+    for part in puppet.parts:
+        shown.append(writer.row("nodes", {"name": part.name, "mesh": _add_mesh(writer, part), "skin": skin}))
+    return writer.glb()
+
+
+def _add_skin(writer: Writer, puppet: Puppet, shown: list[int]) -> int:
+    for joint, (name, parent) in enumerate(zip(JOINTS, PARENTS, strict=True)):
+        origin = puppet.joints[parent] if parent is not None else np.zeros(3)
+        node: Row = {"name": name, "translation": (puppet.joints[joint] - origin).tolist()}
+        below = [child for child, above in enumerate(PARENTS) if above == joint]
+        writer.row("nodes", node | ({"children": below} if below else {}))
+    shown.append(0)
+    bind = np.tile(np.eye(4, dtype=np.float32), (len(JOINTS), 1, 1))
+    bind[:, 3, :3] = -puppet.joints  # column by column
+    matrices = writer.accessor(bind.reshape(-1, 16))
+    return writer.row("skins", {"joints": list(range(len(JOINTS))), "inverseBindMatrices": matrices, "skeleton": 0})
+
+
+def _add_mesh(writer: Writer, part: Part) -> int:
+    order = np.argsort(-part.weights, axis=1, kind="stable")[:, :4]
+    weights = np.take_along_axis(part.weights, order, axis=1)
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    attributes = {
+        "POSITION": writer.accessor(part.vertices, target=VERTICES, bounds=True),
+        "NORMAL": writer.accessor(part.normals, target=VERTICES),
+        "COLOR_0": writer.accessor(part.colours, target=VERTICES),
+        "JOINTS_0": writer.accessor(np.where(weights > 0, order, 0).astype(np.uint8), target=VERTICES),
+        "WEIGHTS_0": writer.accessor(weights.astype(np.float32), target=VERTICES),
+    }
+    if part.texture is not None:
+        attributes["TEXCOORD_0"] = writer.accessor(part.uv, target=VERTICES)
+    indices = part.triangles.ravel()
+    primitive: Row = {
+        "attributes": attributes,
+        "indices": writer.accessor(
+            indices.astype(np.uint16 if len(part.vertices) < 1 << 16 else np.uint32), target=INDICES
+        ),
+        "material": _add_material(writer, part),
+    }
+    mesh: Row = {"name": part.name, "primitives": [primitive]}
+    if part.shapes:
+        primitive["targets"] = [
+            {"POSITION": writer.sparse(shape.moves), "NORMAL": writer.sparse(shape.turns)}
+            for shape in part.shapes.values()
+        ]
+        mesh |= {"weights": [0.0] * len(part.shapes), "extras": {"targetNames": list(part.shapes)}}
+    return writer.row("meshes", mesh)
+
+
+def _add_material(writer: Writer, part: Part) -> int:
+    surface: Row = {"metallicFactor": 0.0, "roughnessFactor": part.roughness}
+    material: Row = {"name": part.name, "pbrMetallicRoughness": surface}
+    if part.texture is not None:
+        surface["baseColorTexture"] = {"index": _add_texture(writer, part.texture)}
+        if part.texture.shape[2] == 4:
+            material["alphaMode"] = "MASK"
+    if part.name in ("Hair", "Brows"):
+        material["doubleSided"] = True
+    return writer.row("materials", material)
+
+
+def _add_texture(writer: Writer, texture: NDArray[np.uint8]) -> int:
+    buffer = io.BytesIO()
+    Image.fromarray(texture).save(buffer, "PNG")
+    data = buffer.getvalue()
+    for number, row in enumerate(writer.document.get("images", [])):  # parts share the head's painting
+        view = writer.document["bufferViews"][row["bufferView"]]
+        if writer.binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]] == data:
+            return number
+    image = writer.row("images", {"bufferView": writer.view(data), "mimeType": "image/png"})
+    return writer.row("textures", {"source": image})

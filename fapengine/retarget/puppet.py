@@ -1,0 +1,235 @@
+"""A head as other programs take one: parts with materials, named shapes, and a few joints.
+
+Theory of operation
+-------------------
+FAPs deform a :class:`~fapengine.mesh.face_mesh.FaceMesh` by channels and bones; other programs know blendshapes and
+skins. So each shape's FAPs are shown on the head and the displacements kept: ARKit's 52 and Oculus' 15 visemes, jaw and
+eyeballs included, as avatars of the usual services have them. Whoever moves the shapes alone gets the whole face.
+
+The joints are there besides: ``Head`` on ``Neck``, and on it ``Jaw``, ``LeftEye`` and ``RightEye``. A vertex that turns
+with the jaw by a share and with the head by another gets the jaw's share, what the head has more, and the rest for the
+neck; turned one at a time, that is exact.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
+from fapengine.mesh.deform import deform
+from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mesh.vertex_fields import vertex_normals
+from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
+from fapengine.retarget.oculus import oculus_map
+
+Array = NDArray[np.float64]
+
+METRES_PER_MM = 1e-3
+NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = range(5)
+JOINTS = ("Neck", "Head", "Jaw", "LeftEye", "RightEye")
+"""Names of the joints; all but the neck hang on the head, the head on the neck."""
+PARENTS = (None, NECK, HEAD, HEAD, HEAD)
+BONES = {"head": HEAD, "jaw": JAW, "left eye": LEFT_EYE, "right eye": RIGHT_EYE}
+PARTS: Mapping[str, tuple[Material, ...]] = {
+    "Face": (Material.SKIN, Material.LIP),
+    "Eyes": (Material.EYE, Material.BALL),
+    "Teeth": (Material.TEETH, Material.GUM),
+    "Tongue": (Material.TONGUE,),
+    "Mouth": (Material.MOUTH,),
+    "Hair": (Material.HAIR,),
+    "Brows": (Material.STRAND, Material.LASH),
+    "Clothes": (Material.CLOTH,),
+}
+ROUGHNESS = {
+    "Face": 0.5,
+    "Eyes": 0.08,
+    "Teeth": 0.25,
+    "Tongue": 0.35,
+    "Mouth": 0.6,
+    "Hair": 0.65,
+    "Brows": 0.8,
+    "Clothes": 0.9,
+}
+INSIDE = ("Teeth", "Tongue", "Mouth")
+"""Parts in whose colours the dark of the mouth is kept, as other programs do not know how little light is there."""
+NEGLIGIBLE_MM, NEGLIGIBLE_TURN = 0.02, 0.01
+"""Displacement, and change of a normal, below which a shape leaves a vertex alone."""
+EYEBALL_RADIUS_MM, PUPIL_SHARE = 14.2, 0.42
+"""Radius that places on an eyeball are shares of, and pupil to iris, as our own drawing has them."""
+EYE_TEXELS = 256
+SCLERA, VEINS = np.array([0.72, 0.67, 0.64]), np.array([0.92, 0.68, 0.62])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """Displacements of a part's vertices by one shape at full weight. Arrays are read-only."""
+
+    moves: NDArray[np.float32]
+    """(V, 3), m."""
+    turns: NDArray[np.float32]
+    """(V, 3): change of the normals."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Part:
+    """A piece of a head of one material. Arrays are read-only."""
+
+    name: str
+    vertices: NDArray[np.float32]
+    """(V, 3), m; x the subject's left, y up, z forward."""
+    normals: NDArray[np.float32]
+    """(V, 3), of unit length."""
+    uv: NDArray[np.float32]
+    """(V, 2); (0, 0) is the texture's top left corner."""
+    colours: NDArray[np.float32]
+    """(V, 3), linear RGB, 0..1; multiplies the texture."""
+    triangles: NDArray[np.uint32]
+    """(F, 3)."""
+    weights: NDArray[np.float32]
+    """(V, 5): share of each of :data:`JOINTS`; each row adds up to 1."""
+    shapes: Mapping[str, Shape]
+    """Shapes that move this part, by their names."""
+    texture: NDArray[np.uint8] | None
+    """(H, W, 3 or 4), sRGB."""
+    roughness: float
+
+    def __post_init__(self) -> None:
+        count = len(self.vertices)
+        for name, shape in (
+            ("vertices", (count, 3)),
+            ("normals", (count, 3)),
+            ("uv", (count, 2)),
+            ("colours", (count, 3)),
+        ):
+            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, np.float32))
+        object.__setattr__(self, "weights", frozen(self.weights, "weights", (count, len(JOINTS)), np.float32))
+        object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.uint32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Puppet:
+    """A head for other programs."""
+
+    parts: tuple[Part, ...]
+    joints: Array
+    """(5, 3), m: place of each of :data:`JOINTS`."""
+
+
+def make_puppet(mesh: FaceMesh) -> Puppet:
+    """Make it of any head, our own or an imported one."""
+    rest = _narrowed(mesh)
+    normals = vertex_normals(rest, mesh.triangles)
+    moved = {}
+    for name, faps in _shape_faps().items():
+        moves = deform(mesh, faps) - mesh.vertices_mm
+        moves[np.abs(moves).max(axis=1) < NEGLIGIBLE_MM] = 0.0
+        turns = vertex_normals(rest + moves, mesh.triangles) - normals
+        turns[~moves.any(axis=1) | (np.abs(turns).max(axis=1) < NEGLIGIBLE_TURN)] = 0.0
+        moved[name] = Shape((METRES_PER_MM * moves).astype(np.float32), turns.astype(np.float32))
+    parts = [_part(mesh, name, rest, moved) for name in PARTS]
+    neck = np.array([0.0, float(mesh.point_mm("2.1")[1]) - 90.0, float(mesh.head_pivot_mm[2])])
+    joints = np.stack([neck, mesh.head_pivot_mm, mesh.jaw_pivot_mm, *mesh.eye_pivots_mm])
+    return Puppet(tuple(part for part in parts if part is not None), METRES_PER_MM * joints)
+
+
+@cache
+def _shape_faps() -> dict[str, Array]:
+    """(68,) FAPU of each shape at full weight: ARKit's 52, then the visemes as avatars spell them."""
+    arkit, oculus = arkit_map(), oculus_map()
+    visemes = {OCULUS_SPELLINGS[name.lower()]: row for name, row in zip(oculus.names, oculus.faps, strict=True)}
+    shapes = dict(zip(arkit.names, arkit.faps, strict=True))
+    return shapes | {f"viseme_{name}": visemes.get(name, np.zeros(68)) for name in OCULUS}
+
+
+def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) -> Part | None:
+    """Cut one part out; None if the head has none."""
+    triangles = mesh.triangles[np.isin(mesh.material[mesh.triangles[:, 0]], PARTS[name])]
+    if not len(triangles):
+        return None
+    used, corners = np.unique(triangles, return_inverse=True)
+    colours = mesh.albedo[used].astype(np.float64)
+    if name in INSIDE:
+        colours *= mesh.occlusion[used, None]
+    texture = None if _has(mesh, used, Material.STRAND) else mesh.texture  # whose places say how wide a hair is
+    if _has(mesh, used, Material.EYE):
+        texture = eye_texture(mesh)
+    shapes = {title: Shape(shape.moves[used], shape.turns[used]) for title, shape in moved.items()}
+    return Part(
+        name=name,
+        vertices=(METRES_PER_MM * rest[used]).astype(np.float32),
+        normals=_unit(mesh.normals[used]),
+        uv=mesh.uv[used],
+        colours=np.clip(colours, 0.0, 1.0).astype(np.float32),
+        triangles=corners.reshape(-1, 3).astype(np.uint32),
+        weights=_weights(mesh)[used],
+        shapes={
+            title: shape
+            for title, shape in shapes.items()
+            if shape.moves.any() or (title == "viseme_sil" and name == "Face")
+        },
+        texture=texture,
+        roughness=ROUGHNESS[name],
+    )
+
+
+def _has(mesh: FaceMesh, used: NDArray[np.integer], material: Material) -> bool:
+    return bool((mesh.material[used] == material).any())
+
+
+def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0]).astype(np.float32)
+
+
+def _narrowed(mesh: FaceMesh) -> Array:
+    """(V, 3) mm: vertices, ribbons of single hairs as narrow as the hairs.
+
+    Both vertices of a place along a hair follow each other, as the builder of our heads adds them.
+    """
+    vertices = mesh.vertices_mm.astype(np.float64)
+    pairs = np.flatnonzero(mesh.material == Material.STRAND).reshape(-1, 2)
+    middle = vertices[pairs].mean(axis=1, keepdims=True)
+    across, half = mesh.uv[pairs].astype(np.float64).transpose(2, 0, 1)
+    share = half / np.maximum(np.abs(across), 1e-6)
+    vertices[pairs] = middle + share[..., None] * (vertices[pairs] - middle)
+    return vertices
+
+
+def _weights(mesh: FaceMesh) -> NDArray[np.float32]:
+    """(V, 5): shares of the joints."""
+    weights = np.zeros((len(mesh.vertices_mm), len(JOINTS)), np.float32)
+    for bone, joint in ((Bone.JAW, JAW), (Bone.LEFT_EYE, LEFT_EYE), (Bone.RIGHT_EYE, RIGHT_EYE)):
+        weights[:, joint] = np.where(mesh.bone == bone, np.minimum(mesh.bone_weight, mesh.head_weight), 0.0)
+    weights[:, HEAD] = mesh.head_weight - weights.sum(axis=1)
+    weights[:, NECK] = 1.0 - weights.sum(axis=1)
+    return np.clip(weights, 0.0, 1.0)
+
+
+def eye_texture(mesh: FaceMesh) -> NDArray[np.uint8]:
+    """(256, 256, 3) sRGB: white, iris and pupil as seen along the gaze, as our own drawing paints them."""
+    axis = (np.arange(EYE_TEXELS) + 0.5) / EYE_TEXELS * 2 - 1
+    x, y = np.meshgrid(axis, axis)
+    radius, around = np.hypot(x, y), np.arctan2(y, x)
+    iris = mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
+    pupil = iris * PUPIL_SHARE
+    share = radius / iris
+    fibres = 0.5 + 0.5 * np.sin(around * 37 + 3 * np.sin(around * 11)) * np.sin(around * 23 + share * 9)
+    light = (1 - 0.68 * _step(0.35, 0.92, share)) * (0.72 + 0.56 * fibres)
+    light *= 1 + 0.85 * _step(-0.15, 0.9, -y / iris)
+    light *= 1 - 0.85 * _step(0.74, 1.0, share)
+    ring = _step(pupil - 0.02, pupil + 0.02, radius)[..., None]
+    coloured = 0.003 * (1 - ring) + mesh.iris_albedo * light[..., None] * ring
+    white = SCLERA * (1 + (VEINS - 1) * _step(0.35, 0.95, np.abs(x))[..., None])
+    outer = _step(iris - 0.045, iris + 0.035, radius)[..., None]
+    linear = np.clip(coloured * (1 - outer) + white * outer, 0.0, 1.0)
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.asarray(np.round(255 * srgb), np.uint8)
+
+
+def _step(first: float, last: float, at: Array) -> Array:
+    share = np.clip((at - first) / (last - first), 0.0, 1.0)
+    return np.asarray(share * share * (3 - 2 * share))

@@ -1,0 +1,20 @@
+"""Run every foreign program that is here on what we write: ``python -m tests.oracles out/oracles``."""
+
+import sys
+from pathlib import Path
+
+from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
+
+
+def main(root: Path) -> None:
+    """Fail on the first answer that is not what it should be; avatars of others lie in ``avatars`` of the folder."""
+    modules = (root / "node_modules").resolve()
+    scenes = root / "scenes"
+    paths = write_scenes(scenes, root / "avatars")
+    check_with_validator([path.resolve() for path in paths], modules)
+    check_with_three(scenes, modules)
+    check_with_blender(scenes)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
