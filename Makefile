@@ -18,7 +18,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec geometry ground laboratory m
     trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: faults oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+.PHONY: people faults oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
     clean docs env dev tools
 
 help:
@@ -33,6 +33,7 @@ help:
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears for bench.ears; needs Node"
 	@echo "make docs   the documentation as a site: out/site/index.html"
+	@echo "make people 200 random people: every promise of the face, where make test tries 15"
 	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
@@ -90,6 +91,10 @@ fuzz: $(VENV)/.ready-dev
 	@grep 'stat::' out/fuzz.log
 	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 3)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
+
+# Two hundred random people instead of the fifteen of make test: every promise of the face.
+people: $(VENV)/.ready-dev
+	RANDOM_PEOPLE=200 $(BIN)/python -m pytest -n 2 -q tests/unit/mesh/test_people.py
 
 faults: $(VENV)/.ready-dev
 	$(BIN)/python -m tests.faults --moments $(MOMENTS) --seed $(SEED)

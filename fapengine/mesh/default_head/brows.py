@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from fapengine.mesh.default_head.faces import normal, position
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import angle_of, normal, position
+from fapengine.mesh.default_head.surface import angle_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

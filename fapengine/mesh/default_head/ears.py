@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.colours import BLOOD, Palette
+from fapengine.mesh.colours import BLOOD
+from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MIDDLE = np.array([83.0, 12.0, -3.0])
 UP_AXIS, BACK_AXIS = np.array([0.06, 0.975, -0.215]), np.array([0.30, -0.165, -0.939])
+ROOT = (np.deg2rad(93.0), 10.0)
+"""Place on the bare head with which an ear goes."""
 HALF_LENGTH, HALF_WIDTH = 32.0, 17.5
 INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
 EDGE = ((1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0))
@@ -45,7 +49,7 @@ def _relief(share: Array, up: Array, back: Array) -> Array:
     return relief
 
 
-def build_ear(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> Indices:
+def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
     """Add one ear; returns its indices, (R, S): rings by segments."""
     around = np.linspace(0, 2 * np.pi, max(20, round(28 * detail)), endpoint=False)
     up, back = np.cos(around), np.sin(around)
@@ -61,7 +65,8 @@ def build_ear(builder: MeshBuilder, palette: Palette, side: float, detail: float
     shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
     local = np.stack([HALF_LENGTH * outline * up * share, HALF_WIDTH * outline * back * share, height + shell], axis=-1)
     points = MIDDLE + local @ np.stack([UP_AXIS, BACK_AXIS, np.cross(BACK_AXIS, UP_AXIS)])
-    points = points * [side, 1, 1]
+    points = (points + faces.displacement(ROOT, style.identity)) * [side, 1, 1]
+    palette = palette_of(style)
     albedo = palette.skin(points)
     deep = np.clip(-height / 7.0, 0, 1)[..., None]
     albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)

@@ -130,7 +130,8 @@ def build_lids(
         lash = (level <= 1.0) * upper
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
         kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
-        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
+        place = np.stack([angle, flat[:, 1]], axis=-1)
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv, place=place))
         levels.append(float(level))
     rim = points
     for level, height, size in EDGE:

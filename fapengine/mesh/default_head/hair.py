@@ -16,11 +16,11 @@ from scipy.spatial import cKDTree
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
+from fapengine.mesh.default_head.faces import normal, position
 from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.rings import resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import normal, position
 from fapengine.mesh.face_mesh import Material
 
 Array = NDArray[np.float64]

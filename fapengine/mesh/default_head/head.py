@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import EYE_COLOURS
-from fapengine.mesh.default_head import nose, parts
+from fapengine.mesh.default_head import faces, nose, parts
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
 from fapengine.mesh.default_head.brows import build_brow
@@ -23,7 +23,7 @@ from fapengine.mesh.default_head.hair import build_hair
 from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.head_parts import HeadParts
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.mouth import build_mouth
+from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.rings import Block
@@ -107,7 +107,13 @@ def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> Face
 
 @lru_cache(maxsize=4)
 def _built(style: HeadStyle, level: str) -> FaceMesh:
-    builder, detail = MeshBuilder(), LEVELS[level]
+    builder, head = build_parts(style, LEVELS[level])
+    return _finish(builder, head, style, LEVELS[level])
+
+
+def build_parts(style: HeadStyle, detail: float) -> tuple[MeshBuilder, HeadParts]:
+    """Build the template: all vertices before the measured face moves them."""
+    builder = MeshBuilder()
     grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
 
     def border(block: Block) -> Indices:
@@ -119,22 +125,21 @@ def _built(style: HeadStyle, level: str) -> FaceMesh:
         build_lids(builder, border(block), block, style, side, detail)
         for block, side in zip(eye_blocks, (1.0, -1.0), strict=True)
     )
-    palette = palette_of(style)
     head = HeadParts(
         grid=grid,
         mouth=mouth,
         eyes=(left, right),
         brows=(build_brow(builder, style, 1.0, detail), build_brow(builder, style, -1.0, detail)),
-        ears=(build_ear(builder, palette, 1.0, detail), build_ear(builder, palette, -1.0, detail)),
+        ears=(build_ear(builder, style, 1.0, detail), build_ear(builder, style, -1.0, detail)),
         upper_teeth=parts.build_teeth(builder, detail, upper=True),
         lower_teeth=parts.build_teeth(builder, detail, upper=False),
         tongue=parts.build_tongue(builder, detail),
         hair=build_hair(builder, style, detail) if style.hair else np.zeros(0, dtype=np.int64),
         crown=crown,
-        pivot=int(builder.add(HEAD_PIVOT, albedo=palette.base)),
+        pivot=int(builder.add(HEAD_PIVOT, albedo=palette_of(style).base)),
     )
     parts.build_shirt(builder, detail)
-    return _finish(builder, head, detail, paint(style), style.eye_colour)
+    return builder, head
 
 
 def _build_skin(
@@ -147,7 +152,9 @@ def _build_skin(
     # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
     head_weight = np.maximum(smoothstep((y + 138.0) / 62.0), smoothstep((points[..., 2] - 55.0) / 25.0))
     albedo = palette.skin(points) * _nostril_shade(angle, y, style)
-    grid = builder.add(points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y))
+    grid = builder.add(
+        points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)
+    )
     blocks = _blocks(rows, columns)
     keep = np.ones((len(rows) - 1, len(columns) - 1), dtype=bool)
     for block in blocks:
@@ -197,11 +204,25 @@ def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -
     return points + blend[:, None] * (softened - points)
 
 
-def _finish(
-    builder: MeshBuilder, head: HeadParts, detail: float, texture: NDArray[np.uint8], eye_colour: str
-) -> FaceMesh:
+def _on_face(template: Array, builder: MeshBuilder, head: HeadParts, style: HeadStyle) -> Array:
+    """(V, 3) mm: the template laid on the measured face.
+
+    Teeth and tongue, which have their place behind the lips of the mean, follow those of the person.
+    """
+    points = template.copy()
+    place = builder.column("place")
+    on_skin = np.isfinite(place[:, 0])
+    points[on_skin] += faces.displacement(place[on_skin], style.identity)
+    mouth = faces.displacement(MIDDLE, style.identity) - faces.displacement(MIDDLE)
+    for part in (head.upper_teeth, head.lower_teeth, head.tongue):
+        points[part] += mouth
+    return points
+
+
+def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float) -> FaceMesh:
     triangles = builder.triangles()
-    points = _soften(builder.column("points_mm"), triangles, head, detail)
+    template = builder.column("points_mm")
+    points = _soften(_on_face(template, builder, head, style), triangles, head, detail)
     normals = vertex_normals(points, triangles)
     seam = head.grid[:, [0, -1]]
     shared = normals[seam].sum(axis=1, keepdims=True)
@@ -210,7 +231,7 @@ def _finish(
     # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.
     lit = builder.column("material") == Material.TEETH
     occlusion = np.where(lit, np.maximum(occlusion, 0.72), occlusion)
-    feature_points = locate(points, head)
+    feature_points = locate(template, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
     jaw_weight, basis = build_basis(points, head, feature_points, fapu)
@@ -239,8 +260,8 @@ def _finish(
         head_pivot_mm=HEAD_PIVOT,
         eye_pivots_mm=np.stack([eye.centre for eye in head.eyes]),
         fapu=fapu,
-        iris_albedo=np.array(EYE_COLOURS[eye_colour], np.float32),
-        texture=texture,
+        iris_albedo=np.array(EYE_COLOURS[style.eye_colour], np.float32),
+        texture=paint(style),
         basis=DeformationBasis(
             channels=basis.channels,
             offsets=np.concatenate([[0], np.cumsum(np.diff(basis.offsets)[used])]),

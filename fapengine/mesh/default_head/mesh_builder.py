@@ -16,6 +16,10 @@ STRAND_MARGIN_MM = 0.6
 lie on the ribbon too, down to about 2 pixels a mm."""
 
 
+NOWHERE = (np.nan, np.nan)
+"""Place of a vertex that is not on the skin."""
+
+
 @dataclass(slots=True)
 class MeshBuilder:
     """Collects parts; vertex indices are those of the finished mesh.
@@ -37,8 +41,13 @@ class MeshBuilder:
         bone_weight: ArrayLike = 0.0,
         head_weight: ArrayLike = 1.0,
         uv: ArrayLike = PLAIN_UV,
+        place: ArrayLike = NOWHERE,
     ) -> NDArray[np.int64]:
-        """Add vertices, (..., 3) mm; everything else broadcasts. Returns their indices, of shape (...)."""
+        """Add vertices, (..., 3) mm; everything else broadcasts. Returns their indices, of shape (...).
+
+        ``place`` is angle, rad, and height, mm, on the bare head, by which the measured face moves a vertex of the skin
+        (:mod:`.faces`).
+        """
         shape = points_mm.shape[:-1]
         size = int(np.prod(shape))
         for name, value, tail in (
@@ -49,6 +58,7 @@ class MeshBuilder:
             ("bone_weight", bone_weight, ()),
             ("head_weight", head_weight, ()),
             ("uv", uv, (2,)),
+            ("place", place, (2,)),
         ):
             spread = np.broadcast_to(np.asarray(value), (*shape, *tail)).reshape(size, *tail)
             self._fields.setdefault(name, []).append(np.array(spread))

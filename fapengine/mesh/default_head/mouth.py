@@ -19,6 +19,8 @@ from fapengine.mesh.face_mesh import Material
 Array = NDArray[np.float64]
 
 LINE_Y = -34.0
+MIDDLE = (0.0, LINE_Y)
+"""Place between the lips, on the bare head."""
 INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
@@ -89,7 +91,8 @@ def build_mouth(
         on_lip = smoothstep((1.08 - level) / 0.14)
         albedo = palette.skin(points) + on_lip * (palette.lip(points, t, level) - palette.skin(points))
         kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
-        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv))
+        place = np.stack([angle, flat[:, 1]], axis=-1)
+        grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv, place=place))
         levels.append(level)
     rim = points
     middle = 1 - np.abs(t) ** 3
@@ -100,10 +103,10 @@ def build_mouth(
         dark = smoothstep((-level - 0.05) / 0.5)
         albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * dark
         material = Material.LIP if level > -0.15 else Material.MOUTH
-        grids.append(builder.add(points, albedo=albedo, material=material))
+        grids.append(builder.add(points, albedo=albedo, material=material, place=place))
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
-    end = builder.add(points.mean(axis=0) - [0, 0, 14.0], albedo=colours.MOUTH, material=Material.MOUTH)
+    end = builder.add(points.mean(axis=0) - [0, 0, 14.0], albedo=colours.MOUTH, material=Material.MOUTH, place=MIDDLE)
     builder.fan(rings[-1], int(end))
     return Rings(rings, np.array(levels), t, upper)

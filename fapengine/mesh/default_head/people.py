@@ -1,46 +1,49 @@
 """People: looks with a name, and anybody by a number.
 
-Named looks are choices of ours. ``random:7`` draws a person: the relief from the measured differences between faces
-(:mod:`fapengine.mesh.default_head.relief_table`), the widths that go with it, and the rest evenly within its bounds.
+Named looks are choices of ours. ``random:7`` draws a person: the shape from the measured differences between faces
+(:mod:`fapengine.mesh.default_head.faces`), and the rest evenly within its bounds.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS
-from fapengine.mesh.default_head.relief_table import RELIEF_TENTHS_MM, WIDTHS
-from fapengine.mesh.default_head.style import BOUNDS, HAIRCUTS, MAX_RELIEF, HeadStyle, parse_look
+from fapengine.mesh.default_head.faces_table import MODES
+from fapengine.mesh.default_head.style import HAIRCUTS, HeadStyle, parse_look
 
 PEOPLE: Mapping[str, HeadStyle] = MappingProxyType({
     "default": HeadStyle(),
     "woman": HeadStyle(
-        jaw_width=0.91, cheek_fullness_mm=2.4, chin_mm=-0.5, nose_length=0.84, nose_width=0.86, eye_opening_mm=11.6,
-        lip_fullness=1.12, mouth_width=0.97, brow_thickness=0.62, age=0.12, skin_tone=0.15, freckles=0.3,
+        identity=(-0.45, -1.35, 0.3, 0.15, 0.6, 0.15, -0.45, 0.3, 0.3, -0.15, -0.15, 0.15, 0.3, -0.9, 0.6, -0.15),
+        cheek_fullness_mm=2.0, chin_mm=0.2, nose_length=0.88, nose_width=0.9, eye_opening_mm=11.8,
+        lip_fullness=1.06, brow_thickness=0.62, age=0.12, skin_tone=0.15, freckles=0.3,
         hair_colour="chestnut", haircut="long", eye_colour="green",
     ),
     "man": HeadStyle(
-        jaw_width=1.05, cheek_fullness_mm=0.4, chin_mm=3.0, nose_length=1.02, nose_width=1.02, eye_opening_mm=10.4,
-        lip_fullness=0.8, mouth_width=1.04, brow_thickness=1.4, age=0.4, skin_tone=0.3, hair_colour="black",
-        eye_colour="dark",
+        identity=(0.6, 1.65, -0.15, 0.15, -0.6, -0.15, 0.15, -0.3, -0.6, 0.15, 0, -0.3, -0.15, 0.75, -0.6, 0.15),
+        chin_mm=2.0, nose_length=0.97, nose_width=0.96, eye_opening_mm=10.4, lip_fullness=0.86, brow_thickness=1.4,
+        age=0.4, skin_tone=0.3, hair_colour="black", eye_colour="dark",
     ),
     "child": HeadStyle(
-        jaw_width=0.93, cheek_fullness_mm=4.6, chin_mm=-2.5, nose_length=0.68, nose_width=0.85, eye_opening_mm=12.6,
-        lip_fullness=1.0, mouth_width=0.9, brow_thickness=0.55, age=0.0, skin_tone=0.12, freckles=1.6,
-        hair_colour="blond", eye_colour="blue",
+        identity=(-0.75, -1.95, 0, -1.05, 0.9, 0.3, -0.3, 0.15, 0.6, -0.3, 0, 0.75, 0.15, -1.65, 1.05, -0.6),
+        jaw_width=0.94, cheek_fullness_mm=4.2, chin_mm=-1.0, nose_length=0.74, nose_width=0.86, eye_opening_mm=12.6,
+        mouth_width=0.93, brow_thickness=0.55, age=0.0, skin_tone=0.12, freckles=1.6, hair_colour="blond",
+        eye_colour="blue",
     ),
     "older": HeadStyle(
-        jaw_width=1.0, cheek_fullness_mm=-0.8, chin_mm=1.5, nose_length=1.06, nose_width=1.06, eye_opening_mm=9.8,
-        lip_fullness=0.68, mouth_width=1.02, brow_thickness=1.1, age=0.95, skin_tone=0.22, freckles=0.8,
-        hair_colour="grey", eye_colour="grey",
+        identity=(0.75, 0.9, 0, 0.15, 0.15, 0.15, 0.45, 0, 0.15, 0, -0.3, -0.3, 0.15, 1.05, 0.15, 0.15),
+        cheek_fullness_mm=-0.2, nose_length=0.98, nose_width=0.98, eye_opening_mm=9.8, lip_fullness=0.78,
+        brow_thickness=1.1, age=0.95, skin_tone=0.22, freckles=0.8, hair_colour="grey", eye_colour="grey",
     ),
 })  # fmt: skip
 """Name to look."""
 RANDOM = "random"
+USUAL = 2.0
+"""Weight of a mode beyond which random people do not go."""
 
 
 def somebody(seed: int) -> HeadStyle:
@@ -59,12 +62,8 @@ def somebody(seed: int) -> HeadStyle:
     if seed < 0:
         raise UsageError(f"{RANDOM}: got {seed}, expected 0 or more")
     rng = np.random.default_rng(seed)
-    weights = np.clip(rng.normal(size=len(RELIEF_TENTHS_MM)), -MAX_RELIEF, MAX_RELIEF).round(2)
+    weights = np.clip(rng.normal(size=MODES), -USUAL, USUAL).round(2)
     usual = HeadStyle()
-    widths: dict[str, Any] = {}
-    for name in WIDTHS[0]:
-        change = float(weights @ [row[name] for row in WIDTHS])
-        widths[name] = round(float(np.clip(getattr(usual, name) * (1 + change), *BOUNDS[name])), 3)
     age, tone = rng.uniform(0, 1), rng.uniform(0, 1)
     hair_colours = [name for name in HAIR_COLOURS if name == "grey" or age < 0.7]
     if tone > 0.5:  # of dark skins, hair and eyes are dark
@@ -72,13 +71,9 @@ def somebody(seed: int) -> HeadStyle:
     eye_colours = ["dark", "brown"] if tone > 0.5 else list(EYE_COLOURS)
     return replace(
         usual,
-        **widths,
-        relief=tuple(weights.tolist()),
-        cheek_fullness_mm=round(rng.uniform(-1, 4), 2),
-        chin_mm=round(rng.uniform(-2, 3.5), 2),
-        nose_length=round(rng.uniform(0.8, 1.08), 3),
+        identity=tuple(weights.tolist()),
         eye_opening_mm=round(rng.uniform(10.2, 12.0), 2),
-        lip_fullness=round(rng.uniform(0.75, 1.25), 3),
+        lip_fullness=round(rng.uniform(0.8, 1.2), 3),
         brow_thickness=round(rng.uniform(0.6, 1.5), 2),
         age=round(age, 2),
         skin_tone=round(tone, 2),

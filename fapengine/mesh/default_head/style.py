@@ -5,13 +5,13 @@ from typing import Any
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
-from fapengine.mesh.default_head.relief_table import RELIEF_TENTHS_MM
+from fapengine.mesh.default_head.faces_table import MODES
 
 LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
 """Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
 
 HAIRCUTS = ("short", "long")
-MAX_RELIEF = 2.5
+MAX_WEIGHT = 2.5
 BOUNDS: dict[str, tuple[float, float]] = {
     "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),
     "nose_width": (0.75, 1.3), "eye_opening_mm": (8, 13), "lip_fullness": (0.5, 1.5), "mouth_width": (0.85, 1.15),
@@ -61,9 +61,9 @@ class HeadStyle:
     """One of :data:`HAIRCUTS`."""
     eye_colour: str = "brown"
     """One of :data:`EYE_COLOURS`."""
-    relief: tuple[float, ...] = ()
-    """Weights of the measured differences between faces, at most 8 numbers of -2.5..2.5: people are spread about 0 with
-    a standard deviation of 1 (:mod:`.relief_table`). Forehead, cheeks, chin and temples follow."""
+    identity: tuple[float, ...] = ()
+    """Weights of the measured differences between people, at most 16 numbers of -2.5..2.5: people are spread about 0
+    with a standard deviation of 1 (:mod:`.faces`). The whole face follows but the eyes."""
 
     def __post_init__(self) -> None:
         for name, (low, high) in BOUNDS.items():
@@ -73,9 +73,10 @@ class HeadStyle:
         for name, known in (("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS)):
             if getattr(self, name) not in known:
                 raise UsageError(f"{name}: got {getattr(self, name)!r}, expected one of {', '.join(known)}")
-        if len(self.relief) > len(RELIEF_TENTHS_MM) or not all(abs(weight) <= MAX_RELIEF for weight in self.relief):
-            expected = f"at most {len(RELIEF_TENTHS_MM)} numbers of -{MAX_RELIEF:g}..{MAX_RELIEF:g}"
-            raise UsageError(f"relief: got {'/'.join(f'{weight:g}' for weight in self.relief)}, expected {expected}")
+        if len(self.identity) > MODES or not all(abs(weight) <= MAX_WEIGHT for weight in self.identity):
+            expected = f"at most {MODES} numbers of -{MAX_WEIGHT:g}..{MAX_WEIGHT:g}"
+            given = "/".join(f"{weight:g}" for weight in self.identity)
+            raise UsageError(f"identity: got {given}, expected {expected}")
 
 
 def palette_of(style: HeadStyle) -> Palette:

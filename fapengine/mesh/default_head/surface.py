@@ -1,4 +1,4 @@
-"""The bare head as a smooth surface: distance from a vertical axis as a function of angle and height.
+"""The template of the bare head as a smooth surface: distance from a vertical axis as a function of angle and height.
 
 Angles run from 0 (front) to pi (back), positive on the subject's left. Lips, lids, nostrils and ears are put on it
 elsewhere.
@@ -13,7 +13,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head import nose
-from fapengine.mesh.default_head.relief_table import RELIEF_TENTHS_MM
 from fapengine.mesh.default_head.sections import AXIS_Z_MM, section_arrays
 from fapengine.mesh.default_head.style import HeadStyle
 
@@ -97,38 +96,7 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     swell = _bump(x + 0.42 * (h + 12.0), h, (31.0, -24.0), (5.0, 16.0))
     below = _bump(x - 0.25 * (x - 31.0), h + 0.02 * (x - 31.0) ** 2, (30.0, 21.0), (12.0, 2.6))
     r += (0.1 + 2.3 * style.age) * (0.8 * swell - fold) - (0.1 + 1.3 * style.age) * below
-    if style.relief:
-        r += _relief(style.relief, a, h) * _between_features(x, h)
     return np.asarray(r, dtype=np.float64)
-
-
-@cache
-def _relief_splines() -> tuple[RectBivariateSpline, ...]:
-    heights, angles, _ = section_arrays()
-    whole = np.concatenate(
-        [-angles[5:0:-1], angles, 2 * np.pi - angles[-2:-7:-1]]
-    )  # the other half is the mirror image
-    tables = 0.1 * np.array(RELIEF_TENTHS_MM, dtype=np.float64)
-    tables = np.concatenate([tables[..., 5:0:-1], tables, tables[..., -2:-7:-1]], axis=-1)
-    return tuple(RectBivariateSpline(heights, whole, table, kx=3, ky=3) for table in tables)
-
-
-def _relief(weights: tuple[float, ...], a: Array, h: Array) -> Array:
-    """(...) mm: sum of the measured components, see :data:`.relief_table.RELIEF_TENTHS_MM`."""
-    heights, _, _ = section_arrays()
-    inside = np.clip(h, heights[0], heights[-1])
-    splines = _relief_splines()[: len(weights)]
-    return sum((w * spline.ev(inside, a) for w, spline in zip(weights, splines, strict=True)), np.zeros_like(h))
-
-
-def _between_features(x: Array, h: Array) -> Array:
-    """(...): 1 on forehead, cheeks, chin and temples; 0 round eyes, nose and lips, whose shape is their own."""
-    eye = smoothstep(1.9 - np.hypot((x - 31.4) / 15.0, (h - 36.0) / 11.0))
-    nose_part = smoothstep((34.0 - x) / 16.0) * smoothstep((h + 24.0) / 10.0) * smoothstep((42.0 - h) / 14.0)
-    lips = smoothstep(1.9 - np.hypot(x / 28.0, (h + 34.0) / 13.0))
-    collar = smoothstep((-88.0 - h) / 24.0)
-    between: Array = (1 - eye) * (1 - nose_part) * (1 - lips) * (1 - collar)
-    return between
 
 
 def _narrowed(h: Array, style: HeadStyle) -> Array:

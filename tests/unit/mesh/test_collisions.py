@@ -6,41 +6,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine._resources import profile_files
 from fapengine.mesh.default_head import eyes, mouth
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.profiles import parse_profile
-from fapengine.trajectory.closures import close_lips
-from fapengine.trajectory.faps import displacements_to_faps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Moved = Callable[[FaceMesh, Indices, Array], Array]
 
-FRAMES = 1000
-
 
 @pytest.fixture(scope="module")
 def head() -> FaceMesh:
     return build_head()
-
-
-@pytest.fixture(scope="module")
-def frames() -> Array:
-    """(1000, 68): mixtures of two phones, too weak or too strong, half of them with an expression."""
-    profile, rng = parse_profile(profile_files("grid_s1_en")), np.random.default_rng(4)
-    targets = np.concatenate([phone.targets for phone in profile.phones.values()])
-    shares, pairs = rng.dirichlet([1, 1], FRAMES), targets[rng.integers(0, len(targets), (FRAMES, 2))]
-    weights = (shares[:, :, None] * pairs).sum(axis=1) * rng.uniform(0.3, 1.4, (FRAMES, 1))
-    expressions = list(profile.expressions.values())
-    which = rng.integers(0, len(expressions), FRAMES)
-    amount = (rng.uniform(0, 1, FRAMES) * (rng.random(FRAMES) < 0.5))[:, None]
-    weights += amount * np.array([expression.target for expression in expressions])[which]
-    faps = displacements_to_faps(profile.space.to_points_mm(weights), profile.space.points, profile.fapu)
-    faps += amount * np.array([expression.fap for expression in expressions])[which]
-    return close_lips(faps, np.arange(float(FRAMES)), [])
 
 
 def frame(**values: float) -> Array:
