@@ -269,6 +269,7 @@ def _wire() -> Iterable[Reader]:
         ),
         codec.encode(schema.CancelUtterance("anna", -1, -1, 200)),
         codec.encode(schema.SpeakText("anna", "Hello.")),
+        codec.encode(schema.WordTimes("anna", 1, 0, (schema.WireWord("Hi", 0, 300_000),), "en")),
     )
     kinds = schema.from_sender()
 

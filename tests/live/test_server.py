@@ -56,6 +56,32 @@ def test_closures_of_a_robust_sender_are_shown_and_it_hears_of_the_end() -> None
     on_a_loop(main)
 
 
+def test_words_by_osc_move_the_lips_as_they_come_and_a_simple_sender_hears_of_the_end() -> None:
+    async def main() -> None:
+        async with running(config_of()) as server:
+            sender, told = Sender(server.osc_address), []
+            sender.tell("/tts/events", "i", 1)
+            begin_us, words = 300_000, ("Mama", "may", "hum")
+            for index, word in enumerate(words):
+                times = begin_us + index * 300_000, 300_000
+                sender.tell("/fap/1/words", "siiisii", "face", 7, index, 1, word, *times)
+            sender.tell("/fap/1/utt/end", "sii", "face", 7, len(words))
+            shown: list[str] = []
+            server.hub.on_command("face", lambda _, command, now_s: shown.extend(
+                phone.label for phone in getattr(command, "phones", ())
+            ))  # fmt: skip
+
+            def finished() -> bool:
+                told.extend(sender.answers())
+                return any(message.arguments[0] == "finished" for message in told if message.address == "/tts/event")
+
+            await until(finished)
+            assert [label for label in shown if label in ("m", "p", "b")] == ["m", "m", "m", "m"]
+            sender.close()
+
+    on_a_loop(main)
+
+
 def test_udp_and_tcp_share_a_port_and_may_drive_one_session() -> None:
     async def main() -> None:
         ear = Ear.open()

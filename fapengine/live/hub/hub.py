@@ -16,6 +16,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -31,20 +32,22 @@ from fapengine.live.hub.messages import HubCounts, HubFrame, HubFrames, Spoken
 from fapengine.live.hub.observed_engine import ObservedEngine
 from fapengine.live.hub.pacer import FramePacer
 from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
+from fapengine.live.hub.timed_words import TimedWords
 from fapengine.mpeg4 import fap
 from fapengine.speech.marks import read_marks
+from fapengine.speech.phone_track import Phone
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE
-from fapengine.voices.pronounce import pronounce_words
+from fapengine.voices.pronounce import WORDS_OVERLAP_S
 from fapengine.voices.protocol import Speech
 
 __all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
 
 RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
+PHONES_A_COMMAND = 64
 LOOK_EVERY_S = 1.0
 """Interval at which idle sessions are looked for."""
-PHONES_A_COMMAND = 64
 SOUND_WAIT_S = 1.5
 """An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
 MAX_TEXT, MAX_SOUND_S = 4000, 590.0
@@ -133,6 +136,7 @@ class Hub:
         self._unheard: list[_Unheard] = []
         self._cues: list[_Cue] = []
         self._asked: list[Asked] = []
+        self._words = TimedWords(self._asked)
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
@@ -254,6 +258,18 @@ class Hub:
         listeners[key] = listener
         return lambda: listeners.pop(key, None)
 
+    def begin(self, session: str, number: int, anchor: Anchor = "now", at_s: float = 0.0) -> None:
+        """Begin an utterance, for an ``anchor`` of ``"at"`` at an engine time.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or has as many utterances as there may be.
+        """
+        self.apply(session, Begin(number, anchor, at_s))
+        if self.engine.utterance(session, number) is None:
+            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
+
     # Voices
 
     def say(self, session: str, speech: Speech, *, text: str = "", anchor: Anchor | None = None) -> Spoken:
@@ -279,13 +295,8 @@ class Hub:
         if anchor is None:
             anchor = "audio" if any(plays for _, plays, _ in listeners.values()) else "now"
         spoken = Spoken(session, self.new_number(), text, speech, anchor)
-        phones = speech.phones.phones
-        self.apply(session, Begin(spoken.utterance, anchor))
-        if self.engine.utterance(session, spoken.utterance) is None:
-            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
-        for first in range(0, len(phones), PHONES_A_COMMAND):
-            self.apply(session, Append(spoken.utterance, first, phones[first : first + PHONES_A_COMMAND]))
-        self.apply(session, End(spoken.utterance, len(phones), speech.duration_s))
+        self.begin(session, spoken.utterance, anchor)
+        self.tell_phones(session, spoken.utterance, speech.phones.phones, duration_s=speech.duration_s)
         self._cues += [_Cue(session, spoken.utterance, *cue) for cue in commands_of(speech.marks)]
         if anchor == "audio":
             self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
@@ -335,6 +346,9 @@ class Hub:
         voice: str = DEFAULT_VOICE,
         anchor: Anchor = "now",
         at_s: float = 0.0,
+        utterance: int | None = None,
+        is_last: bool = True,
+        duration_s: float = 0.0,
     ) -> int | None:
         """Let a face say words whose times are known, as a TTS tells them; their sound is elsewhere.
 
@@ -350,11 +364,17 @@ class Hub:
             When it begins.
         at_s : float
             Engine time, for ``"at"``.
+        utterance : int, optional
+            Number of the utterance that they continue; by default they begin one.
+        is_last : bool
+            Whether no word of it follows.
+        duration_s : float
+            With the last: the utterance's length, if longer than its words.
 
         Returns
         -------
         int or None
-            Number of the utterance; None if the session was told to stop meanwhile.
+            Number of the utterance; None if it is over, or the session was told to stop meanwhile.
 
         Raises
         ------
@@ -363,22 +383,55 @@ class Hub:
         ResourceError
             If the voice is not installed.
         """
-        request = Asked(session)
-        self._asked.append(request)
-        try:
-            phones = await asyncio.to_thread(lambda: pronounce_words(words, VoiceChoice(voice).load()))
-        finally:
-            self._asked.remove(request)
-        if request.is_cancelled:
+        if utterance is not None:
+            tell = partial(self.tell_phones, session, utterance, is_last=is_last, duration_s=duration_s)
+            await self._words.go_on(session, utterance, words, voice, tell)
+            return None if self.engine.utterance(session, utterance) is None else utterance
+        phones = await self._words.pronounce(session, words, voice)
+        if phones is None:
             return None
         number = self.new_number()
-        self.apply(session, Begin(number, anchor, at_s))
-        if self.engine.utterance(session, number) is None:
-            raise UsageError(f"session: {session!r} has as many utterances queued as there may be")
-        for first in range(0, len(phones), PHONES_A_COMMAND):
-            self.apply(session, Append(number, first, tuple(phones[first : first + PHONES_A_COMMAND])))
-        self.apply(session, End(number, len(phones), phones[-1].end_s if phones else 0.0))
+        self.begin(session, number, anchor, at_s)
+        self.tell_phones(session, number, phones, is_last=is_last, duration_s=duration_s)
         return number
+
+    def tell_phones(
+        self, session: str, number: int, phones: Sequence[Phone], *, is_last: bool = True, duration_s: float = 0.0
+    ) -> None:
+        """Go on with an utterance that was begun; one that is over stays so.
+
+        Parameters
+        ----------
+        session, number
+            Of the engine.
+        phones : sequence of Phone
+            Behind those that came before, in the utterance's time; none only to end it.
+        is_last : bool
+            Whether no phone follows.
+        duration_s : float
+            With the last: the utterance's length, if longer than its phones.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, the utterance was ended, or the phones lie before those that came.
+        """
+        told = self.engine.utterance(session, number)
+        if told is None:
+            return
+        if told.phone_count is not None:
+            raise UsageError(f"utterance {number}: it was ended, and takes no more")
+        if phones and phones[0].start_s < told.last_s - WORDS_OVERLAP_S:
+            raise UsageError(
+                f"utterance {number}: got {phones[0].label!r} at {phones[0].start_s:g} s, expected it behind"
+                f" {told.last_s:g} s"
+            )
+        first = told.next_index
+        for part in range(0, len(phones), PHONES_A_COMMAND):
+            self.apply(session, Append(number, first + part, tuple(phones[part : part + PHONES_A_COMMAND])))
+        if is_last:
+            length_s = max(duration_s, told.last_s, phones[-1].end_s if phones else 0.0)
+            self.apply(session, End(number, first + len(phones), length_s))
 
     # Time
 

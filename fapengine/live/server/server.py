@@ -11,7 +11,7 @@ import asyncio
 import logging
 import os
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Coroutine, Hashable
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 from pathlib import Path
@@ -43,7 +43,7 @@ from fapengine.live.server.voice_process import VoiceProcess
 from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.web.admission import harden, refusal
 from fapengine.live.wire.speech_osc.codec import encode
-from fapengine.live.wire.speech_osc.counts import TextRequest
+from fapengine.live.wire.speech_osc.counts import TextRequest, WordsRequest
 from fapengine.live.wire.speech_osc.proof import Proof
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
 from fapengine.live.wire.speech_osc.schema import Notice
@@ -295,9 +295,15 @@ class Server:
                 log.warning("a text was not spoken: too many wait", extra={"session": request.session})
                 self._answer_text(request, "text: too many wait for the voice")
                 continue
-            task = asyncio.create_task(self._speak(request))
-            self._parts.texts.add(task)
-            task.add_done_callback(self._parts.texts.discard)
+            self._run(self._speak(request))
+        for words in self.receiver.words():
+            if not self._draining:
+                self._run(self._say_words(words))
+
+    def _run(self, speaking: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(speaking)
+        self._parts.texts.add(task)
+        task.add_done_callback(self._parts.texts.discard)
 
     def _hear(self, now_s: float) -> None:
         for request in self.receiver.sounds(now_s):
@@ -343,7 +349,21 @@ class Server:
         else:
             self.texts.spoken += said is not None
 
-    def _answer_text(self, request: TextRequest, reason: str) -> None:
+    async def _say_words(self, request: WordsRequest) -> None:
+        try:
+            await self.hub.say_words(
+                request.session,
+                request.words,
+                voice=request.voice or self.config.voice.name,
+                utterance=request.utterance,
+                is_last=request.is_last,
+                duration_s=request.duration_s,
+            )
+        except FapEngineError as error:
+            log.warning("words were not said: %s", error, extra={"session": request.session})
+            self._answer_text(request, str(error))
+
+    def _answer_text(self, request: TextRequest | WordsRequest, reason: str) -> None:
         notice = Notice(
             request.session, -1, "error", engine_us=round(self.hub.clock() * 1e6), reason=reason[:MAX_REASON]
         )

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
-from fapengine.live.engine.commands import Anchor
 from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.messages import (
+    Phones,
     Pin,
     Ping,
     Plays,
@@ -27,6 +27,9 @@ from fapengine.live.web.messages import (
 )
 from fapengine.live.web.send_queue import SendQueue, TokenBucket
 from fapengine.live.web.session_view import SessionView
+from fapengine.live.wire.speech_osc import phone_labels
+from fapengine.speech.alphabets.convert import ALPHABETS
+from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.voices.choice import VoiceChoice
 
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
@@ -214,6 +217,8 @@ class Connection:
                 self._view.plays(self, on=on)
             case Watch(on):
                 self._view.watches(self, on=on)
+            case Phones():
+                self._say_phones(request)
             case Say() | Words() if len(self._voices) < MAX_VOICES:
                 task = asyncio.create_task(self._say(request) if isinstance(request, Say) else self._say_words(request))
                 self._voices.add(task)
@@ -222,19 +227,38 @@ class Connection:
                 raise UsageError("text: still busy with what was asked before")
 
     async def _say_words(self, request: Words) -> None:
-        anchor: Anchor = "audio" if request.audio else "now" if request.at_s is None else "at"
         try:
             number = await self._hub.say_words(
                 self._view.session,
                 request.words,
                 voice=request.voice or self._voice.name,
-                anchor=anchor,
+                anchor=request.anchor,
                 at_s=request.at_s or 0.0,
+                utterance=request.utterance,
+                is_last=request.last,
             )
         except FapEngineError as error:
             self.put_text(text_of("error", message=str(error)))
         else:
             self.put_text(text_of("words", utterance=number))
+
+    def _say_phones(self, request: Phones) -> None:
+        alphabet = phone_labels.phone_set_named(request.set)
+        if alphabet is None:
+            raise UsageError(f"set: got {request.set!r}, expected one of {', '.join(ALPHABETS)}")
+        phones = []
+        for label, start_s, end_s in request.phones:
+            name, stress = phone_labels.to_phone(label, alphabet)
+            phones.append(Phone(name, start_s, end_s, stress))
+        first_s = phones[0].start_s if phones else 0.0
+        whole = [phone for phone in PhoneTrack.of(phones).phones if phone.end_s > first_s]
+        number, session = request.utterance, self._view.session
+        if number is None:
+            number = self._hub.new_number()
+            self._hub.begin(session, number, request.anchor, request.at_s or 0.0)
+        self._hub.tell_phones(session, number, whole, is_last=request.last)
+        is_there = self._hub.engine.utterance(session, number) is not None
+        self.put_text(text_of("words", utterance=number if is_there else None))
 
     async def _say(self, request: Say) -> None:
         try:

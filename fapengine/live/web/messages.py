@@ -57,17 +57,44 @@ class Say(Struct, frozen=True, forbid_unknown_fields=True):
     """Words a minute; 0, where the message has none: the server's rate."""
 
 
-class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """Say words whose times are known; the page, or somebody else, has their sound."""
+Seconds = Annotated[float, Meta(ge=-commands.MAX_TIME_S, le=commands.MAX_TIME_S)]
+Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 
-    words: Annotated[list[tuple[Annotated[str, Meta(max_length=64)], float, float]], Meta(min_length=1, max_length=200)]
-    """Word, start and end in s from the utterance's beginning."""
-    voice: Annotated[str, Meta(max_length=64)] = ""
-    """Language code; empty: the server's voice."""
-    at_s: Annotated[float, Meta(ge=-commands.MAX_TIME_S, le=commands.MAX_TIME_S)] | None = None
+
+class _Timed(Struct, frozen=True, forbid_unknown_fields=True):
+    """Speech whose times are known; the page, or somebody else, has its sound."""
+
+    at_s: Seconds | None = None
     """Engine time of its beginning; none: now, or behind what is being said."""
     audio: bool = False
     """True: its beginning waits for a message ``audio``."""
+    utterance: Number | None = None
+    """Number of the utterance that it continues; none: it begins one."""
+    last: bool = True
+    """False: more of the utterance follows."""
+
+    @property
+    def anchor(self) -> commands.Anchor:
+        """When it begins."""
+        return "audio" if self.audio else "now" if self.at_s is None else "at"
+
+
+class Words(_Timed, frozen=True, kw_only=True):
+    """Say words whose times are known."""
+
+    words: Annotated[list[tuple[Annotated[str, Meta(max_length=64)], float, float]], Meta(max_length=200)]
+    """Word, start and end in s from the utterance's beginning."""
+    voice: Annotated[str, Meta(max_length=64)] = ""
+    """Language code; empty: the server's voice."""
+
+
+class Phones(_Timed, frozen=True, kw_only=True):
+    """Say phones whose times are known."""
+
+    phones: Annotated[list[tuple[Annotated[str, Meta(max_length=16)], float, float]], Meta(max_length=400)]
+    """Label, start and end in s from the utterance's beginning."""
+    set: Annotated[str, Meta(max_length=32)] = "ipa"
+    """Alphabet of the labels, as OSC's ``hello`` names it."""
 
 
 class Pin(Struct, frozen=True, forbid_unknown_fields=True):
@@ -105,10 +132,11 @@ class Tell(Struct, frozen=True):
     command: Command
 
 
-Request = Say | Words | Pin | ReleaseAll | Ping | Plays | Watch | Tell
+Request = Say | Words | Phones | Pin | ReleaseAll | Ping | Plays | Watch | Tell
 _PAGE_MESSAGES: dict[str, type[Struct]] = {
     "say": Say,
     "words": Words,
+    "phones": Phones,
     "pin": Pin,
     "release": ReleaseAll,
     "ping": Ping,

@@ -726,6 +726,41 @@ def test_texts_are_handed_out_once_and_have_limits():
     assert told(one.send(schema.SpeakText("anna", "x" * 4001)), Notice)[0].reason == "text"
 
 
+def test_words_are_handed_out_in_order_once_and_with_their_end():
+    one = Wire()
+    hi, you = schema.WireWord("Hi", 100_000, 200_000), schema.WireWord("you", 300_000, 100_000)
+    first, second = schema.WordTimes("anna", 7, 0, (hi,), "en-gb"), schema.WordTimes("anna", 7, 1, (you,))
+    one.send(Hello("anna"), first, first, second)  # it needs no begin
+    assert one.faces.commands() == [Begin(0, "now")]
+    one.send(EndUtterance("anna", 7, 2, 900_000), EndUtterance("anna", 7, 2), schema.WordTimes("anna", 7, 2, (you,)))
+    requests = [(one.utterance, one.words, one.voice, one.is_last, one.duration_s) for one in one.receiver.words()]
+    assert requests == [
+        (0, (("Hi", 0.1, 0.3),), "en-gb", False, 0.0),
+        (0, (("you", 0.3, 0.4),), "en-gb", False, 0.0),
+        (0, (), "en-gb", True, 0.9),
+    ]
+    assert one.receiver.words() == []
+    assert one.counts.repeated >= 2
+    one.send(Phones("anna", 7, 0, 0, FOUR))  # phones and words do not mix
+    assert one.counts.refused == 1
+    assert told(one.tick(0.2), Nack) == []  # no phone is missed
+    one.send(BeginUtterance("anna", 8, anchor="audio"), schema.WordTimes("anna", 8, 0, (hi,)))
+    one.send(CancelUtterance("anna", 8), schema.WordTimes("anna", 8, 1, (you,)))
+    assert [request.utterance for request in one.receiver.words()] == [1]
+
+
+def test_simple_senders_that_ask_are_told_of_events():
+    one = Wire()
+    one.say("/tts/events", "i", 1)
+    one.faces.settle("face", 3, 0.0)
+    one.faces.happen("face", 3, "started", 0.25)
+    heard = [osc.parse_packet(packet)[0] for _, packet in one.receiver.tick(one.now_s)]
+    assert [(message.address, message.arguments) for message in heard] == [("/tts/event", ("started", 0.25, 3))]
+    one.say("/tts/events", "i", 0)
+    one.faces.happen("face", 3, "finished", 0.5)
+    assert one.receiver.tick(one.now_s) == []
+
+
 def test_a_stop_and_a_cancel_of_all_stop_the_voice_too():
     one = Wire()
     one.say("/tts/text", "s", "hello")

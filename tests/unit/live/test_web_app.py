@@ -141,6 +141,47 @@ def test_a_page_that_nobody_sees_is_sent_no_frames(head: FaceMesh) -> None:
     serve(head, use)
 
 
+def test_words_and_phones_go_on_with_an_utterance(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws?session=anna") as socket:
+
+            async def tell(kind: str, **fields: object) -> dict[str, Any]:
+                await socket.send_json({"type": kind, **fields})
+                return await text_from(socket, "words")
+
+            late_s = hub.clock() + 30.0
+            number = (await tell("words", words=[["Mama", 0.3, 0.9]], at_s=late_s, last=False))["utterance"]
+            for words in ([["may", 1.0, 1.3]], [["go", 1.3, 1.6]]):
+                assert (await tell("words", words=words, utterance=number, last=False))["utterance"] == number
+            utterance = hub.engine.utterance("anna", number)
+            assert utterance is not None
+            assert utterance.phone_count is None
+            said = [utterance.phones[index].word for index in sorted(utterance.phones)]
+            assert [word for word in dict.fromkeys(said) if word] == ["Mama", "may", "go"]
+            await socket.send_json({"type": "words", "words": [["late", 0.2, 0.3]], "utterance": number})
+            assert "expected it behind 1.6 s" in (await text_from(socket, "error"))["message"]
+            await tell("words", words=[], utterance=number)
+            assert utterance.phone_count == len(said)
+            await socket.send_json({"type": "words", "words": [["more", 3.0, 3.3]], "utterance": number})
+            assert "ended" in (await text_from(socket, "error"))["message"]
+            assert (await tell("words", words=[], utterance=number + 5))["utterance"] is None
+
+            labels = [["M", 0.0, 0.1], ["AA1", 0.1, 0.3]]
+            number = (await tell("phones", phones=labels, set="arpabet", last=False))["utterance"]
+            await tell("phones", phones=[["m", 0.4, 0.5]], utterance=number)
+            utterance = hub.engine.utterance("anna", number)
+            assert utterance is not None
+            assert [(phone.label, phone.stress) for phone in utterance.phones.values()] == [
+                ("m", 0),
+                ("ɑ", 1),
+                ("m", 0),
+            ]
+            await socket.send_json({"type": "phones", "phones": labels, "set": "klingon"})
+            assert "arpabet" in (await text_from(socket, "error"))["message"]
+
+    serve(head, use)
+
+
 def test_hello_comes_first_then_frames_at_the_rate(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws?session=anna") as socket:

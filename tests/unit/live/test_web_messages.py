@@ -14,6 +14,7 @@ from fapengine.errors import DataError
 from fapengine.live.engine import commands
 from fapengine.live.web import messages
 from fapengine.live.web.messages import (
+    Phones,
     Pin,
     Ping,
     Plays,
@@ -30,7 +31,15 @@ from fapengine.mpeg4.visemes import Expression
 
 CASES = [
     ({"type": "say", "text": "Hello"}, Say("Hello", "", 0)),
-    ({"type": "words", "words": [["Hi", 0.1, 0.4]], "audio": True}, Words([("Hi", 0.1, 0.4)], "", None, True)),
+    ({"type": "words", "words": [["Hi", 0.1, 0.4]], "audio": True}, Words(words=[("Hi", 0.1, 0.4)], audio=True)),
+    (
+        {"type": "words", "words": [["Hi", 0.1, 0.4]], "utterance": 7, "last": False},
+        Words(words=[("Hi", 0.1, 0.4)], utterance=7, last=False),
+    ),
+    (
+        {"type": "phones", "phones": [["HH", 0.1, 0.4]], "set": "arpabet", "at_s": 2.5},
+        Phones(phones=[("HH", 0.1, 0.4)], set="arpabet", at_s=2.5),
+    ),
     ({"type": "say", "text": "Hallo", "voice": "de", "rate": 200}, Say("Hallo", "de", 200)),
     ({"type": "pin", "values": {"3": 400, "68": None}}, Pin({3: 400, 68: None})),
     ({"type": "release"}, ReleaseAll()),

@@ -18,14 +18,19 @@ from fapengine.live.wire.speech_osc.schema import (
     MAX_DURATION_US,
     MAX_FIRST_SAMPLE,
     MAX_PHONES,
+    MAX_WORDS,
     PHONE_TAGS,
     SESSION_BYTES,
+    WORD_BYTES,
+    WORD_TAGS,
     Kind,
     Phones,
     SessionCommand,
     Sound,
     Wire,
     WirePhone,
+    WireWord,
+    WordTimes,
 )
 from fapengine.live.wire.speech_osc.sound_window import RATES_HZ
 
@@ -86,6 +91,11 @@ def encode(wire: Wire) -> bytes:
             head.append(wire.revision)
             tags += "i"
         return osc.message(wire.ADDRESS, tags, *head)
+    if isinstance(wire, WordTimes):
+        start: list[osc.Argument] = [wire.session, wire.utterance, wire.first_index, len(wire.words)]
+        flat = [value for word in wire.words for value in (word.text, word.start_us, word.duration_us)]
+        tags = wire.TAGS + WORD_TAGS * len(wire.words) + "s"
+        return osc.message(wire.ADDRESS, tags, *start, *flat, wire.voice)
     return osc.message(wire.ADDRESS, wire.TAGS, *(getattr(wire, name) for name in layout(type(wire)).names))
 
 
@@ -104,7 +114,10 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
         )
     values = [_value(value, tag, expected.address) for value, tag in zip(arguments, expected.tags, strict=False)]
     make: Callable[..., Wire] = partial(_command, kind) if issubclass(kind, Command) else kind
-    wire = _phones(values, message) if kind is Phones else make(*values)
+    if kind in (Phones, WordTimes):
+        wire: Wire = _phones(values, message) if kind is Phones else _words(values, message)
+    else:
+        wire = make(*values)
     if isinstance(wire, Sound):
         _check_sound(wire)
     session = getattr(wire, "session", "-")
@@ -118,6 +131,8 @@ def surplus(kind: Kind, message: osc.Message) -> int:
     expected = len(layout(kind).tags)
     if kind is Phones and len(message.arguments) > 4 and isinstance(message.arguments[4], int):
         expected += 5 * message.arguments[4] + 1
+    if kind is WordTimes and len(message.arguments) > 3 and isinstance(message.arguments[3], int):
+        expected += 3 * message.arguments[3] + 1
     return max(len(message.arguments) - expected, 0)
 
 
@@ -179,6 +194,36 @@ def _phones(values: list[Any], message: osc.Message) -> Phones:
     phones = tuple(map(_phone, *(cast("tuple[Any, ...]", flat[part::5]) for part in range(5))))
     revision: Any = _value(arguments[stop], "i", Phones.ADDRESS) if len(arguments) > stop else None
     return Phones(session, utterance, sequence, first, phones, None if revision is None else int(revision))
+
+
+def _words(values: list[Any], message: osc.Message) -> WordTimes:
+    arguments = message.arguments
+    session, (utterance, first, count) = str(values[0]), map(int, values[1:])
+    if not 1 <= count <= MAX_WORDS or not 0 <= first <= 1_000_000:
+        raise DataError(
+            f"{WordTimes.ADDRESS}: got {count} words from {first}, expected 1..{MAX_WORDS} from 0..1000000",
+            clause=CLAUSE,
+        )
+    stop = 4 + 3 * count
+    if len(arguments) < stop:
+        raise DataError(f"{WordTimes.ADDRESS}: got {len(arguments)} arguments, expected {stop}", clause=CLAUSE)
+    flat: list[Any] = [
+        _value(value, tag, WordTimes.ADDRESS)
+        for value, tag in zip(arguments[4:stop], WORD_TAGS * count, strict=True)
+    ]  # fmt: skip
+    words = tuple(map(_word, flat[::3], flat[1::3], flat[2::3]))
+    voice = str(_value(arguments[stop], "s", WordTimes.ADDRESS)) if len(arguments) > stop else ""
+    return WordTimes(session, utterance, first, words, voice)
+
+
+def _word(text: str, start_us: int, duration_us: int) -> WireWord:
+    if not (0 <= start_us <= MAX_DURATION_US and 0 <= duration_us <= MAX_DURATION_US):
+        raise DataError(
+            f"word {text!r:.30}: got {start_us} us for {duration_us} us, expected 0..{MAX_DURATION_US}", clause=CLAUSE
+        )
+    if len(text.encode()) > WORD_BYTES:
+        raise DataError(f"word {text!r:.30}: got {len(text.encode())} bytes, expected 0..{WORD_BYTES}", clause=CLAUSE)
+    return WireWord(text, start_us, duration_us)
 
 
 def _phone(label: str, start_us: int, duration_us: int, flags: int, weight: float) -> WirePhone:

@@ -57,6 +57,23 @@ class TextRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class WordsRequest:
+    """Words of an utterance that was begun; who has a voice finds their phones."""
+
+    session: str
+    utterance: int
+    """The engine's number."""
+    words: tuple[tuple[str, float, float], ...]
+    """Word, start and end in s from the utterance's beginning."""
+    voice: str
+    """Name as the sender gives it; empty: any."""
+    peer: Hashable
+    is_last: bool = False
+    duration_s: float = 0.0
+    """Length of the utterance, with the last, if longer than its words."""
+
+
+@dataclass(frozen=True, slots=True)
 class SoundRequest:
     """Sound of an utterance in order and without holes; who has an ear finds its phones."""
 

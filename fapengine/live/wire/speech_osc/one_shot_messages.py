@@ -8,13 +8,16 @@ from fapengine.errors import DataError
 from fapengine.live.engine import commands
 from fapengine.live.engine.command_table import Command
 from fapengine.live.engine.port import EnginePort
+from fapengine.live.engine.session import Event
 from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import phone_labels, schema
 from fapengine.live.wire.speech_osc.one_shot import SimpleSpeaker
 from fapengine.live.wire.speech_osc.peers import Arrival
 
 PHONEME, VISEME, START, STOP = "/phoneme", "/viseme", "/tts/start", "/tts/stop"
-ADDRESSES = (PHONEME, VISEME, START, STOP)
+EVENTS, EVENT = "/tts/events", "/tts/event"
+"""Asks to be told of events, and tells of one."""
+ADDRESSES = (PHONEME, VISEME, START, STOP, EVENTS)
 TEXT = "/tts/text"
 MAX_NAME_LENGTH = 64
 MIN_DURATION_S, MAX_DURATION_S = 0.001, 60.0
@@ -29,6 +32,18 @@ def nameless() -> dict[str, schema.Kind]:
 @lru_cache(maxsize=4)
 def _nameless(listed: tuple[type[Command], ...]) -> dict[str, schema.Kind]:
     return {TEXT: schema.SpeakText, **{kind.SPEC.one_shot: kind for kind in listed if kind.SPEC.one_shot}}
+
+
+def event_packet(event: Event) -> bytes:
+    """Tell a simple sender: ``/tts/event``, what happened, the position in the utterance in s, its number.
+
+    Examples
+    --------
+    >>> (message,) = osc.parse_packet(event_packet(Event("face", 1, "finished", 2.0, position_s=0.5)))
+    >>> message.address, message.arguments
+    ('/tts/event', ('finished', 0.5, 1))
+    """
+    return osc.message(EVENT, "sfi", event.kind, event.position_s, event.utterance)
 
 
 class SimpleMode:

@@ -94,6 +94,10 @@ class ReceiveWindow:
     """Time of the sender's last report of its sound."""
     sound: SoundWindow | None = None
     """Sound from which its phones are heard; None where they are told."""
+    words: int | None = None
+    """Index below which words have come or were passed over; None where its phones are told."""
+    voice: str = ""
+    """Language of its words."""
     is_placed: bool = True
     """False where the ear is to say when it begins."""
     _passed: set[int] = field(default_factory=set)
@@ -112,7 +116,7 @@ class ReceiveWindow:
     @property
     def is_whole(self) -> bool:
         """Whether its end is known and no phone is missing."""
-        return self.end is not None and self.next_index >= self.end.phone_count
+        return self.end is not None and (self.words is not None or self.next_index >= self.end.phone_count)
 
     @property
     def bitmap64(self) -> int:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Hashable
 from itertools import chain, count
 from typing import Any, cast
 
-from fapengine.errors import DataError
+from fapengine.errors import DataError, UsageError
 from fapengine.live.engine.command_table import Command, shifted
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek, without_neutral
 from fapengine.live.engine.port import EnginePort
@@ -29,11 +29,18 @@ from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import codec as wire_format
 from fapengine.live.wire.speech_osc import phone_labels, schema
 from fapengine.live.wire.speech_osc.clock import SenderClock
-from fapengine.live.wire.speech_osc.counts import PeerCounts, SoundRequest, Tally, TextRequest, WireLimits
-from fapengine.live.wire.speech_osc.one_shot_messages import SimpleMode
+from fapengine.live.wire.speech_osc.counts import (
+    PeerCounts,
+    SoundRequest,
+    Tally,
+    TextRequest,
+    WireLimits,
+    WordsRequest,
+)
+from fapengine.live.wire.speech_osc.one_shot_messages import EVENTS, SimpleMode, event_packet
 from fapengine.live.wire.speech_osc.peers import Arrival, Peer, Replies
 from fapengine.live.wire.speech_osc.proof import AMPLIFICATION, Proof
-from fapengine.live.wire.speech_osc.session import WireSession, check_open, microseconds
+from fapengine.live.wire.speech_osc.session import MAX_PEERS, WireSession, check_open, microseconds
 
 SIMPLE_SESSION = "face"
 LOOKAHEAD_S = 0.5
@@ -96,6 +103,9 @@ class OscReceiver:
         self._asleep: OrderedDict[str, WireSession] = OrderedDict()
         self._numbers = count()
         self._texts: deque[TextRequest] = deque()
+        self._words: deque[WordsRequest] = deque()
+        self._asking: OrderedDict[Hashable, None] = OrderedDict()
+        """Simple senders that are told of events."""
         self._sounding: set[str] = set()
         """Names of sessions whose sound may be released."""
         self._again: list[tuple[float, int, Hashable, bytes]] = []
@@ -181,6 +191,12 @@ class OscReceiver:
         self._texts.clear()
         return taken
 
+    def words(self) -> list[WordsRequest]:
+        """Take the words whose phones senders want found; those of one utterance are to be told in their order."""
+        taken = list(self._words)
+        self._words.clear()
+        return taken
+
     def sounds(self, now_s: float) -> list[SoundRequest]:
         """Take the sound that senders want heard; to be called about once a frame."""
         tally = Tally(PeerCounts(), self.counts)
@@ -211,6 +227,7 @@ class OscReceiver:
             for session in chain(self._sessions.values(), self._asleep.values()):
                 session.peers.pop(peer, None)
         self._strangers.pop(peer, None)
+        self._asking.pop(peer, None)
 
     def _peer(self, name: Hashable) -> Peer:
         peer = self._joined.get(name)
@@ -269,6 +286,9 @@ class OscReceiver:
         try:
             if kind is None:
                 message, kind = self._simple.named(message)
+            if message.address == EVENTS:
+                self._ask(message, arrival)
+                return
             if kind is None:
                 session = self._session(self._simple.session, arrival)
                 if session is not None and self._simple.obey(message, arrival, session.new_number):
@@ -279,6 +299,14 @@ class OscReceiver:
             self._obey(wire_format.parse(kind, message), arrival)
         except DataError:
             tally.add("malformed")
+
+    def _ask(self, message: osc.Message, arrival: Arrival) -> None:
+        """``/tts/events``: a simple sender wants to be told what becomes of its speech, or not any more."""
+        self._asking.pop(arrival.peer.name, None)
+        if not message.arguments or message.arguments[0]:
+            self._asking[arrival.peer.name] = None
+            if len(self._asking) > MAX_PEERS:
+                self._asking.popitem(last=False)
 
     # Robust mode ----------------------------------------------------------------------------------------------------
 
@@ -380,9 +408,29 @@ class OscReceiver:
             session.sound(wire, arrival.now_s, arrival.peer.tally)
             self._sounding.add(wire.session)
 
+    def _words_of(self, wire: schema.WordTimes, arrival: Arrival) -> None:
+        session = self._session(wire.session, arrival)
+        if session is None:
+            return
+        peer = arrival.peer
+        if len(self._words) >= self._limits.texts:
+            self._refuse(wire.session, "words", arrival, wire.utterance)
+            return
+        try:
+            request = session.words(wire, peer.clock, peer.name, arrival.now_s, peer.tally)
+        except UsageError as error:
+            self._refuse(wire.session, str(error), arrival, wire.utterance)
+        else:
+            self._words.extend([request] if request is not None else [])
+
     def _end(self, wire: schema.EndUtterance, arrival: Arrival) -> None:
         session = self._session(wire.session, arrival)
-        if session is not None:
+        if session is None:
+            return
+        request = session.end_words(wire, arrival.peer.name, arrival.now_s)
+        if request is not None:
+            self._words.append(request)
+        else:
             session.end(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
 
     def _cancel(self, wire: schema.CancelUtterance, arrival: Arrival) -> None:
@@ -478,6 +526,9 @@ class OscReceiver:
             arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
 
     def _tell_event(self, event: Event, replies: Replies) -> None:
+        if self._asking and event.session == self._simple.session:
+            packet = event_packet(event)
+            replies.extend((peer, packet) for peer in self._asking)
         session = self._sessions.get(event.session)
         if session is None:
             return
@@ -512,6 +563,7 @@ _OBEY = cast(
         schema.SeekUtterance: OscReceiver._seek,
         schema.AudioPosition: OscReceiver._audio,
         schema.SpeakText: OscReceiver._text,
+        schema.WordTimes: OscReceiver._words_of,
         schema.SessionCommand: OscReceiver._command,
     },
 )

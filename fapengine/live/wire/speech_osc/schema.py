@@ -45,6 +45,11 @@ MAX_SAMPLES = 480
 MAX_FIRST_SAMPLE = 48_000 * 3600
 PHONE_TAGS = "siiif"
 """Type tags of each phone, behind those of :class:`Phones`."""
+MAX_WORDS = 64
+"""Words in one message."""
+WORD_BYTES = 64
+WORD_TAGS = "sii"
+"""Type tags of each word, behind those of :class:`WordTimes`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +182,31 @@ class Phones:
     phones: tuple[WirePhone, ...]
     revision: int | None = None
     """None: that of the last begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class WireWord:
+    """One word as it is sent."""
+
+    text: str
+    start_us: int
+    """Start from the utterance's beginning."""
+    duration_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class WordTimes:
+    """Words of an utterance, by index, whose phones the server finds. On the wire, count and words before the voice."""
+
+    ADDRESS: ClassVar[str] = "/fap/1/words"
+    TAGS: ClassVar[str] = "siii"
+    REQUIRED: ClassVar[int] = 4
+    session: str
+    utterance: int
+    first_index: int
+    words: tuple[WireWord, ...]
+    voice: str = ""
+    """Language; empty: the server's voice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +370,7 @@ class SessionCommand:
 
 Described = (
     Hello | Bye | Ping | BeginUtterance | Phones | EndUtterance | CancelUtterance | SeekUtterance | AudioPosition
-    | Sound | SpeakText
+    | Sound | SpeakText | WordTimes
 )  # fmt: skip
 """Messages of a sender that are described here."""
 FromSender = Described | SessionCommand

@@ -21,7 +21,7 @@ from fapengine.live.engine.port import EnginePort
 from fapengine.live.engine.session import JUMP_S
 from fapengine.live.wire.speech_osc import phone_labels, schema
 from fapengine.live.wire.speech_osc.clock import SenderClock
-from fapengine.live.wire.speech_osc.counts import SoundRequest, Tally
+from fapengine.live.wire.speech_osc.counts import SoundRequest, Tally, WordsRequest
 from fapengine.live.wire.speech_osc.receive_window import (
     ACK_S,
     MAX_NACKS,
@@ -189,7 +189,7 @@ class WireSession:
         if window is None or window.state is State.CANCELLED:
             tally.add("repeated")
             return
-        if window.sound is not None:
+        if window.sound is not None or window.words is not None:
             tally.add("refused")
             return
         tally.add("lost", window.lost(message.sequence))
@@ -202,6 +202,42 @@ class WireSession:
                 self._tell_phones(window, message.first_index, message.phones, now_s)
             self._check(window, message.utterance, now_s, tally)
         self._due_ack(message.utterance, window, peer, now_s)
+
+    def words(
+        self, message: schema.WordTimes, clock: SenderClock, peer: Hashable, now_s: float, tally: Tally
+    ) -> WordsRequest | None:
+        """Take words in, instead of phones; those that come again, or behind later ones, are left out.
+
+        Raises
+        ------
+        UsageError
+            If the engine has no place for the utterance, which this begins if nothing else did.
+        """
+        window = self._find(message.utterance)
+        if window is None or window.is_stopped or window.end is not None or message.first_index < (window.words or 0):
+            tally.add("repeated")
+            return None
+        if window.sound is not None or window.phones:
+            tally.add("refused")
+            return None
+        if window.begun is None and not self.begin(
+            schema.BeginUtterance(self.name, message.utterance), clock, peer, now_s, tally
+        ):
+            raise UsageError("utterances")
+        window.words, window.voice = message.first_index + len(message.words), message.voice or window.voice
+        words = tuple(
+            (word.text, word.start_us / 1e6, (word.start_us + word.duration_us) / 1e6) for word in message.words
+        )
+        return WordsRequest(self.name, window.engine_number, words, window.voice, peer)
+
+    def end_words(self, message: schema.EndUtterance, peer: Hashable, now_s: float) -> WordsRequest | None:
+        """Learn that no word follows; None for an utterance that has none, or was ended before."""
+        window = self.windows.get(message.utterance)
+        if window is None or window.words is None or window.is_stopped or not window.finish(message):
+            return None
+        self._due_ack(message.utterance, window, peer, now_s)
+        length_s = max(message.duration_us, 0) / 1e6
+        return WordsRequest(self.name, window.engine_number, (), window.voice, peer, is_last=True, duration_s=length_s)
 
     def end(self, message: schema.EndUtterance, peer: Hashable, now_s: float, tally: Tally) -> None:
         """Learn that an utterance is whole."""
@@ -408,7 +444,7 @@ class WireSession:
         self.tell(Append(window.engine_number, first, engine_phones, window.revision), now_s)
 
     def _tell_end(self, window: ReceiveWindow, now_s: float) -> None:
-        if window.end is None or window.begun is None or window.sound is not None:
+        if window.end is None or window.begun is None or window.sound is not None or window.words is not None:
             return
         latest_s = max((phone.start_us + phone.duration_us for phone in window.phones.values()), default=0) / 1e6
         duration_s = max(window.end.duration_us / 1e6, latest_s) if window.end.duration_us >= 0 else latest_s
