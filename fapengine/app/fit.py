@@ -1,5 +1,6 @@
 """A capture session to a profile and its report: read, learn, write."""
 
+import ctypes
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +16,10 @@ from fapengine.files.paths import replacing_folder
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import load_session
 from fapengine.laboratory.densify import DenseStudy
-from fapengine.laboratory.fit import FitOptions, Fitted, fit_session
+from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
 from fapengine.laboratory.playback import captured_faps
+from fapengine.laboratory.prepare import Prepared, prepare
+from fapengine.laboratory.setup import Setup
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.profiles import TOML_NAME
 
@@ -73,26 +76,44 @@ def run_fit(
     """
     output = job.output
     check_folder(output)
-    head = load_built(HeadStyle())
-    loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
-    origin = {"source": f"session {loaded.session.subject}", "command": _command(job.session, output, job.seed)}
-    if loaded.setup.attribution:
-        origin["attribution"] = loaded.setup.attribution
+    rng = np.random.default_rng(job.seed)
+    prepared, setup, warnings = _read(job, rng, on_take, on_step)
+    _return_memory()
+    origin = {"source": f"session {prepared.subject}", "command": _command(job.session, output, job.seed)}
+    if setup.attribution:
+        origin["attribution"] = setup.attribution
     fitted = fit_session(
-        loaded.session,
-        loaded.setup,
+        prepared,
+        setup,
         profile_id=output.name,
         origin=origin,
         standard=load_profile(STANDARD),
-        face_mm={name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points},
-        face_fapu=head.fapu,
+        face_fapu=load_built(HeadStyle()).fapu,
         options=job.options,
-        rng=np.random.default_rng(job.seed),
+        rng=rng,
         on_step=on_step,
-        warnings=loaded.warnings,
+        warnings=warnings,
     )
     _write(output, fitted, report=job.report, faps=job.faps)
     return fitted
+
+
+def _read(
+    job: FitJob, rng: np.random.Generator, on_take: Callable[[str, int], None], on_step: Callable[[str], None]
+) -> tuple[Prepared, Setup, tuple[str, ...]]:
+    """Read and prepare; the recordings themselves are forgotten with the end of this function."""
+    head = load_built(HeadStyle())
+    face_mm = {name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points}
+    loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
+    on_step(STEPS[0])
+    return prepare(loaded.session, loaded.setup, face_mm, rng=rng), loaded.setup, loaded.warnings
+
+
+def _return_memory() -> None:
+    """Give the recordings' memory back to the system now: glibc would keep it, and a session may be most of it."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 def check_folder(output: Path) -> None:
@@ -151,7 +172,7 @@ def describe(fitted: Fitted) -> dict[str, object]:
         if selection is None
         else {
             "k": selection.k,
-            "markers": [fitted.prepared.labels[index] for index in selection.swapped.primary],
+            "markers": [selection.prepared.labels[index] for index in selection.swapped.primary],
             "error_mm": {name: round(value, 4) for name, value in selection.held_out_mm.items()},
         },
         "phones": {name: study.tokens for name, study in fitted.phones.items()},

@@ -29,6 +29,8 @@ KEY = 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 POINT_WORDS = 4
 MAX_POINTS = 20_000
+MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Parameters of POINT that list what a body model has written between the markers (Vicon's names)."""
 PAGES = 64
 """LABELS, LABELS2, ... are followed so far."""
 
@@ -81,21 +83,26 @@ def parse_c3d(data: Buffer) -> RawTrack:
         raise DataError(f"C3D: got processor {data[start + 3]}, expected 84, 85 or 86", where=f"byte {start + 3}")
     header = processor.integers(data, 10, 0).view(np.uint16 if processor.order == "<" else ">u2").astype(int)
     scale, rate = float(processor.floats(data, 1, 12)[0]), float(processor.floats(data, 1, 20)[0])
-    parameters = _parameters(data, start, processor)
+    parameters = _parameters(data, start, _parameters_end(data, start, int(header[8])), processor)
     point = parameters.get("POINT", {})
     count = int(_number(point, "USED", header[1]))
     if not 0 < count <= MAX_POINTS:
         raise DataError(f"C3D: got {count} points, expected 1..{MAX_POINTS}", where="byte 2, or POINT:USED")
     scale, rate = _number(point, "SCALE", scale), _number(point, "RATE", rate)
-    begin = (int(_number(point, "DATA_START", header[8])) - 1) * BLOCK
-    if not start < begin < len(data):
-        raise DataError(f"C3D: got data from byte {begin}, expected them behind the parameters", where="byte 16")
+    begin, remarks = _data_begin(data, start, [int(_number(point, "DATA_START", 0)), int(header[8])])
     real = scale < 0
     words = POINT_WORDS * count + int(header[2])
     width = words * (4 if real else 2)
     frames, notes = _frame_count(parameters, header, (len(data) - begin) // width)
+    labels, outputs = _labels(point, count), _model_outputs(point)
+    kept = [index for index, label in enumerate(labels) if label not in outputs]
+    if len(kept) < count:
+        remarks += (
+            f"{count - len(kept)} trajectories are a model's results (angles, forces ...), no markers: left out",
+        )
     values = (processor.floats if real else processor.integers)(data, frames * words, begin)
     table = values.reshape(frames, words)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
+    table = table if len(kept) == count else table[:, kept]
     with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
         positions = np.array(table[..., :3], np.float64)
     if not real:
@@ -104,21 +111,46 @@ def parse_c3d(data: Buffer) -> RawTrack:
     positions[~np.isfinite(positions).all(axis=-1)] = np.nan
     return RawTrack(
         positions=positions,
-        labels=_labels(point, count),
+        labels=tuple(labels[index] for index in kept),
         rate_hz=rate if np.isfinite(rate) and rate > 0 else None,
         units=_text(point, "UNITS"),
         up=_text(point, "Y_SCREEN"),
-        notes=notes,
+        notes=(*remarks, *notes),
     )
 
 
-def _parameters(data: Buffer, start: int, processor: _Processor) -> Parameters:
+def _parameters_end(data: Buffer, start: int, data_block: int) -> int:
+    """Byte behind the parameters: what lies there is no record, whatever the last one says of a next.
+
+    The number of their blocks and the block of the data may each be 0 or wrong; the later end is believed.
+    """
+    return min(max(start + BLOCK * data[start + 2], (data_block - 1) * BLOCK), len(data)) or len(data)
+
+
+def _data_begin(data: Buffer, start: int, blocks: list[int]) -> tuple[int, tuple[str, ...]]:
+    """Byte of the first frame: as POINT:DATA_START or the header say, else behind the parameters."""
+    for at, block in enumerate(blocks):
+        if start < (block - 1) * BLOCK < len(data):
+            note = f"POINT:DATA_START is {blocks[0]}: the header's block {block} is believed"
+            return (block - 1) * BLOCK, (note,) if at and blocks[0] else ()
+    begin = start + BLOCK * data[start + 2]
+    if not start < begin < len(data):
+        raise DataError(
+            f"C3D: got data in blocks {blocks} of {len(data) // BLOCK}, expected them behind the parameters",
+            where="byte 16, and POINT:DATA_START",
+        )
+    return begin, (
+        f"the file does not tell where its data begin: taken from block {begin // BLOCK + 1}, behind the parameters",
+    )
+
+
+def _parameters(data: Buffer, start: int, end: int, processor: _Processor) -> Parameters:
     """Walk the chain of groups and parameters; each record says where the next one begins."""
     groups: dict[int, str] = {}
     by_group: dict[int, dict[str, NDArray[np.float64] | list[str]]] = {}
     at = start + 4
     try:
-        while True:
+        while at + 2 <= end:
             letters, group = struct.unpack_from("bb", data, at)
             letters = abs(letters)
             if not letters or not group:
@@ -181,6 +213,12 @@ def _labels(point: dict[str, NDArray[np.float64] | list[str]], count: int) -> tu
             break
         labels += more
     return tuple((labels + [""] * count)[:count])
+
+
+def _model_outputs(point: dict[str, NDArray[np.float64] | list[str]]) -> set[str]:
+    """Labels of trajectories that a body model has written: angles and forces, no places."""
+    listed = (point.get(name) for name in MODEL_OUTPUTS)
+    return {label for labels in listed if isinstance(labels, list) for label in labels if label}
 
 
 def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) -> tuple[int, tuple[str, ...]]:

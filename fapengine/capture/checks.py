@@ -27,8 +27,9 @@ def _exchanges(track: MarkerTrack) -> list[str]:
     before, after = track.positions_mm[:-1], track.positions_mm[1:]
     step = np.nan_to_num(np.linalg.norm(after - before, axis=-1))
     limit = max(MAX_SPEED_MM_S / track.rate_hz, 3.0)
-    common = np.nanmedian(np.where(track.valid[1:] & track.valid[:-1], step, np.nan), axis=1, keepdims=True)
-    jumps = step - np.nan_to_num(common) > limit  # against what the head as a whole does
+    both = track.valid[1:] & track.valid[:-1]
+    known = np.where(both | ~both.any(axis=1, keepdims=True), step, np.nan)  # a step that no marker shows is 0
+    jumps = step - np.nanmedian(known, axis=1, keepdims=True) > limit  # against what the head as a whole does
     remarks = []
     for frame in np.flatnonzero(jumps.any(axis=1)):
         movers = np.flatnonzero(jumps[frame])

@@ -24,6 +24,10 @@ ABSURD = 1e6
 """Distance in mm, 1 km, beyond which no marker lies."""
 FACE_MM = (40.0, 700.0)
 """Diagonal of the box around a face's markers, from lips alone to a whole head."""
+BODY_MM = (900.0, 2600.0)
+"""Diagonal of the box around the markers of a whole body."""
+SHOWN = 3
+"""Labels that a remark lists."""
 UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
 POINT_NAME = re.compile(r"^(?:fdp|fp|p)?[ _-]?(\d{1,2})[._-](\d{1,2})$", re.IGNORECASE)
 FRAMES_FOR_SIZE = 500
@@ -60,7 +64,7 @@ def understand(
     UsageError
         If ``units`` or ``up`` is unknown.
     DataError
-        If there is no frame, no labelled marker, a label twice, no rate, or no way to know the units.
+        If there is no frame, no labelled marker, no rate, or no way to know the units.
     """
     notes = list(raw.notes)
     if not raw.positions.size:
@@ -94,10 +98,31 @@ def _names(raw_names: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...],
     prefixes = {names[index].rpartition(":")[0] for index in kept}
     labels = [names[index].rpartition(":")[2] if len(prefixes) == 1 else names[index] for index in kept]
     labels = [f"{int(m[1])}.{int(m[2])}" if (m := POINT_NAME.match(label)) else label for label in labels]
+    return _different(labels, notes), kept
+
+
+def _different(labels: Sequence[str], notes: list[str]) -> tuple[str, ...]:
+    """Labels that come again get a number: old systems cut them to four letters."""
     twice = [label for label, count in Counter(labels).items() if count > 1]
-    if twice:
-        raise DataError(f"label {twice[0]!r}: got it {Counter(labels)[twice[0]]} times, expected once")
-    return tuple(labels), kept
+    if not twice:
+        return tuple(labels)
+    notes.append(
+        f"labels {', '.join(twice[:SHOWN])}{' ...' if twice[SHOWN:] else ''} come more than once: later ones are"
+        f" called {again(twice[0])} ..."
+    )
+    given: dict[str, None] = {}
+    for label in labels:
+        number = 2
+        name = label
+        while name in given:
+            name, number = again(label, number), number + 1
+        given[name] = None
+    return tuple(given)
+
+
+def again(label: str, number: int = 2) -> str:
+    """Name the second, third ... marker that bears a label."""
+    return f"{label}#{number}"
 
 
 def _without_sentinels(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
@@ -148,6 +173,8 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
         for name, length in UNITS_MM.items()
         if size is not None and FACE_MM[0] <= size * length <= FACE_MM[1] and name not in ("dm", "inch")
     ]
+    if size is not None and BODY_MM[0] <= size * UNITS_MM["m"] <= BODY_MM[1]:
+        others.insert(0, f"m would make it {size * UNITS_MM['m']:.0f} mm, a body")
     hint = f" ({'; '.join(others)})" if others else ""
     if unit and not fits:
         notes.append(f"the markers span {(size or 0) * factor:.4g} mm, which is no face: wrong units?{hint}")

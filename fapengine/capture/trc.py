@@ -30,26 +30,30 @@ def parse_trc(data: bytes) -> RawTrack:
         )
     rows = [[cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in lines]
     fields = dict(zip((key.lower() for key in rows[1]), rows[2], strict=False))
-    labels = tuple(name for name in rows[3][FIRST_COLUMNS:] if name)
+    labels, columns = _names(rows[3][FIRST_COLUMNS:])
     if not labels:
         raise DataError("TRC: got no marker name, expected some", where="line 4")
     first = next((n for n in range(4, len(rows)) if rows[n] and rows[n][0].lstrip("-").isdigit()), None)
     if first is None:
         raise TruncatedError("TRC: got no frame", where=f"line {len(rows)}")
     body = [row for row in rows[first:] if any(row)]
-    width = FIRST_COLUMNS + 3 * len(labels)
-    wide = next((n for n, row in enumerate(body) if len(row) > width and any(row[width:])), None)
-    if wide is not None:
+    filled = np.array([max(n for n, cell in enumerate(row) if cell) + 1 for row in body])
+    held, odd = divmod(int(filled.max()) - FIRST_COLUMNS, 3)
+    if odd and held >= columns[-1] + 1:
         raise DataError(
-            f"TRC: got {len(body[wide])} cells, expected {width} for {len(labels)} markers",
-            where=f"line {first + wide + 1}",
+            f"TRC: got {filled.max()} cells, expected {FIRST_COLUMNS} and three for each of"
+            f" {len(labels)} named or more markers",
+            where=f"line {first + int(filled.argmax()) + 1}",
         )
-    table = numbers(body, width, first + 1)
+    count = max(held, columns[-1] + 1)
+    table = numbers(body, FIRST_COLUMNS + 3 * count, first + 1)
     stated = _rate(fields)
-    positions = whole(table[:, FIRST_COLUMNS:].reshape(len(table), len(labels), 3))
+    positions = whole(table[:, FIRST_COLUMNS:].reshape(len(table), count, 3)[:, columns])
     wanted = fields.get("nummarkers", "")
     notes: tuple[str, ...] = ()
-    if wanted.isdigit() and int(wanted) != len(labels):
+    if count > len(labels):
+        notes = (f"{count - len(labels)} of {count} trajectories have no name and are left out",)
+    elif wanted.isdigit() and int(wanted) != len(labels):
         notes = (f"NumMarkers says {wanted}, but {len(labels)} are named",)
     return RawTrack(
         positions=positions,
@@ -58,6 +62,13 @@ def parse_trc(data: bytes) -> RawTrack:
         units=fields.get("units") or None,
         notes=notes,
     )
+
+
+def _names(cells: list[str]) -> tuple[tuple[str, ...], list[int]]:
+    """Names, and the trajectory that each is of: they stand over the first of its three columns, or close together."""
+    at = [index for index, cell in enumerate(cells) if cell]
+    spread = all(index % 3 == 0 for index in at)
+    return tuple(cells[index] for index in at), [index // 3 for index in at] if spread else list(range(len(at)))
 
 
 def _rate(fields: dict[str, str]) -> float | None:

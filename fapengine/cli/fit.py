@@ -80,7 +80,7 @@ def _print(output: Path, fitted: "Fitted", *, report: bool) -> None:
         typer.echo(f"warning: {text}", err=True)
     lines = [text for key, text in fitted.profile.origin.items() if key in ("takes", "variance", "held_out")]
     if fitted.selection is not None:
-        markers = ", ".join(fitted.prepared.labels[index] for index in fitted.selection.swapped.primary)
+        markers = ", ".join(fitted.selection.prepared.labels[index] for index in fitted.selection.swapped.primary)
         lines.append(f"{fitted.selection.k} markers drive the others: {markers}")
     typer.echo("\n".join(lines))
     typer.echo(f"{output}: {len(fitted.profile.phones)} phones, {len(fitted.profile.expressions)} expressions")

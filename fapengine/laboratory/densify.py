@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 MIN_SCANS, MIN_MARKERS, MIN_LANDMARKS = 3, 12, 3
 FRAMES = 4000
 """Frames of the session for the sparse model; more do not change eight modes."""
-ESTIMATOR_NOISE_MM = 0.7
-"""Error of a marker against its position on a scan, mm, for a video tracker; real markers are better, lose little."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -35,6 +33,8 @@ class DenseStudy:
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Scan, how it was found, share of its vertices that met it."""
     estimator: LinearEstimator
+    noise_mm: float
+    """Standard deviation of a marker's coordinate against the scans, as the estimator takes it."""
     left_out_mm: tuple[float, float]
     """Mean vertex distance of a scan predicted from the others: dense modes, linear estimator."""
 
@@ -74,14 +74,16 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
             raise type(error)(error.message, where=f"scan {scan.name}") from error
         faces.append(vertices)
         met.append(float(hit.mean()))
+    noise_mm = _noise(prepared, fits)
     scores, marks, dense = np.stack([fit.scores for fit in fits]), np.stack(points), np.stack(faces)
     return DenseStudy(
         modes=fit_dense_modes(dense, scores),
         triangles=fitted[0].triangles,
         sparse=sparse,
         fits=tuple((scan.name, fit, share) for scan, fit, share in zip(scans, fits, met, strict=True)),
-        estimator=fit_estimator(dense, marks, noise_mm=ESTIMATOR_NOISE_MM),
-        left_out_mm=_left_out(dense, scores, marks),
+        estimator=fit_estimator(dense, marks, noise_mm=noise_mm),
+        noise_mm=noise_mm,
+        left_out_mm=_left_out(dense, scores, marks, noise_mm),
     )
 
 
@@ -105,14 +107,26 @@ def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
         raise type(error)(error.message, where=f"scan {scan.name}") from error
 
 
-def _left_out(faces: Array, scores: Array, marks: Array) -> tuple[float, float]:
+def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
+    """Estimate a marker coordinate's deviation: what the recording trembles by, and how the model meets the scans.
+
+    The tremble is the median of second differences of the positions, which motion hardly reaches: of white noise they
+    have sqrt(6) times its deviation.
+    """
+    second = np.concatenate([np.diff(take.moved_mm, n=2, axis=0) for take in prepared.takes if len(take.moved_mm) > 2])
+    tremble = 1.4826 * np.median(np.abs(second[:: max(1, len(second) // FRAMES)])) / np.sqrt(6)
+    met = np.sqrt(np.mean([fit.surface_rms_mm**2 for fit in fits]))
+    return float(np.hypot(tremble, met))
+
+
+def _left_out(faces: Array, scores: Array, marks: Array, noise_mm: float) -> tuple[float, float]:
     """Predict each scan from the others."""
     dense: list[float] = []
     linear: list[float] = []
     for index in range(len(faces)):
         others = np.arange(len(faces)) != index
         modes = fit_dense_modes(faces[others], scores[others])
-        estimator = fit_estimator(faces[others], marks[others], noise_mm=ESTIMATOR_NOISE_MM)
+        estimator = fit_estimator(faces[others], marks[others], noise_mm=noise_mm)
         for misses, guess in ((dense, modes.faces_mm(scores[index])), (linear, estimator.faces_mm(marks[index]))):
             misses.append(float(np.linalg.norm(guess - faces[index], axis=-1).mean()))
     return float(np.mean(dense)), float(np.mean(linear))

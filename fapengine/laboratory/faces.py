@@ -90,7 +90,7 @@ def find_expressions(
 def _frames(takes: tuple[Displacements, ...], moment: Moment, rate_hz: float) -> Array:
     take = next(candidate for candidate in takes if candidate.name == moment.take)
     first = round(moment.start_s * rate_hz)
-    return take.moved_mm[first : max(round(moment.end_s * rate_hz), first + 1)]
+    return take.moved_mm[first : max(round(moment.end_s * rate_hz), first + 1)].astype(np.float64)
 
 
 def _measured(moved: Array, prepared: Prepared, space: VisemeSpace, fapu: Fapu) -> ExpressionTarget:

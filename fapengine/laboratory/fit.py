@@ -7,12 +7,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.capture.session import Session
 from fapengine.errors import DataError, UsageError
 from fapengine.laboratory.densify import DenseStudy, densify
 from fapengine.laboratory.faces import find_expressions, measure_fapu
 from fapengine.laboratory.phones import PhoneStudy, learn_context, spoken, study_phones
-from fapengine.laboratory.prepare import Displacements, Prepared, prepare
+from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
 from fapengine.laboratory.space import SpaceStudy, pick, study_space
@@ -104,13 +103,12 @@ class Fitted:
 
 
 def fit_session(
-    session: Session,
+    prepared: Prepared,
     setup: Setup,
     *,
     profile_id: str,
     origin: Mapping[str, str],
     standard: Profile,
-    face_mm: Mapping[str, Array],
     face_fapu: Fapu,
     options: FitOptions,
     rng: np.random.Generator,
@@ -121,7 +119,8 @@ def fit_session(
 
     Parameters
     ----------
-    session : Session
+    prepared : Prepared
+        From :func:`fapengine.laboratory.prepare.prepare`, whose session the caller may forget: it may be large.
     setup : Setup
         What the laboratory says about it.
     profile_id : str
@@ -130,13 +129,13 @@ def fit_session(
         Provenance: at least ``source`` and ``command``.
     standard : Profile
         Lends the expressions that the session lacks.
-    face_mm, face_fapu
-        A standard face: feature points, (3,) mm each in head axes, and its units.
+    face_fapu : Fapu
+        Units of a standard face.
     options : FitOptions
     rng : numpy.random.Generator
         Splits takes, hides entries, draws random subsets.
     on_step : callable
-        Told each of :data:`STEPS` as it begins.
+        Told each of :data:`STEPS` but the first, which preparing is, as it begins.
     warnings : tuple of str
         From reading; those of the fit are added.
 
@@ -145,8 +144,6 @@ def fit_session(
     DataError, UsageError
         As the steps say; ``where`` names take, marker or scan.
     """
-    on_step(STEPS[0])
-    prepared = prepare(session, setup, dict(face_mm), rng=rng)
     remarks = [*warnings, *prepared.warnings]
     training, held_out = _split(prepared, options, rng, remarks)
     on_step(STEPS[1])
@@ -156,7 +153,11 @@ def fit_session(
     on_step(STEPS[2])
     judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
     kept = judged.space.mode_count
-    space = replace(study_space(prepared, prepared.takes, (), modes=kept, variance=1.0), error_mm=judged.error_mm)
+    space = replace(
+        study_space(prepared, prepared.takes, (), modes=kept, variance=1.0),
+        error_mm=judged.error_mm,
+        error_from_mean_mm=judged.error_from_mean_mm,
+    )
     remarks += [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
     fapu, guessed = measure_fapu(prepared, setup, face_fapu)
     if guessed:
@@ -168,7 +169,11 @@ def fit_session(
     phones, strange = study_phones(prepared.takes, prepared, space.space)
     for label in strange:
         remarks.append(f"phone {label!r} is no IPA: left out")
-    rare = [f"{name} (with {' '.join(study.like)})" for name, study in phones.items() if study.like]
+    rare = [
+        f"{name} ({'with ' + ' '.join(study.like) if study.like else f'{study.tokens} tokens, none like it'})"
+        for name, study in phones.items()
+        if study.like or study.rare
+    ]
     if rare:
         remarks.append(f"phones {', '.join(rare)}: too rare alone")
     expressions, borrowed = find_expressions(prepared, setup, space.space, fapu, standard)

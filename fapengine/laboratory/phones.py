@@ -38,8 +38,10 @@ class PhoneStudy:
     """Number of tokens of the phone itself."""
     like: tuple[str, ...]
     """Other phones whose tokens were taken in, because it is rare."""
+    rare: bool
+    """Too few tokens for a median that is not luck, whatever was taken in."""
     error: Array
-    """(keyframes, K): standard error of each weight."""
+    """(keyframes, K): standard error of each weight; NaN where a single token cannot tell."""
 
 
 def study_phones(
@@ -86,7 +88,8 @@ def study_phones(
             ),
             len(tokens[name]),
             tuple(ipa_label for ipa_label in used if ipa_label not in own),
-            MEDIAN_OF_MEAN * spread / np.sqrt(len(values)),
+            len(values) < RARE,
+            MEDIAN_OF_MEAN * spread / np.sqrt(len(values)) if len(values) > 1 else np.full_like(spread, np.nan),
         )
     return studies, strange
 

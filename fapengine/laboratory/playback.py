@@ -19,7 +19,7 @@ def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> 
     The head turns yaw, then pitch, then roll about axes that move with it, as :mod:`fapengine.mesh.deform` turns it.
     Its shifts have no FAP.
     """
-    weights, beyond = split(take.moved_mm, prepared, profile.space, profile.fapu)
+    weights, beyond = split(take.moved_mm.astype(np.float64), prepared, profile.space, profile.fapu)
     mouth = displacements_to_faps(profile.space.to_points_mm(weights), profile.space.points, profile.fapu)
     faps = mouth + beyond
     turns = Rotation.from_matrix(take.head.rotation).as_euler("YXZ")

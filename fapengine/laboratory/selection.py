@@ -1,15 +1,24 @@
 """The marker subset study of a session: every experiment of paper 000, on one recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.models.full_map import coordinate_gram, fit_full_map
 from fapengine.models.kinematic_regions import KinematicRegions, interpolate_regions
-from fapengine.models.subset import MarkerSubset, PivotedFactor, factorise_gram, fit_weights, search_swaps, select
+from fapengine.models.subset import (
+    MarkerSubset,
+    PivotedFactor,
+    centre_gram,
+    factorise_gram,
+    fit_weights,
+    search_swaps,
+    select,
+)
 from fapengine.models.subset_study import (
     ErrorCurve,
     diagonals_by_amount,
@@ -30,12 +39,18 @@ GRID = (96, 112)
 PIECES = 12
 """A recording of fewer takes is cut into so many sentences."""
 MIN_PIECE_FRAMES = 12
+MAX_MARKERS = 300
+"""Number of markers that are studied at most, spread over the face; a mesh sequence has thousands."""
+GROUPS = 64
+"""Sentences are drawn in so many groups at most, which bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Selection:
     """Which markers matter, and how far that can be trusted."""
 
+    prepared: Prepared
+    """Markers that were studied, to which all indices refer: the session's, or some of very many."""
     factor: PivotedFactor
     curve: ErrorCurve
     k: int
@@ -85,9 +100,19 @@ def study_selection(
         return None
     if k is not None and not 1 <= k < count:
         raise UsageError(f"k: got {k}, expected 1..{count - 1}, fewer than the markers")
+    if count > MAX_MARKERS:
+        kept = _spread(prepared)
+        prepared = replace(
+            prepared, labels=tuple(prepared.labels[i] for i in kept), points=tuple(prepared.points[i] for i in kept),
+            neutral_mm=prepared.neutral_mm[kept], takes=(),
+        )  # fmt: skip
+        training, held_out = (
+            tuple(replace(take, moved_mm=take.moved_mm[:, kept]) for take in takes) for takes in (training, held_out)
+        )
+        count = len(kept)
     sentences = _sentences(training)
-    judged = np.concatenate([take.moved_mm for take in held_out]) if held_out else np.concatenate(sentences)
-    grams = sentence_grams(sentences)
+    judged = [take.moved_mm for take in held_out] or sentences
+    grams = sentence_grams(sentences, at_most=GROUPS)
     whole = grams.sum(axis=0)
     factor = factorise_gram(whole)
     largest = min(MAX_K, count - 1, factor.rank())
@@ -95,11 +120,12 @@ def study_selection(
     chosen, reason = _choose(curve, k, tolerance_mm)
     plain = select(factor, chosen)
     swapped = search_swaps(whole, plain)
-    full = fit_full_map(np.sum([coordinate_gram(sentence) for sentence in sentences], axis=0), swapped.primary)
-    rest = np.setdiff1d(np.arange(count), full.primary)
-    off = full.synthesise(judged[:, full.primary])[:, rest] - judged[:, rest]
+    mean = np.sum([sentence.sum(axis=0) for sentence in sentences], axis=0)
+    frames = sum(len(sentence) for sentence in sentences)
+    centred = select(factorise_gram(centre_gram(whole, mean, frames)), chosen)
+    full = fit_full_map(coordinate_gram(sentences), swapped.primary)
     luck = [
-        fit_weights(whole, rng.choice(count, chosen, replace=False)).error_mm(judged) for _ in range(RANDOM_SUBSETS)
+        fit_weights(whole, rng.choice(count, chosen, replace=False)).error_mm(*judged) for _ in range(RANDOM_SUBSETS)
     ]
     trials = pivots_of_trials(
         grams,
@@ -111,6 +137,7 @@ def study_selection(
     columns, rows = _grid(prepared.neutral_mm)
     places = np.stack([*(a.ravel() for a in np.meshgrid(columns, rows)), np.zeros(columns.size * rows.size)], axis=1)
     return Selection(
+        prepared=prepared,
         factor=factor,
         curve=curve,
         k=chosen,
@@ -121,9 +148,12 @@ def study_selection(
         stability=stability(trials, min(chosen, trials.shape[1])),
         by_amount=diagonals_by_amount(grams, min(10, count)),
         held_out_mm={
-            "QR pivots, one weight for each pair": plain.error_mm(judged),
-            "after swaps, one weight for each pair": swapped.error_mm(judged),
-            "after swaps, a matrix for each pair": float(np.linalg.norm(off, axis=-1).mean()),
+            "QR pivots, one weight for each pair": plain.error_mm(*judged),
+            "the same, from the mean pose in place of the neutral one": centred.error_mm(
+                *(each - mean / frames for each in judged)
+            ),
+            "after swaps, one weight for each pair": swapped.error_mm(*judged),
+            "after swaps, a matrix for each pair": full.error_mm(*judged),
             f"{RANDOM_SUBSETS} random subsets, mean": float(np.mean(luck)),
             f"{RANDOM_SUBSETS} random subsets, best": float(np.min(luck)),
         },
@@ -141,7 +171,7 @@ def _choose(curve: ErrorCurve, k: int | None, tolerance_mm: float) -> tuple[int,
     return curve.choose(), f"none comes within {tolerance_mm:g} mm: the first within one standard error of the least"
 
 
-def _sentences(takes: tuple[Displacements, ...]) -> list[Array]:
+def _sentences(takes: tuple[Displacements, ...]) -> list[NDArray[np.float32]]:
     if len(takes) >= PIECES:
         return [take.moved_mm for take in takes]
     each = -(-PIECES // len(takes))
@@ -151,6 +181,17 @@ def _sentences(takes: tuple[Displacements, ...]) -> list[Array]:
         for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // MIN_PIECE_FRAMES)))
     ]
     return pieces if len(pieces) >= 2 else [half for piece in pieces for half in np.array_split(piece, 2)]
+
+
+def _spread(prepared: Prepared) -> NDArray[np.intp]:
+    """Markers that lie as far from each other as they can, feature points first (farthest point sampling)."""
+    named = [index for index, point in enumerate(prepared.points) if point]
+    chosen = named[:MAX_MARKERS] or [0]
+    away = np.asarray(cKDTree(prepared.neutral_mm[chosen]).query(prepared.neutral_mm)[0])
+    while len(chosen) < MAX_MARKERS:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(prepared.neutral_mm - prepared.neutral_mm[chosen[-1]], axis=1))
+    return np.sort(chosen)
 
 
 def _grid(neutral: Array) -> tuple[Array, Array]:

@@ -41,6 +41,8 @@ class SpaceStudy:
     error_mm: Array
     """(3M,): mean marker distance of takes that the components were not learned from, with 1, 2, ... of them; empty if
     no take was left out."""
+    error_from_mean_mm: Array
+    """(3M,): the same components laid through the mean pose, as other tools do, not through the neutral one."""
     dimensions: int
     """Components whose standard deviation exceeds a thousandth of the first's: what the paper counts as not zero."""
     borrowed: dict[str, str]
@@ -82,17 +84,11 @@ def study_space(
     if not 1 <= kept <= 3 * count:
         raise DataError(f"modes: got {kept}, expected 1..{3 * count}, three for each marker", where=prepared.subject)
     deviations = whole.to_space(frames[:, :count]).std(axis=0)
-    error = np.zeros(0)
+    error = from_mean = np.zeros(0)
     if held_out:
         truth = pick(held_out, prepared, markers)
-        weights = whole.to_space(truth)
-        flat = whole.modes_mm[:, :count].reshape(3 * count, -1)
-        error = np.array(
-            [
-                np.linalg.norm((weights[:, :k] @ flat[:k]).reshape(truth.shape) - truth, axis=-1).mean()
-                for k in range(1, 3 * count + 1)
-            ]
-        )
+        vectors = whole.modes_mm[:, :count].reshape(3 * count, -1)
+        error, from_mean = _errors(vectors, truth), _errors(vectors, truth - frames[:, :count].mean(axis=0))
     space, borrowed = _complete(
         VisemeSpace(points=whole.points, marker_count=count, modes_mm=whole.modes_mm[:kept]), prepared.subject
     )
@@ -102,9 +98,21 @@ def study_space(
         spread_mm=deviations[:kept],
         names=tuple(name_components(space.modes_mm[:, :count], markers)),
         error_mm=error,
+        error_from_mean_mm=from_mean,
         dimensions=int((deviations > 1e-3 * deviations[0]).sum()),
         borrowed=borrowed,
     )
+
+
+def _errors(vectors: Array, truth: Array) -> Array:
+    """Mean marker distance, (3M,) mm, that 1, 2, ... of some orthonormal rows, (3M, 3M), leave of (T, M, 3)."""
+    flat = truth.reshape(len(truth), -1)
+    errors = np.empty(len(vectors))
+    left = flat.copy()
+    for index, vector in enumerate(vectors):
+        left -= np.outer(flat @ vector, vector)
+        errors[index] = np.linalg.norm(left.reshape(truth.shape), axis=-1).mean()
+    return errors
 
 
 def pick(takes: tuple[Displacements, ...], prepared: Prepared, points: tuple[str, ...]) -> Array:

@@ -33,7 +33,7 @@ class LinearEstimator:
     """Markers to modes to faces. Arrays are read-only."""
 
     mean_markers_mm: NDArray[np.float64]
-    """(M, 3)."""
+    """(M, 3); of the neutral scan if the modes run through that."""
     mean_face_mm: NDArray[np.float64]
     """(V, 3)."""
     modes: NDArray[np.float64]
@@ -64,7 +64,12 @@ class LinearEstimator:
 
 
 def fit_estimator(
-    scans_mm: ArrayLike, markers_mm: ArrayLike, *, mode_count: int | None = None, noise_mm: float = 0.0
+    scans_mm: ArrayLike,
+    markers_mm: ArrayLike,
+    *,
+    mode_count: int | None = None,
+    noise_mm: float = 0.0,
+    about: int | None = None,
 ) -> LinearEstimator:
     """Learn from a few scans, as the paper does.
 
@@ -78,6 +83,9 @@ def fit_estimator(
         K; without it all that the scans span, at most S - 1.
     noise_mm : float
         Standard deviation of a marker coordinate against the scans; see the theory of operation.
+    about : int, optional
+        A scan, such as the neutral one, through which the modes shall run; without it they run through the mean, as in
+        the paper.
 
     Raises
     ------
@@ -90,7 +98,10 @@ def fit_estimator(
     markers = frozen(markers_mm, "markers_mm", (len(scans), "M", 3), np.float64)
     if len(scans) < 2:
         raise UsageError(f"scans_mm: got {len(scans)} scan, expected at least 2")
-    mean_face, mean_markers = scans.mean(axis=0), markers.mean(axis=0)
+    if about is None:
+        mean_face, mean_markers = scans.mean(axis=0), markers.mean(axis=0)
+    else:
+        mean_face, mean_markers = scans[about], markers[about]
     left, lengths, rows = np.linalg.svd((scans - mean_face).reshape(len(scans), -1), full_matrices=False)
     count = _spanned(lengths, mode_count)
     coefficients = (left * lengths)[:, :count]

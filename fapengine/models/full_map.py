@@ -35,6 +35,15 @@ class FullMap:
         batch = driven.shape[:-2]
         return (driven.reshape(*batch, -1) @ self.matrix).reshape(*batch, -1, 3)
 
+    def error_mm(self, *sentences_mm: ArrayLike) -> float:
+        """Mean distance between predicted and true markers beyond the basis, mm; each sentence is (T, M, 3)."""
+        rest, total, frames = np.setdiff1d(np.arange(self.matrix.shape[1] // 3), self.primary), 0.0, 0
+        for sentence in sentences_mm:
+            data = frozen(sentence, "sentences_mm", ("T", self.matrix.shape[1] // 3, 3), np.float64)
+            off = self.synthesise(data[:, self.primary])[:, rest] - data[:, rest]
+            total, frames = total + float(np.linalg.norm(off, axis=-1).sum()), frames + len(data)
+        return total / (frames * len(rest))
+
 
 def fit_full_map(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> FullMap:
     """Least squares for a given basis.
@@ -95,12 +104,18 @@ def search_full_swaps(
     return chosen
 
 
-def coordinate_gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
-    """(T, M, 3) displacements, mm -> (3M, 3M), mm^2; sums over sentences are Grams of their union."""
-    data = frozen(displacements_mm, "displacements_mm", ("T", "M", 3), np.float64)
-    flat = data.reshape(len(data), -1)
-    product: NDArray[np.float64] = flat.T @ flat
-    return product
+def coordinate_gram(sentences_mm: Sequence[ArrayLike]) -> NDArray[np.float64]:
+    """Sentences of displacements, (T, M, 3) mm each -> (3M, 3M), mm^2, of all their frames."""
+    total: NDArray[np.float64] | None = None
+    for sentence in sentences_mm:
+        data = frozen(sentence, "displacements_mm", ("T", "M", 3), np.float64)
+        flat = data.reshape(len(data), -1)
+        if total is None:
+            total = np.zeros((flat.shape[1], flat.shape[1]))
+        total += flat.T @ flat
+    if total is None:
+        raise UsageError("sentences_mm: got none, expected at least one")
+    return total
 
 
 def _checked(gram_mm2: ArrayLike) -> NDArray[np.float64]:

@@ -3,9 +3,16 @@
 Theory of operation
 -------------------
 Feature contours (eyes, nose, jaw, outer lips) are known on the generic mesh and on the scan. Both are sampled at
-equal shares of their length, so that samples correspond. Samples and marker places are anchors; the displacement that
-they need is spread over the whole mesh by cubic radial functions, the field of the paper's "field morphing" without
-its falloff to tune: it is exact at the anchors and, having the least curvature of all that are, quiet between them.
+equal shares of their length, so that samples correspond. Samples and marker places are anchors. The displacement that
+they need is spread over the mesh in two parts:
+
+1. a wide field of radial functions. On one face it should be cubic, on another hardly more than an affine map: points
+   that people name on two faces lie millimetres apart for no reason that a neighbour could know, and an exact field
+   turns that into waves. So the field is the one of :data:`FIELDS` (none among them) that predicts anchors best which
+   were left out, whole stretches of a contour at a time;
+2. what it leaves at the anchors, falling off around them within :data:`REACH_MM`, as the paper's "field morphing" does,
+   so that contours and markers are met.
+
 Then the vertices, anchors excepted, are laid onto the scan's surface.
 
 The lips are a mesh of their own: a third contour half way between outer and inner one, on the scan; cubic splines
@@ -13,10 +20,13 @@ across the three give rows of nodes.
 """
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, RBFInterpolator
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
@@ -24,8 +34,20 @@ from fapengine.geometry.surface import Surface
 
 SAMPLES = 24
 """Samples of a contour that serve as anchors."""
-SAME_MM = 0.01
-"""Anchors nearer to each other are one: contours share their ends."""
+SAME_MM = 1.0
+"""Anchors nearer to each other are one, their mean: contours share their ends, and a hand sets points no finer."""
+ANCHORED_MM = 0.01
+"""A vertex nearer to an anchor is one."""
+REACH_MM = 10.0
+"""Distance in which the narrow field falls to 1/e."""
+Kernel = Literal["none", "linear", "thin_plate_spline", "cubic"]
+FIELDS: tuple[tuple[Kernel, float], ...] = (
+    ("none", 0.0), ("linear", 0.0), ("linear", 30.0), ("linear", 1e3), ("thin_plate_spline", 0.0),
+    ("thin_plate_spline", 1e3), ("thin_plate_spline", 1e5), ("cubic", 0.0),
+)  # fmt: skip
+"""Radial function and smoothing of the wide fields, with an affine part; "linear" is the biharmonic of 3-D."""
+STRETCH, FOLDS = 6, 8
+"""Samples of a contour that are left out together, and in how many parts all anchors are left out."""
 
 
 def sample_contour(contour_mm: ArrayLike, count: int, *, closed: bool) -> NDArray[np.float64]:
@@ -89,23 +111,65 @@ def adapt_mesh(
     vertices = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
     source = [frozen(markers_mm[0], "markers_mm[0]", ("M", 3), np.float64)]
     target = [frozen(markers_mm[1], "markers_mm[1]", (len(source[0]), 3), np.float64)]
+    stretch = [np.arange(len(source[0]))]
     for generic, scanned, closed in contours_mm:
         source.append(sample_contour(generic, SAMPLES, closed=closed))
         target.append(sample_contour(scanned, SAMPLES, closed=closed))
-    anchors, goals = np.concatenate(source), np.concatenate(target)
-    _, kept = np.unique(np.round(anchors / SAME_MM), axis=0, return_index=True)
-    anchors, goals = anchors[kept], goals[kept]
-    if len(anchors) < 4 or np.linalg.matrix_rank(anchors - anchors.mean(axis=0), tol=SAME_MM) < 3:
+        stretch.append(stretch[-1][-1:].max(initial=-1) + 1 + np.arange(SAMPLES) // STRETCH)
+    anchors, goals, stretches = _merge(np.concatenate(source), np.concatenate(target), np.concatenate(stretch))
+    if len(anchors) < 4 or np.linalg.matrix_rank(anchors - anchors.mean(axis=0), tol=0.01) < 3:
         raise UsageError(f"anchors: got {len(anchors)}, expected at least 4, not all in one plane")
-    field = RBFInterpolator(anchors, goals - anchors, kernel="cubic", degree=1)
-    moved: NDArray[np.float64] = vertices + field(vertices)
+    field = min(FIELDS, key=lambda field: _left_out_mm(field, anchors, goals, stretches % FOLDS))
+    moved: NDArray[np.float64] = _morph(field, anchors, goals, vertices)
     if scan is None:
         return moved
     places, _, on_rim = scan.closest(moved)
-    anchored = np.linalg.norm(vertices[:, None] - anchors, axis=-1).min(axis=1) < SAME_MM
+    anchored = cKDTree(anchors).query(vertices)[0] < ANCHORED_MM
     lay = ~on_rim & ~anchored & (np.linalg.norm(places - moved, axis=1) <= reach_mm)
     moved[lay] = places[lay]
     return moved
+
+
+def _merge(
+    anchors: NDArray[np.float64], goals: NDArray[np.float64], stretches: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
+    """Anchors that lie together become one, at their mean, with the mean of their goals."""
+    left = np.ones(len(anchors), bool)
+    groups: list[NDArray[np.intp]] = []
+    for index, near in enumerate(cdist(anchors, anchors) < SAME_MM):
+        if left[index]:
+            groups.append(np.flatnonzero(near & left))
+            left[groups[-1]] = False
+    merged, aims = (np.array([places[group].mean(axis=0) for group in groups]) for places in (anchors, goals))
+    return merged, aims, stretches[[group[0] for group in groups]]
+
+
+def _morph(
+    field: tuple[Kernel, float], anchors: NDArray[np.float64], goals: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Move points by a wide field, and by what it leaves at the anchors, falling off around them."""
+    kernel, smoothing = field
+    moved, left = points, goals - anchors
+    if kernel != "none":
+        wide = RBFInterpolator(anchors, left, kernel=kernel, degree=1, smoothing=smoothing)
+        moved, left = points + wide(points), left - wide(anchors)
+    weights = np.linalg.solve(np.exp(-cdist(anchors, anchors) / REACH_MM), left)
+    return np.asarray(moved + np.exp(-cdist(points, anchors) / REACH_MM) @ weights)
+
+
+def _left_out_mm(
+    field: tuple[Kernel, float], anchors: NDArray[np.float64], goals: NDArray[np.float64], folds: NDArray[np.intp]
+) -> float:
+    """Mean distance of anchors from their goals, each fold moved by the others; infinite where those lie in a plane."""
+    misses = []
+    for fold in np.unique(folds):
+        out = folds == fold
+        try:
+            guess = _morph(field, anchors[~out], goals[~out], anchors[out])
+        except (ValueError, np.linalg.LinAlgError):
+            return np.inf if field[0] != "none" else float(np.linalg.norm(goals - anchors, axis=1).mean())
+        misses.append(np.linalg.norm(guess - goals[out], axis=1))
+    return float(np.concatenate(misses).mean())
 
 
 def lip_mesh(

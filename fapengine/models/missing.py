@@ -93,7 +93,13 @@ class GapModel:
 
 
 def fit_gaps(
-    frames_mm: ArrayLike, seen: ArrayLike, rank: int, *, tolerance_mm: float = 0.001, max_steps: int = 50
+    frames_mm: ArrayLike,
+    seen: ArrayLike,
+    rank: int,
+    *,
+    tolerance_mm: float = 0.001,
+    max_steps: int = 50,
+    about_mm: ArrayLike | None = None,
 ) -> GapModel:
     """Learn mean and modes from frames with gaps.
 
@@ -108,6 +114,9 @@ def fit_gaps(
         EM stops when the filled entries change by less (root mean square per coordinate).
     max_steps : int
         0 gives the start alone, one shot.
+    about_mm : (M, 3) array_like, mm, optional
+        A face, such as the neutral one, through which the modes shall run. Without it the mean is
+        learned too, as in the paper.
 
     Raises
     ------
@@ -127,10 +136,14 @@ def fit_gaps(
             f" to know {rank} modes of it",
             where=f"marker {marker}",
         )
-    centre = data.sum(axis=0) / sightings[:, None]
+    fixed = about_mm is not None
+    if about_mm is not None:
+        centre = frozen(about_mm, "about_mm", data.shape[1:], np.float64)
+    else:
+        centre = data.sum(axis=0) / sightings[:, None]
     data -= centre
     data[~mask] = 0.0
-    state, steps = _start(data, mask, rank), 0
+    state, steps = _start(data, mask, rank, fixed=fixed), 0
     if not np.isfinite(tolerance_mm) or tolerance_mm <= 0:
         raise UsageError(f"tolerance_mm: got {tolerance_mm}, expected a positive length")
     gaps = ~mask.all(axis=0)
@@ -141,7 +154,7 @@ def fit_gaps(
         if before is not None and np.sqrt(((filled - before) ** 2).mean()) < tolerance_mm:
             break
         before = filled
-        state, steps = _maximise(data, mask, expected), steps + 1
+        state, steps = _maximise(data, mask, expected, fixed=fixed), steps + 1
     return _canonical(state, centre, steps)
 
 
@@ -289,19 +302,21 @@ def _expect(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -
     return _Expected(z, normal, spread / count)
 
 
-def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Expected) -> _State:
-    """Each marker's mean and modes from the frames that show it; then weights back to N(0, I)."""
+def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Expected, *, fixed: bool) -> _State:
+    """Each marker's modes, and its mean unless that is fixed, from the frames that show it; weights back to N(0, I)."""
     count = len(mask)
     right = np.concatenate([np.tensordot(expected.z, data, axes=(0, 0)), data.sum(axis=0)[None]])
     right = np.moveaxis(right, 0, 1)  # (M, K + 1, 3)
     normal = expected.normal.copy()
+    if fixed:  # the equation of the mean says that it is 0
+        right[:, -1], normal[:, -1, :-1], normal[:, :-1, -1] = 0.0, 0.0, 0.0
     small = 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None]
     normal[:, np.arange(normal.shape[1]), np.arange(normal.shape[1])] += small
     solved = np.linalg.solve(normal, right)
     power = float(np.vdot(data, data))
     noise = max((power - float(np.vdot(solved, right))) / (3 * mask.sum()), MIN_NOISE * power / (3 * mask.sum()))
     modes, mean = np.moveaxis(solved[:, :-1], 1, 0), solved[:, -1]
-    centre = expected.z.mean(axis=0)
+    centre = np.zeros(expected.z.shape[1]) if fixed else expected.z.mean(axis=0)
     off = expected.z - centre
     covariance = off.T @ off / count + expected.spread
     values, vectors = np.linalg.eigh(covariance)
@@ -309,7 +324,7 @@ def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Exp
     return _State(mean + np.tensordot(centre, modes, axes=1), np.tensordot(root.T, modes, axes=1), noise)
 
 
-def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int) -> _State:
+def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int, *, fixed: bool) -> _State:
     """Step 1 of the theory of operation."""
     always = mask.all(axis=0)
     if always.mean() >= FEW_ALWAYS_SEEN and 3 * always.sum() >= 2 * rank:
@@ -325,7 +340,7 @@ def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int) -> _St
         for marker in gaps:
             seen = ones[mask[:, marker]]
             normal[marker] = seen.T @ seen
-        return _maximise(data, mask, _Expected(z, normal, np.zeros((rank, rank))))
+        return _maximise(data, mask, _Expected(z, normal, np.zeros((rank, rank))), fixed=fixed)
     flat = data.reshape(len(data), -1)
     together = mask.astype(np.float64).T @ mask
     pairs = np.maximum(np.repeat(np.repeat(together, 3, axis=0), 3, axis=1), 1.0)

@@ -89,16 +89,19 @@ class MarkerSubset:
         moved: NDArray[np.float64] = self.weights.T @ driven
         return moved
 
-    def error_mm(self, displacements_mm: ArrayLike) -> float:
-        """Mean distance between predicted and true secondary markers over (T, M, 3) held-out displacements, mm."""
-        data = _displacements(displacements_mm)
-        if data.shape[1] != self.weights.shape[1]:
-            raise UsageError(f"displacements_mm: got {data.shape[1]} markers, expected {self.weights.shape[1]}")
-        rest = self.secondary
-        if not len(rest):
-            return 0.0
-        off = self.weights[:, rest].T @ data[:, self.primary] - data[:, rest]
-        return float(np.linalg.norm(off, axis=-1).mean())
+    def error_mm(self, *sentences_mm: ArrayLike) -> float:
+        """Mean distance between predicted and true secondary markers over sentences of held-out displacements, mm.
+
+        Each sentence is (T, M, 3).
+        """
+        rest, total, frames = self.secondary, 0.0, 0
+        for sentence in sentences_mm:
+            data = _displacements(sentence)
+            if data.shape[1] != self.weights.shape[1]:
+                raise UsageError(f"displacements_mm: got {data.shape[1]} markers, expected {self.weights.shape[1]}")
+            off = self.weights[:, rest].T @ data[:, self.primary] - data[:, rest]
+            total, frames = total + float(np.linalg.norm(off, axis=-1).sum()), frames + len(data)
+        return total / (frames * len(rest)) if len(rest) else 0.0
 
 
 def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
@@ -115,6 +118,24 @@ def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
         a = _tall(data[start : start + BLOCK])
         total += a.T @ a
     return total
+
+
+def centre_gram(gram_mm2: ArrayLike, total_mm: ArrayLike, frames: int) -> NDArray[np.float64]:
+    """``A^T A`` of the same frames about their mean: scikit-learn's and other tools' definition.
+
+    Parameters
+    ----------
+    gram_mm2 : (M, M) array_like, mm2
+        Of displacements from the neutral pose.
+    total_mm : (M, 3) array_like, mm
+        Sum of the displacements.
+    frames : int
+        How many there are.
+    """
+    matrix = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
+    total = frozen(total_mm, "total_mm", (len(matrix), 3), np.float64)
+    centred: NDArray[np.float64] = matrix - total @ total.T / frames
+    return centred
 
 
 def factorise(displacements_mm: ArrayLike) -> PivotedFactor:

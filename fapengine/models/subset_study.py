@@ -14,7 +14,7 @@ from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 from fapengine.models.subset import factorise_gram, gram, search_swaps, select
 
-Sentences = Sequence[NDArray[np.float64]]
+Sentences = Sequence[NDArray[np.floating]]
 """One (T, M, 3) array of displacements from the neutral pose for each sentence, mm; M is common."""
 
 
@@ -91,22 +91,23 @@ def error_curve(
     UsageError
         If ``folds`` or a k is out of range.
     """
-    grams = sentence_grams(sentences)
-    if not 2 <= folds <= len(grams):
-        raise UsageError(f"folds: got {folds}, expected 2..{len(grams)}, the number of sentences")
-    sizes = sorted(set(ks))
-    if not sizes or sizes[0] < 1 or sizes[-1] >= grams.shape[1]:
-        raise UsageError(f"ks: got {sizes}, expected numbers 1..{grams.shape[1] - 1}")
-    whole, dealt = grams.sum(axis=0), rng.permutation(len(grams))
+    if not 2 <= folds <= len(sentences):
+        raise UsageError(f"folds: got {folds}, expected 2..{len(sentences)}, the number of sentences")
+    sizes, count = sorted(set(ks)), sentences[0].shape[1]
+    if not sizes or sizes[0] < 1 or sizes[-1] >= count:
+        raise UsageError(f"ks: got {sizes}, expected numbers 1..{count - 1}")
+    dealt = rng.permutation(len(sentences))
+    left_out = [dealt[fold::folds] for fold in range(folds)]
+    grams = np.stack([sentence_grams([sentences[index] for index in out], at_most=1)[0] for out in left_out])
+    whole = grams.sum(axis=0)
     errors = np.empty((len(sizes), folds))
-    for fold in range(folds):
-        out = dealt[fold::folds]
-        training = whole - grams[out].sum(axis=0)
+    for fold, out in enumerate(left_out):
+        training = whole - grams[fold]
         factor = factorise_gram(training)
-        frames = np.concatenate([sentences[index] for index in out])
+        frames = [sentences[index] for index in out]
         for row, k in enumerate(sizes):
             subset = select(factor, k)
-            errors[row, fold] = (search_swaps(training, subset) if swaps else subset).error_mm(frames)
+            errors[row, fold] = (search_swaps(training, subset) if swaps else subset).error_mm(*frames)
     return ErrorCurve(np.array(sizes, dtype=np.intp), errors)
 
 
@@ -148,8 +149,8 @@ def diagonals_by_amount(grams: ArrayLike, count: int = 10) -> NDArray[np.float64
     return np.stack([factorise_gram(matrix).diagonal[:count] / np.sqrt(np.trace(matrix)) for matrix in sums])
 
 
-def sentence_grams(sentences: Sentences) -> NDArray[np.float64]:
-    """(S, M, M): the Gram matrix of each sentence.
+def sentence_grams(sentences: Sentences, *, at_most: int | None = None) -> NDArray[np.float64]:
+    """(S, M, M): the Gram matrix of each sentence; with ``at_most``, of so many groups of neighbouring sentences.
 
     Raises
     ------
@@ -159,4 +160,8 @@ def sentence_grams(sentences: Sentences) -> NDArray[np.float64]:
     counts = sorted({np.shape(sentence)[1] for sentence in sentences})
     if len(counts) != 1:
         raise UsageError(f"sentences: got marker counts {counts}, expected one")
-    return np.stack([gram(sentence) for sentence in sentences])
+    groups = min(at_most or len(sentences), len(sentences))
+    grams = np.zeros((groups, *counts, *counts))
+    for index, sentence in enumerate(sentences):  # added up in place: a face has many markers, a session many sentences
+        grams[index * groups // len(sentences)] += gram(sentence)
+    return grams

@@ -14,7 +14,7 @@ is new words, while the words of a held-out sentence were heard in others (``ben
 Lips foresee by this: the same /s/ is round before /u/ and spread before /i/.
 """
 
-from collections import Counter
+from array import array
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -59,6 +59,8 @@ within training sentences of one speaker; of those tried, none a third of it or 
 by more than 0.6 %."""
 MIN_TOKENS = 3
 """Tokens that a feature must be seen in; what is rarer is luck."""
+BLOCK = 256
+"""Columns of the normal matrix that are computed at a time."""
 FIRST_PAIRS = 64
 """Rows that tables begin with; they double when they are full."""
 
@@ -179,28 +181,31 @@ def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) 
     UsageError
         If there is no spoken token, or shapes do not fit.
     """
-    shown = [
-        (features(tokens, index), values[index])
-        for tokens, values in zip(sentences, weights, strict=True)
-        for index, token in enumerate(tokens)
-        if token.name != SILENCE and ways(token.heard[0]) and not np.isnan(values[index]).any()
-    ]
-    if not shown:
+    goals: list[Array] = []
+    column_of: dict[str, int] = {}
+    columns, values, ends = array("i"), array("d"), array("i", [0])  # not lists: some 250 features a token
+    for tokens, captured in zip(sentences, weights, strict=True):
+        for index, token in enumerate(tokens):
+            if token.name == SILENCE or not ways(token.heard[0]) or np.isnan(captured[index]).any():
+                continue
+            named = features(tokens, index)
+            columns.extend(column_of.setdefault(name, len(column_of)) for name in named)
+            values.extend(named.values())
+            ends.append(len(columns))
+            goals.append(captured[index])
+    if not goals:
         raise UsageError("sentences: got no spoken phone, expected some")
-    goal = np.stack([target for _, target in shown])
-    counts = Counter(name for named, _ in shown for name in named)
-    names = sorted(name for name, count in counts.items() if count >= min(MIN_TOKENS, len(shown)))
-    column_of = {name: index for index, name in enumerate(names)}
-    rows, columns, values = [], [], []
-    for row, (named, _) in enumerate(shown):
-        kept = [(column_of[name], value) for name, value in named.items() if name in column_of]
-        rows += [row] * len(kept)
-        columns += [column for column, _ in kept]
-        values += [value for _, value in kept]
-    design = csr_array((values, (rows, columns)), shape=(len(shown), len(names)))
-    normal = (design.T @ design).toarray()
+    goal = np.stack(goals)
+    seen = np.bincount(columns, minlength=len(column_of))
+    names = sorted(name for name, column in column_of.items() if seen[column] >= min(MIN_TOKENS, len(goals)))
+    design = csr_array((values, columns, ends), shape=(len(goals), len(column_of)))
+    design = design[:, [column_of[name] for name in names]]
+    normal = np.empty((len(names), len(names)), order="F")
+    for start in range(0, len(names), BLOCK):  # as a sparse matrix it would be larger than as a full one
+        part = slice(start, start + BLOCK)
+        normal[:, part] = (design.T @ design[:, part]).toarray()
     normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
-    coefficients = solve(normal, design.T @ goal.reshape(len(goal), -1), assume_a="pos")
+    coefficients = solve(normal, design.T @ goal.reshape(len(goal), -1), assume_a="pos", overwrite_a=True)
     shape = (len(names), *goal.shape[1:])
     return add_unheard(
         ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=coefficients.reshape(shape))

@@ -3,9 +3,12 @@
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
+
 from fapengine.files.report import figures
 from fapengine.files.report.parts import page, picture, table
 from fapengine.laboratory.fit import Fitted
+from fapengine.laboratory.prepare import Prepared
 
 UNCERTAINTY = (
     "Points from a video tracker are themselves uncertain by about 0.7 mm on the lips, and their depth is inferred:"
@@ -34,7 +37,7 @@ def write_report(fitted: Fitted) -> bytes:
         _warnings(fitted.warnings),
         f'<p class="note">{UNCERTAINTY}</p>',
         "<h2>Markers</h2>",
-        picture(figures.markers(fitted.prepared, fitted.selection), "The neutral pose, seen from the front."),
+        picture(figures.markers(_studied(fitted), fitted.selection), "The neutral pose, seen from the front."),
         *_gaps(fitted),
         *_selection(fitted),
         *_space(fitted),
@@ -43,6 +46,10 @@ def write_report(fitted: Fitted) -> bytes:
         *_dense(fitted),
     ]
     return page(f"{profile.id}: fit", parts)
+
+
+def _studied(fitted: Fitted) -> Prepared:
+    return fitted.prepared if fitted.selection is None else fitted.selection.prepared
 
 
 def _warnings(warnings: Sequence[str]) -> str:
@@ -75,7 +82,7 @@ def _selection(fitted: Fitted) -> list[str]:
     study = fitted.selection
     if study is None:
         return []
-    prepared = fitted.prepared
+    prepared = study.prepared
     names = [point or label for point, label in zip(prepared.points, prepared.labels, strict=True)]
     gaps = study.factor.gaps()[: study.factor.rank() - 1]
     judged = "takes that were held out" if fitted.held_out else "the training data"
@@ -121,11 +128,23 @@ def _space(fitted: Fitted) -> list[str]:
         f"<p>{study.space.mode_count} components of {3 * study.space.marker_count}; {study.dimensions} have a standard"
         " deviation above a thousandth of the first one's.</p>",
         picture(figures.space(fitted), "Dashed: what was kept."),
+        *_from_mean(fitted),
         table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows),
         picture(
             figures.components(fitted),
             "Above from the front, below from the side (forward is right). Red: positive weights, blue: negative.",
         ),
+    ]
+
+
+def _from_mean(fitted: Fitted) -> list[str]:
+    study, kept = fitted.space, fitted.space.space.mode_count
+    if not len(study.error_mm):
+        return []
+    return [
+        f"<p>{kept} components through the neutral pose leave {study.error_mm[kept - 1]:.3f} mm of held-out takes;"
+        f" through the mean pose, as principal components are defined elsewhere,"
+        f" {study.error_from_mean_mm[kept - 1]:.3f} mm.</p>"
     ]
 
 
@@ -136,7 +155,7 @@ def _phones(fitted: Fitted) -> list[str]:
             str(study.tokens),
             ", ".join(f"{100 * f:.0f} %" for f in study.target.fractions),
             study.target.contact,
-            f"{float((study.error[0] ** 2).sum()) ** 0.5:.2f}",
+            "unknown" if np.isnan(study.error).any() else f"{float((study.error[0] ** 2).sum()) ** 0.5:.2f}",
             study.target.origin,
         )
         for name, study in sorted(fitted.phones.items())

@@ -106,14 +106,6 @@ def test_what_is_damaged_is_refused(track, spoil, error, message):
         parse_c3d(spoil(format_c3d(track)))
 
 
-def test_data_inside_the_parameters_are_refused(track):
-    data = bytearray(format_c3d(track))
-    at = data.index(b"DATA_START") + len("DATA_START") + 2 + 3
-    data[at : at + 2] = b"\x01\x00"
-    with pytest.raises(DataError, match="behind the parameters"):
-        parse_c3d(bytes(data))
-
-
 def test_a_missing_frame_count_is_taken_from_the_data(track):
     data = bytearray(format_c3d(track))
     data[6:10] = struct.pack("<HH", 9, 1)

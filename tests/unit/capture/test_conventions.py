@@ -108,7 +108,6 @@ def test_trajectories_without_a_name_are_left_out(track, label):
         ({"positions": np.zeros((0, 6, 3))}, "expected frames and markers"),
         ({"rate_hz": None}, "expected frames a second"),
         ({"labels": ("*1",) * 6}, "expected labelled markers"),
-        ({"labels": ("a", "a", "b", "c", "d", "e")}, "'a': got it 2 times"),
         ({"rate_hz": -3.0}, "rate_hz"),
     ],
 )

@@ -123,7 +123,7 @@ TRC_LINES = 5
         (lambda t: "\n".join([*t.splitlines()[:5], "", ""]) + "\n", TruncatedError, "no frame"),
         (lambda t: t.replace("8.1", "").replace("8.2", "").replace("8.3", "").replace("8.4", "").replace("2.1", "")
          .replace("NOSE", ""), DataError, "no marker name"),
-        (lambda t: t.rstrip() + "\t1.0\n", DataError, "got 21 cells, expected 20"),
+        (lambda t: t.rstrip() + "\t1.0\n", DataError, "got 21 cells, expected 2 and three"),
         (lambda t: t.rstrip() + "q\n", DataError, "expected a number .at line 26"),
     ],
 )  # fmt: skip

@@ -7,9 +7,12 @@ import pytest
 
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import Surface
+from fapengine.laboratory import selection
 from fapengine.laboratory.fit import STEPS, FitOptions, fit_session
 from fapengine.laboratory.playback import captured_faps
+from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
+from fapengine.models.viseme_space import MARKERS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import format_profile, parse_profile
@@ -23,9 +26,10 @@ ORIGIN = {"source": "a test", "command": "pytest"}
 @pytest.fixture(scope="module")
 def run(standard, face, face_mm):
     def fit(session, setup=HEAD, options=None, **named):
+        rng = np.random.default_rng(2)
         return fit_session(
-            session, setup, profile_id="tried", origin=ORIGIN, standard=standard, face_mm=face_mm, face_fapu=face.fapu,
-            options=options or FitOptions(), rng=np.random.default_rng(2), **named,
+            prepare(session, setup, face_mm, rng=rng), setup, profile_id="tried", origin=ORIGIN, standard=standard,
+            face_fapu=face.fapu, options=options or FitOptions(), rng=rng, **named,
         )  # fmt: skip
 
     return fit
@@ -36,7 +40,7 @@ def fitted(make, run):
     steps: list[str] = []
     made = make(14, noise_mm=0.1)
     found = run(made.session, on_step=steps.append)
-    assert tuple(steps) == STEPS
+    assert tuple(steps) == STEPS[1:]
     return found, made
 
 
@@ -74,6 +78,7 @@ def test_the_errors_are_those_of_takes_that_were_held_out(fitted):
     kept = found.space.space.mode_count
     assert 0.1 < found.space.error_mm[kept - 1] < 0.35  # 0.1 mm of noise in three coordinates, and the last modes
     assert (np.diff(found.space.error_mm) < 0).all()
+    assert found.space.error_from_mean_mm[kept - 1] <= found.space.error_mm[kept - 1] + 0.005
     assert found.space.dimensions == 42  # noise fills them
 
 
@@ -81,7 +86,8 @@ def test_the_subset_beats_luck(fitted):
     found, _ = fitted
     study = found.selection
     assert study is not None
-    plain, swapped, full, mean, best = study.held_out_mm.values()
+    plain, centred, swapped, full, mean, best = study.held_out_mm.values()
+    assert centred < mean
     assert swapped <= plain * 1.02
     assert full < swapped < best < mean
     assert study.reason.startswith("the first whose error")
@@ -99,6 +105,50 @@ def test_captured_takes_play_back_as_faps(fitted):
     assert np.abs(jaw - np.maximum(down, 0)).max() < 0.8
     yaw = track.values[:, fap.column(49)]
     assert np.ptp(yaw) * 1e-5 > 0.1  # the head was turned by 0.2 rad to and fro
+
+
+def test_a_single_token_has_no_error_to_tell(make, run):
+    session = make(6).session
+    first = session.takes[0]
+    at = next(index for index, phone in enumerate(first.phones) if phone.label in ("s", "f"))
+    odd = (*first.phones[:at], replace(first.phones[at], label="ʒ"), *first.phones[at + 1 :])
+    found = run(replace(session, takes=(replace(first, phones=odd), *session.takes[1:])))
+    study = found.phones["ʒ"]
+    assert study.tokens == 1
+    assert study.like or (study.rare and np.isnan(study.error).all())
+    assert any("ʒ (" in text and "too rare alone" in text for text in found.warnings)
+
+
+def test_of_very_many_markers_some_are_studied(make, face_mm, monkeypatch):
+    monkeypatch.setattr(selection, "MAX_MARKERS", 60)
+    made = make(2, head=False, room=False)
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(5), 60)
+    labels = (*made.session.labels, *(f"v{n}" for n in range(60)))
+
+    def dense(take):
+        places = take.markers.positions_mm
+        return replace(
+            take.markers, positions_mm=np.concatenate([places, weights @ places[:, :5]], axis=1), labels=labels
+        )
+
+    prepared = prepare(edited(made.session, dense), HEAD, face_mm, rng=rng)
+    study = selection.study_selection(prepared, prepared.takes, (), k=4, tolerance_mm=0.3, rng=rng)
+    assert len(study.prepared.labels) == 60
+    assert set(MARKERS) <= set(study.prepared.points)
+    assert study.factor.r.shape == (60, 60)
+    full = prepared.neutral_mm[[prepared.labels.index(name) for name in study.prepared.labels]]
+    np.testing.assert_array_equal(full, study.prepared.neutral_mm)
+
+
+def test_a_label_of_two_markers_cannot_be_named(make, run):
+    session = make(6).session
+    labels = tuple("LFHD#2" if name == "RFHD" else name for name in session.labels)
+    with pytest.raises(DataError, match="'LFHD': is the label of more than one"):
+        run(
+            edited(session, lambda take: replace(take.markers, labels=labels)),
+            replace(HEAD, head=("LFHD", "LBHD", "TOP")),
+        )
 
 
 def test_poses_are_measured_and_the_others_borrowed(make, run, standard):

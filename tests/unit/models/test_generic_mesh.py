@@ -1,8 +1,14 @@
+import csv
+
 import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import Surface
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.people import PEOPLE
+from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.models.generic_mesh import adapt_mesh, lip_mesh, sample_contour
 
 SQUARE = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
@@ -46,6 +52,71 @@ def test_the_mesh_follows_contours_markers_and_surface(mask):
     np.testing.assert_array_equal(
         adapt_mesh(vertices, contours, (vertices[markers], truth[markers]), scan, reach_mm=0.0)[markers], laid[markers]
     )
+
+
+LIPS = ["8.4", "8.6", "8.9", "8.1", "8.10", "8.5", "8.3", "8.7", "8.2", "8.8"]
+EYE = ["3.11", "3.1", "3.7", "3.3"]
+
+
+def tried_on(head: FaceMesh, scan: Surface, goals: dict[str, np.ndarray]) -> None:
+    """Adapt a head to a scan by two thirds of its feature points; nothing may come to lie farther off than before."""
+    skin = (head.material == Material.SKIN) | (head.material == Material.LIP)
+    names = [
+        name for name in head.feature_points
+        if name in goals and skin[head.feature_points[name]] and name[:2] in ("2.", "3.", "4.", "5.", "8.", "9.")
+    ]  # fmt: skip
+    ours, theirs = (np.stack([np.asarray(at(name), float) for name in names]) for at in (head.point_mm, goals.get))
+    turn = fit_rigid(ours, theirs)
+    ours, vertices = turn.apply(ours), turn.apply(head.vertices_mm.astype(float))
+    near, _, on_rim = scan.closest(vertices)
+    vertices = vertices[skin & ~on_rim & (np.linalg.norm(vertices - near, axis=1) < 15)]
+    where = dict(zip(names, range(len(names)), strict=True))
+    contours = []
+    for line in (LIPS, EYE):
+        at = [where[name] for name in line if name in where]
+        if len(at) >= 3:
+            contours.append((ours[at], theirs[at], True))
+    free = [at for name, at in where.items() if name not in (*LIPS, *EYE)]
+    for third in range(3):
+        out = free[third::3]
+        kept = [at for at in free if at not in out]
+        points = np.concatenate([vertices, ours[out]])
+        before = np.linalg.norm(points - scan.closest(points)[0], axis=1)[: len(vertices)].mean()
+        moved = adapt_mesh(points, contours, (ours[kept], theirs[kept]), scan)
+        after = np.linalg.norm(moved - scan.closest(moved)[0], axis=1)[: len(vertices)].mean()
+        held_out = [
+            np.linalg.norm(places - theirs[out], axis=1).mean() for places in (ours[out], moved[len(vertices) :])
+        ]
+        assert held_out[1] < held_out[0]
+        assert after < 0.5 * before  # what is out of reach stays
+
+
+@pytest.mark.parametrize("person", ["man", "child"])
+def test_a_head_comes_nearer_to_another_one(person):
+    other = build_head(PEOPLE[person])
+    skin = (other.material == Material.SKIN) | (other.material == Material.LIP)
+    scan = Surface(other.vertices_mm.astype(float), other.triangles[skin[other.triangles].all(axis=1)])
+    goals = {name: np.asarray(other.point_mm(name), float) for name in other.feature_points}
+    tried_on(build_head(), scan, goals)
+
+
+@pytest.mark.shared
+def test_our_head_comes_nearer_to_a_measured_one(shared):
+    face = np.load(shared / "data" / "dense_face.npz")
+    vertices, triangles = face["vertices"].astype(float), face["triangles"]
+    scan = Surface(vertices[:9409], triangles[(triangles < 9409).all(axis=1)])  # without sockets and eyes
+    with (shared / "data" / "markers.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["layout"] == "mpeg4"]
+    tried_on(build_head(), scan, {row["marker"]: vertices[int(row["vertex"])] for row in rows})
+
+
+def test_points_named_twice_at_one_place_do_not_tear_the_mesh(mask):
+    vertices, _, _ = mask()
+    some = vertices[::40]
+    goals = some + np.array([1.0, 0, 0])
+    doubled = np.concatenate([some, some[:1] + 0.08]), np.concatenate([goals, goals[:1] + np.array([3.0, 0, 0])])
+    moved = adapt_mesh(vertices, [], doubled) - vertices
+    assert np.linalg.norm(moved, axis=1).max() < 4.0
 
 
 def test_lips_fill_the_ring_between_their_contours():

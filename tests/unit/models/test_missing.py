@@ -172,3 +172,15 @@ def test_what_cannot_be_known_is_said():
         fit_gaps(truth, np.ones((20, 300), bool), 3)
     with pytest.raises(UsageError, match="tolerance_mm: got 0"):
         fit_gaps(truth, np.ones((300, 20), bool), 3, tolerance_mm=0)
+
+
+def test_modes_may_run_through_a_given_face():
+    rng = np.random.default_rng(5)
+    rest, modes = rng.normal(0, 50, (12, 3)), rng.normal(size=(2, 12, 3))
+    frames = rest + np.tensordot(rng.normal(3.0, 1.0, (300, 2)), modes, axes=1)  # never at rest
+    seen = rng.random(frames.shape[:2]) > 0.1
+    found = fit_gaps(frames, seen, 2, about_mm=rest)
+    np.testing.assert_array_equal(found.mean_mm, rest)
+    filled = found.fill(np.where(seen[..., None], frames, np.nan), seen)
+    assert np.abs(filled - frames)[~seen].max() < 0.01
+    assert np.abs(fit_gaps(frames, seen, 2).mean_mm - rest).max() > 1.0  # the mean, where none is given

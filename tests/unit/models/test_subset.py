@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
 from fapengine.models.full_map import coordinate_gram, fit_full_map, search_full_swaps
-from fapengine.models.subset import factorise, factorise_gram, fit_weights, gram, search_swaps, select
+from fapengine.models.subset import centre_gram, factorise, factorise_gram, fit_weights, gram, search_swaps, select
 from fapengine.models.subset_study import (
     ErrorCurve,
     diagonals_by_amount,
@@ -203,7 +203,7 @@ def test_the_full_map_knows_turns_that_scalar_weights_do_not():
     data = motion(6, frames=200, markers=6, sources=2, noise=0.0)
     data[:, 5] = data[:, 0] @ Rotation.from_rotvec([0.4, 0.9, 0]).as_matrix().T
     subset = select(factorise(data), 2)
-    full = fit_full_map(coordinate_gram(data), subset.primary)
+    full = fit_full_map(coordinate_gram([data]), subset.primary)
     assert subset.error_mm(data) > 0.1
     np.testing.assert_allclose(full.synthesise(data[:, subset.primary]), data, atol=1e-4)
     np.testing.assert_allclose(full.synthesise(data[3, subset.primary]), data[3], atol=1e-4)
@@ -211,7 +211,7 @@ def test_the_full_map_knows_turns_that_scalar_weights_do_not():
 
 def test_swaps_for_the_full_map_stop_where_no_swap_helps():
     data = motion(7, noise=0.5) @ np.diag([1.0, 0.3, 2.0])
-    gram = coordinate_gram(data)
+    gram = coordinate_gram([data])
 
     def left(primary):
         return ((fit_full_map(gram, primary).synthesise(data[:, list(primary)]) - data) ** 2).sum()
@@ -236,4 +236,17 @@ def test_the_full_map_wants_different_markers(primary):
 def test_no_marker_is_taken_twice_where_nothing_is_left_to_gain():
     data = np.zeros((60, 5, 3))
     data[:, 3] = motion(8, markers=1)[:, 0]  # one marker moves, and explains itself
-    assert len(set(search_full_swaps(coordinate_gram(data), [3, 1, 2]).tolist())) == 3
+    assert len(set(search_full_swaps(coordinate_gram([data]), [3, 1, 2]).tolist())) == 3
+
+
+def test_a_gram_about_the_mean_is_that_of_centred_frames():
+    data = np.random.default_rng(3).normal(1.0, 2.0, (50, 4, 3))
+    centred = centre_gram(gram(data), data.sum(axis=0), len(data))
+    np.testing.assert_allclose(centred, gram(data - data.mean(axis=0)), atol=1e-9)
+
+
+def test_groups_of_sentences_add_up():
+    parts = [np.random.default_rng(n).normal(size=(6, 4, 3)) for n in range(7)]
+    grouped = sentence_grams(parts, at_most=3)
+    assert grouped.shape == (3, 4, 4)
+    np.testing.assert_allclose(grouped.sum(axis=0), gram(np.concatenate(parts)))

@@ -40,7 +40,7 @@ def test_nine_markers_drive_the_other_48(speech, sentences, grams):
     lucky = min(fit_weights(seen, rng.choice(57, 9, replace=False)).error_mm(frames) for _ in range(20))
     assert greedy.error_mm(frames) < GREEDY_MM[speech.kind] < lucky
     assert best.error_mm(frames) < SWAPPED_MM[speech.kind]
-    coordinates = coordinate_gram(np.concatenate([sentences[index] for index in training]))
+    coordinates = coordinate_gram([sentences[index] for index in training])
     full = fit_full_map(coordinates, search_full_swaps(coordinates, best.primary))
     driven = np.setdiff1d(np.arange(57), full.primary)
     assert (
