@@ -32,6 +32,7 @@ help:
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears for bench.ears; needs Node"
+	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
 	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
@@ -110,6 +111,11 @@ oracles:
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
 	    gltf-validator@2.0.0-dev.3.10 three@0.187
 	$(BIN)/python -m tests.oracles out/oracles
+
+# Not published; npm only packs it.
+npm: $(VENV)/.ready
+	$(BIN)/python -m design.face_package out/fapengine-face
+	npm pack --silent --pack-destination out ./out/fapengine-face
 
 fresh-machine:
 	.ci/fresh-machine

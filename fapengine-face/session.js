@@ -2,7 +2,7 @@
 
 import { Link } from "./link.js";
 import { Sound, SoundStream } from "./sound.js";
-import { FadeOut, JitterBuffer, ServerClock } from "./time.js";
+import { FadeOut, JitterBuffer, ServerClock, sampleFaded } from "./time.js";
 import { Utterances } from "./utterances.js";
 
 const LAGS = 90;
@@ -66,9 +66,7 @@ export class Session extends EventTarget {
 
   // Writes into faps what to show at a time of this page, s. Returns { time } of the server, or null before any frame.
   sample(now, faps) {
-    const shown = this.jitterBuffer.sample(now, faps);
-    const share = this.fadeOut.at(now, shown ? now - this.jitterBuffer.arrived : Infinity);
-    if (share < 1) for (let column = 0; column < 68; ++column) faps[column] *= share;
+    const shown = sampleFaded(this.jitterBuffer, this.fadeOut, now, faps);
     if (!shown) return null;
     if (this.clock.known) {
       this.lags.push(this.clock.at(now) - shown.time);

@@ -157,3 +157,11 @@ export class FadeOut {
     return this.value * this.value * (3 - 2 * this.value);
   }
 }
+
+// What a jitter buffer shows at a time of the page, s, faded where nothing came for a while; null before any frame.
+export function sampleFaded(jitterBuffer, fadeOut, now, faps) {
+  const shown = jitterBuffer.sample(now, faps);
+  const share = fadeOut.at(now, shown ? now - jitterBuffer.arrived : Infinity);
+  if (share < 1) for (let column = 0; column < 68; ++column) faps[column] *= share;
+  return shown;
+}

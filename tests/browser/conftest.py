@@ -24,19 +24,25 @@ MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-str
 PROGRAM = Path(__file__).with_name("serve_page.py")
 
 
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 class Server:
     """Stateful: the page's server in a process of its own, always on the same port."""
 
     def __init__(self, folder: Path) -> None:
         self._head = folder / "head"
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port, site_port = free_port(), free_port()
+        self.site = f"http://127.0.0.1:{site_port}"
+        """Origin of somebody else's pages, which may show its faces."""
         self.url = f"http://127.0.0.1:{self.port}/"
         self.start()
 
     def start(self, *arguments: str) -> None:
-        command = [sys.executable, str(PROGRAM), str(self.port), str(self._head), *arguments]
+        command = [sys.executable, str(PROGRAM), str(self.port), str(self._head), "--origin", self.site, *arguments]
         self.process = start(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"

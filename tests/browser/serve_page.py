@@ -1,12 +1,12 @@
-"""Serves the page with a real engine and voice, for the tests of this folder: serve_page.py PORT HEAD [TOKEN].
+"""Serves the page with a real engine and voice, for the tests of this folder: serve_page.py PORT HEAD [options].
 
 HEAD is a folder in which the head is kept, so that only the first start builds it.
 """
 
+import argparse
 import asyncio
 import contextlib
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +23,15 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.trajectory.style import Style
 
 
-async def serve(port: int, folder: Path, token: str | None, style: Style) -> None:
+async def serve(port: int, folder: Path, style: Style, *, token: str | None, origins: list[str]) -> None:
     if not folder.exists():
         save_head(folder, build_head(), HeadInfo(source="our own", licence="Apache-2.0"))
     engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1), style=style)
     hub = Hub(engine)
     hearing = Hearing(hub)
-    app = make_app(hub, load_head(str(folder)), token=token, profile="grid_s1_en", hearing=hearing)
+    app = make_app(
+        hub, load_head(str(folder)), token=token, profile="grid_s1_en", hearing=hearing, origins=tuple(origins)
+    )
     runner = web.AppRunner(app, access_log=None)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", port).start()
@@ -42,6 +44,11 @@ async def serve(port: int, folder: Path, token: str | None, style: Style) -> Non
 
 if __name__ == "__main__":
     still = Style(blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
-    token = sys.argv[3] if len(sys.argv) > 3 else None
+    parser = argparse.ArgumentParser()
+    parser.add_argument("port", type=int)
+    parser.add_argument("head", type=Path)
+    parser.add_argument("--token")
+    parser.add_argument("--origin", action="append", default=[])
+    told = parser.parse_args()
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(int(sys.argv[1]), Path(sys.argv[2]), token, still))
+        asyncio.run(serve(told.port, told.head, still, token=told.token, origins=told.origin))

@@ -570,7 +570,7 @@ def test_a_server_that_is_killed_or_ends_is_looked_for_and_found_again(page: Pag
     assert page.run("page.session.sound.playing.size") == 0
     page.run("page.setSound(false)")
     page.until("page.picture.faps.every((value) => value === 0)")  # the mouth does not stay open
-    page.server.start("a secret")
+    page.server.start("--token", "a secret")
     page.until("!document.getElementById('notice').hidden")
     assert "token" in page.run("document.getElementById('notice').textContent")
     page.go(f"{page.server.url}?session=karla")

@@ -1,5 +1,6 @@
 """One TOML for everything that ``fapengine serve`` can be told: :data:`EXAMPLE` shows all of it."""
 
+import re
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -21,6 +22,7 @@ port = 9110             # OSC: UDP and TCP
 web_port = 8110         # the page; 0: none
 metrics_port = 0        # Prometheus text at /metrics; 0: none
 token = ""              # what senders and pages must know; "": nobody is asked
+origins = []            # sites whose pages may show these faces, "https://example.org" say; the server's own may always
 
 [face]
 profile = "grid_s1_en"  # whose way of speaking
@@ -83,10 +85,15 @@ class Listen(Checked):
     """Prometheus text; None: none, 0: any free one. In the file 0 is none."""
     token: str | None = None
     """Word that senders and pages must know; None or "": nobody is asked."""
+    origins: tuple[str, ...] = ()
+    """Sites whose pages may show these faces beside the server's own: ``"https://example.org"``."""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         object.__setattr__(self, "token", self.token or None)
+        for origin in self.origins:
+            if not re.fullmatch(r"https?://[^/\s]+", origin):
+                raise UsageError(f"origins: got {origin!r}, expected sites such as 'https://example.org'")
 
 
 @dataclass(frozen=True, slots=True)

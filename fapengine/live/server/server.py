@@ -237,6 +237,7 @@ class Server:
                 heard_here=sound.session,
                 voice=self.config.voice,
                 hearing=self.hearing,
+                origins=listen.origins,
             )
             self.metrics.page = app[COUNTS]
             parts.sites.append(await open_site(app, listen.host, listen.web_port, self.doors["page"]))

@@ -1,11 +1,12 @@
 """Who may ask a web port, and what every answer carries.
 
-Only pages of this very server may talk to it: a page of another origin is refused, and so is a name that is no address
-while no token is asked for, for anybody can make a name point here (DNS rebinding).
+Only pages of this very server may talk to it, and those of the origins that its owner names: any other page is refused,
+and so is a name that is no address while no token is asked for, for anybody can make a name point here (DNS rebinding).
 """
 
 import hmac
 import ipaddress
+from collections.abc import Collection
 from urllib.parse import urlsplit
 
 from aiohttp import web
@@ -21,16 +22,18 @@ SERVER = "fapengine"
 """Name that answers carry; no version, which would tell what to try."""
 
 
-def refusal(request: web.Request, token: str | None) -> str:
+def refusal(request: web.Request, token: str | None, origins: Collection[str] = ()) -> str:
     """Say why a request is refused; empty if it is not.
 
     Parameters
     ----------
+    origins : collection of str
+        Whose pages may ask beside the server's own: ``"https://example.org"``.
     token : str, optional
         What must be brought along; None: nothing, then only names that are addresses are answered.
     """
     origin, host = request.headers.get("Origin"), request.host
-    if origin is not None and origin.partition("://")[2] != host:
+    if origin is not None and origin.partition("://")[2] != host and origin not in origins:
         return f"A page of {origin} may not talk to this server."
     if token is not None:
         brought = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
@@ -41,10 +44,15 @@ def refusal(request: web.Request, token: str | None) -> str:
     return ""
 
 
-def harden(app: web.Application) -> None:
-    """Let every answer of an application carry :data:`HEADERS`, errors included."""
+def harden(app: web.Application, origins: Collection[str] = ()) -> None:
+    """Let every answer of an application carry :data:`HEADERS`, errors included; pages of ``origins`` may read it."""
 
-    async def add(_: web.Request, answer: web.StreamResponse) -> None:
+    async def add(request: web.Request, answer: web.StreamResponse) -> None:
+        if (origin := request.headers.get("Origin")) in origins and origin is not None:
+            answer.headers["Access-Control-Allow-Origin"] = origin
+            answer.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
+        if origins:
+            answer.headers["Vary"] = "Origin"
         for name, value in HEADERS.items():
             answer.headers.setdefault(name, value)
         answer.headers["Server"] = SERVER

@@ -54,6 +54,7 @@ class _Server:
     heard_here: str | None
     voice: VoiceChoice
     hearing: Hearing | None
+    origins: tuple[str, ...] = ()
     counts: WebCounts = field(default_factory=WebCounts)
     sounds: SoundCache = field(default_factory=SoundCache)
     views: dict[str, SessionView] = field(default_factory=dict)
@@ -133,7 +134,7 @@ class _Server:
 
     def admit(self, request: web.Request) -> None:
         """Refuse whoever may not be here."""
-        trouble = refusal(request, self.token)
+        trouble = refusal(request, self.token, self.origins)
         if trouble:
             self.counts.refused += 1
             raise web.HTTPForbidden(text=trouble)
@@ -159,6 +160,7 @@ def make_app(
     heard_here: str | None = None,
     voice: VoiceChoice = DEFAULT_CHOICE,
     hearing: Hearing | None = None,
+    origins: tuple[str, ...] = (),
 ) -> web.Application:
     """Build the web application; whoever runs it also ticks the hub.
 
@@ -180,6 +182,8 @@ def make_app(
         Speaks what pages type without choosing a voice.
     hearing : Hearing, optional
         Hears the microphones of pages; whoever ticks the hub ticks it too. By default none is offered.
+    origins : tuple of str
+        Other sites whose pages may show these faces: ``"https://example.org"``.
 
     Returns
     -------
@@ -199,10 +203,10 @@ def make_app(
         "protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
         "ear": hearing is not None and hearing.is_possible,
     }  # fmt: skip
-    server = _Server(hub, token, hello, heard_here, voice, hearing)
+    server = _Server(hub, token, hello, heard_here, voice, hearing, origins)
     hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
     app = web.Application()
-    harden(app)
+    harden(app, origins)
     app[SERVER], app[COUNTS] = server, server.counts
     app.on_shutdown.append(server.stop)
     app.router.add_get("/ws", server.socket)

@@ -89,6 +89,13 @@ def test_every_key_is_taken() -> None:
     assert config.sinks == ("osc://a:1", "osc://b:2")
 
 
+def test_sites_that_may_show_faces_are_named_as_browsers_name_them() -> None:
+    config = parse_config(b'listen = {origins = ["https://a.example", "http://b.example:8080"]}', "a.toml")
+    assert config.listen.origins == ("https://a.example", "http://b.example:8080")
+    with pytest.raises(UsageError, match=r"origins: got 'a\.example/x'"):
+        Listen(origins=("a.example/x",))
+
+
 @pytest.mark.parametrize(
     ("text", "where", "what"),
     [

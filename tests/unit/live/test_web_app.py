@@ -39,14 +39,20 @@ def head() -> FaceMesh:
 
 
 def serve(
-    head: FaceMesh, use: Use, *, token: str | None = None, sessions: int = 4, voice: VoiceChoice = DEFAULT_CHOICE
+    head: FaceMesh,
+    use: Use,
+    *,
+    token: str | None = None,
+    sessions: int = 4,
+    voice: VoiceChoice = DEFAULT_CHOICE,
+    origins: tuple[str, ...] = (),
 ) -> None:
     """Run a server, and a client against it."""
 
     async def run() -> None:
         engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
         hub = Hub(engine, rate_hz=100.0)
-        app = make_app(hub, head, token=token, profile="grid_s1_en", voice=voice)
+        app = make_app(hub, head, token=token, profile="grid_s1_en", voice=voice, origins=origins)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
             ticking = asyncio.create_task(hub.run())
             try:
@@ -101,6 +107,21 @@ def test_the_page_and_all_that_it_asks_for_is_served(head: FaceMesh) -> None:
                 assert answer.status == 404, path
 
     serve(head, use)
+
+
+def test_pages_of_sites_that_are_named_may_ask_and_of_no_others(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        for origin, status in (("https://shop.example", 200), ("https://example", 403), ("null", 403)):
+            async with client.get("/head.bin", headers={"Origin": origin}) as answer:
+                assert answer.status == status
+                allowed = answer.headers.get("Access-Control-Allow-Origin")
+                assert (allowed, answer.headers["Vary"]) == (origin if status == 200 else None, "Origin")
+        async with client.ws_connect("/ws", headers={"Origin": "https://shop.example"}) as socket:
+            assert (await text_from(socket, "hello"))["session"] == "face"
+        with pytest.raises(WSServerHandshakeError):
+            await client.ws_connect("/ws", headers={"Origin": "https://example"})
+
+    serve(head, use, origins=("https://shop.example",))
 
 
 def test_another_face_is_built_when_it_is_asked_for(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:

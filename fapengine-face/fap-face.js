@@ -1,0 +1,208 @@
+// <fap-face>: a face in anybody's page. README.md tells its attributes, methods and events.
+
+import { Channel } from "./channel.js";
+import { parseHead } from "./head.js";
+import { Picture } from "./picture.js";
+import { Player, parseFap } from "./player.js";
+import { Session } from "./session.js";
+import { Steering } from "./steering.js";
+
+const EVENTS = ["started", "phone", "finished", "cancelled", "connection"];
+const SHAPE = `<style>
+  :host { display: block; aspect-ratio: 1; min-width: 0; position: relative; }
+  :host([hidden]) { display: none; }
+  canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; }
+</style>`;
+
+async function fetched(url, read) {
+  const answer = await fetch(url);
+  if (!answer.ok) throw new Error(`${url}: got ${answer.status} ${(await answer.text()).slice(0, 200)}`);
+  return answer[read]();
+}
+
+export class FapFace extends HTMLElement {
+  static observedAttributes = ["server", "session", "head", "token", "src", "audio", "camera", "transparent", "edges"];
+
+  constructor() {
+    super();
+    this.attachShadow({ mode: "open" }).innerHTML = SHAPE;
+    this.run = 0; // counts beginnings: what an older one fetched is not shown any more
+    this.source = null;
+    this.muted = false;
+  }
+
+  connectedCallback() {
+    this.restart();
+  }
+
+  disconnectedCallback() {
+    this.stop();
+  }
+
+  attributeChangedCallback(name, before, now) {
+    if (before === now || !this.isConnected) return;
+    if (name === "camera") this.steering?.fly(now);
+    else this.restart();
+  }
+
+  // Resolves when the face is there; rejects with what is wrong.
+  get ready() {
+    return this.beginning ?? Promise.reject(new Error("fap-face: not in a document"));
+  }
+
+  // The 68 FAPs that are shown now, FAPU.
+  get faps() {
+    return this.picture?.faps ?? new Float32Array(68);
+  }
+
+  // Several attributes that change together begin one run.
+  restart() {
+    this.stop();
+    const run = this.run;
+    this.beginning = Promise.resolve().then(() => (run === this.run ? this.begin(run) : this.beginning));
+    this.beginning.catch((error) => run === this.run && this.tell("error", error.message));
+  }
+
+  stop() {
+    this.run += 1;
+    this.picture?.close();
+    this.source?.close?.();
+    this.picture = this.source = this.steering = null;
+    this.shadowRoot.querySelector("canvas")?.remove();
+  }
+
+  // Of the server, if there is one; else as the package has them.
+  own(path) {
+    const server = this.getAttribute("server");
+    const url = new URL(server ? path : `assets/${path}`, server ? new URL(server, document.baseURI) : import.meta.url);
+    const token = this.getAttribute("token");
+    if (server && token) url.searchParams.set("token", token);
+    return url;
+  }
+
+  headAddress() {
+    const name = this.getAttribute("head");
+    if (!name) return this.own("head.bin");
+    if (!this.hasAttribute("server") || /[/.]/.test(name)) return new URL(name, document.baseURI);
+    const url = this.own("head.bin");
+    url.searchParams.set("name", name);
+    return url;
+  }
+
+  async begin(run) {
+    const src = this.getAttribute("src");
+    const [setup, bytes, text] = await Promise.all([
+      fetched(this.own("setup.json"), "json"),
+      fetched(this.headAddress(), "arrayBuffer"),
+      src ? fetched(new URL(src, document.baseURI), "text") : null,
+    ]);
+    if (run !== this.run) return;
+    this.source = this.makeSource(text);
+    for (const type of EVENTS) this.source.addEventListener?.(type, ({ detail }) => this.tell(type, detail));
+    this.source.addEventListener?.("message", ({ detail }) => detail.type === "error" && this.tell("error", detail.message));
+    this.source.addEventListener?.("refused", ({ detail }) => detail && this.tell("error", detail));
+    this.steering = new Steering(setup.cameras);
+    const camera = this.getAttribute("camera");
+    if (camera) this.steering.fly(camera, { atOnce: true });
+    const canvas = document.createElement("canvas");
+    canvas.setAttribute("part", "canvas");
+    if (!this.hasAttribute("role")) this.setAttribute("role", "img");
+    if (!this.hasAttribute("aria-label")) this.setAttribute("aria-label", "A talking face");
+    this.shadowRoot.append(canvas);
+    this.steering.listen(canvas);
+    this.picture = new Picture(canvas, setup, parseHead(bytes), (now, faps) => this.source.sample(now, faps), this.steering, {
+      wall: this.hasAttribute("transparent") ? null : setup.wall,
+      edges: this.getAttribute("edges"),
+      isBusy: () => this.source.isSpeaking,
+      shown: () => this.tell("picture"),
+    });
+    if (this.picture.trouble) this.tell("error", this.picture.trouble);
+    this.tell("ready");
+  }
+
+  makeSource(text) {
+    if (text !== null) return new Player(parseFap(text), this.hasAttribute("audio") ? new URL(this.getAttribute("audio"), document.baseURI) : null);
+    if (!this.hasAttribute("server")) return new Channel();
+    return new Session({
+      server: new URL(this.getAttribute("server"), document.baseURI),
+      session: this.getAttribute("session") ?? "face",
+      token: this.getAttribute("token"),
+    });
+  }
+
+  tell(type, detail) {
+    this.dispatchEvent(new CustomEvent(type, { detail }));
+  }
+
+  // The source, if it is a server's session; says so otherwise.
+  serverSession(method) {
+    if (this.source instanceof Session) return this.source;
+    throw new Error(`fap-face: ${method} needs a server that is there; wait for the event "ready"`);
+  }
+
+  // The server's voice says a text; this page plays it, unless it is muted or may not. Resolves to whether it was sent.
+  async say(text, options = {}) {
+    const session = this.serverSession("say");
+    await this.sound(session);
+    return session.say(text, options);
+  }
+
+  async sound(session) {
+    if (this.muted || session.heardElsewhere || session.sound.on) return;
+    await session.play(true);
+  }
+
+  // Sound that somebody speaks, as an Int16Array, mono: it is played half a second later, when the face says it.
+  push(samples, rate) {
+    return this.serverSession("push").push(samples, rate);
+  }
+
+  // Words with times, or phones; fields as of the server's messages of these names.
+  words(words, fields = {}) {
+    return this.serverSession("words").send("words", { words, ...fields });
+  }
+
+  phones(phones, fields = {}) {
+    return this.serverSession("phones").send("phones", { phones, ...fields });
+  }
+
+  express(name, level = 1, fields = {}) {
+    return this.serverSession("express").express(name, level, fields);
+  }
+
+  look(yaw, pitch) {
+    return this.serverSession("look").look(yaw, pitch);
+  }
+
+  cancel() {
+    if (this.source instanceof Player) this.source.pause();
+    else this.serverSession("cancel").cancel();
+  }
+
+  // Of a file.
+  play() {
+    return this.source instanceof Player ? this.source.play() : Promise.reject(new Error("fap-face: play needs src"));
+  }
+
+  pause() {
+    if (this.source instanceof Player) this.source.pause();
+    else this.serverSession("pause").pause(true);
+  }
+
+  // One frame of FAPs, 288 bytes, where the element has neither server nor src.
+  feed(data) {
+    return this.channel("feed").push(data);
+  }
+
+  // All frames of an RTCDataChannel or a WebSocket.
+  listen(target) {
+    this.channel("listen").listen(target);
+  }
+
+  channel(method) {
+    if (this.source instanceof Channel) return this.source;
+    throw new Error(`fap-face: ${method} needs an element without server and src; wait for the event "ready"`);
+  }
+}
+
+if (!customElements.get("fap-face")) customElements.define("fap-face", FapFace);

@@ -1,0 +1,132 @@
+/** Values of FAP 1 to 68, FAPU; FAP n is at n - 1. */
+export type Faps = Float32Array;
+
+export type Expression = "joy" | "sadness" | "anger" | "fear" | "disgust" | "surprise";
+
+/** A label or word, its start and end in s from the utterance's beginning. */
+export type Timed = [text: string, start: number, end: number];
+
+export interface SayOptions {
+  /** Language code of the voice; else the server's. */
+  voice?: string;
+  /** Words a minute, 80 to 449. */
+  rate?: number;
+}
+
+export interface TimedFields {
+  /** Engine time of the beginning, s; else now, or behind what is said. */
+  at_s?: number;
+  /** The beginning waits for a message `audio`. */
+  audio?: boolean;
+  /** Number of the utterance that these continue. */
+  utterance?: number;
+  /** False: more follows. */
+  last?: boolean;
+}
+
+export interface PhoneDetail {
+  utterance: number;
+  label: string;
+  word: string | null;
+  position_s: number;
+}
+
+export interface UtteranceDetail {
+  utterance: number;
+}
+
+export interface FapFaceEventMap extends HTMLElementEventMap {
+  ready: CustomEvent<undefined>;
+  connection: CustomEvent<"connecting" | "connected" | "waiting">;
+  started: CustomEvent<UtteranceDetail | undefined>;
+  phone: CustomEvent<PhoneDetail>;
+  finished: CustomEvent<UtteranceDetail | undefined>;
+  cancelled: CustomEvent<UtteranceDetail>;
+  picture: CustomEvent<undefined>;
+}
+
+/** The element `<fap-face>`. */
+export class FapFace extends HTMLElement {
+  /** Resolves when the face is there; rejects with what is wrong. */
+  readonly ready: Promise<void>;
+  /** What is shown now. */
+  readonly faps: Faps;
+  /** True: this page plays no sound of the server's voice. */
+  muted: boolean;
+  say(text: string, options?: SayOptions): Promise<boolean>;
+  push(samples: Int16Array, rate: number): boolean;
+  words(words: Timed[], fields?: TimedFields & { voice?: string }): boolean;
+  phones(phones: Timed[], fields?: TimedFields & { set?: string }): boolean;
+  express(name: Expression, level?: number, fields?: object): boolean;
+  look(yaw: number, pitch: number): boolean;
+  cancel(): void;
+  play(): Promise<void>;
+  pause(): void;
+  feed(data: ArrayBuffer | ArrayBufferView): boolean;
+  listen(target: EventTarget): void;
+  addEventListener<K extends keyof FapFaceEventMap>(
+    type: K, listener: (this: FapFace, event: FapFaceEventMap[K]) => unknown, options?: boolean | AddEventListenerOptions,
+  ): void;
+  addEventListener(
+    type: string, listener: EventListenerOrEventListenerObject, options?: boolean | AddEventListenerOptions,
+  ): void;
+}
+
+export interface Track {
+  rate: number;
+  times: number[];
+  frames: Faps[];
+}
+
+/** Read a .fap file. */
+export function parseFap(text: string): Track;
+
+/** What gives FAPs at a time of the page. */
+export interface Source {
+  readonly isSpeaking: boolean;
+  sample(now: number, faps: Faps): { time: number } | null;
+  close?(): void;
+}
+
+/** A .fap file that is played, its sound beside it. */
+export class Player extends EventTarget implements Source {
+  constructor(track: Track, audio?: string | URL | null);
+  isSpeaking: boolean;
+  duration: number;
+  play(): Promise<void>;
+  pause(): void;
+  close(): void;
+  sample(now: number, faps: Faps): { time: number };
+}
+
+/** Frames of FAPs from a data channel. */
+export class Channel implements Source {
+  constructor(rate?: number);
+  readonly isSpeaking: boolean;
+  push(data: ArrayBuffer | ArrayBufferView): boolean;
+  listen(target: EventTarget): void;
+  close(): void;
+  sample(now: number, faps: Faps): { time: number } | null;
+}
+
+/** A session of `fapengine serve`. */
+export class Session extends EventTarget implements Source {
+  constructor(where: { server: string | URL; session?: string; token?: string | null });
+  readonly isSpeaking: boolean;
+  say(text: string, options?: SayOptions): boolean;
+  express(name: Expression, level?: number, fields?: object): boolean;
+  look(yaw: number, pitch: number): boolean;
+  push(samples: Int16Array, rate: number): boolean;
+  send(type: string, fields?: object): boolean;
+  cancel(): boolean;
+  pause(wanted: boolean): void;
+  play(wanted: boolean): Promise<boolean>;
+  close(): void;
+  sample(now: number, faps: Faps): { time: number } | null;
+}
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "fap-face": FapFace;
+  }
+}

@@ -1,0 +1,203 @@
+"""The npm package, packed and imported by a page of another site."""
+
+import base64
+import json
+import shutil
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from design import face_package
+from fapengine.codec.fapfile import format_fap
+from fapengine.files.sound import save_wav
+from fapengine.live.web.messages import pack_frame
+from fapengine.live.wire.shapes import ArkitFollower
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.arkit import ARKIT_NAMES
+from tests.browser.conftest import Page, Server
+from tests.processes import start
+from tests.unit.retarget.living_speech import living
+
+PAGE = """<!doctype html><html lang="en"><title>Somebody's page</title><link rel="icon" href="data:," />
+<script type="importmap">
+  {"imports": {"fapengine-face": "/package/index.js", "fapengine-face/arkit": "/package/arkit.js"}}
+</script>
+<script type="module">
+  import * as all from "fapengine-face";
+  import * as arkit from "fapengine-face/arkit";
+  Object.assign(window, { all, arkit });
+  window.told = [];
+  window.show = async (attributes) => {
+    document.querySelector("fap-face")?.remove();
+    const face = (window.face = document.createElement("fap-face"));
+    face.style.width = "320px";
+    for (const type of ["started", "phone", "finished", "connection", "error"])
+      face.addEventListener(type, ({ detail }) => told.push([type, detail]));
+    for (const [name, value] of Object.entries(attributes)) face.setAttribute(name, value);
+    document.body.append(face);
+    await face.ready;
+    face.picture.budget.add = () => false;
+  };
+</script></html>"""
+
+
+@pytest.fixture(scope="module")
+def site(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Another site's files: the package as npm packs it, or as it lies there where npm is not, and a page."""
+    folder = tmp_path_factory.mktemp("site")
+    face_package.build(folder / "built")
+    if npm := shutil.which("npm"):
+        command = [npm, "pack", "--silent", "--pack-destination", str(folder)]
+        subprocess.run(command, cwd=folder / "built", check=True, capture_output=True, timeout=60)
+        (packed,) = folder.glob("*.tgz")
+        with tarfile.open(packed) as tar:
+            tar.extractall(folder, filter="data")
+    else:
+        shutil.copytree(folder / "built", folder / "package")
+    (folder / "index.html").write_text(PAGE)
+    port = server.site.rpartition(":")[2]
+    command = [sys.executable, "-u", "-m", "http.server", port, "--bind", "127.0.0.1", "--directory", str(folder)]
+    with start(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()  # it listens
+        yield folder
+        process.terminate()
+
+
+@pytest.fixture
+def shop(page: Page, site: Path) -> Page:
+    page.go(page.server.site)
+    page.until("window.show")
+    return page
+
+
+def show(page: Page, **attributes: str) -> None:
+    page.run(f"show({json.dumps(attributes)})")
+
+
+def test_it_talks_in_anybodys_page_and_survives_a_restart_of_the_server(shop: Page) -> None:
+    show(shop, server=shop.server.url, session="paula", camera="mouth")
+    connected = "told.some(([type, detail]) => type === 'connection' && detail === 'connected')"
+    shop.until(f"{connected} && face.source.jitterBuffer.frames.length > 3")
+    shop.run("face.muted = true; face.say('Mama, mama.')")
+    shop.until("told.some(([type]) => type === 'finished')")
+    kinds = shop.run("told.map(([type]) => type)")
+    assert kinds.index("started") < kinds.index("finished")
+    labels = shop.run("told.filter(([type]) => type === 'phone').map(([, { label }]) => label)")
+    assert "m" in labels
+    assert shop.run("face.picture.count") > 3
+    shop.server.kill()
+    shop.until("told.at(-1)[1] === 'waiting'")
+    shop.server.start()
+    shop.run("told.length = 0")
+    shop.until(connected)
+    shop.run("face.say('Hello again.')")
+    shop.until("told.some(([type]) => type === 'started')")
+    shop.run("face.cancel(); face.remove()")
+    excused = ("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET", "ERR_EMPTY_RESPONSE")
+    shop.complaints[:] = [one for one in shop.complaints if not any(reason in one for reason in excused)]
+
+
+def test_pictures_that_take_long_do_not_hold_the_sound_up(shop: Page) -> None:
+    show(shop, server=shop.server.url, session="pia")
+    shop.until("face.source.jitterBuffer.frames.length > 3 && face.source.clock.known")
+    shop.run("""const draw = face.picture.view.draw.bind(face.picture.view);
+        face.picture.view.draw = (...what) => {
+            const until = performance.now() + 300;
+            draw(...what);
+            while (performance.now() < until);
+        };""")
+    shop.run("face.say('One, two, three, four, five, six, seven, eight, nine, ten.')")
+    shop.until("[...face.source.sound.playing.values()].some(({ source }) => source)")
+    heard = "[performance.now() / 1000, face.source.sound.heard(), face.picture.count]"
+    before = shop.run(heard)
+    shop.until(f"face.picture.count >= {before[2]} + 5")
+    after = shop.run(heard)
+    passed_s, heard_s = after[0] - before[0], after[1] - before[1]
+    assert passed_s > 1.2  # so slow it was
+    assert heard_s == pytest.approx(passed_s, rel=0.15)
+    shop.run("face.remove()")
+
+
+def test_a_site_that_the_server_does_not_name_is_refused(shop: Page) -> None:
+    shop.go(shop.server.site.replace("127.0.0.1", "localhost"))
+    shop.until("window.show")
+    assert shop.run(f"show({{ server: '{shop.server.url}' }}).then(() => 'shown', () => 'refused')") == "refused"
+    assert shop.run("told.length") == 1
+    shop.complaints.clear()  # the browser says that the other site does not allow it
+
+
+def test_a_file_is_played_with_its_sound_and_without_a_server(shop: Page, site: Path) -> None:
+    values = np.zeros((31, 68), np.int32)
+    values[:, fap.column(3)] = 20 * np.arange(31)
+    (site / "talk.fap").write_text(format_fap(FapTrack.of(values, rate_hz=25.0)))
+    save_wav(site / "talk.wav", np.zeros(24_000, np.int16), 16_000)
+    show(shop, src="talk.fap", audio="talk.wav", transparent="")
+    shop.until("face.source.audio.readyState > 2")
+    assert shop.run("[...face.faps].every((value) => value === 0)")
+    shop.run("""window.apart = [];
+        face.addEventListener("picture", () => face.source.isSpeaking &&
+            apart.push(face.faps[2] / 500 - face.source.audio.currentTime));
+        face.play()""")
+    shop.until("told.some(([type]) => type === 'finished')")
+    assert np.abs(shop.run("apart")).max() < 0.1  # the mouth is where the sound is: 500 FAPU a second
+    assert shop.run("face.faps[2]") == 600
+    read = "(text) => { try { return all.parseFap(text).frames.length; } catch (error) { return error.message; } }"
+    good = format_fap(FapTrack.of(values, rate_hz=25.0))
+    frames = [good, good[: good.rindex(" ")], "MThd", "2.1 x 25 0\n"]
+    told = [shop.run(f"({read})({json.dumps(text)})") for text in frames]
+    assert told[0] == 31
+    for part, text in zip(("frame 30", "2.1 name rate", "no frame"), told[1:], strict=True):
+        assert part in text
+
+
+def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:
+    show(shop)
+    row = np.zeros(68, np.int32)
+    row[fap.column(3)] = 321
+    frames = [base64.b64encode(pack_frame(number, number / 60, row)).decode() for number in range(40)]
+    shop.run(f"""const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+        const frames = {json.dumps(frames)}.map(bytes);
+        window.channel = new EventTarget();
+        face.listen(channel);
+        let number = 0;
+        window.feeding = setInterval(() => {{
+            const frame = frames[number++];
+            if (!frame) clearInterval(feeding);
+            else if (number % 2) face.feed(frame); // a view
+            else channel.dispatchEvent(new MessageEvent("message", {{ data: frame.buffer }}));
+        }}, 16);""")
+    shop.until("Math.abs(face.faps[2] - 321) < 1")
+    assert not shop.run("face.feed(new ArrayBuffer(8))")
+    assert shop.run("face.say('x').catch((error) => error.message)").startswith("fap-face: say needs a server")
+
+
+def test_arkit_s_shapes_are_python_s(shop: Page) -> None:
+    faps = living(mood="joy")[:200]
+    follower = ArkitFollower()
+    expected = np.array([follower.follow(row) for row in faps])
+    found = np.array(
+        shop.run(f"""(() => {{
+        const follower = new arkit.ArkitFollower();
+        return {json.dumps(faps.tolist())}.map((faps) => [...follower.follow(faps)]);
+    }})()""")
+    )
+    assert shop.run("arkit.ARKIT_NAMES") == list(ARKIT_NAMES)
+    assert expected.max(axis=0).max() > 0.3
+    assert np.abs(found - expected).max() < 2e-3
+    shown = shop.run(f"""(() => {{
+        const mesh = {{ morphTargetDictionary: {{ jawOpen: 1, other: 0 }}, morphTargetInfluences: [0.5, 0] }};
+        const set = {{}};
+        const getExpression = (name) => name === "jawOpen";
+        const manager = {{ getExpression, setValue: (name, value) => (set[name] = value) }};
+        for (const target of [mesh, manager]) arkit.applyARKit(target, {json.dumps(faps[60].tolist())});
+        return [mesh.morphTargetInfluences, set];
+    }})()""")
+    assert shown[0] == [0.5, shown[1]["jawOpen"]]
+    assert list(shown[1]) == ["jawOpen"]
