@@ -2,8 +2,8 @@
 
 Theory of operation
 -------------------
-Planning is rare and differs from session to session, so each has its own planner. Showing is frequent and the same for
-all, so it is done on arrays with one row a session:
+Each session has its own planner, for their phones differ; what came for all of them since the last frame is planned
+together (:mod:`.many`). Showing is the same for all, so it is done on arrays with one row a session:
 
 1. *window*: the next :data:`KNOTS` knots of a session's plan, its fade, and its holds. Copied from the planner when the
    plan has changed, when another plan takes over, or when the window is used up.
@@ -31,7 +31,7 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
 from fapengine.trajectory.phonetics import ROUND, WIDTH, give_way, layer_faps, layer_gain, layer_points
-from fapengine.trajectory.stream import Counts, StreamingPlanner
+from fapengine.trajectory.stream import Counts, StreamingPlanner, plan_together
 from fapengine.trajectory.style import Style, jaw_share
 
 Array = NDArray[np.float64]
@@ -190,6 +190,8 @@ class BatchPlanner:
         self._new_planner()  # refuses what it cannot do, at once
         self._planners: list[StreamingPlanner] = []
         self._row_of: dict[int, int] = {}
+        self._due: dict[int, StreamingPlanner] = {}
+        """Those that have taken phones since they were planned, by session."""
         self._opened = 0
         self._now_s = -np.inf
         self._modes = profile.space.mode_count
@@ -264,6 +266,7 @@ class BatchPlanner:
         self._planners[row] = self._planners[last]
         self._planners.pop()
         del self._row_of[session]
+        self._due.pop(session, None)
 
     def feed(self, session: int, phones: Sequence[Phone]) -> None:
         """Take phones in, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.feed`.
@@ -273,7 +276,9 @@ class BatchPlanner:
         UsageError
             If the session is not open.
         """
-        self._changed(session).feed(phones)
+        planner = self._changed(session)
+        planner.take(phones)
+        self._due[session] = planner
 
     def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`.
@@ -284,6 +289,7 @@ class BatchPlanner:
             If the session is not open, or ``fade_s`` is not positive.
         """
         self._changed(session).cancel(at_s, fade_s=fade_s)
+        self._due.pop(session, None)
 
     def retime(self, session: int, begins_s: float) -> None:
         """Move a session's time against the batch's. It never goes back: it stands still until it is caught up with.
@@ -326,9 +332,16 @@ class BatchPlanner:
             If the session is not open.
         """
         row, count = np.array([self.row(session)]), len(self._planners)
+        if session in self._due:
+            plan_together([self._due.pop(session)])
         times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
         self._load(row, times)
         self._renew_segments(row, times)
+
+    def plan(self) -> None:
+        """Plan what was fed; :meth:`frames` does it by itself."""
+        plan_together(list(self._due.values()))
+        self._due.clear()
 
     def frames(self, time_s: float, overlay: Overlay | None = None) -> BatchFrames:
         """One frame of every session; what is shown is settled.
@@ -347,6 +360,7 @@ class BatchPlanner:
         """
         if not self._now_s <= time_s < np.inf:
             raise UsageError(f"time_s: got {time_s:g} s, expected rising times from {self._now_s:g} s")
+        self.plan()
         self._now_s = time_s
         count = len(self._planners)
         times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])

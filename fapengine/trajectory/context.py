@@ -17,6 +17,7 @@ Lips foresee by this: the same /s/ is round before /u/ and spread before /i/.
 from array import array
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from scipy.sparse import csr_array
 
 from fapengine.errors import UsageError
 from fapengine.profiles import ContextModel
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE
 from fapengine.trajectory.context_features import (
     LENGTHS,
@@ -46,6 +48,7 @@ from fapengine.trajectory.tokens import Token
 from fapengine.trajectory.unheard import add_unheard
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", int, NDArray[np.intp])
 
 FRACTIONS = (0.2, 0.7)
 """Fractions of a phone's duration at which its keyframes stand; splines through captured values there are within 0.35
@@ -63,6 +66,8 @@ BLOCK = 256
 """Columns of the normal matrix that are computed at a time."""
 FIRST_PAIRS = 64
 """Rows that tables begin with; they double when they are full."""
+KIND_RADIX = 1 << 20
+"""Kinds of tokens that three of make one number; labels are remembered up to 4,096 (:data:`.tokens.LABELS`)."""
 
 
 def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
@@ -71,88 +76,132 @@ def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     The sum of what :func:`.context_features.features` names, but summed beforehand for each kind of token: a stream
     asks this whenever a phone comes.
     """
-    tables = _tables(model)
-    around = [tables.silence] * REACH + [tables.kind(token) for token in tokens] + [tables.silence] * REACH
-    lengths = np.full(len(around), PAUSE_S)
-    lengths[REACH : len(around) - REACH] = [
+    tables = tables_of(model)
+    beyond = [tables.silence] * REACH
+    around = np.array([*beyond, *(tables.kind(token.heard) for token in tokens), *beyond])
+    lengths_s = np.full(len(around), PAUSE_S)
+    lengths_s[REACH : len(around) - REACH] = [
         PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens
     ]
-    lengths = np.log(np.clip(lengths, MIN_DURATION_S, MAX_DURATION_S) / TYPICAL_S)
-    kinds = np.array(around)
     spoken = [index for index, token in enumerate(tokens) if token.name != SILENCE]
-    own = np.array(spoken, dtype=np.intp) + REACH
-    total = tables.near(around, own.tolist())
-    total += lengths[own, None] * tables.by_length[kinds[own]]
-    total += lengths[own[:, None] + _LENGTHS] @ tables.lengths_beside
-    for step in range(-REACH, REACH + 1):
-        total += tables.by_step[kinds[own + step], step + REACH]
     found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
-    found[spoken] = total.reshape(len(spoken), *found.shape[1:])
+    found[spoken] = tables.targets(around, lengths_s, np.array(spoken, dtype=np.intp) + REACH)
     return found
 
 
 _LENGTHS = np.array(LENGTHS)
 
 
-class _Tables:
+class ContextTables:
     """Sums for every kind of token that was met: what it adds to its own targets and to its neighbours'.
 
     Stateful: it grows, up to the square of the number of IPA's letters.
     """
 
     def __init__(self, model: ContextModel) -> None:
+        self._shape = model.coefficients.shape[1:]
         flat = model.coefficients.reshape(len(model.features), -1)
         self._coefficients = np.vstack([flat, np.zeros(flat.shape[1])])
         """(F + 1, D); the last row is for features that the model lacks."""
         self._rows = model.rows
-        self.lengths_beside = np.stack([self._sum({f"length {step}": 1.0}) for step in LENGTHS])
+        self._lengths_beside = np.stack([self._sum({f"length {step}": 1.0}) for step in LENGTHS])
         """(steps, D), per length of the neighbour at each of :data:`LENGTHS`."""
-        self.by_step = np.zeros((0, 2 * REACH + 1, flat.shape[1]))
+        self._by_step = np.zeros((0, 2 * REACH + 1, flat.shape[1]))
         """(kinds, steps, D): as the neighbour at each step, and in the middle as the token itself."""
-        self.by_length = np.zeros((0, flat.shape[1]))
+        self._by_length = np.zeros((0, flat.shape[1]))
         """(kinds, D), per length of the token itself."""
         self._parts: list[tuple[Part, Part]] = []
         self._kinds: dict[tuple[str, ...], int] = {}
-        self._pairs: dict[tuple[int, int], int] = {}
+        self._pairs = np.full((FIRST_PAIRS, FIRST_PAIRS), -1)
+        """(kinds, kinds): row in ``_pair_sums``, -1 before the two have met."""
+        self._met = 0
+        """Count of the rows of ``_pair_sums`` that are in use."""
         self._pair_sums = np.zeros((FIRST_PAIRS, 2, flat.shape[1]))
-        self.silence = self._kind(())
+        self.silence = self.kind(())
+        triples = [name.split(" ")[1:] for name in model.features if name.startswith("triple ")]
+        self._codes = np.array(sorted((self._code(*map(self._named, names)), self._rows[" ".join(["triple", *names])])
+                                      for names in triples), dtype=np.int64).reshape(-1, 2)  # fmt: skip
+        """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
-    def kind(self, token: Token) -> int:
-        if token.name == SILENCE:
-            return self.silence
-        known = self._kinds.get(token.heard)
-        return self._kind(token.heard) if known is None else known
+    def kind(self, heard: tuple[str, ...]) -> int:
+        """Give the number of a token's letters; of none, that of silence."""
+        known = self._kinds.get(heard)
+        return self._new_kind(heard) if known is None else known
 
-    def near(self, kinds: Sequence[int], own: Sequence[int]) -> Array:
+    def targets(self, around: NDArray[np.intp], lengths_s: Array, own: NDArray[np.intp]) -> Array:
+        """Targets of tokens between their neighbours.
+
+        Parameters
+        ----------
+        around : (T,) int
+            Kinds of tokens, in order, those of any number of tracks; three silences before and behind each track.
+        lengths_s : (T,) float64, s
+            Of silences :data:`.context_features.PAUSE_S`.
+        own : (N,) int
+            Places of the tokens that are asked for, none of them silences.
+
+        Returns
+        -------
+        (N, keyframes, K) float64
+        """
+        lengths = np.log(np.clip(lengths_s, MIN_DURATION_S, MAX_DURATION_S) / TYPICAL_S)
+        total = self._near(around, own)
+        total += lengths[own, None] * self._by_length[around[own]]
+        total += lengths[own[:, None] + _LENGTHS] @ self._lengths_beside
+        for step in range(-REACH, REACH + 1):
+            total += self._by_step[around[own + step], step + REACH]
+        return total.reshape(len(own), *self._shape)
+
+    def _near(self, kinds: NDArray[np.intp], own: NDArray[np.intp]) -> Array:
         """(N, D): what tokens at ``own`` get from who stands right beside them."""
-        names, rows = [self._parts[kind][0].name for kind in kinds], self._rows
-        triples = [rows.get(f"triple {names[at - 1]} {names[at]} {names[at + 1]}", -1) for at in own]
-        before = [self._pair(kinds[at - 1], kinds[at]) for at in own]
-        behind = [self._pair(kinds[at], kinds[at + 1]) for at in own]
-        total: Array = self._coefficients[triples] + self._pair_sums[before, 0] + self._pair_sums[behind, 1]
+        before, mine, behind = kinds[own - 1], kinds[own], kinds[own + 1]
+        pairs = self._pair_rows(before, mine), self._pair_rows(mine, behind)
+        total: Array = self._pair_sums[pairs[0], 0]
+        total += self._pair_sums[pairs[1], 1]
+        if len(self._codes):
+            codes = self._code(before, mine, behind)
+            at = np.minimum(np.searchsorted(self._codes[:, 0], codes), len(self._codes) - 1)
+            heard = np.flatnonzero(self._codes[at, 0] == codes)
+            total[heard] += self._coefficients[self._codes[at[heard], 1]]
         return total
 
+    def _pair_rows(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
+        rows = self._pairs[first, second]
+        for index in np.flatnonzero(rows < 0).tolist():
+            rows[index] = self._pair(int(first[index]), int(second[index]))
+        return rows
+
     def _pair(self, first: int, second: int) -> int:
-        row = self._pairs.get((first, second))
-        if row is None:
-            row = self._pairs[first, second] = len(self._pairs)
+        row = int(self._pairs[first, second])
+        if row < 0:
+            row = self._pairs[first, second] = self._met
+            self._met += 1
             if row == len(self._pair_sums):
                 self._pair_sums = np.concatenate([self._pair_sums, np.zeros_like(self._pair_sums)])
             one, other = self._parts[first][1], self._parts[second][0]
             self._pair_sums[row] = self._sum(paired(other, -1, one)), self._sum(paired(one, 1, other))
         return row
 
-    def _kind(self, heard: tuple[str, ...]) -> int:
+    def _new_kind(self, heard: tuple[str, ...]) -> int:
         first, last = parts_of(heard)
-        self._kinds[heard] = len(self._parts)
+        kind = self._kinds[heard] = len(self._parts)
         self._parts.append((first, last))
+        if kind == len(self._pairs):
+            self._pairs = np.pad(self._pairs, (0, kind), constant_values=-1)
         steps = [
             self._sum(beside(step, last if step < 0 else first) if step else alone(first))
             for step in range(-REACH, REACH + 1)
         ]
-        self.by_step = np.concatenate([self.by_step, [steps]])
-        self.by_length = np.concatenate([self.by_length, [self._sum(lengthened(first))]])
-        return self._kinds[heard]
+        self._by_step = np.concatenate([self._by_step, [steps]])
+        self._by_length = np.concatenate([self._by_length, [self._sum(lengthened(first))]])
+        return kind
+
+    def _named(self, name: str) -> int:
+        return self.kind(() if name == SILENCE else ipa.letters(name))
+
+    @staticmethod
+    def _code(first: Number, second: Number, third: Number) -> Number:
+        return (first * KIND_RADIX + second) * KIND_RADIX + third
 
     def _sum(self, named: Mapping[str, float]) -> Array:
         rows = [self._rows.get(name, -1) for name in named]
@@ -161,8 +210,9 @@ class _Tables:
 
 
 @lru_cache(maxsize=16)
-def _tables(model: ContextModel) -> _Tables:
-    return _Tables(model)
+def tables_of(model: ContextModel) -> ContextTables:
+    """Give a model its tables, which all who plan by it share."""
+    return ContextTables(model)
 
 
 def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) -> ContextModel:

@@ -32,19 +32,30 @@ OVERSHOOT = 0.25
 case, found by search; without the limit there is none)."""
 
 
-def derivatives(times_s: Array, values: Array) -> tuple[Array, Array]:
-    """Velocity and acceleration at every key: (N,) s and (N, K) -> (N, K) each; zero at both ends."""
+def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+    """Velocity and acceleration at every key: (N,) s and (N, K) -> (N, K) each; zero at both ends of a path.
+
+    ``path_of``, (N,), rising, tells which of several paths a key belongs to.
+    """
     velocity, acceleration = np.zeros_like(values), np.zeros_like(values)
     if len(times_s) > 2:
         step = np.diff(times_s)[:, None]
+        if path_of is not None:
+            step[path_of[1:] != path_of[:-1]] = 1.0  # of no path
         slope = np.diff(values, axis=0) / step
         before, after = step[:-1], step[1:]
         longer = np.maximum(before, after)
-        three = np.stack([values[:-2], values[1:-1], values[2:]])
-        most = three.max(axis=0) - three.min(axis=0)
-        fastest, sharpest = MAX_DERIVATIVES[0] * most / longer, MAX_DERIVATIVES[1] * most / longer**2
-        velocity[1:-1] = np.clip((after * slope[:-1] + before * slope[1:]) / (before + after), -fastest, fastest)
-        acceleration[1:-1] = np.clip(2 * (slope[1:] - slope[:-1]) / (before + after), -sharpest, sharpest)
+        first, second, third = values[:-2], values[1:-1], values[2:]
+        most = np.maximum(np.maximum(first, second), third) - np.minimum(np.minimum(first, second), third)
+        fastest, sharpest = MAX_DERIVATIVES[0] / longer * most, MAX_DERIVATIVES[1] / longer**2 * most
+        parabola = after / (before + after) * slope[:-1] + before / (before + after) * slope[1:]
+        velocity[1:-1] = np.minimum(np.maximum(parabola, -fastest), fastest)
+        bend = 2 / (before + after) * (slope[1:] - slope[:-1])
+        acceleration[1:-1] = np.minimum(np.maximum(bend, -sharpest), sharpest)
+        if path_of is not None:
+            ends = np.flatnonzero(path_of[1:] != path_of[:-1])
+            for still in (velocity, acceleration):
+                still[ends] = still[ends + 1] = 0.0
     return velocity, acceleration
 
 
@@ -87,14 +98,19 @@ class Path:
             (last[:, 0], last[:, 1], last[:, 2]),
         )
 
-    def jet_at(self, time_s: float) -> Array:
-        """Value, velocity and acceleration at one time, (3, K): :meth:`jet`, ten times as fast."""
-        times = self.times_s
-        at = min(max(time_s, float(times[0])), float(times[-1]))
-        left = min(int(times.searchsorted(at, side="right")) - 1, len(times) - 2)
-        start_s, end_s = times[left : left + 2].tolist()
-        ends = self.jets[left : left + 2].reshape(6, -1)
-        return moment(at - start_s, end_s - start_s) @ ends
+
+def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
+    """Value, velocity and acceleration of many paths, each at a time of its own: (S,) s -> (S, 3, K)."""
+    ends, spans = [], []
+    for path, time_s in zip(paths, times_s.tolist(), strict=True):
+        times = path.times_s
+        left = min(max(int(times.searchsorted(time_s, side="right")) - 1, 0), len(times) - 2)
+        spans.append(times[left : left + 2])
+        ends.append(path.jets[left : left + 2])
+    start_s, end_s = np.array(spans).T
+    both = np.array(ends).reshape(len(ends), 6, -1)
+    jets: Array = moments(np.clip(times_s, start_s, end_s) - start_s, end_s - start_s) @ both
+    return jets
 
 
 def sample(times_s: Array, values: Array, at_s: Array) -> Array:
@@ -146,18 +162,29 @@ def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
     return jet_of(quintic(length_s, first, last), since_s / length_s, length_s)
 
 
-def moment(since_s: float, length_s: float) -> Array:
-    """Matrix (3, 6) from the jets at both ends of a quintic, value first, to the jet ``since_s`` after its start."""
+def moments(since_s: Array, length_s: Array) -> Array:
+    """Matrices from the jets at both ends of quintics, value first, to their jets ``since_s`` after the start.
+
+    Parameters
+    ----------
+    since_s, length_s : (S,) float64, s
+
+    Returns
+    -------
+    (S, 3, 6) float64
+    """
     s, h = since_s / length_s, length_s
+    one, none = np.ones_like(s), np.zeros_like(s)
+    s2, s3, s4, h2 = s * s, s**3, s**4, h * h
     powers = np.array(
         [
-            [1.0, s, s**2, s**3, s**4, s**5],
-            [0.0, 1 / h, 2 * s / h, 3 * s**2 / h, 4 * s**3 / h, 5 * s**4 / h],
-            [0.0, 0.0, 2 / h**2, 6 * s / h**2, 12 * s**2 / h**2, 20 * s**3 / h**2],
+            [one, s, s2, s3, s4, s4 * s],
+            [none, one / h, 2 * s / h, 3 * s2 / h, 4 * s3 / h, 5 * s4 / h],
+            [none, none, 2 / h2, 6 * s / h2, 12 * s2 / h2, 20 * s3 / h2],
         ]
     )
-    matrix: Array = (powers @ _UNITS) * np.array([1.0, h, h * h, 1.0, h, h * h])
-    return matrix
+    matrices: Array = (np.moveaxis(powers, -1, 0) @ _UNITS) * np.array([one, h, h2, one, h, h2]).T[:, None]
+    return matrices
 
 
 def fading(s: Array) -> tuple[Array, Array, Array]:

@@ -78,12 +78,12 @@ def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int
     at = np.array(times + rests)
     order = np.argsort(at, kind="stable")
     if np.diff(at[order]).min() < CLOSEST_KEYS_S:
-        order = order[_spaced(at[order].tolist())]
+        order = order[spaced(at[order].tolist())]
     weights = np.concatenate([*(phone.targets for phone in resolved), np.zeros((len(rests), mode_count))])
     return Keyframes(at[order], weights[order])
 
 
-def _spaced(times_s: Sequence[float]) -> list[int]:
+def spaced(times_s: Sequence[float]) -> list[int]:
     """Choose the keys that stand far enough apart; the first and the last stay."""
     kept, last = [0], len(times_s) - 1
     for index in range(1, last):

@@ -68,7 +68,10 @@ corners, which stay."""
 _INDEX = {letter: index for index, letter in enumerate(ARTICULATIONS)}
 _VALUES = np.array([row.values for row in ARTICULATIONS.values()] + [(0.0,) * WIDTH] * 2)
 _INSISTS = np.array([row.insists for row in ARTICULATIONS.values()] + [(PAUSE_INSISTS,) * WIDTH, (0.0,) * WIDTH])
-_PAUSE, _NOTHING = len(ARTICULATIONS), len(ARTICULATIONS) + 1
+PAUSE, _NOTHING = len(ARTICULATIONS), len(ARTICULATIONS) + 1
+NOTHING_BESIDE = (_NOTHING,) * REACH
+"""Rows of the table that stand before a track, and behind its last pause."""
+PAUSE_BEHIND = (PAUSE, *NOTHING_BESIDE)
 _NEUTRAL = ("ə",)
 _STEPS = np.array([[1, 2, 3], [-1, -2, -3]])[..., None]
 _SHARES = np.array([AHEAD, 1.0 - AHEAD])[:, None, None, None]
@@ -78,14 +81,14 @@ def extend(resolved: Sequence[Resolved]) -> list[Resolved]:
     """Put the axes behind every target: (keyframes, K) becomes (keyframes, K + :data:`WIDTH`)."""
     if not resolved:
         return []
-    kinds: list[int] = [_NOTHING] * REACH
+    kinds: list[int] = [*NOTHING_BESIDE]
     rows: list[int] = []
     end_s = -np.inf
     for one in resolved:
         phone = one.phone
-        letters = _kinds_of(phone.label)
+        letters = kinds_of(phone.label)
         if phone.start_s - end_s > PAUSE_S:
-            kinds.append(_PAUSE)
+            kinds.append(PAUSE)
         first, last = len(kinds) - REACH, len(letters) - 1
         kinds += letters
         start_s, end_s = phone.start_s, phone.end_s
@@ -94,8 +97,8 @@ def extend(resolved: Sequence[Resolved]) -> list[Resolved]:
         else:
             per_s = len(letters) / (end_s - start_s)
             rows += [first + min(max(int((time_s - start_s) * per_s), 0), last) for time_s in one.times_s]
-    kinds += [_PAUSE] + [_NOTHING] * REACH
-    wanted = _in_context(np.array(kinds))[rows]
+    kinds += PAUSE_BEHIND
+    wanted = in_context(np.array(kinds), np.arange(REACH, len(kinds) - REACH))[rows]
     targets = np.concatenate([np.concatenate([one.targets for one in resolved]), wanted], axis=1)
     extended, at = [], 0
     for one in resolved:
@@ -106,14 +109,14 @@ def extend(resolved: Sequence[Resolved]) -> list[Resolved]:
 
 
 @lru_cache(maxsize=LABELS)
-def _kinds_of(label: str) -> tuple[int, ...]:
+def kinds_of(label: str) -> tuple[int, ...]:
     """Rows of the table of a label's letters."""
     return tuple(_INDEX[letter] for letter in ipa.letters(label) or _NEUTRAL)
 
 
-def _in_context(kinds: NDArray[np.intp]) -> Array:
-    """(N, axes): what each letter does between its neighbours; ``kinds`` has :data:`REACH` more at both ends."""
-    around = kinds[np.arange(REACH, len(kinds) - REACH) + _STEPS]
+def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp]) -> Array:
+    """(N, axes): what the letters ``at`` these places do; ``kinds`` goes on for :data:`REACH` more at both ends."""
+    around = kinds[at + _STEPS]
     insists = _INSISTS[around]
     past = 1.0 - insists[:, :-1]
     past[:, 1] *= past[:, 0]
@@ -121,7 +124,7 @@ def _in_context(kinds: NDArray[np.intp]) -> Array:
     weights[:, 1:] *= past
     wanted = (weights * _VALUES[around]).sum(axis=(0, 1))
     wanted /= weights.sum(axis=(0, 1)) + 1e-9
-    mine = kinds[REACH : len(kinds) - REACH]
+    mine = kinds[at]
     keeps = _INSISTS[mine]
     taken: Array = keeps * _VALUES[mine] + (1.0 - keeps) * wanted
     return taken

@@ -15,8 +15,10 @@ face goes to rest behind the last one; when speech is cancelled, it is at rest a
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,11 +30,13 @@ from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, close_lips, hold_late, hold_of
+from fapengine.trajectory.context_features import REACH
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.many import Contacts, lay_paths
 from fapengine.trajectory.phonetics import WIDTH, extend, layer_faps, layer_gain
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import Resolved, joined_track, resolve
+from fapengine.trajectory.targets import joined_track, resolve
 
 Array = NDArray[np.float64]
 
@@ -42,8 +46,11 @@ MOMENTUM_S = 0.15
 """Longest time over which velocity and acceleration fade when speech is cancelled, however long the fade."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
-BEHIND_PHONES = AHEAD_PHONES + 3
+KEYS_BEHIND = 3
+"""Phones before the edge whose keys a plan needs: a segment needs two keys, and one may give way to a nearer one."""
+BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan looks back at; farther back nothing touches the path at the edge."""
+_END = attrgetter("end_s")
 KEPT_S = 2.0
 """Length of the past that is kept; older phones and plans are forgotten."""
 LATEST_CLOSURE_S = 0.15
@@ -98,16 +105,6 @@ class StreamPlan:
                     total[fading] += share
         return jet
 
-    def jet_at(self, time_s: float) -> Array:
-        """(3, K): :meth:`jet` at one time."""
-        jet = self.path.jet_at(time_s)
-        since_s = time_s - self.start_s
-        if since_s < self.fade_s:
-            jet += hermite.moment(since_s, self.fade_s)[:, :1] @ self.left_over[:1]
-        if since_s < self.momentum_s:
-            jet += hermite.moment(since_s, self.momentum_s)[:, 1:3] @ self.left_over[1:]
-        return jet
-
     def shortest_fade_s(self, time_s: float) -> float:
         """Length of the shorter of its fades that last at a time; infinity if none does."""
         since_s = time_s - self.start_s
@@ -146,6 +143,8 @@ class StreamingPlanner:
     _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
     _cancelled_s: float = -np.inf
+    _due: tuple[float, float] | None = None
+    """Edge and fade of a plan that is to be made."""
     _gains: Array = field(init=False)
     _width: int = field(init=False)
     """Number of weights on the path: modes, and the axes of :mod:`.phonetics` behind them."""
@@ -172,6 +171,11 @@ class StreamingPlanner:
         phones : sequence of Phone
             In stream time, in the order in which they came: the last word counts.
         """
+        self.take(phones)
+        plan_together([self])
+
+    def take(self, phones: Sequence[Phone]) -> None:
+        """Take phones in as :meth:`feed` does, but leave the plan to :func:`plan_together`, which must come next."""
         edge = self.edge_s
         for phone in phones:
             if phone.end_s <= edge:
@@ -181,7 +185,7 @@ class StreamingPlanner:
                 self.counts.late += phone.start_s < edge and not phone.is_silence
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
                 self._place(phone)
-        self._replan(edge, FADE_S)
+        self._due = edge, FADE_S
 
     def _place(self, phone: Phone) -> None:
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
@@ -217,45 +221,56 @@ class StreamingPlanner:
             raise UsageError(f"fade_s: got {fade_s}, expected a positive time")
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
+        if self._due:
+            plan_together([self])
         self._phones = []
-        self._replan(edge, fade_s)
+        self._due = edge, fade_s
+        plan_together([self])
         self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
 
-    def _replan(self, edge: float, fade_s: float) -> None:
-        """Plan ahead of the edge; what the new plan lacks there is added and fades."""
-        over = bisect_right(self._phones, edge, key=lambda phone: phone.end_s)
-        self._phones = [phone for phone in self._phones[max(over - BEHIND_PHONES, 0) :] if phone.end_s > edge - KEPT_S]
-        track = joined_track(phone for phone in self._phones if phone.end_s > 0)
-        resolved, _ = resolve(track, self.profile, context=self.style.context)
+    def _to_plan(self) -> tuple[list[Phone], int]:
+        """Forget what is long over; give the phones of the new plan, and the first of them whose keys it needs."""
+        edge, _ = self._due or (self.edge_s, FADE_S)
+        over = bisect_right(self._phones, edge, key=_END)
+        first = max(over - BEHIND_PHONES, 0)
+        while first < over and self._phones[first].end_s <= edge - KEPT_S:
+            first += 1
+        del self._phones[:first]
+        return self._phones, max(over - first - KEYS_BEHIND, 0)
+
+    def _lay(self) -> tuple[hermite.Path, Contacts]:
+        """Lay the path of this stream alone: of a style without context."""
+        track = joined_track(self._phones)
+        resolved, _ = resolve(track, self.profile, context=False)
         keys = place_keyframes(track, extend(resolved), self._width)
-        path = hermite.Path.through(keys.times_s, keys.weights)
-        self._renew_holds(resolved, edge)
-        if not np.isfinite(edge):  # nothing shown yet: nothing to keep
+        contacts = [(one.phone, one.contact) for one in resolved if one.contact != "none"]
+        return hermite.Path.through(keys.times_s, keys.weights), contacts
+
+    def _follow(self, path: hermite.Path, contacts: Contacts, left_over: Array) -> None:
+        """Take a new plan; what it lacks at its edge, ``left_over``, fades."""
+        edge, fade_s = self._due or (self.edge_s, FADE_S)
+        self._due = None
+        self._renew_holds(contacts, edge)
+        if not isfinite(edge):  # nothing shown yet: nothing to keep
             self._plans = [StreamPlan(-np.inf, path, 0.0, 0.0, self._plans[0].left_over)]
             return
-        self._plans = [plan for plan in self._plans if plan.start_s < edge]  # later ones were never shown
-        shown = self._plans[-1]
-        momentum_s = min(fade_s, MOMENTUM_S, shown.shortest_fade_s(edge))
-        self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, shown.jet_at(edge) - path.jet_at(edge)))
-        first = next((n for n, plan in enumerate(self._plans[1:]) if plan.start_s > edge - KEPT_S), 0)
-        self._plans = self._plans[first:]
+        momentum_s = min(fade_s, MOMENTUM_S, self._plans[-1].shortest_fade_s(edge))
+        self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
+        while self._plans[1].start_s <= edge - KEPT_S:
+            del self._plans[0]
 
-    def _renew_holds(self, resolved: Sequence[Resolved], edge: float) -> None:
+    def _renew_holds(self, contacts: Contacts, edge: float) -> None:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
         begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
         coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
         before, self._holds = self._holds, {}
-        shut = {(phone.label, phone.start_s): hold for phone, hold in before.items() if hold.start_s - RAMP_S < edge}
-        for spoken in resolved:
-            if spoken.contact == "none":
-                continue
-            # a phone of which only the end has changed is the same one: it is not shut once more
-            same = before.get(spoken.phone) or shut.get((spoken.phone.label, spoken.phone.start_s))
-            hold: Hold | None = same or hold_of(spoken.phone, spoken.contact)
+        for phone, contact in contacts:
+            same = before.get(phone) or _shut_already(phone, before, edge)
+            hold: Hold | None = same or hold_of(phone, contact)
             if hold and not same and hold.start_s - RAMP_S < edge:
                 hold = hold_late(hold, edge)
             if hold:
-                self._holds[spoken.phone] = hold
+                self._holds[phone] = hold
         mine = set(self._holds.values())
         self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
 
@@ -271,6 +286,8 @@ class StreamingPlanner:
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
         """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
+        if self._plans[-1].start_s <= time_s:
+            return self._plans[-1], np.inf
         index = max(bisect_right(self._plans, time_s, key=lambda plan: plan.start_s) - 1, 0)
         until_s = self._plans[index + 1].start_s if index + 1 < len(self._plans) else np.inf
         return self._plans[index], until_s
@@ -316,3 +333,52 @@ class StreamingPlanner:
         faps = close_lips(faps, times, self.holds, openness=self.style.openness)
         self.settle(float(times[-1]))
         return to_codable(faps)
+
+
+def _shut_already(phone: Phone, before: Mapping[Phone, Hold], edge_s: float) -> Hold | None:
+    """Find the hold of a phone of which only the end has changed: it is the same one, and not shut once more."""
+    for other, hold in before.items():
+        if other.start_s == phone.start_s and other.label == phone.label and hold.start_s - RAMP_S < edge_s:
+            return hold
+    return None
+
+
+def plan_together(planners: Sequence[StreamingPlanner]) -> None:
+    """Plan ahead of the edge of each stream that has taken phones; the more of them, the less each costs.
+
+    Parameters
+    ----------
+    planners : sequence of StreamingPlanner
+        Of one profile and style; each is due.
+    """
+    if not planners:
+        return
+    one = planners[0]
+    tracks = [planner._to_plan() for planner in planners]
+    due = [planner._due or (planner.edge_s, FADE_S) for planner in planners]
+    edges_s = [edge_s for edge_s, _ in due]
+    if one.style.context and one.profile.context is not None:
+        paths, contacts = lay_paths(tracks, one.profile)
+    else:
+        paths, contacts = map(list, zip(*(planner._lay() for planner in planners), strict=True))
+    for planner, edge_s in zip(planners, edges_s, strict=True):
+        while isfinite(edge_s) and planner._plans[-1].start_s >= edge_s:  # never shown
+            planner._plans.pop()
+    at_s = np.array([edge_s if isfinite(edge_s) else 0.0 for edge_s in edges_s])
+    left_over = jets_at([planner._plans[-1] for planner in planners], at_s) - hermite.jets_at(paths, at_s)
+    for planner, path, touching, lacks in zip(planners, paths, contacts, left_over, strict=True):
+        planner._follow(path, touching, lacks)
+
+
+def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:
+    """(S, 3, K): value, velocity and acceleration of many plans, each at a time of its own, (S,) s."""
+    jets = hermite.jets_at([plan.path for plan in plans], times_s)
+    since_s = times_s - np.array([plan.start_s for plan in plans])
+    lengths = ([plan.fade_s for plan in plans], slice(0, 1)), ([plan.momentum_s for plan in plans], slice(1, 3))
+    for length_s, rows in lengths:
+        fading = np.flatnonzero(since_s < length_s)
+        if len(fading):
+            shares = hermite.moments(since_s[fading], np.array(length_s)[fading])
+            left_over = np.stack([plans[index].left_over[rows] for index in fading.tolist()])
+            jets[fading] += shares[:, :, rows] @ left_over
+    return jets

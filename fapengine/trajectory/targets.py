@@ -22,7 +22,7 @@ from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import targets
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
-from fapengine.trajectory.tokens import Token, tokens_of
+from fapengine.trajectory.tokens import Part, Token, tokens_of
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
@@ -85,18 +85,23 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
         phone = parts[0][0].phone
         if phone.is_silence:
             continue
-        contact, opens, hisses = "none", False, False
-        for token, _ in parts:
-            contact = profile.phones[token.name].contact if contact == "none" else contact
-            opens = opens or _opens(token.heard)
-            hisses = hisses or not SIBILANTS.isdisjoint(token.heard)
-        if contact == "none":
-            contact = "open" if opens else "jaw" if hisses else contact
+        contact = contact_of([(token.name, token.heard) for token, _ in parts], profile)
         times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
         if phone.loudness_db:
             weights = louder(weights, phone.loudness_db, profile)
         resolved.append(Resolved(phone, times_s, weights, contact))
     return resolved, Counter(strange)
+
+
+def contact_of(parts: Sequence[Part], profile: Profile) -> str:
+    """Find the contact of a phone, as of :class:`Resolved`, from its parts' names and letters."""
+    contacts = (profile.phones[name].contact for name, _ in parts)
+    contact = next((each for each in contacts if each != "none"), "none")
+    if contact != "none":
+        return contact
+    if any(_opens(heard) for _, heard in parts):
+        return "open"
+    return "none" if all(SIBILANTS.isdisjoint(heard) for _, heard in parts) else "jaw"
 
 
 def _own_keys(tokens: Sequence[Token], profile: Profile) -> list[Keys]:
@@ -132,13 +137,18 @@ def _joined(keys: Sequence[Keys]) -> Keys:
 
 def louder(targets: NDArray[np.float64], loudness_db: float, profile: Profile) -> NDArray[np.float64]:
     """Let targets, (..., K), be said louder, or more quietly: the jaw's part of them grows, as a style's does."""
-    gain = 2.0 ** (loudness_db / DB_PER_DOUBLE_DROP)
-    said: NDArray[np.float64] = targets + (gain - 1.0) * (targets @ _jaws(profile))
+    said: NDArray[np.float64] = targets + (loudness_gain(loudness_db) - 1.0) * (targets @ jaws_of(profile))
     return said
 
 
+def loudness_gain(loudness_db: float) -> float:
+    """Size of the jaw's part of a phone that is so much louder than usual."""
+    return float(2.0 ** (loudness_db / DB_PER_DOUBLE_DROP))
+
+
 @lru_cache(maxsize=16)
-def _jaws(profile: Profile) -> NDArray[np.float64]:
+def jaws_of(profile: Profile) -> NDArray[np.float64]:
+    """(K, K): from weights to those of the jaw's part of them."""
     return jaw_share(profile)
 
 

@@ -36,7 +36,7 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
     strange : list of str
         Labels that are no IPA; the neutral vowel stands in.
     """
-    parts_of = _speller(tuple(known))
+    parts_of = speller(tuple(known))
     tokens, strange = [], []
     for phone in track.phones:
         start_s, end_s = phone.start_s, phone.end_s
@@ -56,7 +56,7 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
 
 
 @lru_cache(maxsize=16)
-def _speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[Part, ...], bool]]:
+def speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[Part, ...], bool]]:
     """Make what takes a label apart into known names, and tells whether it is no IPA; it remembers what it has met."""
     letters_known = tuple(name for name in known if len(name) == 1)
 

@@ -10,8 +10,12 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.batch import FIRST_HOLDS, FIRST_ROWS, KNOTS, BatchPlanner
+from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.many import lay_paths
+from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style
-from fapengine.trajectory.stream import StreamingPlanner, StreamPlan
+from fapengine.trajectory.stream import KEYS_BEHIND, StreamingPlanner, StreamPlan, jets_at
+from fapengine.trajectory.targets import joined_track, resolve
 from tests.english import english
 
 LABELS = ["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "tʃ", "%", SILENCE]
@@ -180,17 +184,49 @@ def test_a_fade_is_a_quintic_to_rest():
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
-def test_one_moment_of_a_path_is_what_many_are():
+def test_one_moment_of_a_plan_is_what_many_are():
     rng = np.random.default_rng(4)
     times = np.cumsum(rng.uniform(0.02, 0.2, 7))
     path = hermite.Path.through(times, rng.normal(0, 5, (7, 3)))
     plan = StreamPlan(times[2] - 0.01, path, 0.15, 0.1, rng.normal(0, 5, (3, 3)))
-    for moment in (0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0):
-        for one, many in ((path.jet_at(moment), path.jet), (plan.jet_at(moment), plan.jet)):
-            if moment >= plan.start_s or many == path.jet:
-                wanted = np.concatenate(many(np.array([moment])))
-                np.testing.assert_allclose(one, wanted, atol=1e-9 * max(1.0, np.abs(wanted).max()))
-    assert np.abs(path.jet_at(times[-1] + 1.0)[1:]).max() < 1e-9
+    moments = np.array([0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0])
+    for found, many, since_s in (
+        (hermite.jets_at([path] * len(moments), moments), path.jet, 0.0),
+        (jets_at([plan] * len(moments), moments), plan.jet, plan.start_s),
+    ):
+        shown = moments >= since_s
+        wanted = np.stack(many(moments[shown]), axis=1)
+        np.testing.assert_allclose(found[shown], wanted, atol=1e-9 * np.abs(wanted).max())
+    assert np.abs(hermite.jets_at([path], times[-1:] + 1.0)[0, 1:]).max() < 1e-9
+
+
+def spoken(rng: np.random.Generator, labels: list[str]) -> list[Phone]:
+    phones, at_s = [], rng.uniform(0, 1)
+    for _ in range(rng.integers(0, 15)):
+        at_s += rng.choice([0.0, 0.0, 0.0, 0.003, 0.05, 0.15, 0.5])
+        end_s = at_s + rng.lognormal(-2.5, 0.7)
+        loudness_db = float(rng.choice([0, 0, -6, 5]))
+        phones.append(Phone(str(rng.choice(labels)), float(at_s), float(end_s), loudness_db=loudness_db))
+        at_s = end_s
+    return phones
+
+
+def test_paths_that_are_laid_together_are_those_of_each_track_alone() -> None:
+    rng, profile = np.random.default_rng(3), english()
+    tracks = [spoken(rng, [*profile.phones, "ʁ", "ɑː", "ts", "1"]) for _ in range(60)]
+    asked = [(phones, max(min(n % 6, len(phones) - KEYS_BEHIND), 0)) for n, phones in enumerate(tracks)]
+    for (phones, first), path, contacts in zip(asked, *lay_paths(asked, profile), strict=True):
+        track = joined_track(phones)
+        resolved, _ = resolve(track, profile)
+        keys = place_keyframes(track, extend(resolved), profile.space.mode_count + WIDTH)
+        alone = hermite.Path.through(keys.times_s, keys.weights)
+        from_s = phones[first + KEYS_BEHIND - 1].end_s if first else 0.0
+        times_s = np.linspace(from_s, 4.0, 200)
+        for found, wanted in zip(path.jet(times_s), alone.jet(times_s), strict=True):
+            np.testing.assert_allclose(found, wanted, atol=1e-7)
+        kept = [(each.phone, each.contact) for each in resolved if each.contact != "none"]
+        assert contacts == kept[len(kept) - len(contacts) :]
+        assert first or contacts == kept
 
 
 def test_refuses():
