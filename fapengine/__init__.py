@@ -10,7 +10,8 @@ without notice. A name is imported when it is first used: importing this package
 The folders are floors; imports go down only (``pyproject.toml``, import-linter):
 
 ====  ==========================================  ==========================================================
-15    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
+16    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
+15    ``batch``                                   corpora: a manifest, a journal, many machines
 14    ``app``                                     what a verb does, for Python too
 13    ``agents``                                  the face of a voice agent: LiveKit, Pipecat
 12    ``live``                                    sessions in real time

@@ -16,6 +16,7 @@ import typer
 from fapengine.cli import (
     align,
     animate,
+    batch,
     convert,
     decode,
     doctor,
@@ -44,6 +45,7 @@ VERBS = (
     serve.serve,
     view.view,
     animate.animate,
+    batch.batch,
     align.align,
     render.render,
     encode.encode,

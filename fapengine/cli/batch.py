@@ -1,0 +1,142 @@
+"""``fapengine batch``: a corpus, on one machine or many."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fapengine.cli import options as shared
+
+
+def batch(
+    manifest: Annotated[
+        str,
+        typer.Argument(
+            help="Table (.csv, .jsonl) with a row an utterance: id; text, timings or audio; any option of the verbs. Or"
+            " a pattern of files ('wav/*.wav'); or the folder of a run, with --status, --verify or --retry-failed."
+        ),
+    ],
+    avatar: shared.AvatarOptions,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder that the files go into.")] = None,
+    to: Annotated[str, typer.Option("--to", help="fba, fap, mp4, csv or glb (with --into or a column of it).")] = "fba",
+    text: Annotated[
+        str | None, typer.Option("--text", help="Of a pattern: the words of each recording, 'txt/{stem}.txt'.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=0, help="Processes; by default one a core. 0: none but this.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Workers of a Dask scheduler instead.")
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option("--shard", metavar="K/N", help="Every Nth row from the Kth on, for job arrays.")
+    ] = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do rows again that failed.")] = False,
+    status: Annotated[bool, typer.Option("--status", help="Tell how far a run is, and do nothing.")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read every file again and tell which are not as they were written.")
+    ] = False,
+    as_json: shared.AsJson = False,
+) -> None:
+    """Make a file of every utterance of a corpus; go on where an earlier run was ended.
+
+    A row becomes what `say` (text), `animate` (timings, audio) and `encode` or `convert` make of it with the same
+    options, to the byte. All mistakes of the manifest are told before anything is done; a row that fails is a line of
+    the report (index.csv, index.html), and the exit code is 2.
+
+    Examples: fapengine batch corpus.csv -o out/corpus --to fba
+
+    fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
+
+    fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
+
+    fapengine batch out/corpus --retry-failed
+    """
+    import json
+    import os
+    from dataclasses import asdict
+
+    from fapengine.batch.corpus import Corpus, keep, load_corpus, state_of
+    from fapengine.batch.journal import load_journals
+    from fapengine.batch.report import write_report
+    from fapengine.batch.rows import Options
+    from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
+    from fapengine.batch.work import Job
+    from fapengine.cli._progress import progress
+    from fapengine.errors import UsageError
+
+    folder = Path(manifest)
+    is_run = folder.is_dir()
+    if status or verify:
+        state = state_of(folder, verify=verify)
+        if as_json:
+            typer.echo(json.dumps(asdict(state), indent=2, ensure_ascii=False))
+        else:
+            _tell(manifest, state.rows, state.done, [f"{one.id}: {one.error}" for one in state.failed], state.left)
+            for name in state.damaged:
+                typer.echo(f"{name}: its file or its input is not as it was")
+        if state.failed or state.damaged:
+            raise typer.Exit(2)
+        return
+    if is_run:
+        if not retry_failed:
+            raise UsageError(
+                f"manifest: got the folder {folder}, expected --status, --verify or --retry-failed with it"
+            )
+        output, corpus = folder, load_corpus(folder)
+    else:
+        if output is None:
+            raise UsageError("output: got none, expected a folder")
+        avatar.value()
+        into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
+        options = Options(keys=avatar.keys, into=into, map=mapping)
+        pattern = manifest if any(letter in manifest for letter in "*?[") else str(folder.resolve())
+        corpus = Corpus(manifest=pattern, kind=to, text=text, options=options)
+    rows = corpus.rows()
+    keep(output, corpus)
+    number, count = _share(shard)
+    mine = rows[number - 1 :: count]
+    journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
+    cores = workers if workers is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+    engine = on_dask(scheduler) if scheduler else on_this_machine(cores) if cores else serially
+    plan = plan_run(mine, Job(output.resolve(), corpus.kind), retry_failed=retry_failed)
+    with progress("rows", len(plan.left)) as advance:
+        done = run(plan, engine, max(cores, 1), journal, on_rows=advance)
+    write_report(output, rows, load_journals(output) if shard else done)
+    failed = [done[row.id] for row in mine if row.id in done and done[row.id].error]
+    if as_json:
+        told = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
+        typer.echo(json.dumps({**told, "failed": {one.id: one.error for one in failed}}, indent=2, ensure_ascii=False))
+    else:
+        _tell(str(output), len(mine), len(done) - len(failed), [f"{one.id}: {one.error}" for one in failed], 0)
+    if failed:
+        raise typer.Exit(2)
+
+
+MAX_TOLD = 10
+
+
+def _tell(where: str, rows: int, done: int, failed: list[str], left: int) -> None:
+    more = f", {left} left" if left else ""
+    typer.echo(f"{where}: {rows} rows: {done} done, {len(failed)} failed{more}")
+    for line in failed[:MAX_TOLD]:
+        typer.echo(f"  {line}", err=True)
+    if len(failed) > MAX_TOLD:
+        typer.echo(f"  and {len(failed) - MAX_TOLD} more: index.csv", err=True)
+
+
+def _share(shard: str | None) -> tuple[int, int]:
+    """Read K/N."""
+    from fapengine.errors import UsageError
+
+    if shard is None:
+        return 1, 1
+    number, slash, count = shard.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise UsageError(f"shard: got {shard!r}, expected K/N such as 3/40, K from 1 to N")
+    return int(number), int(count)
+
+
+def _place(path: Path | None) -> str | None:
+    """Name a file from everywhere; the name of a head stays as it is."""
+    return str(path.resolve() if path.exists() else path) if path else None
