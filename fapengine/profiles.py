@@ -6,8 +6,6 @@ FAPU of the recorded face, so its motion suits any other.
 
 import hashlib
 import io
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -19,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine._strict_toml import parse_toml, quoted, spell_path
+from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import ProfileError, UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
@@ -287,7 +286,7 @@ def _space(modes: _Modes, files: Mapping[str, bytes]) -> VisemeSpace:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             modes_mm = frozen(arrays["modes_mm"], "modes_mm", (modes.count, len(modes.points), 3), np.float64)
         return VisemeSpace(points=modes.points, marker_count=modes.markers, modes_mm=modes_mm)
-    except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+    except (*DAMAGE, MemoryError) as error:
         raise _wrong(f"{modes.file}: {error}", "modes", "file") from error
 
 
@@ -300,7 +299,7 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
             shape = (context.count, len(fractions), modes)
             coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
         model = ContextModel(fractions=fractions, features=features, coefficients=coefficients)
-    except (KeyError, ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+    except (*DAMAGE, MemoryError) as error:
         raise _wrong(f"{context.file}: {error}", "context", "file") from error
     strange = next((name for name in features if name.split(" ")[0] not in FEATURE_KINDS), None)
     if strange is not None:

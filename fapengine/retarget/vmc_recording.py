@@ -27,6 +27,8 @@ LINE = re.compile(rb"[0-9a-f]{8}\.[0-9a-f]{8} /")
 _VALUE = re.compile(r'sf "([^"]*)" (\S+)$')
 _BONE = re.compile(r'sf+ "Head" (.+)$')
 MAX_RATE_HZ = 240.0
+MAX_FILLED = 100
+"""Even frames for each that was recorded; more is no pause but a wrong clock, and few lines would ask for gigabytes."""
 Frame = tuple[float | None, float, dict[str, float], tuple[float, ...]]
 """Sender's time, time of arrival, weights by name, rotation of the head as x, y, z, w."""
 
@@ -57,13 +59,19 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
     if (steps_s < 0).any() or times_s[-1] <= times_s[0]:
         raise DataError("VMC recording: got times that fall, expected rising ones")
     rate_hz = float(np.clip(round(1 / np.median(steps_s[steps_s > 0])), 1, MAX_RATE_HZ))
+    count = int((times_s[-1] - times_s[0]) * rate_hz + 0.01) + 1
+    if count > MAX_FILLED * len(frames):
+        raise DataError(
+            f"VMC recording: got times over {times_s[-1] - times_s[0]:g} s in {len(frames)} frames at {rate_hz:g} Hz,"
+            f" expected at most {MAX_FILLED} times as long as its frames last"
+        )
     names = sorted(frames[-1][2])
     shapes, columns = find_set([name.lower() for name in names], where="/VMC/Ext/Blend/Val")
     weights = np.zeros((len(frames), len(shapes.names)))
     for name, column in columns.items():
         weights[:, shapes.names.index(name)] = [frame[2].get(names[column], 0.0) for frame in frames]
     turns = _turns_rad(np.array([frame[3] for frame in frames]))
-    even_s = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * rate_hz + 0.01) + 1) / rate_hz
+    even_s = times_s[0] + np.arange(count) / rate_hz
     table = np.column_stack([np.clip(weights, 0.0, 1.0), turns])
     evenly = np.stack([np.interp(even_s, times_s, column) for column in table.T], axis=1)
     faps = shapes.to_faps(evenly[:, : len(shapes.names)])

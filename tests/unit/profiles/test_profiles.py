@@ -159,6 +159,12 @@ def test_refuses_files_that_are_missing_or_damaged() -> None:
         damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(arrays).hexdigest())
         with pytest.raises(ProfileError, match="modes"):
             parse_profile(damaged | {"modes.npz": arrays})
+    strange = bytearray(FILES["modes.npz"])  # of a way to pack that Python lacks
+    for start in (strange.index(b"PK\x03\x04") + 8, strange.index(b"PK\x01\x02") + 10):
+        strange[start] = 3
+    damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(strange).hexdigest())
+    with pytest.raises(ProfileError, match="compression method"):
+        parse_profile(damaged | {"modes.npz": bytes(strange)})
     buffer = io.BytesIO()
     np.savez(buffer, other=np.zeros(3))
     damaged = edited(hashlib.sha256(FILES["modes.npz"]).hexdigest(), hashlib.sha256(buffer.getvalue()).hexdigest())

@@ -73,6 +73,13 @@ FRAME = '{0} /VMC/Ext/Blend/Val sf "A" 0.5\n{0} /VMC/Ext/Blend/Apply \n'
         ("eeada2a5.00000000 /VMC/Ext/OK i 1\n", TruncatedError, "got 0 frames"),
         (FRAME.format("eeada2a5.00000000") * 2, DataError, "times that fall"),
         (FRAME.format("eeada2a5.00000000") + FRAME.format("eeada2a6.00000000"), DataError, "expected at least 8"),
+        (
+            "".join(
+                map(FRAME.format, ("00000000.00000000", "00000000.10000000", "00000000.20000000", "eeada2a6.00000000"))
+            ),
+            DataError,
+            "got times over 4[.0-9e+]* s in 4 frames at 16 Hz",
+        ),
         (FRAME.format("eeada2a5.00000000") + "nonsense\n", DataError, "line 3"),
         ('eeada2a5.00000000 /VMC/Ext/Blend/Val sf "A" much\n', DataError, "'much'"),
         ('eeada2a5.00000000 /VMC/Ext/Bone/Pos sfffffff "Head" 0 0 0 0 0 0 9\n', DataError, "unit quaternion"),
