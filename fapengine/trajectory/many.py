@@ -56,8 +56,8 @@ class _Row:
     own: list[int] = field(default_factory=list)
     """Place of each spoken token in ``kinds``."""
     tokens: list[float] = field(default_factory=list)
-    """Seven numbers for each token that is spoken: its track, start, length; its phone's first and last letter, start and
-    letters a second."""
+    """Seven numbers for each token that is spoken: its track, start, length; its phone's first and last letter, start
+    and letters a second."""
     loud: list[tuple[int, float]] = field(default_factory=list)
     """Tokens that are louder or quieter than usual, and their gain."""
     rests: list[tuple[int, float]] = field(default_factory=list)
