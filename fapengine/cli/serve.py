@@ -11,15 +11,9 @@ if TYPE_CHECKING:
     from fapengine.live.server.config import ServeConfig
     from fapengine.live.server.server import Server
     from fapengine.live.server.watchdog import Watchdog
+    from fapengine.live.server.workers import Workers
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
-
-COLLECT_SHARE = 1e-4
-"""Share of its time that the server spends on the search for cycles of dead objects; there are few, each closed
-connection leaves one. Python by itself looks every few seconds; with 500 sessions that takes 30 ms, in which nothing
-is shown."""
-COLLECT_S = (30.0, 600.0)
-"""Least and most time from one look to the next."""
 
 
 def serve(
@@ -71,6 +65,15 @@ def serve(
         str | None,
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            min=1,
+            max=256,
+            help="Processes that show faces: one for each core. One more gives them their sessions. [default: 1]",
+        ),
+    ] = None,
     metrics: Annotated[
         int | None,
         typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics; 0: any free one."),
@@ -109,7 +112,9 @@ def serve(
     for url in sink:
         parse_sink(url)
     own = load_config(config) if config else ServeConfig()
-    listen = overridden(own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token)
+    listen = overridden(
+        own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token, workers=workers
+    )
     speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio, ear=ear)
     if speaker.device and not speaker.session:
         raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
@@ -138,6 +143,9 @@ def _start(config: "ServeConfig") -> None:
     begin_log(config.log.level, config.log.format)
     face = load_head(config.face.head) if config.listen.web_port is not None else None
     profile = load_profile(config.face.profile)
+    if config.listen.workers > 1:  # they load head and profile themselves: here it is seen that they can
+        asyncio.run(_run_workers(config))
+        return
     with start_watchdog(config.sinks, config.face.rate_hz) as watchdog:
         asyncio.run(_run(config, profile, face, watchdog))
 
@@ -159,9 +167,9 @@ def _need_extra() -> None:
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
     import asyncio
-    import gc
     import signal
 
+    from fapengine.live.server.collecting import collect_now_and_then
     from fapengine.live.server.server import Server
     from fapengine.live.server.server import serve as serve_until_stopped
 
@@ -170,33 +178,32 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, server.stop)
-    gc.disable()
-    gc.collect()
-    gc.freeze()  # tables and models live as long as the server does: no need to look through them again and again
-    collecting = asyncio.create_task(_collect_now_and_then())
+    collecting = asyncio.create_task(collect_now_and_then())
     try:
         await serve_until_stopped(server, lambda: _announce(server))
     finally:
         collecting.cancel()
 
 
-async def _collect_now_and_then() -> None:
+async def _run_workers(config: "ServeConfig") -> None:
     import asyncio
-    import gc
-    import time
+    import signal
 
-    took_s = 0.0
-    while True:
-        await asyncio.sleep(min(max(took_s / COLLECT_SHARE, COLLECT_S[0]), COLLECT_S[1]))
-        begun_s = time.perf_counter()
-        gc.collect()
-        took_s = time.perf_counter() - begun_s
+    from fapengine.live.server.workers import Workers, serve_with_workers
+
+    workers = Workers(config)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, workers.stop)
+    await serve_with_workers(workers, lambda: _announce(workers))
 
 
-def _announce(server: "Server") -> None:
+def _announce(server: "Server | Workers") -> None:
     """Say where everything is: for people on standard output, for programs in the log."""
     import logging
     from urllib.parse import quote
+
+    from fapengine.live.server.server import Server
 
     config = server.config
     host, port = server.osc_address
@@ -205,11 +212,11 @@ def _announce(server: "Server") -> None:
     if config.listen.web_port is not None:
         query = f"?token={quote(config.listen.token, safe='')}" if config.listen.token else ""
         lines.append(("page", f"http://{_spelled(*sites.pop(0))}/{query}"))
-    lines += [("sink", str(sink.address)) for sink in server.sinks]
-    if server.speaker is not None:
-        lines.append(("sound", f"{server.speaker.session}: {server.speaker.description}"))
-    if server.microphone is not None:
-        lines.append(("listens", f"{config.sound.listens}: {server.microphone.description}"))
+    lines += [("sink", sink) for sink in server.sink_names]
+    if isinstance(server, Server):
+        lines += _sound_lines(server)
+    else:
+        lines.append(("workers", " ".join(f"{number}:{process}" for number, process in server.processes.items())))
     if config.listen.metrics_port is not None:
         lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))
     log = logging.getLogger("fapengine.server")
@@ -219,10 +226,19 @@ def _announce(server: "Server") -> None:
         for what, where in lines:
             typer.echo(f"{what:<8} {where}")
         typer.echo("Ctrl-C stops.")
-    if server.speaker is not None and server.speaker.is_silent:
+    if isinstance(server, Server) and server.speaker is not None and server.speaker.is_silent:
         log.warning("no sound; the face keeps time by the clock: %s", server.speaker.description)
     if config.listen.host not in ("127.0.0.1", "::1", "localhost") and not config.listen.token:
         log.warning("everybody in the network may speak here: set a token")
+
+
+def _sound_lines(server: "Server") -> list[tuple[str, str]]:
+    lines = []
+    if server.speaker is not None:
+        lines.append(("sound", f"{server.speaker.session}: {server.speaker.description}"))
+    if server.microphone is not None:
+        lines.append(("listens", f"{server.config.sound.listens}: {server.microphone.description}"))
+    return lines
 
 
 def _spelled(host: str, port: int) -> str:

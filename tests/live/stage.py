@@ -153,7 +153,8 @@ class Serve:
     def __init__(
         self, log: Path, ear: Ear, port: int = 0, *more: str, environment: Mapping[str, str] | None = None
     ) -> None:
-        command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--log", "json", "--port", str(port)]
+        page = [] if "--web-port" in more else ["--no-page"]
+        command = [sys.executable, "-m", "fapengine", "serve", *page, "--log", "json", "--port", str(port)]
         command += ["--without", "all", "--sink", f"osc://127.0.0.1:{ear.port}", *more]
         with log.open("w") as file:
             self.process = start(command, stdout=file, stderr=file, env=environment)

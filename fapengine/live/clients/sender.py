@@ -25,6 +25,7 @@ from fapengine.live.engine.commands import Anchor, Pause, Resume
 from fapengine.live.engine.gesture_methods import GestureMethods
 from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.live.wire.speech_osc import schema
+from fapengine.live.wire.speech_osc.handshake import PING_S
 from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -41,6 +42,9 @@ SILENT_S = 0.5
 """Time that :meth:`Client.close` waits for an engine that answers nothing."""
 IDLE_S = 0.25
 """The thread looks up at least so often."""
+LOST_S, AWAY_PING_S = 1.0, 0.5
+"""Times of a client that was sent to one process of a server: without an answer, until it asks at the known port again;
+and between its questions."""
 KEPT_EVENTS = 256
 KEPT_OVER = 1024
 """Number of utterances whose end is remembered."""
@@ -110,10 +114,15 @@ class Client(GestureMethods):
             token=token,
             instance=secrets.randbelow(2**31 - 1) + 1,
             reliable=bool(tcp),
+            follows=True,
         )
         self.session = session
         self._clock, self._on_event = clock, on_event
-        self._pipe = _Stream(host, port, "slip" if tcp is True else tcp) if tcp else _Datagrams(host, port)
+        self._framing: TcpFraming | None = "slip" if tcp is True else tcp or None
+        self._home, self._has_answered = (host, port), False
+        self._is_away = False
+        """Whether the server has sent us to another port than the one we know."""
+        self._pipe = self._opened(host, port)
         self._changed = threading.Condition()
         self._events: deque[schema.Notice] = deque(maxlen=KEPT_EVENTS)
         self._over: dict[int, str] = {}
@@ -448,6 +457,9 @@ class Client(GestureMethods):
                 with self._changed:
                     wait_s = min(max(self._sender.next_s(self._clock()) - self._clock(), 0.0), IDLE_S)
                 self._hear(self._pipe.receive(wait_s, self._wake_in))
+                if self._is_away and self._is_lost():
+                    # where it has answered, it is gone; where it never has, that port cannot be reached from here
+                    self._go(*self._home, follows=self._has_answered, is_away=False)
             self._send_due()
         except (OSError, DataError) as error:
             self._fail(ResourceError(f"engine at {self._pipe.name}: the connection is lost ({error})"))
@@ -468,10 +480,27 @@ class Client(GestureMethods):
         for packet in packets:
             self._pipe.send(packet)
 
+    def _opened(self, host: str, port: int) -> "_Stream | _Datagrams":
+        return _Stream(host, port, self._framing) if self._framing else _Datagrams(host, port)
+
+    def _is_lost(self) -> bool:
+        with self._changed:
+            return self._pipe.is_refused or self._sender.is_unanswered(self._clock(), LOST_S)
+
+    def _go(self, host: str, port: int, *, follows: bool, is_away: bool) -> None:
+        """Speak to another address from now on."""
+        pipe = self._opened(host, port)
+        self._pipe.close()
+        self._pipe, self._is_away, self._has_answered = pipe, is_away, False
+        with self._changed:
+            self._sender.move(self._clock(), follows=follows, ping_s=AWAY_PING_S if is_away else PING_S)
+
     def _hear(self, packets: list[bytes]) -> None:
         for packet in packets:
             with self._changed:
                 heard = self._sender.receive(packet, self._clock())
+                moved = next((item for item in heard if isinstance(item, schema.Moved)), None)
+                self._has_answered |= any(isinstance(item, schema.Welcome) for item in heard)
                 notices = [item for item in heard if isinstance(item, schema.Notice) and item.utterance >= 0]
                 for notice in notices:
                     self._events.append(notice)
@@ -480,6 +509,10 @@ class Client(GestureMethods):
                 self._changed.notify_all()
             for notice in notices:
                 self._call(notice)
+            if moved is not None:
+                host = moved.host or self._home[0]
+                self._go(host, moved.port, follows=True, is_away=(host, moved.port) != self._home)
+                return
 
     def _call(self, notice: schema.Notice) -> None:
         if self._on_event is None:
@@ -507,6 +540,8 @@ class _Datagrams:
 
     def __init__(self, host: str, port: int) -> None:
         self.name = f"udp://{host}:{port}"
+        self.is_refused = False
+        """Whether the system has told that nobody listens there."""
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, kind, protocol)
@@ -516,8 +551,10 @@ class _Datagrams:
         self._socket.setblocking(False)
 
     def send(self, packet: bytes) -> None:
-        with suppress(OSError):  # nobody listens, no room, no network: as a datagram that is lost
+        try:
             self._socket.send(packet)
+        except OSError as error:  # nobody listens, no room, no network: as a datagram that is lost
+            self.is_refused |= isinstance(error, ConnectionRefusedError)
 
     def receive(self, wait_s: float, wake: socket.socket) -> list[bytes]:
         _wait([self._socket, wake], wait_s, wake)
@@ -527,8 +564,8 @@ class _Datagrams:
                 packets.append(self._socket.recv(65_536))
             except BlockingIOError:
                 break
-            except OSError:  # what was sent before did not go: nobody listens, no network
-                continue
+            except OSError as error:  # what was sent before did not go: nobody listens, no network
+                self.is_refused |= isinstance(error, ConnectionRefusedError)
         return packets
 
     def close(self) -> None:
@@ -537,6 +574,8 @@ class _Datagrams:
 
 class _Stream:
     """TCP."""
+
+    is_refused = False
 
     def __init__(self, host: str, port: int, framing: TcpFraming) -> None:
         self.name = f"tcp://{host}:{port}"

@@ -23,6 +23,7 @@ web_port = 8110         # the page; 0: none
 metrics_port = 0        # Prometheus text at /metrics; 0: none
 token = ""              # what senders and pages must know; "": nobody is asked
 origins = []            # sites whose pages may show these faces, "https://example.org" say; the server's own may always
+workers = 1             # processes, one for each core that shall show faces; each has limits of its own
 
 [face]
 profile = "grid_s1_en"  # whose way of speaking
@@ -87,6 +88,8 @@ class Listen(Checked):
     """Word that senders and pages must know; None or "": nobody is asked."""
     origins: tuple[str, ...] = ()
     """Sites whose pages may show these faces beside the server's own: ``"https://example.org"``."""
+    workers: Annotated[int, Meta(ge=1, le=256)] = 1
+    """Processes that show faces (:mod:`fapengine.live.server.workers`)."""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)

@@ -80,9 +80,9 @@ class OscFrameEncoder:
     Stateful.
     """
 
-    def __init__(self, session: str | None = None) -> None:
+    def __init__(self, session: str | None = None, epochs: Mapping[str, int] | None = None) -> None:
         self._session = session
-        self._stream = SessionFrames()
+        self._stream = SessionFrames(epochs=epochs)
         self._shown: tuple[str, ...] = ()
 
     def begin_at(self, numbers: Mapping[str, int]) -> None:

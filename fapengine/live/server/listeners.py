@@ -9,7 +9,7 @@ import socket
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Protocol, cast
 
 from fapengine.errors import DataError, ResourceError
 from fapengine.live.server.doors import Door
@@ -35,11 +35,19 @@ FIRST_S, IDLE_S = 10.0, 600.0
 SLIP_FIRST = b"\xc0/#"
 
 
+class Replier(Protocol):
+    """Sends datagrams from where senders expect answers."""
+
+    def send(self, data: bytes, address: tuple[str, int]) -> bool:
+        """Send a datagram; False if the system cannot take it."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Caller:
     """A peer that sends datagrams."""
 
-    listener: "UdpListener"
+    listener: "Replier"
     address: tuple[str, int]
     """Address as the system tells it; longer for IPv6."""
 
@@ -268,8 +276,8 @@ class TcpListener:
     Stateful.
     """
 
-    def __init__(self, server: asyncio.Server, streams: set[Stream]) -> None:
-        self._server, self._streams = server, streams
+    def __init__(self, server: asyncio.Server, streams: set[Stream], make: Callable[[], Stream]) -> None:
+        self._server, self._streams, self._make = server, streams, make
         self.address: tuple[str, int] = server.sockets[0].getsockname()[:2]
 
     @classmethod
@@ -283,8 +291,16 @@ class TcpListener:
         """
         streams: set[Stream] = set()
         listening = bound(host, port, socket.SOCK_STREAM)
-        server = await asyncio.get_running_loop().create_server(lambda: Stream(ingress, streams, door), sock=listening)
-        return cls(server, streams)
+
+        def make() -> Stream:
+            return Stream(ingress, streams, door)
+
+        server = await asyncio.get_running_loop().create_server(make, sock=listening)
+        return cls(server, streams, make)
+
+    async def adopt(self, accepted: socket.socket) -> None:
+        """Take a connection that somebody else has accepted."""
+        await asyncio.get_running_loop().connect_accepted_socket(self._make, accepted)
 
     async def close(self) -> None:
         """Send what is still to be sent, and end all connections."""

@@ -10,6 +10,7 @@ rest, closes the sessions (so that every sink's last frame is at rest), sends wh
 import asyncio
 import logging
 import os
+import socket
 import time
 from collections.abc import Callable, Coroutine, Hashable
 from dataclasses import dataclass, field
@@ -38,6 +39,7 @@ from fapengine.live.server.ingress import Ingress
 from fapengine.live.server.listeners import Caller, Stream, TcpListener, UdpListener
 from fapengine.live.server.load import Load
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
+from fapengine.live.server.placement import OwnSessions
 from fapengine.live.server.sinks import Sink, open_sink, parse_sink
 from fapengine.live.server.voice_process import VoiceProcess
 from fapengine.live.server.web_site import Site, open_site
@@ -74,6 +76,7 @@ class _Parts:
     datagrams: UdpListener | None = None
     streams: TcpListener | None = None
     sinks: list[Sink] = field(default_factory=list)
+    page: Site | None = None
     sites: list[Site] = field(default_factory=list)
     texts: set[asyncio.Task[None]] = field(default_factory=set)
     speaker: Playback | None = None
@@ -92,6 +95,8 @@ class Server:
         Whose way of speaking; by default ``config.face.profile`` is loaded.
     head : FaceMesh, optional
         Whose face the page shows; by default ``config.face.head`` is loaded, if there is a page.
+    own : OwnSessions, optional
+        The only sessions that may be opened here (:mod:`.worker`); the page then listens nowhere. By default all may.
 
     Raises
     ------
@@ -99,8 +104,14 @@ class Server:
         If there is no such profile or head.
     """
 
-    def __init__(self, config: ServeConfig, profile: Profile | None = None, head: FaceMesh | None = None) -> None:
-        self.config = config
+    def __init__(
+        self,
+        config: ServeConfig,
+        profile: Profile | None = None,
+        head: FaceMesh | None = None,
+        own: OwnSessions | None = None,
+    ) -> None:
+        self.config, self._own = config, own
         if profile is None:
             profile = load_profile(config.face.profile)
         if head is None and config.listen.web_port is not None:
@@ -121,6 +132,7 @@ class Server:
             engine_limits=config.limits.engine,
             instance=int.from_bytes(os.urandom(4)) >> 1 or 1,
             proof=Proof(os.urandom(32), _is_sure, _host_of),
+            elsewhere=own.elsewhere if own else lambda session: None,
         )
         queue = FairQueue(packets_a_peer=config.limits.packets_a_peer)
         self.ingress = Ingress(self.receiver, clock=self.hub.clock, wall=time.time, queue=queue)
@@ -161,6 +173,11 @@ class Server:
     def sinks(self) -> list[Sink]:
         """Sinks that are open."""
         return self._parts.sinks
+
+    @property
+    def sink_names(self) -> list[str]:
+        """Where frames go, as URLs."""
+        return [str(sink.address) for sink in self._parts.sinks]
 
     @property
     def microphone(self) -> Microphone | None:
@@ -205,6 +222,14 @@ class Server:
             await self._close()
         ticking.result()
 
+    async def adopt(self, accepted: socket.socket, *, is_page: bool) -> None:
+        """Take a connection to the page, or of OSC, that somebody else has accepted."""
+        taker = self._parts.page if is_page else self._parts.streams
+        if taker is None or self._draining:
+            accepted.close()
+        else:
+            await taker.adopt(accepted)
+
     def stop(self) -> None:
         """Let :meth:`run` end; again changes nothing."""
         self._stop.set()
@@ -213,7 +238,8 @@ class Server:
         listen, sound, parts = self.config.listen, self.config.sound, self._parts
         parts.datagrams, parts.streams = await self._doors(listen.host, listen.port)
         for url in self.config.sinks:
-            parts.sinks.append(await open_sink(self.hub, parse_sink(url)))
+            epochs = self._own.epochs if self._own else None
+            parts.sinks.append(await open_sink(self.hub, parse_sink(url), epochs))
         if sound.session is not None:
             parts.speaker = Playback(
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
@@ -240,7 +266,9 @@ class Server:
                 origins=listen.origins,
             )
             self.metrics.page = app[COUNTS]
-            parts.sites.append(await open_site(app, listen.host, listen.web_port, self.doors["page"]))
+            web_port = None if self._own else listen.web_port
+            parts.page = await open_site(app, listen.host, web_port, self.doors["page"])
+            parts.sites.append(parts.page)
         if listen.metrics_port is not None:
             app = web.Application()
             harden(app)
@@ -411,7 +439,7 @@ class Server:
             await parts.streams.close()
         self._parts.sites.clear()
         self._parts.sinks.clear()
-        parts.datagrams = parts.streams = parts.speaker = None
+        parts.datagrams = parts.streams = parts.speaker = parts.page = None
 
     async def _answer_metrics(self, request: web.Request) -> web.Response:
         if trouble := refusal(request, self.config.listen.token):

@@ -19,7 +19,7 @@ import errno
 import socket
 import struct
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 from urllib.parse import parse_qsl, urlsplit
@@ -121,8 +121,16 @@ def parse_sink(url: str) -> SinkAddress:
     return SinkAddress(parts.scheme, parts.hostname, port, session, query)
 
 
-def encoder_of(address: SinkAddress, rate_hz: float) -> FrameEncoder:
+def encoder_of(address: SinkAddress, rate_hz: float, epochs: Mapping[str, int] | None = None) -> FrameEncoder:
     """Make what writes the frames of a sink.
+
+    Parameters
+    ----------
+    address : SinkAddress
+    rate_hz : float
+        Frames a second.
+    epochs : mapping of str to int, optional
+        Of the sessions, where they have such (:mod:`.placement`).
 
     Raises
     ------
@@ -131,7 +139,7 @@ def encoder_of(address: SinkAddress, rate_hz: float) -> FrameEncoder:
     """
     session, options = address.session, address.options
     if address.kind == "osc":
-        return frame_encoders.OscFrameEncoder(session)
+        return frame_encoders.OscFrameEncoder(session, epochs)
     if address.kind == "named":
         return frame_encoders.named_faps(session)
     if address.kind == "vmc":
@@ -156,8 +164,8 @@ def _fba(address: SinkAddress, rate_hz: float) -> frame_encoders.FbaFrameEncoder
     return frame_encoders.FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=intra_s)
 
 
-async def open_sink(hub: Hub, address: SinkAddress) -> Sink:
-    """Begin to send.
+async def open_sink(hub: Hub, address: SinkAddress, epochs: Mapping[str, int] | None = None) -> Sink:
+    """Begin to send; see :func:`encoder_of` for the epochs.
 
     Raises
     ------
@@ -168,7 +176,7 @@ async def open_sink(hub: Hub, address: SinkAddress) -> Sink:
     """
     if address.kind == "fba+tcp":
         return await FaceStreams.open(hub, address)
-    return DatagramSink(hub, address)
+    return DatagramSink(hub, address, epochs)
 
 
 class Post:
@@ -238,10 +246,11 @@ class DatagramSink:
     Stateful.
     """
 
-    def __init__(self, hub: Hub, address: SinkAddress) -> None:
+    def __init__(self, hub: Hub, address: SinkAddress, epochs: Mapping[str, int] | None = None) -> None:
         self.address, self.counts = address, SinkCounts()
-        self._encoder = encoder_of(address, hub.pacer.rate_hz)
+        self._encoder = encoder_of(address, hub.pacer.rate_hz, epochs)
         self._post = Post(address.host, address.port)
+        self._waits_for = address.session if epochs is not None else None  # until then another worker may show it
         self._stop = hub.subscribe_all(self._show)
 
     async def close(self) -> None:
@@ -250,6 +259,9 @@ class DatagramSink:
         self._post.close()
 
     def _show(self, frames: HubFrames) -> None:
+        if self._waits_for is not None and self._waits_for not in frames.sessions:
+            return
+        self._waits_for = None
         datagrams = self._encoder.encode(frames)
         sent = self._post.send(datagrams)
         self.counts.sent += sent

@@ -14,7 +14,7 @@ import os
 import signal
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 
@@ -129,16 +129,33 @@ def watch(pipe: int, rest: Callable[[dict[str, float]], None]) -> None:
         rest(sessions)
 
 
-def put_to_rest(addresses: Sequence[SinkAddress], sessions: dict[str, float], rate_hz: float) -> None:
-    """Send every datagram sink a face at rest."""
+def put_to_rest(
+    addresses: Sequence[SinkAddress],
+    sessions: Mapping[str, float],
+    rate_hz: float,
+    epochs: Mapping[str, int] | None = None,
+) -> None:
+    """Send every datagram sink a face at rest.
+
+    Parameters
+    ----------
+    addresses : sequence of SinkAddress
+        Sinks; those of one face that names none of the sessions are left alone.
+    sessions : mapping of str to float
+        Sessions that were open, each with the monotonic time since when.
+    rate_hz : float
+        Frames a second.
+    epochs : mapping of str to int, optional
+        Of the sessions, where they have such.
+    """
     now_s = time.monotonic()
     numbers = {name: round((now_s - since_s) * rate_hz) + AHEAD_FRAMES for name, since_s in sessions.items()}
     faps = np.zeros((len(sessions), fap.FAP_COUNT), np.int32)
     frames = HubFrames(max(numbers.values(), default=0), now_s, tuple(sessions), faps)
     for address in addresses:
-        if address.kind in CONNECTED:
+        if address.kind in CONNECTED or address.session not in (None, *sessions):
             continue
-        encoder = encoder_of(address, rate_hz)
+        encoder = encoder_of(address, rate_hz, epochs)
         if isinstance(encoder, OscFrameEncoder):
             encoder.begin_at(numbers)
         datagrams = encoder.encode(frames)

@@ -7,6 +7,7 @@ head; an answer may take longer as long as it is being read.
 
 import asyncio
 import logging
+import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, cast
@@ -38,13 +39,18 @@ class Site:
     """
 
     runner: web.AppRunner
-    listening: asyncio.Server
+    listening: asyncio.Server | None
     address: tuple[str, int]
-    door: Door
+    make: "Callable[[], GuardedHandler]"
+
+    async def adopt(self, accepted: socket.socket) -> None:
+        """Take a connection that somebody else has accepted."""
+        await asyncio.get_running_loop().connect_accepted_socket(self.make, accepted)
 
     async def close(self) -> None:
         """End all connections."""
-        self.listening.close()
+        if self.listening is not None:
+            self.listening.close()
         await self.runner.cleanup()
 
 
@@ -130,8 +136,22 @@ async def _timed(request: web.Request, handler: Handler) -> web.StreamResponse:
             guard.wait()
 
 
-async def open_site(app: web.Application, host: str, port: int, door: Door) -> Site:
+async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None:
+    if isinstance(answer, web.Response):
+        answer.force_close()
+
+
+async def open_site(app: web.Application, host: str, port: int | None, door: Door) -> Site:
     """Let a web application listen.
+
+    Parameters
+    ----------
+    app : Application
+    host : str
+    port : int or None
+        None: it listens nowhere, and gets connections by :meth:`Site.adopt`, one for each request: the next may be for
+        another process.
+    door : Door
 
     Raises
     ------
@@ -139,17 +159,23 @@ async def open_site(app: web.Application, host: str, port: int, door: Door) -> S
         If the port is taken.
     """
     app.middlewares.append(_timed)
+    if port is None:
+        app.on_response_prepare.append(_end_of_connection)
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     loop, manager = asyncio.get_running_loop(), cast("web.Server", runner.server)
+
+    def make() -> GuardedHandler:
+        return GuardedHandler(manager, door, loop)
+
+    if port is None:
+        return Site(runner, None, (host, 0), make)
     try:
-        listening = await loop.create_server(
-            lambda: GuardedHandler(manager, door, loop), host, port, reuse_address=True
-        )
+        listening = await loop.create_server(make, host, port, reuse_address=True)
     except OSError as error:
         await runner.cleanup()
         raise ResourceError(
             f"TCP port {port} on {host}: {error.strerror or error}; choose another port, or see who has it: ss -lnp"
         ) from error
     address = listening.sockets[0].getsockname()
-    return Site(runner, listening, (address[0], address[1]), door)
+    return Site(runner, listening, (address[0], address[1]), make)

@@ -10,6 +10,7 @@
     i ...           for each FAP of the mask, in rising order: FAP 1 viseme_select1, viseme_select2, viseme_blend,
                     viseme_def; FAP 2 expression_select1, expression_intensity1, expression_select2,
                     expression_intensity2, init_face, expression_def; FAP 3 to 68 one value in FAPU (AU for angles)
+    [i epoch]       where a server has several processes: of a session, the process with the highest epoch shows it
 
 A FAP that is not in the mask keeps the value that it had, as in the standard. Arguments after the last are ignored.
 
@@ -40,6 +41,7 @@ MAX_DATAGRAM = 1200
 VISEME_WIDTH, EXPRESSION_WIDTH = 4, 6
 MASK_BYTES = 9
 _FIXED = struct.Struct(">iqi9s3x")
+_EPOCH = struct.Struct(">i")
 _HEAD_TAGS = "sihb"
 _NUMBERS = 2**31 - 1
 """Numbers begin again behind it: after 414 days at 60 Hz."""
@@ -63,11 +65,15 @@ class FapFrame:
     """(4,) int32, as a row of :attr:`FapTrack.visemes`."""
     expressions: NDArray[np.int32]
     """(6,) int32, as a row of :attr:`FapTrack.expressions`."""
+    epoch: int = 0
+    """Number that grows when the session is given to another process; 0 where the server is one process."""
 
     def __post_init__(self) -> None:
         _head(self.session, 0)
         if not (0 <= self.number < 2**31 and 0 <= self.time_us < 2**63):
             raise UsageError(f"frame: got number {self.number} at {self.time_us} us, expected both from 0 on")
+        if not 0 <= self.epoch < 2**31:
+            raise UsageError(f"frame: got epoch {self.epoch}, expected 0..{2**31 - 1}")
         for field, width, dtype in (
             ("values", fap.FAP_COUNT, np.int32),
             ("mask", fap.FAP_COUNT, np.bool_),
@@ -78,16 +84,20 @@ class FapFrame:
 
     def equals(self, other: "FapFrame") -> bool:
         """Exact equality of everything."""
-        return (self.session, self.number, self.time_us) == (other.session, other.number, other.time_us) and all(
+        return self._head() == other._head() and all(
             np.array_equal(getattr(self, field), getattr(other, field))
             for field in ("values", "mask", "visemes", "expressions")
         )
+
+    def _head(self) -> tuple[str, int, int, int]:
+        return self.session, self.number, self.time_us, self.epoch
 
 
 def encode_frame(frame: FapFrame) -> bytes:
     """Write one frame as a ``/fap/1/frame`` message."""
     row = _row(frame.values, frame.visemes, frame.expressions)
-    return _encode(frame.session, frame.number, frame.time_us, frame.mask, row)
+    data = _encode(frame.session, frame.number, frame.time_us, frame.mask, row, has_epoch=frame.epoch > 0)
+    return data + _EPOCH.pack(frame.epoch) if frame.epoch else data
 
 
 def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_number: int = 0) -> list[bytes]:
@@ -130,6 +140,8 @@ class SessionFrames:
     ----------
     numbers : sequence of int
         Low-level FAPs to send, 3..68; all by default.
+    epochs : mapping of str to int, optional
+        Of the sessions, to be sent; it may change. By default none is sent.
 
     Raises
     ------
@@ -137,13 +149,16 @@ class SessionFrames:
         If a number is not in 3..68.
     """
 
-    def __init__(self, numbers: Sequence[int] = tuple(range(3, fap.FAP_COUNT + 1))) -> None:
+    def __init__(
+        self, numbers: Sequence[int] = tuple(range(3, fap.FAP_COUNT + 1)), epochs: Mapping[str, int] | None = None
+    ) -> None:
         if not numbers or not all(3 <= number <= fap.FAP_COUNT for number in numbers):
             raise UsageError(f"numbers: got {list(numbers)!r:.60}, expected FAPs of 3..{fap.FAP_COUNT}")
         mask = np.zeros(fap.FAP_COUNT, np.bool_)
         mask[[fap.column(number) for number in numbers]] = True
         self._columns = np.flatnonzero(mask)
         self._mask = np.packbits(mask).tobytes()
+        self._epochs = epochs
         self._sessions: tuple[str, ...] = ()
         self._heads: list[bytes] = []
         self._next: list[int] = []
@@ -151,7 +166,7 @@ class SessionFrames:
     def begin_at(self, numbers: Mapping[str, int]) -> None:
         """Let the numbers of these sessions go on from here, and forget all others."""
         self._sessions, self._next = tuple(numbers), list(numbers.values())
-        self._heads = [_head(session, len(self._columns)) for session in self._sessions]
+        self._heads = [self._head_of(session) for session in self._sessions]
 
     def encode(self, sessions: tuple[str, ...], faps: NDArray[np.int32], time_us: int) -> list[bytes]:
         """Write one frame of every session.
@@ -172,7 +187,7 @@ class SessionFrames:
         """
         if sessions != self._sessions:
             numbers = dict(zip(self._sessions, self._next, strict=True))
-            self._heads = [_head(session, len(self._columns)) for session in sessions]
+            self._heads = [self._head_of(session) for session in sessions]
             self._next = [numbers.get(session, 0) for session in sessions]
             self._sessions = sessions
         width, values = 4 * len(self._columns), faps[:, self._columns].astype(">i4").tobytes()
@@ -182,7 +197,13 @@ class SessionFrames:
             for row, (head, number) in enumerate(zip(self._heads, self._next, strict=True))
         ]
         self._next = [number + 1 for number in self._next]
+        if self._epochs is not None:
+            epochs = [self._epochs.get(session, 0) for session in sessions]
+            views = [view + _EPOCH.pack(epoch & _NUMBERS) for view, epoch in zip(views, epochs, strict=True)]
         return views
+
+    def _head_of(self, session: str) -> bytes:
+        return _head(session, len(self._columns), has_epoch=self._epochs is not None)
 
 
 def decode_frame(data: bytes) -> FapFrame:
@@ -225,6 +246,7 @@ def parse_frame(message: osc.Message) -> FapFrame:
     row = np.zeros(len(sent), np.int32)
     row[sent] = np.array(message.arguments[4 : 4 + count], dtype=np.int32)
     values = np.concatenate([[0, 0], row[VISEME_WIDTH + EXPRESSION_WIDTH :]])
+    epoch = max(cast("int", message.arguments[4 + count]), 0) if message.tags[4 + count :].startswith("i") else 0
     try:
         return FapFrame(
             session=session,
@@ -234,6 +256,7 @@ def parse_frame(message: osc.Message) -> FapFrame:
             mask=mask,
             visemes=row[:VISEME_WIDTH],
             expressions=row[VISEME_WIDTH : VISEME_WIDTH + EXPRESSION_WIDTH],
+            epoch=epoch,
         )
     except UsageError as error:
         raise DataError(f"{FRAME}: {error}") from error
@@ -274,18 +297,27 @@ def _row(values: NDArray[np.int32], visemes: NDArray[np.int32], expressions: NDA
     return row
 
 
-def _encode(session: str, number: int, time_us: int, mask: NDArray[np.bool_], row: NDArray[np.int32]) -> bytes:
+def _encode(
+    session: str,
+    number: int,
+    time_us: int,
+    mask: NDArray[np.bool_],
+    row: NDArray[np.int32],
+    *,
+    has_epoch: bool = False,
+) -> bytes:
     sent = row[np.repeat(mask, _WIDTHS)]
     fixed = _FIXED.pack(number, time_us, MASK_BYTES, np.packbits(mask).tobytes())
-    return _head(session, len(sent)) + fixed + sent.astype(">i4").tobytes()
+    return _head(session, len(sent), has_epoch=has_epoch) + fixed + sent.astype(">i4").tobytes()
 
 
 @lru_cache(maxsize=4096)
-def _head(session: str, count: int) -> bytes:
+def _head(session: str, count: int, *, has_epoch: bool = False) -> bytes:
     """Address, type tags and session: all that comes before the numbers."""
     size = len(session.encode(errors="replace"))
     if not 1 <= size <= MAX_SESSION_BYTES:
         raise UsageError(f"session: got {session!r:.40} of {size} bytes, expected 1..{MAX_SESSION_BYTES}")
+    count += has_epoch
     values: Sequence[osc.Argument] = (session, 0, 0, bytes(MASK_BYTES), *[0] * count)
     return osc.message(FRAME, _HEAD_TAGS + "i" * count, *values)[: -(_FIXED.size + 4 * count)]
 

@@ -120,6 +120,22 @@ def test_many_sessions_at_once_are_what_each_would_be_alone() -> None:
     assert [decode_frame(data).number for data in stream.encode(names, faps, 0)] == [0, 3, 3]  # "a" is back
 
 
+def test_epochs_of_sessions_stand_behind_the_values() -> None:
+    epochs = {"a": 3}
+    stream = SessionFrames(epochs=epochs)
+    faps = np.arange(136, dtype=np.int32).reshape(2, 68)
+    plain = SessionFrames().encode(("a", "b"), faps, 0)
+    for _ in range(2):
+        frames = [decode_frame(data) for data in stream.encode(("a", "b"), faps, 0)]
+        assert [frame.epoch for frame in frames] == [epochs["a"], 0]
+        assert np.array_equal(frames[0].values, decode_frame(plain[0]).values)
+        assert decode_frame(encode_frame(frames[0])).equals(frames[0])
+        epochs["a"] = 4
+    assert not frames[0].equals(decode_frame(plain[0]))
+    with pytest.raises(UsageError, match="epoch -1"):
+        frame_of({}, epoch=-1)
+
+
 def test_some_faps_of_many_sessions() -> None:
     (data,) = SessionFrames([4, 3]).encode(("a",), np.arange(68, dtype=np.int32)[None], 0)
     frame = decode_frame(data)

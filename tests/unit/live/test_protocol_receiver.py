@@ -801,3 +801,15 @@ def test_a_wrong_message_spoils_no_other_of_its_bundle():
     one.send(osc.bundles(parts, limit=1000)[0])
     assert one.faces.commands() == [Blink()]
     assert (one.counts.malformed, one.counts.unknown, one.counts.messages) == (1, 1, 3)
+
+
+def test_a_session_that_is_elsewhere_is_not_opened_and_its_sender_told():
+    one = Wire(elsewhere=lambda session: 9110 if session == "anna" else None)
+    assert told(one.send(HELLO), schema.Moved) == [schema.Moved("anna", "", 9110, HELLO.instance)]
+    assert [notice.kind for notice in told(one.send(BeginUtterance("anna", 1), four()), Notice)] == ["unknown"]
+    one.send(schema.SpeakText("anna", "Hello."), schema.Bye("anna"), anna(Blink()))
+    assert one.faces.open_sessions == []
+    assert one.receiver.texts() == []
+    assert one.counts.moved == 1
+    assert told(one.send(Hello("ben")), schema.Welcome)
+    assert one.faces.open_sessions == ["ben"]

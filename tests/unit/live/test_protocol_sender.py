@@ -459,3 +459,31 @@ def test_wrong_calls(call, said):
     sender.begin(0.0)
     with pytest.raises(UsageError, match=said):
         call(sender)
+
+
+def test_moves_where_it_is_sent_and_tells_everything_there():
+    one = Desk(follows=True)
+    number = one.sender.begin(0.0)
+    one.sender.append(number, phones(3))
+    sent = one.until(0.05)
+    assert [told.flags for _, told in sent if isinstance(told, Hello)] == [schema.WANT_ACK | schema.FOLLOWS]
+    moved = schema.Moved("anna", "", 40_000, 4)
+    assert one.hear(schema.Moved("anna", "evil", 1, 5), schema.Moved("ben", "", 1, 4), moved) == [moved]
+    one.sender.move(one.now_s, ping_s=0.5)
+    sent = one.until(0.1)
+    assert [type(told) for _, told in sent if not isinstance(told, Ping)] == [Hello, BeginUtterance, Phones]
+    one.hear(Welcome("anna", 5), Ack("anna", number, 3, 0))
+    assert len(one.until(3.1, Ping)) == 6 + 5  # of the first ones, and twice a second
+    one.sender.move(one.now_s, follows=False)
+    assert [told.flags for _, told in one.until(one.now_s + 0.01, Hello)] == [schema.WANT_ACK]
+
+
+def test_knows_that_nobody_answers():
+    one = Desk().ready()
+    assert not one.sender.is_unanswered(one.now_s, 1.0)
+    one.until(1.5)  # nothing answers the first pings any more
+    assert one.sender.is_unanswered(one.now_s, 1.0)
+    one.hear(Pong(9, 0, 0, 0))
+    assert not one.sender.is_unanswered(one.now_s, 1.0)
+    one.until(2.9)
+    assert not one.sender.is_unanswered(one.now_s, 1.0)  # it has not asked for so long

@@ -13,7 +13,9 @@ from fapengine.errors import ResourceError, UsageError
 from fapengine.live.clients import sender
 from fapengine.live.clients.sender import Client
 from fapengine.live.engine.engine import Engine
+from fapengine.live.wire import osc
 from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
+from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
 from fapengine.live.wire.speech_osc.schema import WirePhone
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -374,3 +376,52 @@ def test_wrong_calls_are_said_at_once():
             face.say(MAMA, at_s=1.0, audio=True)
         with pytest.raises(UsageError, match=r"expected 1..32 bytes"):
             Client(session="")
+
+
+def hello_at(door: socket.socket) -> tuple[schema.Hello, tuple[str, int]]:
+    """The next hello that comes there, and from where."""
+    while True:
+        packet, address = door.recvfrom(4096)
+        for message in osc.parse_packet(packet):
+            if message.address == schema.Hello.ADDRESS:
+                return codec.parse(schema.Hello, message), address
+
+
+def door() -> socket.socket:
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.bind(("127.0.0.1", 0))
+    opened.settimeout(SOON_S)
+    return opened
+
+
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_a_port_that_nobody_answers_at_is_left_for_the_known_one(is_closed, monkeypatch):
+    monkeypatch.setattr(sender, "LOST_S", 0.2)
+    known, other = door(), door()
+    port = other.getsockname()[1]
+    if is_closed:
+        other.close()
+    with Client("127.0.0.1", known.getsockname()[1], session="anna") as client:
+        hello, address = hello_at(known)
+        assert hello.flags & schema.FOLLOWS
+        known.sendto(codec.encode(schema.Moved("anna", "", port, hello.instance)), address)
+        if not is_closed:
+            assert hello_at(other)[0].instance == hello.instance
+        again, address = hello_at(known)
+        while again.flags & schema.FOLLOWS:  # greeted before it was sent away
+            again, address = hello_at(known)
+        assert again.instance == hello.instance
+        known.sendto(codec.encode(schema.Welcome("anna", 5)), address)
+        client.wait(SOON_S)
+    known.close()
+    other.close()
+
+
+def test_a_server_that_moved_is_followed_and_everything_told_there():
+    known = door()
+    with Place() as place, Client("127.0.0.1", known.getsockname()[1], session="anna") as client:
+        number = client.say(MAMA)
+        hello, address = hello_at(known)
+        known.sendto(codec.encode(schema.Moved("anna", "127.0.0.1", place.port, hello.instance)), address)
+        assert client.wait_until_over(number, SOON_S) == "finished"
+    known.close()

@@ -43,6 +43,8 @@ class PeerCounts:
     """Senders that began anew."""
     unproved: int = 0
     """Packets that were not sent, because it was not sure who would get them."""
+    moved: int = 0
+    """Hellos for sessions that are elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)

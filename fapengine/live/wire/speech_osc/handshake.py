@@ -25,6 +25,7 @@ class Handshake:
     hello: schema.Hello
     clock: EngineClock = field(default_factory=EngineClock)
     welcome: schema.Welcome | None = None
+    ping_s: float = PING_S
     heard_s: float = -inf
     """Time of the engine's last packet."""
     _hello_s: float = -inf
@@ -32,6 +33,8 @@ class Handshake:
     _ping_s: float = -inf
     _pings: int = 0
     _instance: int = 0
+    _asked_s: float = inf
+    """Time of the first ping that nothing was heard after."""
 
     @property
     def next_s(self) -> float:
@@ -41,6 +44,31 @@ class Handshake:
     def is_connected(self, now_s: float) -> bool:
         """Whether it was heard of late."""
         return now_s - self.heard_s < SILENT_S
+
+    def is_unanswered(self, now_s: float, silent_s: float) -> bool:
+        """Whether nothing was heard for so long after a question."""
+        return now_s - self._asked_s > silent_s
+
+    def hear(self, now_s: float) -> None:
+        """Note a packet of the engine."""
+        self.heard_s, self._asked_s = now_s, inf
+
+    def begin_elsewhere(self, now_s: float, *, follows: bool, ping_s: float) -> None:
+        """Greet another engine, or the same at another address.
+
+        Parameters
+        ----------
+        now_s : float
+        follows : bool
+            Whether to go where it sends us.
+        ping_s : float
+            Time from one ping to the next.
+        """
+        flags = self.hello.flags | schema.FOLLOWS if follows else self.hello.flags & ~schema.FOLLOWS
+        self.hello, self.ping_s = replace(self.hello, flags=flags, cookie=0), ping_s
+        self._hello_s = self._ping_s = now_s
+        self._hellos = self._pings = 0
+        self._asked_s = inf
 
     def due(self, now_s: float) -> list[list[schema.Wire]]:
         """Give what is to be sent now, a datagram each."""
@@ -87,5 +115,6 @@ class Handshake:
 
     def _counted_ping(self, now_s: float) -> schema.Ping:
         self._pings += 1
-        self._ping_s = now_s + (FIRST_PINGS_S if self._pings < FIRST_PINGS else PING_S)
+        self._ping_s = now_s + (FIRST_PINGS_S if self._pings < FIRST_PINGS else self.ping_s)
+        self._asked_s = min(self._asked_s, now_s)
         return self.new_ping(now_s)

@@ -74,6 +74,8 @@ class OscReceiver:
         The session that the simple mode drives.
     proof : Proof, optional
         How peers show that they are where their packets say; by default all are believed.
+    elsewhere : callable, optional
+        Port of this host at which to ask for a session that may not be opened here; None: it may.
 
     Attributes
     ----------
@@ -91,9 +93,10 @@ class OscReceiver:
         instance: int = 0,
         simple_session: str = SIMPLE_SESSION,
         proof: Proof | None = None,
+        elsewhere: Callable[[str], int | None] = lambda session: None,
     ) -> None:
         self.counts = PeerCounts()
-        self._proof = proof or Proof()
+        self._proof, self._elsewhere = proof or Proof(), elsewhere
         self._engine, self._token, self._instance = engine, token, instance
         self._limits, self._engine_limits = limits or WireLimits(), engine_limits or Limits()
         self._simple = SimpleMode(schema.check_session(simple_session), engine, self._engine_limits.queued_s)
@@ -324,6 +327,11 @@ class OscReceiver:
         if wire.phone_set and phone_labels.phone_set_named(wire.phone_set) is None:
             self._refuse(wire.session, "phone set", arrival)
             return
+        if (port := self._elsewhere(wire.session)) is not None:
+            peer.tally.add("moved")
+            moved = schema.Moved(wire.session, "", port, wire.instance)
+            arrival.replies.append((peer.name, wire_format.encode(moved)))
+            return
         session = self._session(wire.session, arrival)
         if session is None:
             return
@@ -492,7 +500,10 @@ class OscReceiver:
         self._texts = deque(request for request in self._texts if request.session != session)
 
     def _session(self, name: str, arrival: Arrival) -> WireSession | None:
-        """Find a session, or open it; None if there are as many as there may be."""
+        """Find a session, or open it; None if there are as many as there may be, or if it is elsewhere."""
+        if self._elsewhere(name) is not None:
+            self._tell_unknown(name, schema.NOW, arrival)
+            return None
         if not check_open(self._engine, name, arrival.now_s):
             self._refuse(name, "sessions", arrival)
             return None

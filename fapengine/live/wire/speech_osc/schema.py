@@ -36,7 +36,7 @@ NOW = -1
 
 WireAnchor = Literal["now", "at", "audio", "sound"]
 """Ways in which the beginning of an utterance is set."""
-WANT_ACK, TCP, WILL_SEND_AUDIO = 1, 2, 4
+WANT_ACK, TCP, WILL_SEND_AUDIO, FOLLOWS = 1, 2, 4, 8
 """Flags of :class:`Hello`."""
 PRIMARY_STRESS, SECONDARY_STRESS, WORD_INITIAL, PHRASE_FINAL = 1, 2, 4, 8
 """Flags of :class:`WirePhone`."""
@@ -104,6 +104,21 @@ class Welcome:
     """Another one than before: the engine was restarted and knows nothing."""
     cookie: int = 0
     """Number to be said in another hello; until then little is answered. 0: nothing is asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """Answer to a hello: the session is elsewhere; greet there, and tell everything there."""
+
+    ADDRESS: ClassVar[str] = "/fap/1/moved"
+    TAGS: ClassVar[str] = "ssii"
+    REQUIRED: ClassVar[int] = 4
+    session: str
+    host: str
+    """Empty: the same host."""
+    port: int
+    instance: int
+    """The instance of the hello, so that nobody else can send a sender away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,7 +389,7 @@ Described = (
 )  # fmt: skip
 """Messages of a sender that are described here."""
 FromSender = Described | SessionCommand
-FromEngine = Welcome | Pong | Ack | Nack | Notice
+FromEngine = Welcome | Moved | Pong | Ack | Nack | Notice
 Wire = FromSender | FromEngine
 Kind = type[Described] | type[FromEngine] | type[Command]
 """Class that describes a message."""

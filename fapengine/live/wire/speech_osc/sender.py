@@ -25,7 +25,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.live.wire import osc
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.clock import EngineClock
-from fapengine.live.wire.speech_osc.handshake import Handshake
+from fapengine.live.wire.speech_osc.handshake import PING_S, Handshake
 from fapengine.live.wire.speech_osc.send_window import END_REPEATS_S, SOUND_AGAIN_S, PendingCancel, SendWindow, to_wire
 from fapengine.live.wire.speech_osc.sound_window import RATES_HZ
 from fapengine.speech.phone_track import Phone
@@ -63,6 +63,8 @@ class OscSender:
         The transport loses nothing (TCP): everything is sent once.
     limit : int, bytes
         Largest datagram.
+    follows : bool
+        Whether the caller goes where a ``Moved`` sends it, and calls :meth:`move` then.
 
     Raises
     ------
@@ -82,6 +84,7 @@ class OscSender:
         acknowledged: bool = True,
         reliable: bool = False,
         limit: int = schema.MAX_DATAGRAM,
+        follows: bool = False,
     ) -> None:
         if not 0 < abs(instance) <= INT32:
             raise UsageError(f"instance: got {instance}, expected an int32 other than 0")
@@ -90,6 +93,7 @@ class OscSender:
         self._asks = acknowledged
         self._reliable, self._limit = reliable, limit
         flags = (schema.WANT_ACK if acknowledged else 0) | (schema.TCP if reliable else 0)
+        flags |= schema.FOLLOWS if follows else 0
         self._handshake = Handshake(schema.Hello(session, schema.PROTOCOL, phone_set, language, flags, token, instance))
         self._phone_set, self._language = phone_set, language
         self._windows: dict[int, SendWindow] = {}
@@ -132,6 +136,25 @@ class OscSender:
     def is_connected(self, now_s: float) -> bool:
         """Whether the engine was heard of late."""
         return self._handshake.is_connected(now_s)
+
+    def is_unanswered(self, now_s: float, silent_s: float) -> bool:
+        """Whether nothing was heard for so long after a question."""
+        return self._handshake.is_unanswered(now_s, silent_s)
+
+    def move(self, now_s: float, *, follows: bool = True, ping_s: float = PING_S) -> None:
+        """Tell everything to another engine, to which packets go from now on.
+
+        Parameters
+        ----------
+        now_s : float
+        follows : bool
+            Whether to go where that one sends us.
+        ping_s : float
+            Time from one ping to the next.
+        """
+        self._handshake.begin_elsewhere(now_s, follows=follows, ping_s=ping_s)
+        for window in self._windows.values():
+            window.restart(now_s)
 
     def begin(self, now_s: float, *, anchor: schema.WireAnchor = "now", at_s: float = 0.0) -> int:
         """Open an utterance, and give its number.
@@ -325,7 +348,9 @@ class OscSender:
                 continue
             if not isinstance(answer, schema.FromEngine) or getattr(answer, "session", self.session) != self.session:
                 continue
-            self._handshake.heard_s = now_s
+            if isinstance(answer, schema.Moved) and answer.instance != self._handshake.hello.instance:
+                continue
+            self._handshake.hear(now_s)
             if isinstance(answer, schema.Notice) and not self._is_new(answer):
                 continue
             heard.append(answer)

@@ -1,0 +1,437 @@
+"""A server of many processes: the parent, which starts workers, gives them sessions, and sees that all goes on.
+
+Theory of operation
+-------------------
+The parent holds the known ports (:mod:`.front`) and plans no face. Each worker (:mod:`.worker`) is a whole server at
+ports of its own, with its own sinks, and shows the sessions that :mod:`.placement` gives it. The two talk over a
+channel that keeps its order (:mod:`.channel`).
+
+A worker that ends leaves open mouths; one of which nothing is heard any more (:data:`HUNG_TICKS`) is killed. The parent
+knows which sessions it had open, sends each datagram sink a face at rest, and only then gives the sessions to others,
+when somebody asks for them: senders greet again, pages connect again. The worker is started again meanwhile.
+"""
+
+import asyncio
+import logging
+import os
+import pickle
+import signal
+import socket
+import sys
+import time
+from asyncio.subprocess import DEVNULL, Process
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from aiohttp import web
+
+from fapengine import errors
+from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.live.server import channel
+from fapengine.live.server.channel import Channel
+from fapengine.live.server.config import ServeConfig
+from fapengine.live.server.doors import Door, raise_file_limit, shared_out
+from fapengine.live.server.front import Front, FrontCounts
+from fapengine.live.server.metrics import CONTENT_TYPE
+from fapengine.live.server.placement import Home, Placement
+from fapengine.live.server.sinks import parse_sink
+from fapengine.live.server.watchdog import put_to_rest
+from fapengine.live.server.web_site import Site, open_site
+from fapengine.live.server.worker_metrics import ParentFigures, page
+from fapengine.live.web.admission import harden, refusal
+
+TICK_S = 0.5
+"""Time from one look at the workers to the next."""
+HUNG_TICKS = 10
+"""Looks in a row at which nothing had been heard of a worker: it hangs."""
+BEGIN_S = 60.0
+"""Time that a worker may take to begin."""
+STOP_S = 5.0
+"""Time in which workers come to rest."""
+AGAIN_S = (0.1, 10.0)
+"""Pause before a worker is started again: of the first time, and the longest of one that ends again and again."""
+STEADY_S = 10.0
+"""A worker that lived for so long counts as one that can."""
+SCRAPE_S = 2.0
+"""Time that a worker has to tell its metrics."""
+
+log = logging.getLogger("fapengine.server")
+
+
+@dataclass(slots=True, eq=False)
+class _Slot:
+    """A worker's place; the process in it may be another one than before.
+
+    Stateful.
+    """
+
+    number: int
+    process: Process | None = None
+    link: Channel | None = None
+    port: int = 0
+    sinks: list[str] = field(default_factory=list)
+    open_since_s: dict[str, float] = field(default_factory=dict)
+    epochs: dict[str, int] = field(default_factory=dict)
+    ready: "asyncio.Future[None] | None" = None
+    silent_ticks: int = 0
+    metrics: bytearray = field(default_factory=bytearray)
+    asked: "asyncio.Future[bytes] | None" = None
+
+
+class Workers:
+    """The parent of a server's workers; made, started and run on one event loop, as a ``Server`` is.
+
+    Stateful.
+
+    Parameters
+    ----------
+    config : ServeConfig
+        Of all; ``config.listen.workers`` says how many.
+
+    Raises
+    ------
+    UsageError
+        If the configuration asks for what only one process can do (:func:`check_workers`).
+    """
+
+    def __init__(self, config: ServeConfig) -> None:
+        check_workers(config)
+        self.config = config
+        self.placement = Placement()
+        self.counts = FrontCounts()
+        self.restarts = 0
+        limits = config.limits
+        share = shared_out([limits.connections, limits.connections], raise_file_limit())[0]
+        door = Door(share, min(share, limits.connections_an_address))
+        self._metrics_door = Door(share, min(share, limits.connections_an_address))
+        self.front = Front(self, self.counts, door)
+        self._slots = [_Slot(number) for number in range(config.listen.workers)]
+        self._sinks = [parse_sink(url) for url in config.sinks]
+        self._stop = asyncio.Event()
+        self._keepers: list[asyncio.Task[None]] = []
+        self._site: Site | None = None
+        self._next = 0
+
+    @property
+    def osc_address(self) -> tuple[str, int]:
+        """Host and port of OSC, UDP and TCP alike."""
+        return self.front.osc_address
+
+    @property
+    def sites(self) -> list[tuple[str, int]]:
+        """Hosts and ports of the page and of the metrics, those that there are."""
+        page_address = [self.front.page_address] if self.config.listen.web_port is not None else []
+        return page_address + ([self._site.address] if self._site else [])
+
+    @property
+    def sink_names(self) -> list[str]:
+        """Where the workers send frames, as URLs."""
+        return self._slots[0].sinks
+
+    @property
+    def processes(self) -> dict[int, int]:
+        """Process of each worker that lives, by number."""
+        return {
+            slot.number: slot.process.pid
+            for slot in self._slots
+            if slot.process is not None and slot.number in self.placement.workers
+        }
+
+    async def start(self) -> None:
+        """Take the ports and start all workers.
+
+        Raises
+        ------
+        ResourceError
+            If a port is taken, or a worker does not begin; then nothing stays open.
+        """
+        listen = self.config.listen
+        try:
+            self.front.bind(listen.host, listen.port, listen.web_port)
+            if listen.metrics_port is not None:
+                app = web.Application()
+                harden(app)
+                app.router.add_get("/metrics", self._answer_metrics)
+                self._site = await open_site(app, listen.host, listen.metrics_port, self._metrics_door)
+            await asyncio.gather(*(self._launch(slot) for slot in self._slots))
+        except FapEngineError:
+            await self._close()
+            raise
+        self.front.open()
+        self._keepers = [asyncio.create_task(self._keep(slot)) for slot in self._slots]
+
+    async def run(self) -> None:
+        """Go on until :meth:`stop`; then all faces come to rest, and the workers end."""
+        watching = asyncio.create_task(self._watch())
+        try:
+            await self._stop.wait()
+        finally:
+            watching.cancel()
+            await self._close()
+
+    def stop(self) -> None:
+        """Let :meth:`run` end; again changes nothing."""
+        self._stop.set()
+
+    # What the front calls -------------------------------------------------------------------------------------------
+
+    def send(self, session: str, message: channel.Message, handed: socket.socket | None = None) -> int | None:
+        """Send to the worker of a session; gives the worker, None where nobody took it."""
+        home = self._home(session)
+        slot = self._slots[home.worker] if home is not None else None
+        if slot is None or slot.link is None:
+            if handed is not None:
+                handed.close()
+            return None
+        return slot.number if slot.link.put(message, handed) else None
+
+    def send_to(self, worker: int, message: channel.Message) -> bool:
+        """Send to a worker."""
+        link = self._slots[worker].link
+        return link is not None and link.put(message)
+
+    def send_any(self, message: channel.Message, handed: socket.socket) -> None:
+        """Send to the next worker in turn."""
+        alive = [slot.link for slot in self._slots if slot.number in self.placement.workers and slot.link is not None]
+        if not alive:
+            handed.close()
+            return
+        self._next += 1
+        alive[self._next % len(alive)].put(message, handed)
+
+    def port_of(self, session: str) -> int | None:
+        """Give the port of a session's worker, which is told that the session is its own."""
+        home = self._home(session)
+        return None if home is None else self._slots[home.worker].port
+
+    def _home(self, session: str) -> Home | None:
+        placed = self.placement.place(session, time.monotonic())
+        if placed is None:
+            return None
+        home, is_new = placed
+        slot = self._slots[home.worker]
+        if is_new and slot.link is not None:
+            slot.epochs[session] = home.epoch
+            slot.link.put(channel.Own(session, home.epoch))
+        return home
+
+    # Workers --------------------------------------------------------------------------------------------------------
+
+    async def _launch(self, slot: _Slot) -> None:
+        """Start a worker, and wait until everything of it is open."""
+        assert self.front.datagrams is not None
+        loop = asyncio.get_running_loop()
+        ours, theirs = Channel.pair()
+        files = (theirs.fileno(), self.front.datagrams.fileno())
+        slot.process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "fapengine.live.server.worker", *map(str, files), stdin=DEVNULL, pass_fds=files
+        )  # fmt: skip
+        theirs.close()
+        slot.link = link = Channel(ours, is_worker=False)
+        slot.ready, slot.silent_ticks = loop.create_future(), 0
+        listen = replace(self.config.listen, port=0, metrics_port=None)
+        config = pickle.dumps(replace(self.config, listen=listen))
+        link.put(channel.Begin(config, slot.number, self.osc_address[1]))
+        loop.add_reader(link.fileno(), self._read, slot)
+        try:
+            async with asyncio.timeout(BEGIN_S):
+                await slot.ready
+        except (TimeoutError, FapEngineError) as error:
+            await self._end(slot)
+            if isinstance(error, TimeoutError):
+                raise ResourceError(f"worker {slot.number}: did not begin within {BEGIN_S:.0f} s") from error
+            raise
+        self.placement.join(slot.number)
+
+    async def _keep(self, slot: _Slot) -> None:
+        """Start a worker again whenever it has ended."""
+        pause_s = AGAIN_S[0]
+        while True:
+            assert slot.process is not None
+            begun_s = time.monotonic()
+            code = await slot.process.wait()
+            self.restarts += 1
+            log.error(
+                "worker %d has ended (%d); its faces begin again elsewhere: %d",
+                slot.number, code, len(slot.open_since_s), extra={"sessions": len(slot.open_since_s)},
+            )  # fmt: skip
+            await self._bury(slot)
+            if time.monotonic() - begun_s > STEADY_S:
+                pause_s = AGAIN_S[0]
+            while True:
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, AGAIN_S[1])
+                try:
+                    await self._launch(slot)
+                    break
+                except FapEngineError as error:
+                    log.error("worker %d does not begin: %s", slot.number, error)
+
+    async def _bury(self, slot: _Slot) -> None:
+        """Put the faces of a worker that has ended to rest; then others may have them."""
+        if slot.open_since_s:
+            sinks, rate_hz = self._sinks, self.config.face.rate_hz
+            await asyncio.to_thread(put_to_rest, sinks, slot.open_since_s.copy(), rate_hz, slot.epochs.copy())
+        await self._end(slot)
+        self.placement.lose(slot.number)
+        slot.open_since_s.clear()
+        slot.epochs.clear()
+
+    async def _end(self, slot: _Slot) -> None:
+        """End a process and its channel, if they have not ended."""
+        self._settle(slot, ResourceError(f"worker {slot.number}: was ended before it began"))
+        if slot.link is not None:
+            asyncio.get_running_loop().remove_reader(slot.link.fileno())
+            slot.link.close()
+            slot.link = None
+        if slot.process is not None:
+            _signal(slot.process, signal.SIGKILL)
+            await slot.process.wait()
+        if slot.asked is not None and not slot.asked.done():
+            slot.asked.set_result(b"")
+
+    def _read(self, slot: _Slot) -> None:
+        """Hear what a worker tells."""
+        link = slot.link
+        if link is None:
+            return
+        for message, _ in link.take():
+            slot.silent_ticks = 0
+            match message:
+                case channel.Ready():
+                    slot.port, slot.sinks = message.port, message.sinks
+                    self._settle(slot, None)
+                case channel.Failed():
+                    kind = getattr(errors, message.kind, ResourceError)
+                    self._settle(slot, kind(f"worker {slot.number}: {message.reason}"))
+                case channel.Sessions():
+                    self._note_sessions(slot, message)
+                case channel.Left():
+                    self.placement.left(slot.number, message.session)
+                    if message.session not in self.placement.homes:
+                        slot.epochs.pop(message.session, None)
+                case channel.Metrics():
+                    self._note_metrics(slot, message.text)
+        if link.is_broken:
+            asyncio.get_running_loop().remove_reader(link.fileno())
+            self._settle(slot, ResourceError(f"worker {slot.number}: ended before it began; the log tells why"))
+            _signal(slot.process, signal.SIGKILL)  # it has no parent any more
+
+    def _settle(self, slot: _Slot, trouble: FapEngineError | None) -> None:
+        if slot.ready is None or slot.ready.done():
+            return
+        if trouble is None:
+            slot.ready.set_result(None)
+        else:
+            slot.ready.set_exception(trouble)
+
+    def _note_sessions(self, slot: _Slot, message: channel.Sessions) -> None:
+        now_s = time.monotonic()
+        for session in message.opened:
+            slot.open_since_s.setdefault(session, now_s)
+        for session in message.closed:
+            slot.open_since_s.pop(session, None)
+        self.placement.opened(slot.number, message.opened)
+        self.placement.closed(slot.number, message.closed, now_s)
+
+    async def _watch(self) -> None:
+        """Look after workers that hang, channels that were full, sessions that nobody uses."""
+        while True:
+            await asyncio.sleep(TICK_S)
+            for slot in self._slots:
+                if slot.link is None:
+                    continue
+                slot.link.flush()
+                slot.silent_ticks += slot.number in self.placement.workers
+                if slot.silent_ticks > HUNG_TICKS:
+                    log.error("worker %d hangs, and is ended", slot.number)
+                    _signal(slot.process, signal.SIGKILL)
+            for worker, session in self.placement.to_leave(time.monotonic()):
+                self.send_to(worker, channel.Leave(session))
+
+    async def _close(self) -> None:
+        """Let nothing more in; let all faces come to rest; end."""
+        for keeper in self._keepers:
+            keeper.cancel()
+        await asyncio.gather(*self._keepers, return_exceptions=True)
+        self.front.close()
+        processes = [slot.process for slot in self._slots if slot.process is not None]
+        for process in processes:
+            _signal(process, signal.SIGTERM)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(STOP_S):
+                await asyncio.gather(*(process.wait() for process in processes))
+        for slot in self._slots:
+            await self._end(slot)
+            if slot.process is not None and slot.process.returncode != 0:
+                await self._bury(slot)
+        if self._site is not None:
+            await self._site.close()
+
+    # Metrics --------------------------------------------------------------------------------------------------------
+
+    async def _answer_metrics(self, request: web.Request) -> web.Response:
+        if trouble := refusal(request, self.config.listen.token):
+            raise web.HTTPForbidden(text=trouble)
+        return web.Response(body=await self.metrics(), headers={"Content-Type": CONTENT_TYPE})
+
+    async def metrics(self) -> bytes:
+        """Ask all workers, and write the page that Prometheus reads; who does not answer in time is left out."""
+        alive = [slot for slot in self._slots if slot.number in self.placement.workers]
+        texts = await asyncio.gather(*map(self._scrape, alive))
+        told = {slot.number: text for slot, text in zip(alive, texts, strict=True) if text}
+        return page(ParentFigures(len(alive), self.restarts, len(self.placement.homes), self.counts), told)
+
+    async def _scrape(self, slot: _Slot) -> bytes:
+        if slot.asked is None or slot.asked.done():
+            slot.asked = asyncio.get_running_loop().create_future()
+            slot.metrics.clear()
+            self.send_to(slot.number, channel.AskMetrics())
+        try:
+            async with asyncio.timeout(SCRAPE_S):
+                return await asyncio.shield(slot.asked)
+        except TimeoutError:
+            return b""
+
+    def _note_metrics(self, slot: _Slot, text: bytes) -> None:
+        slot.metrics += text
+        if not text and slot.asked is not None and not slot.asked.done():
+            slot.asked.set_result(bytes(slot.metrics))
+
+
+def _signal(process: Process | None, number: int) -> None:
+    """Send a signal to a process whose end was not yet told; ``Process.kill`` would take that news from the loop."""
+    if process is not None and process.returncode is None:
+        os.kill(process.pid, number)
+
+
+def check_workers(config: ServeConfig) -> None:
+    """Refuse what only a server of one process can do.
+
+    Raises
+    ------
+    UsageError
+        If a sound device is asked for, or a sink of one face that does not say whose; or the system is not Linux.
+    """
+    if sys.platform != "linux":
+        raise UsageError(f"workers: got {sys.platform}, expected Linux, whose sockets they share")
+    for what, wish in (("sound", config.sound.session), ("microphone", config.sound.microphone)):
+        if wish:
+            raise UsageError(
+                f"workers: got {what} {wish!r}, expected none: only a server of one process has a sound card"
+            )
+    for url in config.sinks:
+        sink = parse_sink(url)
+        if sink.kind == "fba+tcp":
+            raise UsageError(f"workers: got sink {url}, expected one to send to: receivers connect to one process")
+        if sink.kind != "osc" and sink.session is None:
+            raise UsageError(f"workers: got sink {url}, expected {url}?session=NAME: each worker has a first session")
+
+
+async def serve_with_workers(workers: Workers, ready: Callable[[], None] | None = None) -> None:
+    """Start, run until told to stop, and close; as :func:`fapengine.live.server.server.serve`."""
+    await workers.start()
+    if ready is not None:
+        ready()
+    await workers.run()
