@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fapengine.app.face import Ticks
 from fapengine.app.view_sources import KEYS, Source
+from fapengine.errors import ResourceError
 from fapengine.files.pictures import save_png
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.drawing import Drawing
@@ -63,7 +64,7 @@ def run_window(levels: Sequence[FaceMesh], open_source: Callable[[], Source], op
     Raises
     ------
     ResourceError
-        If there is no display.
+        If there is no display, or what was to be shown was never there.
     UsageError
         If the window is too small.
     """
@@ -74,6 +75,8 @@ def run_window(levels: Sequence[FaceMesh], open_source: Callable[[], Source], op
             ticks = _run(window, source, options)
             if options.shot is not None:
                 save_png(options.shot, window.picture())
+            if source.failure:
+                raise ResourceError(source.failure)
         finally:
             source.close()
         took_s = time.monotonic() - begun_s
@@ -90,11 +93,19 @@ def _pace(window: FaceWindow) -> str:
     return f"{window.rate_hz:.0f} fps, {1e3 * window.busy_s:.1f} ms a frame{reduced}"
 
 
+def _title(window: FaceWindow, source: Source) -> str:
+    """Name the window; one without a panel says there what else would not be seen."""
+    if window.has_room_for_panel:
+        return source.title
+    return f"{source.title} – {source.failure or 'wider, it shows its controls'}"
+
+
 def _run(window: FaceWindow, source: Source, options: ViewOptions) -> Ticks:
     panel: Panel = window.panel
     panel.sliders, panel.has_text = source.sliders, source.has_text
     panel.buttons = (*panel.buttons, *source.buttons)
-    window.title(source.title)
+    named = source.title
+    window.title(named)
     source_buttons = frozenset(source.buttons)
     window.show(source.frame(0.0))  # the first frame takes longest: the mesh goes to the GPU
     for sentence in options.sentences:
@@ -108,4 +119,8 @@ def _run(window: FaceWindow, source: Source, options: ViewOptions) -> Ticks:
         if time.monotonic() >= status_s:
             status_s = time.monotonic() + STATUS_S
             panel.status = (_pace(window), *source.status())
+            title = _title(window, source)
+            if title != named:
+                window.title(title)
+                named = title
     return ticks

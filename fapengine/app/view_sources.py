@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from textwrap import wrap
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -69,6 +68,11 @@ class Source(Protocol):
         """Return lines for the panel that describe the state."""
         ...
 
+    @property
+    def failure(self) -> str:
+        """Reason for which nothing was ever to be shown; empty if something was."""
+        ...
+
     def lit(self) -> frozenset[str]:
         """Return the buttons that are on."""
         ...
@@ -106,6 +110,7 @@ class SpeakingSource:
     title = "fapengine"
     buttons = (PAUSE, STOP, BLINK)
     has_text = True
+    failure = ""
 
     def __init__(self, face: Face, speak: Callable[[str], Speech]) -> None:
         self.sliders = face_sliders()
@@ -141,7 +146,7 @@ class SpeakingSource:
     def status(self) -> tuple[str, ...]:
         """See :class:`Source`."""
         if self._note:
-            return _wrapped(self._note)
+            return (self._note,)
         now_s = self._face.hub.clock()
         for number, speech in self._said:
             zero_s = self._face.speaker.zero_s(number)
@@ -149,7 +154,7 @@ class SpeakingSource:
                 before, now, after = ticker(speech.phones, now_s - zero_s)
                 off_s = self._face.speaker.off_s or 0.0
                 return (f"{before[-14:]} [{now}] {after[:14]}", f"{1e3 * off_s:+.1f} ms from its sound")
-        return (self._face.speaker.description[:34] if self._face.speaker.is_silent else "",)
+        return (self._face.speaker.description if self._face.speaker.is_silent else "",)
 
     def lit(self) -> frozenset[str]:
         """See :class:`Source`."""
@@ -207,6 +212,7 @@ class TrackSource:
 
     buttons = (PAUSE,)
     has_text = False
+    failure = ""
 
     def __init__(
         self,
@@ -295,6 +301,7 @@ class OscSource:
 
     buttons = ()
     has_text = False
+    failure = ""
     sliders: Sequence[Slider] = ()
 
     def __init__(self, frames: OscViewer) -> None:
@@ -355,7 +362,7 @@ class ServerSource:
         """See :class:`Source`."""
         link = self._link
         if link.state != "open":
-            return (link.state, *_wrapped(link.trouble))
+            return (f"no server: {link.trouble}" if link.trouble else "looking for the server",)
         age_s, trip_s = link.age_s, link.round_trip_s
         if age_s is None or trip_s is None:
             return ("open",)
@@ -363,6 +370,11 @@ class ServerSource:
             f"frames {1e3 * age_s:.0f} ms old, {link.counts.missed} missed",
             f"{1e3 * trip_s:.1f} ms there and back",
         )
+
+    @property
+    def failure(self) -> str:
+        """See :class:`Source`."""
+        return "" if self._link.hello else f"server: {self._link.trouble or 'it did not answer in time'}"
 
     def lit(self) -> frozenset[str]:
         """See :class:`Source`."""
@@ -409,11 +421,6 @@ class ServerSource:
             self._link.send("manner", setting="articulation", value=event.value)
         else:
             self._link.send("express", name=event.key, level=event.value)
-
-
-def _wrapped(text: str) -> tuple[str, ...]:
-    """Break a text into lines that fit the panel."""
-    return tuple(wrap(text, 36)[:3])
 
 
 def open_file(path: Path, audio: Path | None = None, *, device: str | None = None, silent: bool = False) -> TrackSource:

@@ -19,8 +19,9 @@ WIDTH = 260
 MARGIN, ROW, BAR, BUTTON, TEXT = 16, 37, 4, 30, 34
 """Points: border, height of a slider, of its bar, of a button, and of the text line."""
 BUTTONS_A_ROW = 2
-LINE, LINES = 20, 3
-"""Points of a line of status, and lines that have room; more push the controls down."""
+LINE, LINES, MAX_LINES, STATUS = 20, 3, 6, 14
+"""Points of a line of status, lines that have room (more push the controls down), most lines, and points of
+their letters."""
 PAPER, INK, FAINT, GROUND, ACCENT = (30, 33, 38), (238, 238, 234), (150, 155, 164), (58, 63, 71), (255, 176, 92)
 MAX_TEXT = 500
 """Characters of the text line."""
@@ -161,7 +162,13 @@ class Panel:
     # Where things are ----------------------------------------------------------------------------------------------
 
     def _top(self) -> int:
-        return MARGIN + LINE * max(len(self.status), LINES) + 10
+        return MARGIN + LINE * max(len(self._lines()), LINES) + 10
+
+    def _lines(self) -> list[tuple[str, bool]]:
+        """Lines of status, as long as there is room across, and whether each is of the first."""
+        room = WIDTH - 2 * MARGIN
+        lines = [(part, index == 0) for index, text in enumerate(self.status) for part in _broken(text, room)]
+        return lines[:MAX_LINES]
 
     def _has_room(self, bottom: int) -> bool:
         """Whether the line of text leaves it free; in a low window what would lie under it is left out."""
@@ -218,9 +225,8 @@ class Panel:
         size = (round(WIDTH * scale), round(self.height * scale))
         image = Image.new("RGBA", size, (*PAPER, 255))
         pen = _Pen(ImageDraw.Draw(image), scale)
-        for line, text in enumerate(self.status):
-            fitted = pen.fitted(text, 14, WIDTH - 2 * MARGIN)
-            pen.text((MARGIN, MARGIN + LINE * line), fitted, 14, INK if line == 0 else FAINT)
+        for line, (text, is_first) in enumerate(self._lines()):
+            pen.text((MARGIN, MARGIN + LINE * line), text, 14, INK if is_first else FAINT)
         for slider, (_, top, _, _) in self._slider_boxes():
             self._draw_slider(pen, slider, top)
         for name, box in self._button_boxes():
@@ -264,14 +270,6 @@ class _Pen:
         corner = (at[0] * self.scale, at[1] * self.scale)
         self.to.text(corner, text, fill=colour, font=_font(round(size * self.scale)), anchor=anchor)
 
-    def fitted(self, text: str, size: int, room: float) -> str:
-        """As much of the beginning as there is room for."""
-        if self.width(text, size) <= room:
-            return text
-        while text and self.width(f"{text}…", size) > room:
-            text = text[:-1]
-        return f"{text}…"
-
     def width(self, text: str, size: int) -> float:
         return self.to.textlength(text, font=_font(round(size * self.scale))) / self.scale
 
@@ -288,6 +286,23 @@ class _Pen:
 
 def _rows(names: Sequence[str]) -> list[tuple[str, ...]]:
     return [tuple(names[n : n + BUTTONS_A_ROW]) for n in range(0, len(names), BUTTONS_A_ROW)]
+
+
+def _broken(text: str, room: float) -> list[str]:
+    """Break a text into lines at its blanks; a word that is longer than a line is cut."""
+    lines = [""]
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}".lstrip(" ")
+        if _font(STATUS).getlength(longer) <= room or not lines[-1]:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+        while _font(STATUS).getlength(lines[-1]) > room:
+            kept = len(lines[-1])
+            while _font(STATUS).getlength(lines[-1][:kept]) > room:
+                kept -= 1
+            lines[-1:] = [lines[-1][:kept], lines[-1][kept:]]
+    return lines
 
 
 def _inside(box: Box, x: float, y: float) -> bool:

@@ -200,6 +200,11 @@ class FaceWindow:
         self._turn(preset(camera))
         self.panel.lit |= {_label(camera)}
 
+    @property
+    def has_room_for_panel(self) -> bool:
+        """Whether it is wide enough to show its controls."""
+        return self._points()[0] >= WIDTH + MIN_SIZE_PT[1]
+
     def title(self, text: str) -> None:
         """Name the window."""
         self._glfw.set_window_title(self._window, text)
@@ -244,7 +249,7 @@ class FaceWindow:
 
     def _panel_width(self) -> int:
         """Points; a narrow window has none."""
-        return WIDTH if self._shows_panel and self._points()[0] >= WIDTH + MIN_SIZE_PT[1] else 0
+        return WIDTH if self._shows_panel and self.has_room_for_panel else 0
 
     def _draw(self, faps: ArrayLike) -> None:
         width, height = self._pixels()

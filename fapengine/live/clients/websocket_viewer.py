@@ -200,13 +200,26 @@ class WebSocketViewer:
                     await self._talk(client, link)
                 self.trouble = self._refusal or "the server went away"
             except (self._aiohttp.ClientError, OSError, TimeoutError) as error:
-                self.trouble = str(error) or type(error).__name__
+                self.trouble = self._in_words(error)
             if self.state == "open":
                 pause_s = RETRY_S[0]
             self.state = "lost"
             self._frame, self._trips = None, []
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, RETRY_S[1])
+
+    def _in_words(self, error: Exception) -> str:
+        """Say what is wrong, and what to do."""
+        where = urlsplit(self._url).netloc
+        if isinstance(error, self._aiohttp.WSServerHandshakeError):
+            if error.status == HTTPStatus.FORBIDDEN:
+                return "the server wants its token: use the address that it printed"
+            return f"what answers at {where} is no fapengine serve (status {error.status})"
+        if isinstance(error, ConnectionRefusedError | self._aiohttp.ClientConnectorError):
+            return f"nobody answers at {where}: is fapengine serve running there?"
+        if isinstance(error, TimeoutError):
+            return f"{where} does not answer in time"
+        return f"the line to {where} broke"
 
     async def _talk(self, client: Any, link: Any) -> None:
         self._queue = asyncio.Queue()

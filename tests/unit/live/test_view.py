@@ -51,6 +51,7 @@ class FakeWindow:
     """A window of which only the calls are seen."""
 
     made: "list[FakeWindow]"
+    has_room_for_panel = True
 
     def __init__(self, mesh: object, drawing: Drawing, *, panel: Panel | None = None, **options: object) -> None:
         self.panel, self.options = panel or Panel(), options
@@ -149,8 +150,22 @@ def test_frames_of_a_port_are_shown(windows: list[FakeWindow]) -> None:
 
 
 def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow]) -> None:
-    call("view", "http://127.0.0.1:9/", "--for", "0.5")
-    assert windows[0].panel.status[1] in ("connecting", "lost")
+    with pytest.raises(
+        ResourceError, match=r"^server: nobody answers at 127.0.0.1:9: is fapengine serve running there"
+    ):
+        call("view", "http://127.0.0.1:9/", "--for", "0.5")
+    assert windows[0].panel.status[1].startswith("no server: nobody answers")
+    assert windows[0].is_closed
+
+
+def test_a_narrow_window_says_in_its_title_what_it_has_no_room_for(windows: list[FakeWindow], tmp_path: Path) -> None:
+    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((30, 68), int), rate_hz=30.0))
+    FakeWindow.has_room_for_panel = False
+    try:
+        call("view", tmp_path / "a.fap", "--for", "0.1")
+    finally:
+        FakeWindow.has_room_for_panel = True
+    assert windows[0].name == "fapengine, a.fap – wider, it shows its controls"
 
 
 def call(*arguments: object) -> None:

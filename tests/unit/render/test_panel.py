@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.render.panel import MARGIN, MAX_TEXT, WIDTH, Moved, Panel, Pressed, Said, Slider
+from fapengine.render.panel import LINE, MARGIN, MAX_LINES, MAX_TEXT, WIDTH, Moved, Panel, Pressed, Said, Slider
 
 
 def panel(**changes: object) -> Panel:
@@ -113,11 +113,19 @@ def test_it_is_drawn_anew_only_when_something_changes() -> None:
     assert one.picture(2.0)[0].shape == (1200, 2 * WIDTH, 4)
 
 
-def test_a_long_line_of_status_is_cut() -> None:
-    wide, cut = panel(status=("w" * 200,)), panel(status=("w" * 300 + "m",))
-    np.testing.assert_array_equal(wide.picture()[0], cut.picture()[0])
-    margin = wide.picture()[0][:40, WIDTH - MARGIN :, :3]
+def test_a_long_line_of_status_goes_on_below_and_pushes_the_controls_down() -> None:
+    short = panel(status=("one", "two"))
+    text = "37 fps, 17.5 ms a frame at 35 %, coarser head, and nobody answers at 127.0.0.1:22990"
+    long = panel(status=(text, "w" * 60))
+    lines = [line for line, _ in long._lines()]
+    assert len(lines) == 6
+    assert f"{' '.join(lines[:3])}{''.join(lines[3:])}" == f"{text}{'w' * 60}"  # even a word that is wider than a line
+    assert [is_first for _, is_first in long._lines()] == [True] * 3 + [False] * 3
+    tops = [one._slider_boxes()[0][1][1] for one in (short, long)]
+    assert tops[1] == tops[0] + 3 * LINE
+    margin = long.picture()[0][:120, WIDTH - MARGIN :, :3]
     assert (margin == margin[0, 0]).all()
+    assert len(panel(status=("word " * 500,))._lines()) == MAX_LINES
 
 
 def test_long_text_shows_its_end() -> None:
