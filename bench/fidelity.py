@@ -26,12 +26,15 @@ from zipfile import BadZipFile
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+import fapengine
 from bench.judge import Word
 from design.data_files import FOLDER, need
 from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.capture.session import Interval
 from fapengine.errors import FapEngineError
 from fapengine.files.profiles import load_profile
+from fapengine.files.report.parts import COOL, INK, WARM, new_figure, picture, table, to_svg, verdict
+from fapengine.files.report.parts import page as report_page
 from fapengine.geometry.rigid import RigidMotion
 from fapengine.laboratory.phones import captured_tokens, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
@@ -409,49 +412,35 @@ COLUMNS = {
 def page(
     corpus: Corpus, clips: list[Clip], results: dict[str, dict[str, float]], shown: dict[str, list[Array]]
 ) -> bytes:
-    import io
-
-    from matplotlib.figure import Figure
-
-    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *COLUMNS.values()))
-    body = "".join(
-        f"<tr{' class=ours' if name == DEFAULT else ''}><td>{escape(name)}</td>"
-        + "".join(f"<td>{row[key]:.2f}</td>" for key in COLUMNS) + "</tr>"
-        for name, row in results.items()
-    )  # fmt: skip
-    pictures = []
+    rows = [(name, *(f"{row[key]:.2f}" for key in COLUMNS)) for name, row in results.items()]
+    parts = ["<h1>How well does it speak?</h1>"]
+    if DEFAULT in results and PAPER in results:
+        ours, papers = results[DEFAULT]["lips_mm"], results[PAPER]["lips_mm"]
+        parts.append(verdict(
+            "good" if ours < papers else "poor",
+            f"The default's lips are off by {ours:.2f} mm, those of the method of the papers by {papers:.2f} mm.",
+        ))  # fmt: skip
+    parts += [
+        f"<p>{len(clips)} held-out utterances from their phone timings alone; closed: within {CLOSED_MM} mm of rest."
+        " The points are a video tracker's, good to about 0.7 mm.</p>",
+        table(("method", *COLUMNS.values()), rows, marked=DEFAULT),
+        "<h2>Openings</h2>",
+    ]
     for index in range(min(6, len(clips))):
-        figure = Figure(figsize=(10, 2.4), layout="constrained")
-        axes = figure.subplots()
+        figure, (axes,) = new_figure(10, 2.4)
         times = np.arange(len(clips[index].lips)) / corpus.rate_hz
-        axes.plot(times, opening(corpus, clips[index].lips), color="#20242a", label="captured")
-        for (name, predicted), colour in zip(shown.items(), ("#2f6aa8", "#c8543c"), strict=True):
+        axes.plot(times, opening(corpus, clips[index].lips), color=INK, label="captured")
+        for (name, predicted), colour in zip(shown.items(), (COOL, WARM), strict=True):
             axes.plot(times, opening(corpus, predicted[index]), color=colour, label=name)
         for phone in clips[index].phones.phones:
             if not phone.is_silence:
-                axes.text(
-                    (phone.start_s + phone.end_s) / 2,
-                    1.0,
-                    phone.label,
-                    transform=axes.get_xaxis_transform(),
-                    ha="center",
-                )
-        axes.set(ylabel="opening, mm", xlabel=f"s   ({clips[index].text})")
+                middle_s = (phone.start_s + phone.end_s) / 2
+                axes.text(middle_s, 1.0, phone.label, transform=axes.get_xaxis_transform(), ha="center", fontsize=6)
+        axes.set(ylabel="opening, mm", xlabel="s")
         axes.legend(fontsize=7, frameon=False, loc="upper right")
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-        pictures.append(buffer.getvalue()[buffer.getvalue().index(b"<svg") :].decode())
-    style = (
-        "body{font:15px system-ui;max-width:70rem;margin:2rem auto}td,th{padding:.15rem .6rem;text-align:right}"
-        "td:first-child{text-align:left}.ours{background:#fdf1e3;font-weight:600}svg{max-width:100%}"
-    )
-    return (
-        f"<!doctype html><meta charset=utf-8><title>Fidelity</title><style>{style}</style>"
-        "<h1>How well does it speak?</h1>"
-        f"<p>{len(clips)} held-out utterances from their phone timings alone; closed: within {CLOSED_MM} mm of rest."
-        " The points are a video tracker's, good to about 0.7 mm.</p>"
-        f"<table><tr>{head}</tr>{body}</table>{''.join(pictures)}"
-    ).encode()
+        parts.append(picture(to_svg(figure), escape(f"Opening of the lips: {clips[index].text}")))
+    parts.append(f'<p class="note">fapengine {fapengine.__version__}, <code>python -m bench.fidelity</code></p>')
+    return report_page("Fidelity", parts)
 
 
 def add_files(parser: argparse.ArgumentParser) -> None:

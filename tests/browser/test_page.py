@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fapengine.files.report.parts import new_figure, picture, table, to_svg, verdict
+from fapengine.files.report.parts import page as report_page
 from fapengine.mpeg4 import fap
 from tests.browser.conftest import Page
 
@@ -520,6 +522,24 @@ def test_a_short_window_shows_all_that_can_be_used(page: Page, width: int, heigh
     page.call("Emulation.clearDeviceMetricsOverride")
     assert reached == [True] * 4
     assert wide <= width
+
+
+def test_a_report_fits_a_telephone_and_begins_with_its_verdict(page: Page, tmp_path: Path) -> None:
+    figure, (axes,) = new_figure(10.0, 2.0)
+    axes.plot([0, 1], [0, 1])
+    wide = tuple(f"a column of some words {n}" for n in range(12))
+    parts = ["<h1>x</h1>", verdict("good", "It speaks."), "<h2>A</h2>", table(wide, [wide]), "<h2>B</h2>"]
+    path = tmp_path / "report.html"
+    path.write_bytes(report_page("x", [*parts, picture(to_svg(figure), "A line."), f"<code>{'x' * 300}</code>"]))
+    page.call("Emulation.setDeviceMetricsOverride", width=390, height=740, deviceScaleFactor=1, mobile=True)
+    page.go(path.as_uri())
+    page.until("document.title === 'x'")
+    wide_px, scrolls = page.run(
+        "[document.documentElement.scrollWidth, document.querySelector('.scroll').scrollWidth > 390]"
+    )
+    first = page.run("document.querySelector('h1').nextElementSibling.textContent")
+    page.call("Emulation.clearDeviceMetricsOverride")
+    assert (wide_px, scrolls, first) == (390, True, "Good. It speaks.")
 
 
 def test_sliders_are_there_in_forced_colours(page: Page) -> None:

@@ -1,9 +1,10 @@
 """What every report is put together from: a page, tables, figures of matplotlib as SVG."""
 
 import io
+import re
 from collections.abc import Iterable, Sequence
-from html import escape
-from typing import TYPE_CHECKING, Any
+from html import escape, unescape
+from typing import TYPE_CHECKING, Any, Literal
 
 from fapengine.errors import ResourceError
 
@@ -21,32 +22,63 @@ table { border-collapse: collapse; font-size: .9rem; margin: .6rem 0 }
 td, th { padding: .15rem .7rem; text-align: left }
 tr:nth-child(even) { background: #f0efea } th { border-bottom: 1px solid #bbb } td.n { text-align: right }
 .warn { background: #fdf1e3; border-left: 4px solid #c8843c; padding: .5rem 1rem } figure { margin: 1rem 0 }
-figcaption { color: #70757d; font-size: .88rem } svg { max-width: 100%; height: auto } .note { color: #70757d }
+figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg { max-width: 100%; height: auto }
+.scroll { overflow-x: auto } code { overflow-wrap: anywhere } nav { font-size: .9rem } nav a { margin-right: .9rem }
+.verdict { font-size: 1.1rem; border-left: 4px solid #a9adb4; padding: .2rem 1rem } .good { border-color: #3d8b5f }
+.fair { border-color: #c8843c } .poor { border-color: #c8543c } tr.ours { background: #fdf1e3; font-weight: 600 }
+@media (max-width: 40rem) { body { margin: 1rem auto } td, th { padding: .15rem .4rem } }
 """
+Grade = Literal["good", "fair", "poor", ""]
+"""What a verdict says; empty: nothing was judged."""
 
 
 def page(title: str, parts: Iterable[str]) -> bytes:
-    """Make a page: UTF-8 HTML without any reference outside of it; ``parts`` are HTML."""
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-    return f"{head}<style>{STYLE}</style>{''.join(parts)}</html>\n".encode()
+    """Make a page: UTF-8 HTML without any reference outside of it; ``parts`` are HTML.
+
+    It fits a telephone, where only tables scroll sideways. Its headings of the second rank are listed before the first.
+    """
+    head = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+    )
+    body, links = "".join(parts), []
+    for number, heading in enumerate(re.findall("<h2>(.*?)</h2>", body)):
+        links.append(f'<a href="#part{number}">{heading}</a>')
+        body = body.replace(f"<h2>{heading}</h2>", f'<h2 id="part{number}">{heading}</h2>', 1)
+    contents = f'<nav aria-label="Contents">{" ".join(links)}</nav>' if len(links) > 1 else ""
+    body = body.replace('<h2 id="part0">', f'{contents}<h2 id="part0">', 1)
+    return f"{head}<style>{STYLE}</style><main>{body}</main></html>\n".encode()
+
+
+def verdict(grade: Grade, text: str) -> str:
+    """Say first what it comes to."""
+    return f'<p class="verdict {grade}"><b>{grade.capitalize() or "Not judged"}.</b> {escape(text)}</p>'
 
 
 def picture(svg: bytes, caption: str) -> str:
     """Put a drawing into a page, with its caption as HTML."""
     drawing = svg[svg.index(b"<svg") :].decode()
-    return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
+    label = escape(unescape(re.sub("<.*?>", "", caption)))
+    return f'<figure><div role="img" aria-label="{label}">{drawing}</div><figcaption>{caption}</figcaption></figure>'
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Make a table of plain text; a header of empty strings is none."""
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, marked: str = "") -> str:
+    """Make a table of plain text; a header of empty strings is none. The row that begins with ``marked`` stands out."""
 
     def cell(value: str) -> str:
         number = any(header) and value.replace(".", "").replace("-", "").replace(" ", "").isdigit()
         return f'<td class="n">{escape(value)}</td>' if number else f"<td>{escape(value)}</td>"
 
     top = "".join(f"<th>{escape(name)}</th>" for name in header) if any(header) else ""
-    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
-    return f"<table>{f'<tr>{top}</tr>' if top else ''}{body}</table>"
+
+    def line(row: Sequence[str]) -> str:
+        mark = ' class="ours"' if marked and row[0] == marked else ""
+        return f"<tr{mark}>{''.join(map(cell, row))}</tr>"
+
+    body = "".join(map(line, rows))
+    inner = f"<table>{f'<tr>{top}</tr>' if top else ''}{body}</table>"
+    label = escape(next((name for name in header if name), "") or "Figures")
+    return f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">{inner}</div>'
 
 
 def new_figure(

@@ -5,7 +5,19 @@ from html import escape
 
 import numpy as np
 
-from fapengine.files.report.parts import COOL, FAINT, INK, WARM, new_figure, page, picture, table, to_svg
+from fapengine.files.report.parts import (
+    COOL,
+    FAINT,
+    INK,
+    WARM,
+    Grade,
+    new_figure,
+    page,
+    picture,
+    table,
+    to_svg,
+    verdict,
+)
 from fapengine.scoring.contacts import is_bilabial, is_labiodental
 from fapengine.scoring.mouth import Mouth
 from fapengine.scoring.score import Score
@@ -13,6 +25,11 @@ from fapengine.speech.phone_track import PhoneTrack
 
 ROW_S, MAX_ROWS = 6.0, 20
 """Most seconds that a row of the picture shows, and most rows that a long recording gets."""
+
+GOOD, USABLE = 0.9, 0.7
+"""Share of closures that are made; our choice."""
+LATE_MS, EARLY_MS = 45.0, 125.0
+"""Lag up to which nobody notices: sound that leads the picture, and that follows it (ITU-R BT.1359)."""
 
 Rows = list[tuple[str, str, str]]
 """Measure, figure, what it means."""
@@ -75,7 +92,7 @@ def write_score_report(
     ResourceError
         If matplotlib is not installed.
     """
-    parts = [f"<h1>{escape(title)}</h1>"]
+    parts = [f"<h1>{escape(title)}</h1>", _verdict(score)]
     parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
     for name, rows in score_rows(score).items():
         parts += [f"<h2>{name}</h2>", table(("", "", ""), rows)]
@@ -84,6 +101,20 @@ def write_score_report(
         caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
     parts += ["<h2>Opening</h2>", picture(draw_openings(score, mouth, truth, phones), caption)]
     return page(f"{title}: score", parts)
+
+
+def _verdict(score: Score) -> str:
+    judged = score.phones or score.truth
+    if judged is None or judged.closures.recall is None:
+        return verdict("", "Give it the phones, or the recording that it should be like, with a p, b or m.")
+    recall, lag_ms = judged.closures.recall, judged.timing.lag_ms
+    made = f"{100 * recall:.0f} % of the closures of lips are made ({judged.closures.met} of {judged.closures.wanted})"
+    if lag_ms is None:
+        return verdict("poor", f"{made}, but the lips do not move.")
+    in_time = -EARLY_MS <= lag_ms <= LATE_MS
+    grade: Grade = "good" if in_time and recall >= GOOD else "fair" if in_time and recall >= USABLE else "poor"
+    when = "in time" if in_time else "too late" if lag_ms > 0 else "too early"
+    return verdict(grade, f"{made}, {when} ({lag_ms:+.0f} ms).")
 
 
 def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:
