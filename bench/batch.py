@@ -52,7 +52,7 @@ def main() -> None:
         rows = rows_in(folder, asked.rows)
         serial_s(rows[:50], folder / "warm")
         yardstick = serial_s(rows, folder / "serial")
-        print(f"serial: {asked.rows} rows in {yardstick:.1f} s of processor, {1e3 * yardstick / asked.rows:.2f} ms a row")
+        print(f"serial: {asked.rows} rows, {yardstick:.1f} s of processor, {1e3 * yardstick / asked.rows:.2f} ms a row")
         worst = 0.0
         for workers in asked.workers:
             target = folder / f"run-{workers}"

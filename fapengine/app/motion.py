@@ -76,8 +76,8 @@ def save(
     ----------
     track : FapTrack
     path : str or Path
-        ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv`` video; ``.gif``,
-        ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
+        ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv``, ``.mov`` video;
+        ``.gif``, ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
         ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside; ``.vrma`` a VRM
         animation.
     sound : ((N,) int16, int), optional

@@ -15,6 +15,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
 from fapengine.files.moving import KINDS, beside, check_moving, is_moving, moving_files, write_moving
+from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png, straight
 from fapengine.files.sound import save_wav
 from fapengine.files.video import CODECS
@@ -63,6 +64,8 @@ def outputs_of(path: Path, *, sound: bool, inputs: Collection[Path] = (), record
         True if the sound comes from a file of the user's.
     """
     wav = beside(path, ".wav")
+    if is_standard(path):
+        return [path]
     if is_cues(path):
         return [path, *([wav] if sound and not recording else [])]
     names = [beside(path, ".fap"), *([wav] if sound and not _is_among(wav, inputs) else [])]
@@ -139,6 +142,9 @@ def write_talk(
     if is_cues(path):
         _write_cues(performance, path, report, recording)
         return
+    if is_standard(path):
+        save_fap(path, track)
+        return
     save_fap(beside(path, ".fap"), track)
     own_sound = _is_among(beside(path, ".wav"), inputs)
     if sound is not None and not own_sound:
@@ -164,7 +170,7 @@ def write_talk(
 
 def _write_cues(performance: Performance, path: Path, report: Report, recording: Path | None) -> None:
     """Write mouth shapes, and the sound if no file has it yet."""
-    if performance.sound is not None and recording is None:
+    if performance.sound is not None and recording is None and not is_standard(path):
         recording = beside(path, ".wav")
         save_wav(recording, *performance.sound)
         report.files.append((recording, "sound"))

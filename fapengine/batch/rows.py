@@ -129,6 +129,13 @@ class Row:
         if self.timings is not None and self.text is not None:
             raise UsageError("text: got one beside timings, which say themselves what is spoken; expected none")
 
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Files that it is made of, and names that may be such."""
+        options = self.options
+        named = (self.timings, self.audio, options.into, options.map, options.profile, options.head)
+        return tuple(Path(path) for path in named if path is not None)
+
     def output(self, folder: Path, kind: str) -> Path:
         """Name of the file that the row becomes."""
         return folder / f"{self.id}.{kind}"

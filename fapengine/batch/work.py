@@ -134,9 +134,8 @@ def key_of(row: Row, kind: str, digests: "Digests") -> str:
     """Digest of all that a row's files are a function of: itself, the bytes of its inputs, and this program."""
     digest = hashlib.sha256(f"{fapengine.__version__} {kind} {row.id} {row.text!r}".encode())
     digest.update(repr(row.options).encode())
-    named = (row.timings, row.audio, row.options.into, row.options.map, row.options.profile, row.options.head)
-    for path in named:
-        digest.update(b"\0" + digests.of(Path(path)) if path is not None else b"\0")
+    for path in row.inputs:
+        digest.update(b"\0" + digests.of(path))
     return digest.hexdigest()[:32]
 
 

@@ -1,6 +1,7 @@
 """The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
 
 import json
+import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -37,18 +38,22 @@ def write(
         )  # fmt: skip
 
 
-def print_reports(reports: Sequence[Report], *, as_json: bool) -> None:
-    """Print what was written, how long it took, and which phones are unknown; several reports are a list in JSON."""
+def print_reports(reports: Sequence[Report], *, as_json: bool, err: bool = False) -> None:
+    """Print what was written, how long it took, and which phones are unknown; several are a list in JSON.
+
+    ``err``: to standard error, as the files themselves go to standard output.
+    """
     if as_json:
         told = [report.as_dict() for report in reports]
-        print(json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False))  # noqa: T201  the answer
+        whole = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
+        print(whole, file=sys.stderr if err else sys.stdout)
         return
     for report in reports:
-        _print_report(report)
+        _print_report(report, err=err)
 
 
-def _print_report(report: Report) -> None:
-    console = Console(highlight=False)
+def _print_report(report: Report, *, err: bool) -> None:
+    console = Console(highlight=False, stderr=err)
     for path, kind in report.files:
         console.print(f"[bold]{kind:>14}[/]  {path}", soft_wrap=True)
     stages = "  ".join(f"{name} {seconds:.2f} s" for name, seconds in report.stages.items())

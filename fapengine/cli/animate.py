@@ -61,6 +61,7 @@ def animate(
     fapengine animate two.wav --channel each -o out/two.mp4    # out/two-1.mp4, out/two-2.mp4
     """
     from fapengine.app.hearing import is_sound, with_loudness
+    from fapengine.app.mouth_cues import RHUBARB
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
     from fapengine.app.talk import check, outputs_of, refuse_unknown
@@ -68,6 +69,7 @@ def animate(
     from fapengine.cli._progress import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
+    from fapengine.files.paths import is_standard, standard_output
     from fapengine.files.sound import load_sound
     from fapengine.files.timings import load_timings
 
@@ -86,6 +88,7 @@ def animate(
                 "a recording; expected phone timings" if listens else "no name of a recording; expected .wav, .mp3, ..."
             )
             raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
+    output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
     chosen, how, into = manner.value(), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
     has_words = text is not None or transcript is not None
@@ -122,4 +125,4 @@ def animate(
         for remark in performance.remarks:
             typer.echo(f"fapengine: {remark}", err=True)
         write(performance, path, report, head=head, drawing=how, inputs=inputs, recording=recording, into=into)
-    print_reports(reports, as_json=as_json)
+    print_reports(reports, as_json=as_json, err=is_standard(output))

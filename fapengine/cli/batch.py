@@ -37,6 +37,9 @@ def batch(
         bool, typer.Option("--verify", help="Read every file again and tell which are not as they were written.")
     ] = False,
     as_json: shared.AsJson = False,
+    no_overwrite: Annotated[
+        bool, typer.Option("--no-overwrite", help="Refuse to replace files that no earlier run of the folder wrote.")
+    ] = False,
 ) -> None:
     """Make a file of every utterance of a corpus; go on where an earlier run was ended.
 
@@ -56,14 +59,15 @@ def batch(
     import os
     from dataclasses import asdict
 
-    from fapengine.batch.corpus import Corpus, keep, load_corpus, state_of
+    from fapengine.batch.corpus import RECORD, Corpus, keep, load_corpus, state_of
     from fapengine.batch.journal import load_journals
-    from fapengine.batch.report import write_report
+    from fapengine.batch.report import INDEX, PAGE, write_report
     from fapengine.batch.rows import Options
     from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
     from fapengine.batch.work import Job
     from fapengine.cli._progress import progress
     from fapengine.errors import UsageError
+    from fapengine.files.outputs import check_outputs
 
     folder = Path(manifest)
     is_run = folder.is_dir()
@@ -92,14 +96,19 @@ def batch(
         options = Options(keys=avatar.keys, into=into, map=mapping)
         pattern = manifest if any(letter in manifest for letter in "*?[") else str(folder.resolve())
         corpus = Corpus(manifest=pattern, kind=to, text=text, options=options)
+    number, count = _share(shard)
+    journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
+    is_new = not (output / RECORD).exists()
+    own = [output / name for name in (RECORD, INDEX, PAGE)] + [journal]
+    check_outputs(own, [Path(corpus.manifest)], overwrite=not (no_overwrite and is_new))
     rows = corpus.rows()
     keep(output, corpus)
-    number, count = _share(shard)
     mine = rows[number - 1 :: count]
-    journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
     cores = workers if workers is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     engine = on_dask(scheduler) if scheduler else on_this_machine(cores) if cores else serially
     plan = plan_run(mine, Job(output.resolve(), corpus.kind), retry_failed=retry_failed)
+    outputs = [mine[place].output(output, corpus.kind) for place in plan.left]
+    check_outputs(outputs, {path for row in rows for path in row.inputs}, overwrite=not (no_overwrite and is_new))
     with progress("rows", len(plan.left)) as advance:
         done = run(plan, engine, max(cores, 1), journal, on_rows=advance)
     write_report(output, rows, load_journals(output) if shard else done)

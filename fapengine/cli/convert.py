@@ -19,7 +19,8 @@ def convert(
         "--output",
         "-o",
         help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat); with --into,"
-        " an avatar (.glb, .vrm); an animation for VRM avatars (.vrma).",
+        " an avatar (.glb, .vrm); an animation for VRM avatars (.vrma). - is a"
+        " table, to standard output; -.fap says another kind.",
     ),
     shapes: str | None = typer.Option(
         None,
@@ -37,14 +38,15 @@ def convert(
 
     fapengine convert take.fap --into avatar.glb -o spoken.glb    # any tool opens it, and it speaks
     """
-    from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
+    from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion
     from fapengine.app.scene_files import check_scene, is_scene, save_scene
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
-    from fapengine.files.paths import write_bytes
+    from fapengine.files.paths import is_standard, standard_output, write_bytes
     from fapengine.retarget.blend_tracks import format_blend_csv
 
+    output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
     if output.suffix not in OUT_KINDS:
         raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
     check_cues(output, shapes)
@@ -61,4 +63,4 @@ def convert(
         save_fap(output, track)
     else:
         write_bytes(output, format_blend_csv(track, shapes or "arkit"))
-    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz{moved}")
+    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz{moved}", err=is_standard(output))

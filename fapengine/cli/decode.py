@@ -33,7 +33,9 @@ def decode(
     from fapengine.codec.interpolate import fill_track
     from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
+    from fapengine.files.paths import is_standard, standard_output
 
+    output = standard_output(output, ".fap")
     writing.check([output], [stream])
     with working(f"decoding {stream.name}"):
         decoded = load_fba(stream, errors="resync" if resync else "strict")
@@ -49,9 +51,9 @@ def decode(
     if as_json:
         import json
 
-        typer.echo(json.dumps({"output": str(output), "frames": len(track), "losses": losses}))
+        typer.echo(json.dumps({"output": str(output), "frames": len(track), "losses": losses}), err=is_standard(output))
         return
-    typer.echo(f"{output}: {len(track)} frames")
+    typer.echo(f"{output}: {len(track)} frames", err=is_standard(output))
     for loss in decoded.losses:
         typer.echo(
             f"lost: bits {loss.start_bit} to {loss.end_bit}, {loss.frames_dropped} frames dropped: {loss.reason}",

@@ -35,9 +35,10 @@ def encode(
     from fapengine.errors import UsageError
     from fapengine.files.fap import load_fap
     from fapengine.files.fba import load_epf
-    from fapengine.files.paths import write_bytes
+    from fapengine.files.paths import is_standard, standard_output, write_bytes
     from fapengine.mpeg4.fapu import Fapu
 
+    output = standard_output(output, ".fba")
     writing.check([output], [track, epf])
     with working(f"reading {track.name}"):
         faps = load_fap(track)
@@ -68,6 +69,7 @@ def encode(
     if as_json:
         import json
 
-        typer.echo(json.dumps(result))
+        typer.echo(json.dumps(result), err=is_standard(output))
     else:
-        typer.echo("{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result))
+        told = "{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result)
+        typer.echo(told, err=is_standard(output))

@@ -24,9 +24,9 @@ Output = Annotated[
     typer.Option(
         "--output",
         "-o",
-        help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder), or"
-        " .fap for the FAPs alone; with --into, an avatar (.glb, .vrm); with --shapes, mouth shapes (.json, .tsv, .xml,"
-        " .dat).",
+        help="Video (.mp4, .webm, .mkv, .mov), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a"
+        " folder), or .fap for the FAPs alone (-: to standard output); with --into, an avatar (.glb, .vrm); with"
+        " --shapes, mouth shapes (.json, .tsv, .xml, .dat).",
     ),
 ]
 ProfileName = Annotated[
@@ -186,7 +186,7 @@ class DrawingOptions:
         typer.Option(
             "--background",
             "-b",
-            help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .webp, .png).",
+            help="studio, a colour (#f0e8d8), a picture's file, or none for alpha (.webm, .mov, .webp, .png).",
             rich_help_panel=DRAWING,
         ),
     ] = "studio"

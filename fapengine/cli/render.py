@@ -19,7 +19,7 @@ def render(
         typer.Option(
             "--output",
             "-o",
-            help="Video (.mp4, .webm, .mkv), animation (.gif, .webp), numbered pictures (frame_%04d.png, or a folder),"
+            help="Video (.mp4, .webm, .mkv, .mov), animation (.gif, .webp), pictures (frame_%04d.png, or a folder),"
             " or .png for one frame.",
         ),
     ] = Path("out/render.mp4"),

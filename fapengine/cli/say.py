@@ -79,6 +79,7 @@ def say(
     """
     import sys
 
+    from fapengine.app.mouth_cues import RHUBARB
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
     from fapengine.app.talk import check, outputs_of, refuse_unknown
@@ -86,9 +87,11 @@ def say(
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
+    from fapengine.files.paths import is_standard, standard_output
     from fapengine.speech.marks import read_marks
     from fapengine.speech.text.normal_form import decoded, speakable
 
+    output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
     chosen, how, into = manner.value(), drawing.value(), avatar.value()
     if mic or mic_device is not None:
         if text is not None or not live:
@@ -131,4 +134,4 @@ def say(
             speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks
         )
     write(performance, output, report, head=head, drawing=how, into=into)
-    print_reports([report], as_json=as_json)
+    print_reports([report], as_json=as_json, err=is_standard(output))

@@ -44,7 +44,7 @@ def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bo
     if path.suffix in CODECS and any(side % 2 for side in size):
         raise UsageError(f"size: got {size[0]}x{size[1]}, expected even sides for video")
     if alpha and (path.suffix == ".gif" or (path.suffix in CODECS and path.suffix not in ALPHA_KINDS)):
-        raise UsageError(f"background: got none, but {path.suffix} has no alpha; expected .webm, .webp or .png")
+        raise UsageError(f"background: got none, but {path.suffix} has no alpha; expected .webm, .mov, .webp or .png")
 
 
 def write_moving(

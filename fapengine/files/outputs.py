@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.animation import is_sequence, sequence_files
+from fapengine.files.paths import is_standard
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overwrite: bool = True) -> tuple[Path, ...]:
@@ -37,6 +38,8 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     seen: dict[Path, Path] = {}
     replaced = []
     for output in outputs:
+        if is_standard(output):
+            continue
         place = output.resolve()
         if place in seen:
             raise UsageError(f"path: got {seen[place]} and {output}, which are one file; expected different names")

@@ -43,13 +43,23 @@ _unfinished: dict[Path, int | None] = {}
 
 
 STANDARD = "-"
-"""Name that stands for standard input."""
+"""Name that stands for standard input, or output."""
 
 
 @lru_cache(maxsize=1)
 def _whole(stream: BinaryIO) -> bytes:
     """Read a stream to its end, once, however often it is asked for."""
     return stream.read()
+
+
+def is_standard(path: Path) -> bool:
+    """Tell whether a name stands for standard input or output: ``-``, or ``-.csv`` to say what is written."""
+    return path.stem == STANDARD and str(path) == path.name
+
+
+def standard_output(path: Path, ending: str) -> Path:
+    """Give ``-`` the ending of what it shall get; other names stay."""
+    return path.with_name(f"{STANDARD}{ending}") if str(path) == STANDARD else path
 
 
 def refuse_standard_output(path: Path) -> None:
@@ -60,8 +70,8 @@ def refuse_standard_output(path: Path) -> None:
     UsageError
         If the path is ``-``.
     """
-    if str(path) == STANDARD:
-        raise UsageError("path: got -, but nothing is written to standard output; expected a file's name")
+    if is_standard(path):
+        raise UsageError(f"path: got {path}, but that is not written to standard output; expected a file's name")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -149,13 +159,18 @@ def replacing_folder(path: Path, *, owned: Collection[str]) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a whole file as :func:`replacing` does.
+    """Write a whole file as :func:`replacing` does, or standard output.
 
     Raises
     ------
     ResourceError
         If it cannot be written.
     """
+    if is_standard(path):
+        if sys.stdout is None:
+            raise ResourceError(f"{path}: cannot be written (standard output is closed)")
+        sys.stdout.buffer.write(data)
+        return
     with replacing(path) as new:
         new.write_bytes(data)
 

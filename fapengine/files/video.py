@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import replacing
 
-CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac")}
+CODECS = {
+    ".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac"),
+    ".mov": ("prores_ks", "pcm_s16le"),
+}  # fmt: skip
 """Video and sound codec by suffix."""
 STRANGERS = {"format_whitelist": "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,gif", "protocol_whitelist": "none"}
 """Options for films of others: containers that name no further files, and no protocol to open one."""
@@ -22,11 +25,17 @@ FILMS = frozenset(
     {".mp4", ".m4v", ".mov", ".webm", ".mkv", ".avi", ".mpg", ".mpeg", ".ts", ".flv", ".wmv", ".ogv", ".gif"}
 )
 """Endings of names that are taken for films."""
-ALPHA_KINDS = (".webm",)
+ALPHA_KINDS = (".webm", ".mov")
 FORMATS = {3: "rgb24", 4: "rgba"}
 """FFmpeg's name of a picture with so many components."""
 X264_OPTIONS = {"preset": "veryfast", "crf": "20", "tune": "animation"}
 VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
+PRORES_OPTIONS = {"profile": "4444", "vendor": "apl0", "alpha_bits": "16"}
+"""ProRes 4444, which editors take with its alpha; some look at who wrote it."""
+OPTIONS = {"libx264": X264_OPTIONS, "libvpx-vp9": VP9_OPTIONS, "prores_ks": PRORES_OPTIONS}
+PIXELS = {"prores_ks": ("yuv444p10le", "yuva444p10le")}
+"""Formats of pixels without and with alpha, where they are others than those of :data:`USUAL_PIXELS`."""
+USUAL_PIXELS = ("yuv420p", "yuva420p")
 MUXER_OPTIONS = {".mp4": {"movflags": "faststart"}}
 """The list of an MP4's frames stands first, so that a browser plays it while it loads."""
 SOUND_RATE_HZ = 48000
@@ -49,9 +58,9 @@ def write_video(
     Parameters
     ----------
     path : Path
-        ``.mp4``, ``.webm`` or ``.mkv``.
+        ``.mp4``, ``.webm``, ``.mkv`` or ``.mov`` (ProRes 4444).
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size, with even sides. A fourth component is alpha, for ``.webm`` alone; colours are not
+        sRGB; all of one size, with even sides. A fourth component is alpha, for ``.webm`` and ``.mov``; colours are not
         multiplied with it.
     rate_hz : float
         Frames a second.
@@ -85,7 +94,7 @@ def write_video(
     try:
         with replacing(path) as new, av.open(str(new), "w", options=MUXER_OPTIONS.get(path.suffix, {})) as container:
             stream: Any = container.add_stream(video_codec, rate=Fraction(rate_hz).limit_denominator(1001))
-            stream.options = X264_OPTIONS if video_codec == "libx264" else VP9_OPTIONS
+            stream.options = OPTIONS[video_codec]
             stream.codec_context.thread_count = 0
             packets = [_encoded_pictures(stream, frames, path, encoded)]
             if sound:
@@ -122,9 +131,9 @@ def _take_form(stream: Any, picture: Picture, path: Path) -> None:
     if stream.height % 2 or stream.width % 2:
         raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
     if components == 4 and path.suffix not in ALPHA_KINDS:
-        raise UsageError(f"video: got pictures with alpha, but {path.suffix} holds none; expected .webm")
-    stream.pix_fmt = "yuva420p" if components == 4 else "yuv420p"
-    if components == 4:
+        raise UsageError(f"video: got pictures with alpha, but {path.suffix} holds none; expected .webm or .mov")
+    stream.pix_fmt = PIXELS.get(stream.codec_context.name, USUAL_PIXELS)[components == 4]
+    if components == 4 and path.suffix == ".webm":
         stream.metadata["alpha_mode"] = "1"  # players look there
         stream.options = {**stream.options, "auto-alt-ref": "0"}  # libvpx refuses both together
 

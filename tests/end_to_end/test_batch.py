@@ -31,7 +31,8 @@ def corpus(tmp_path: Path) -> Path:
 
 
 def contents(folder: Path, ending: str = "fap") -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob(f"*.{ending}")}
+    whole = [path for path in folder.rglob(f"*.{ending}") if not path.name.startswith(".")]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in whole}
 
 
 def test_a_text_is_said_as_say_says_it_whatever_was_said_before(tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_a_killed_client_leaves_no_worker_and_is_resumed(corpus: Path, tmp_path:
     fapengine("batch", corpus, "-o", folder, "--to", "fap", "--workers", 0)
     assert len(contents(folder)) == COUNT
     kept = sum((folder / name).stat().st_mtime_ns == stamp for name, stamp in before.items())
-    assert kept >= done - 1  # a line that was torn is done again
+    assert kept >= done  # nothing that had a line was done again
     assert not list(folder.rglob(".*"))
     fapengine("batch", corpus, "-o", tmp_path / "serial", "--to", "fap", "--workers", 0)
     assert contents(folder) == contents(tmp_path / "serial")

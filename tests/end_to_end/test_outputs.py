@@ -63,6 +63,9 @@ VERBS = {
     "encode --epf": Verb("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
     "decode": Verb("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
+    "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
     **{
@@ -77,6 +80,7 @@ VERBS = {
         f"head import {option}": Verb(f"head import OTHER.obj {option} INPUT -o OUTPUT", "head", ("head/head.toml",))
         for option in ("--points", "--map")
     },
+    "head export": Verb("head export INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "head check": Verb("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
     "view": Verb("view INPUT --shot OUTPUT", "a.png", ("a.png",)),
     "view --audio": Verb("view OTHER.fap --audio INPUT --shot OUTPUT", "a.png", ("a.png",)),

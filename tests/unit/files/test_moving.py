@@ -118,3 +118,16 @@ def test_a_sheet_of_clear_pictures_shows_its_paper() -> None:
     tile = contact_sheet([frame], [("", "")])[16 : 16 + 192, 16 : 16 + 192]
     assert tile[60, 5].tolist() == [250, 249, 246]
     assert np.abs(tile[96, 80].astype(int) - (200, 60, 30)).max() <= 1
+
+
+def test_prores_keeps_alpha_and_sound(tmp_path: Path) -> None:
+    frame = np.zeros((32, 48, 4), np.uint8)
+    frame[..., 0], frame[8:24, 8:40, 3], frame[:4, :, 3] = 200, 255, 128
+    path = tmp_path / "a.mov"
+    write_moving(path, [frame] * 3, rate_hz=25.0, sound=(np.zeros(1920, np.int16), 16000))
+    with av.open(str(path)) as film:
+        video, sound = film.streams.video[0], film.streams.audio[0]
+        assert (video.codec.name, video.profile, sound.codec.name) == ("prores", "4444", "pcm_s16le")
+        shown = next(film.decode(video=0)).to_ndarray(format="rgba").astype(int)
+    assert np.abs(shown[..., 3] - frame[..., 3]).max() <= 3  # ten bits of colour, but alpha is kept in 16
+    assert np.abs(shown[12:20, 12:36, 0] - 200).max() <= 3
