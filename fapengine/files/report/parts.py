@@ -29,7 +29,7 @@ figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg { max-
 @media (max-width: 40rem) { body { margin: 1rem auto } td, th { padding: .15rem .4rem } }
 """
 Grade = Literal["good", "fair", "poor", ""]
-"""What a verdict says; empty: nothing was judged."""
+"""Grade of a verdict; empty: nothing was judged."""
 
 
 def page(title: str, parts: Iterable[str]) -> bytes:
