@@ -13,6 +13,7 @@ The principal components of what is left are kept. All is made symmetric. The da
 import base64
 import csv
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from fapengine.mesh.default_head.head import build_parts
 from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.rings import Rings
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle
+from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.vertex_fields import vertex_normals
 
 Array = NDArray[np.float64]
@@ -115,7 +117,7 @@ def read_template() -> Template:
     faces_table.MOVES = pack(np.zeros(len(ANGLES_DEG) * len(HEIGHTS_MM) * 3))
     builder, head = build_parts(HeadStyle(hair=False), LEVELS["normal"])
     points, places, triangles = builder.column("points_mm"), builder.column("place"), builder.triangles()
-    on_skin = np.isfinite(places[:, 0])
+    on_skin = np.isfinite(places[:, 0]) & (builder.column("material") != Material.STRAND)
     on_skin[head.mouth.indices[head.mouth.level < 0]] = False
     on_skin[head.mouth.indices.max() + 1] = False  # the mouth's end
     triangles = triangles[on_skin[triangles].all(axis=1)]
@@ -261,15 +263,15 @@ def with_still_eyes(move: Array, template: Template) -> Array:
     return still
 
 
-def fill(template: Template, sure: Array):  # type: ignore[no-untyped-def]
-    """Return what keeps displacements where they are sure, 0 where nothing moves, and is smooth between."""
-    held = 10.0 * sure
+def fill(template: Template, sure: Array, hold: float = 10.0) -> Callable[[Array], Array]:
+    """Return what keeps displacements where they are sure, the more the greater ``hold``, and is smooth between."""
+    held = hold * sure
     held[template.lids] = 100.0
     held += 100.0 * (template.places[:, 1] < -126)
     solver = splu((springs(template) + sparse.diags(held)).tocsc())
 
     def filled(move: Array) -> Array:
-        smooth: Array = solver.solve(10.0 * sure[:, None] * move)
+        smooth: Array = solver.solve(hold * sure[:, None] * move)
         return smooth
 
     return filled
@@ -302,12 +304,23 @@ def write(mean: Array, modes: Array) -> None:
         "",
         "# fmt: off",
         f"MODES = {len(modes)}",
-        f"ANGLES_DEG: tuple[float, ...] = ({', '.join(f'{value:g}' for value in ANGLES_DEG)})  # noqa: E501",
-        f"HEIGHTS_MM: tuple[float, ...] = ({', '.join(f'{value:g}' for value in HEIGHTS_MM)})  # noqa: E501",
-        "MOVES = (  # base64 of zlib of int16, mm/100: the mean, then the modes at every second knot",
+        *table_lines(packed, ANGLES_DEG, HEIGHTS_MM, "mm/100: the mean, then the modes at every second knot"),
     ]
-    lines += [f'    "{packed[start : start + 110]}"' for start in range(0, len(packed), 110)]
-    TABLE.write_text("\n".join([*lines, ")", "# fmt: on", ""]), encoding="utf-8")
+    TABLE.write_text("\n".join(lines), encoding="utf-8")
+
+
+def table_lines(packed: str, angles_deg: tuple[float, ...], heights_mm: tuple[float, ...], what: str) -> list[str]:
+    """Lines of a module: the knots, and a table that is packed."""
+    knots = ((name, ", ".join(f"{value:g}" for value in values))
+             for name, values in (("ANGLES_DEG", angles_deg), ("HEIGHTS_MM", heights_mm)))  # fmt: skip
+    return [
+        *(f"{name}: tuple[float, ...] = ({values})  # noqa: E501" for name, values in knots),
+        f"MOVES = (  # base64 of zlib of int16, {what}",
+        *(f'    "{packed[start : start + 110]}"' for start in range(0, len(packed), 110)),
+        ")",
+        "# fmt: on",
+        "",
+    ]
 
 
 if __name__ == "__main__":

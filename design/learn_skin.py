@@ -5,8 +5,8 @@
 Postures: 4,000 frames of speech and 3,000 random sums of the dense face's expressions. In each, the FAPs are read off
 the feature points. Every skin vertex then gets the linear map from FAPs (mm) to its displacement with the least squared
 error, with a ridge that grows with the fourth power of the distance to each FAP's point, so that near points say what
-the skin does. The map is made symmetric, fades far from all points, and is kept at :data:`SAMPLES` places of the left
-half. The data are not part of the project.
+the skin does. The map is made symmetric, fades far from all points, and is carried to the places of our template by the
+registration of ``design/learn_faces.py``. The data are not part of the project.
 """
 
 import csv
@@ -18,15 +18,29 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.data_files import FOLDER, asked_path
+from design.learn_faces import (
+    MIRROR,
+    Dense,
+    Template,
+    fill,
+    nearest,
+    on_grid,
+    pack,
+    read_dense,
+    read_template,
+    registered,
+    table_lines,
+)
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.default_head.skin import ANCHORS, FAPS, MIRRORED, mirror, read_fields
+from fapengine.mesh.default_head.skin import FAPS, mirror
 from fapengine.mpeg4 import fap
 
-TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "skin_table.py"
+TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "default_head" / "skin_table.py"
 SKIN = 9409
 """Vertices of the face; behind them come head, sockets, teeth and eyes."""
-SAMPLES = 120
+ANGLES_DEG, HEIGHTS_MM = tuple(range(0, 73, 2)), tuple(range(-96, 64, 3))
 RIDGE, NEAR_MM = 0.2, 25.0
+SMOOTH = 0.4
 FADE_MM = (35.0, 60.0)
 OF_BOTH_SIDES = ("mouthSmile", "mouthFrown", "mouthStretch", "cheekRaiser", "cheekPuff", "mouthDimple", "mouthUpperUp",
                  "mouthLowerDown", "cheekSquint", "noseSneer")  # fmt: skip
@@ -53,18 +67,30 @@ def main(data: Path) -> None:
     values = faps_of(postures, fields, own)
     test = rng.random(len(postures)) < 0.2
     learned = learn(points[:SKIN], fields[:, :SKIN], points[own], postures[~test], values[~test])
-    twin = cKDTree(points[:SKIN]).query(points[:SKIN] * MIRRORED)[1]
+    twin = cKDTree(points[:SKIN]).query(points[:SKIN] * MIRROR)[1]
     learned = (learned + mirror(learned[twin])) / 2
-    nearest = np.linalg.norm(points[:SKIN, None] - points[own], axis=2).min(axis=1)
-    learned *= (1 - smoothstep((nearest - FADE_MM[0]) / (FADE_MM[1] - FADE_MM[0])))[:, None, None]
+    nearest_point = np.linalg.norm(points[:SKIN, None] - points[own], axis=2).min(axis=1)
+    learned *= (1 - smoothstep((nearest_point - FADE_MM[0]) / (FADE_MM[1] - FADE_MM[0])))[:, None, None]
+    ours = read_template()
+    fields_on_grid = carried(ours, read_dense(face, layout), learned)
+    write(fields_on_grid)
     outside = np.flatnonzero(~within_lips(points[:SKIN], points[[layout[name] for name in LIPS]]))
-    places, moves = sample(points[:SKIN], learned, outside)
-    write(places, moves, {name: points[layout[name]] for name in ANCHORS})
-    judged = outside[nearest[outside] < NEAR_MM]
+    judged = outside[nearest_point[outside] < NEAR_MM]
     real = displacement(postures[test], fields[:, judged])
-    for what, found in (("learned", learned[judged]), ("as sampled", read_fields(places, moves, points[judged]))):
-        error = real - np.einsum("sf,vfa->sva", values[test], found)
-        print(f"{what}: {rms(error):.2f} mm of {rms(real):.2f} mm, postures that were not learned from")
+    error = real - np.einsum("sf,vfa->sva", values[test], learned[judged])
+    print(f"{rms(error):.2f} mm of {rms(real):.2f} mm, postures that were not learned from")
+
+
+def carried(ours: Template, dense: Dense, learned: Array) -> Array:
+    """Fields at the knots of the template's left half, (A, Y, F * 3)."""
+    mean, sure = registered(ours, dense)
+    triangle, share, _ = nearest(ours.points + mean, dense)
+    whole = np.zeros((len(dense.points), *learned.shape[1:]))
+    whole[:SKIN] = learned
+    moves = np.einsum("vc,vcfa->vfa", share, whole[dense.triangles[triangle]])
+    twin = cKDTree(ours.points).query(ours.points * MIRROR)[1]
+    moves = (moves + mirror(moves[twin])) / 2
+    return on_grid(ours.places, fill(ours, sure, SMOOTH)(moves.reshape(len(moves), -1)), ANGLES_DEG, HEIGHTS_MM)
 
 
 def rms(vectors: Array) -> float:
@@ -116,47 +142,20 @@ def within_lips(points: Array, contour: Array) -> NDArray[np.bool_]:
     return outline.contains_points(points[:, :2]) & (points[:, 2] > 60)
 
 
-def sample(points: Array, learned: Array, outside: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Places that stand apart, closer where the skin moves more, each with the mean of its five nearest vertices."""
-    size = np.abs(learned).max(axis=(1, 2))
-    left = outside[(points[outside, 0] >= -0.5) & (points[outside, 2] > 0) & (size[outside] > 0.005)]
-    chosen = [left[size[left].argmax()]]
-    apart = np.full(len(left), np.inf)
-    while len(chosen) < SAMPLES:
-        apart = np.minimum(apart, np.linalg.norm(points[left] - points[chosen[-1]], axis=1))
-        chosen.append(left[(apart * (0.25 + size[left])).argmax()])
-    around = outside[cKDTree(points[outside]).query(points[chosen], k=5)[1]]
-    places, moves = points[around].mean(axis=1), learned[around].mean(axis=1)
-    middle = np.abs(places[:, 0]) < 1.5
-    places[middle, 0] = 0.0
-    moves[middle] = (moves[middle] + mirror(moves[middle])) / 2
-    return places.round(1), moves.round(2)
-
-
-def write(places: Array, moves: Array, anchors: dict[str, Array]) -> None:
+def write(tables: Array) -> None:
+    packed = pack(tables)
+    print(f"{len(packed) / 1000:.0f} kB")
     lines = [
-        '"""How skin follows feature points, at places of the left half of a face. Written by design/learn_skin.py.',
+        '"""How skin follows feature points, on the left half of a face. Written by design/learn_skin.py.',
         "",
         "Learned from ICT-FaceKit (MIT licence, University of Southern California, Institute for Creative",
         "Technologies) and from speech of the GRID corpus (Cooke et al. 2006), through the points of ISO/IEC 14496-2.",
         '"""',
         "",
         "# fmt: off",
-        "ANCHORS_MM: dict[str, tuple[float, float, float]] = {",
+        *table_lines(packed, ANGLES_DEG, HEIGHTS_MM, "mm/100 for a mm of each FAP"),
     ]
-    lines += [f'    "{name}": ({", ".join(f"{value:.1f}" for value in place)}),' for name, place in anchors.items()]
-    lines += ["}", "MOVES: tuple[tuple[tuple[float, float, float], dict[int, tuple[float, float, float]]], ...] = ("]
-    for place, rows in zip(places, moves, strict=True):
-        line = f"    (({', '.join(f'{value:g}' for value in place)}), {{"
-        for number, row in zip(FAPS, rows, strict=True):
-            if np.abs(row).max() >= 0.015:
-                entry = f"{number}: ({', '.join(f'{value + 0.0:g}' for value in row)}), "
-                if len(line) + len(entry) > 116:
-                    lines.append(line.rstrip())
-                    line = "        "
-                line += entry
-        lines.append(line.rstrip(", ") + "}),")
-    TABLE.write_text("\n".join([*lines, ")"]) + "\n", encoding="utf-8")
+    TABLE.write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

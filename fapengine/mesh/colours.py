@@ -38,10 +38,10 @@ EYE_COLOURS: dict[str, tuple[float, float, float]] = {
 }
 """Iris near the pupil by the eyes' colour, linear RGB."""
 LIP = LIPS[1]
-MOUTH = np.array([0.10, 0.018, 0.016])
+MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
-TONGUE = np.array([0.52, 0.17, 0.16])
-TEETH = np.array([0.80, 0.75, 0.66])
+TONGUE = np.array([0.42, 0.135, 0.125])
+TEETH = np.array([0.45, 0.41, 0.35])
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])

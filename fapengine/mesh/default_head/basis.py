@@ -52,9 +52,12 @@ SLIT_MM = 6.0
 
 
 def build_basis(
-    points: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
+    points: Array, places: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
 ) -> tuple[Array, DeformationBasis]:
-    """Weight of the jaw bone on every vertex that is not all bone already, (V,), and the basis."""
+    """Weight of the jaw bone on every vertex that is not all bone already, (V,), and the basis.
+
+    ``places``, (V, 2), are those of :mod:`.faces`.
+    """
     collector = BasisCollector(len(points))
     skin = np.unique(
         np.concatenate(
@@ -79,7 +82,7 @@ def build_basis(
 
     _lips(head, linear)
     around((18,), skin, (24, 17, 30))
-    fields = _skin_fields(points, skin, head, feature_points)
+    fields = _skin_fields(points, places, skin, head, feature_points)
     for number, moves in fields.items():
         if number != JAW_FAP:
             collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
@@ -157,20 +160,21 @@ def _skin_share(level: Array) -> Array:
     return smoothstep(level - 1)
 
 
-def _skin_fields(points: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]) -> dict[int, Array]:
+def _skin_fields(
+    points: Array, places: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]
+) -> dict[int, Array]:
     """FAP to (N, 3): how the skin moves for a millimetre of it, corrected where feature points of other FAPs lie."""
     at = points[skin]
-    places = {name: points[index] for name, index in feature_points.items()}
-    fields = skin_fields(at, places)
+    fields = skin_fields(places[skin])
     share = np.ones(len(points))
     share[head.mouth.indices] = _skin_share(head.mouth.level)[:, None]
     share[head.mouth.indices[0]] = 1.0
-    corners, line = abs(places["8.3"][0]), places["2.2"][1]
+    corners, line = abs(points[feature_points["8.3"]][0]), points[feature_points["2.2"]][1]
     between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
     above = smoothstep((at[:, 1] - line) / SLIT_MM + 0.5)
     around = {}
     for owner in OWNERS:
-        away = np.linalg.norm(at - places[fap.spec(owner).point], axis=1)
+        away = np.linalg.norm(at - points[feature_points[fap.spec(owner).point]], axis=1)
         around[owner] = int(away.argmin()), np.clip(1 - (away / CORRECTION_MM) ** 2, 0, None) ** 2
     pushed = 1 - smoothstep((np.abs(at[:, 0]) / corners - PUSH_SIDE[0]) / (PUSH_SIDE[1] - PUSH_SIDE[0]))
     for number, moves in fields.items():

@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from fapengine.mesh.default_head.faces import normal, position
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import angle_of
+from fapengine.mesh.default_head.surface import angle_of, normal, position
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,11 +30,6 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     palette = palette_of(style)
     dark = 0.75 * palette.hair
 
-    def on_face(flat: Array, height: Array) -> Array:
-        angle = angle_of(flat[..., 0], flat[..., 1], style)
-        out = height[..., None] * normal(angle, flat[..., 1], style)
-        return (position(angle, flat[..., 1], style) + out) * [side, 1, 1]
-
     number = np.arange(round(HAIRS * np.clip(detail, 0.5, 1.6)))
     at = (number + 0.5) / len(number)
     spread = 2 * ((number * GOLDEN) % 1) - 1
@@ -48,7 +42,10 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     length = (5.4 + 1.2 * wild) * np.interp(at, (0.0, 0.1, 0.8, 1.0), (0.65, 1.0, 1.0, 0.6))
     half_width = 0.5 * np.interp(at, (0.0, 0.15, 1.0), (0.3, 0.42, 0.36))[:, None] * [1.0, 0.1]
     tip = root + length[:, None] * along
-    spine = on_face(np.stack([root, tip], axis=1), np.array([0.30, 0.80]))
+    flat = np.stack([root, tip], axis=1)
+    angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
+    spine = (position(angle, y, style) + np.array([0.30, 0.80])[:, None] * normal(angle, y, style)) * [side, 1, 1]
     aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
     tint = dark * (0.85 + 0.35 * ((number * GOLDEN * 3.7) % 1))[:, None]
-    return builder.strands(spine, half_width, aside, albedo=tint).ravel()
+    place = np.stack([side * angle, y], axis=-1)
+    return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()

@@ -27,11 +27,15 @@ STEP_MM = 0.01
 """One unit of the table."""
 
 
+def unpacked(text: str) -> Array:
+    """(N,): numbers of a table: base64 of zlib of int16, in units of :data:`STEP_MM`."""
+    return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<i2") * STEP_MM
+
+
 @cache
 def _tables() -> tuple[Array, Array]:
     """Unpack the mean (A, Y, 3), and the modes (M, A', Y', 3), mm, over every second knot."""
-    packed = base64.b64decode(faces_table.MOVES)
-    whole = np.frombuffer(zlib.decompress(packed), dtype="<i2").astype(np.float64) * STEP_MM
+    whole = unpacked(faces_table.MOVES)
     angles, heights = len(faces_table.ANGLES_DEG), len(faces_table.HEIGHTS_MM)
     mean, modes = np.split(whole, [angles * heights * 3])
     coarse = -(-angles // 2), -(-heights // 2)

@@ -36,6 +36,9 @@ from fapengine.mpeg4.fapu import Fapu
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+LIT_INSIDE = {Material.TEETH: 0.45, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
+"""Least light, as a share, on what is inside of the mouth."""
+LID_FOLDS_AT = 1.46
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
@@ -228,13 +231,16 @@ def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: flo
     shared = normals[seam].sum(axis=1, keepdims=True)
     normals[seam] = shared / np.maximum(np.linalg.norm(shared, axis=-1, keepdims=True), 1e-9)
     occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
-    # Teeth are seen only when the lips part, and then light falls on them: the neutral face's shadow would be wrong.
-    lit = builder.column("material") == Material.TEETH
-    occlusion = np.where(lit, np.maximum(occlusion, 0.72), occlusion)
+    # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
+    for material, light in LIT_INSIDE.items():
+        occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
+    for eye in head.eyes:  # a lid is folded away when it is open; what shows when it shuts is lit
+        lid = eye.lids.indices[eye.lids.level < LID_FOLDS_AT]
+        occlusion[lid] = np.maximum(occlusion[lid], 0.85)
     feature_points = locate(template, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
-    jaw_weight, basis = build_basis(points, head, feature_points, fapu)
+    jaw_weight, basis = build_basis(points, builder.column("place"), head, feature_points, fapu)
     on_jaw = jaw_weight > 0
 
     # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.

@@ -87,7 +87,9 @@ class MeshBuilder:
             ]
         )
 
-    def strands(self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike) -> NDArray[np.int64]:
+    def strands(
+        self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike, place: ArrayLike = NOWHERE
+    ) -> NDArray[np.int64]:
         """Add single hairs, each a ribbon along its spine; returns their indices, (L, 2 P), from root to tip.
 
         Parameters
@@ -99,6 +101,8 @@ class MeshBuilder:
         aside : (L, 3) or (3,)
             Unit direction across the ribbon: its outside is where ``aside`` points to the right and the hair upwards.
         albedo : (L, 3) or (3,) linear RGB
+        place : (L, P, 2) or (2,)
+            See :meth:`add`.
         """
         count, steps = spine_mm.shape[:2]
         half = np.broadcast_to(half_width_mm, (count, steps))[..., None]
@@ -106,7 +110,8 @@ class MeshBuilder:
         edges = spine_mm[:, :, None] + across[..., None] * np.broadcast_to(aside, (count, 3))[:, None, None]
         uv = np.stack([across, np.broadcast_to(half, across.shape)], axis=-1)
         colour = np.broadcast_to(albedo, (count, 3))[:, None, None]
-        grid = self.add(edges, albedo=colour, material=Material.STRAND, uv=uv)
+        where = np.broadcast_to(place, (count, steps, 2))[:, :, None]
+        grid = self.add(edges, albedo=colour, material=Material.STRAND, uv=uv, place=where)
         left, right = grid[..., 0], grid[..., 1]
         self.loose(np.stack([left[:, :-1], right[:, :-1], right[:, 1:]], axis=-1).reshape(-1, 3))
         self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1).reshape(-1, 3))

@@ -49,7 +49,9 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.55 + 0.45 * round_off
         far = 1 - 0.38 * smoothstep((np.abs(share) - 0.40) / 0.6)
-        colour = colours.GUM if is_gum else colours.TEETH * gap[:, None]
+        # In speech the edges alone are seen, in the lips' shadow; a smile shows the light half above them.
+        shade = 1.6 - 0.68 * np.clip(height, 0, 1)
+        colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)
     kinds = np.array([Material.GUM] * 3 + [Material.TEETH] * 7 + [Material.GUM])[:, None]
@@ -63,13 +65,19 @@ TONGUE_TIP = np.array([0.0, -36.0, 97.0])
 """Place of the tip at rest: behind the edge between upper and lower teeth, where the standard's neutral face has it."""
 
 
+TONGUE_RISE_MM = 4.5
+"""Height of the tongue's back over its tip."""
+BACK_ON_JAW = 0.5
+"""Share of the jaw's turn with which the tongue's back goes; the tip, behind the lower teeth, goes with them."""
+
+
 def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     """Add a flattened tube from root to tip; returns its indices, (N,), the tip last."""
     share = 1 - (1 - np.linspace(0, 1, max(9, round(13 * detail)))) ** 1.5  # rings stand closer at the tip
     around = np.linspace(0, 2 * np.pi, 4 * max(3, round(4 * detail)), endpoint=False)
     half_width = 18.5 * (1 - 0.35 * share**2) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.4
     half_height = 7.5 * (1 - 0.45 * share) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.3
-    y = -41.0 + 3.0 * np.sin(np.pi * (0.15 + 0.7 * share)) + 2.0 * share
+    y = TONGUE_TIP[1] + TONGUE_RISE_MM * np.sin(np.pi * np.clip(1.12 * (1 - share), 0, 1) ** 0.8) - 2.0 * (1 - share)
     z = 52.0 + (TONGUE_TIP[2] - 52.0) * share
     height = np.sin(around) * half_height[:, None]
     groove = -1.2 * np.exp(-((np.cos(around) / 0.35) ** 2)) * (np.sin(around) > 0) * (1 - share[:, None] ** 3)
@@ -80,7 +88,8 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     shade = (0.45 + 0.55 * share)[:, None, None]
 
     def add(where: Array, albedo: Array) -> Indices:
-        return builder.add(where, albedo=albedo, material=Material.TONGUE, bone=Bone.JAW, bone_weight=1.0)
+        weight = 1 - (1 - BACK_ON_JAW) * smoothstep((TONGUE_TIP[2] - where[..., 2] - 3.0) / 22.0)
+        return builder.add(where, albedo=albedo, material=Material.TONGUE, bone=Bone.JAW, bone_weight=weight)
 
     grid = add(points, colours.TONGUE * shade)
     tip = add(points[-1].mean(axis=0) + np.array([0, 0, 0.6]), colours.TONGUE)
