@@ -31,7 +31,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears for bench.ears; needs Node"
+	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears; our plug-ins in Pipecat and LiveKit; needs Node"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -111,6 +111,11 @@ oracles:
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
 	    gltf-validator@2.0.0-dev.3.10 three@0.187
 	$(BIN)/python -m tests.oracles out/oracles
+	$(PYTHON) -m venv out/oracles/frameworks
+	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"
+	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
+	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

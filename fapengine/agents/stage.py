@@ -170,7 +170,7 @@ class Stage(GestureMethods):
         self._engine.open(_FACE, 0.0)
         self._ear, self._pronounce = ear, pronounce
         self._now_s = 0.0
-        self._numbers = count(1)
+        self._newest = 0
         self._order = count()
         self._queue: list[_Utterance] = []
         self._listening: tuple[_Utterance, Run] | None = None
@@ -273,6 +273,11 @@ class Stage(GestureMethods):
         return self._engine.counters(_FACE)
 
     @property
+    def newest(self) -> int:
+        """Number of the utterance that began to come last; 0 before the first."""
+        return self._newest
+
+    @property
     def is_speaking(self) -> bool:
         """Whether something is being said, or waits to be."""
         return bool(self._queue)
@@ -286,7 +291,8 @@ class Stage(GestureMethods):
 
     def _open(self) -> _Utterance:
         if not self._queue or self._queue[-1].is_ended:
-            self._queue.append(_Utterance(next(self._numbers)))
+            self._newest += 1
+            self._queue.append(_Utterance(self._newest))
         return self._queue[-1]
 
     def _speak(self, dt_s: float) -> tuple[Sound, ...]:

@@ -122,6 +122,10 @@ def _from_the_top(path: str) -> bool:
     return False
 
 
+NEED_FRAMEWORKS = ("fapengine.agents.livekit", "fapengine.agents.pipecat")
+"""Modules that can be imported in an environment of their own only: make oracles."""
+
+
 def test_cross_references_of_docstrings_resolve() -> None:
     references, wrong = 0, []
     for path in MODULES:
@@ -133,6 +137,8 @@ def test_cross_references_of_docstrings_resolve() -> None:
         ]
         references += len(found)
         if not found:
+            continue
+        if name in NEED_FRAMEWORKS:
             continue
         module = importlib.import_module(name)
         wrong += [

@@ -1,0 +1,227 @@
+"""A face for LiveKit Agents, beside the agent or as a worker (``pip install fapengine[livekit,voice,ear]``).
+
+Examples
+--------
+In the agent's entry point, before ``session.start``::
+
+    avatar = AvatarSession(head="woman", size=(512, 512))
+    await avatar.start(session, room=ctx.room)
+
+Words with times make better lips than sound alone, and marks such as ``[laughs]`` move the face::
+
+    class Assistant(Agent):
+        async def tts_node(self, text, settings):
+            async for frame in Agent.default.tts_node(self, avatar.without_marks(text), settings):
+                yield frame
+
+        async def transcription_node(self, text, settings):  # with use_tts_aligned_transcript=True
+            async for piece in avatar.read(text):
+                yield piece
+
+A worker of its own, which joins a room and answers the agent's ``DataStreamAudioOutput``::
+
+    python -m fapengine.agents.livekit wss://host TOKEN --head woman
+"""
+
+import argparse
+import asyncio
+import re
+import time
+from collections import deque
+from collections.abc import AsyncIterable, AsyncIterator
+from typing import Any
+
+from livekit import rtc
+from livekit.agents import voice
+from livekit.agents.voice.avatar import (
+    AudioReceiver,
+    AudioSegmentEnd,
+    AvatarOptions,
+    AvatarRunner,
+    DataStreamAudioReceiver,
+    QueueAudioOutput,
+    VideoGenerator,
+)
+from livekit.agents.voice.avatar import AvatarSession as _AvatarSession
+
+from fapengine.agents.actor import Actor, ActorOptions
+
+SAMPLE_RATE_HZ = 24_000
+_SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
+
+
+class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
+    """Turns the agent's sound into pictures, each behind the sound that belongs to it.
+
+    Parameters
+    ----------
+    actor : Actor
+    size : (int, int)
+        Width and height of its pictures.
+    """
+
+    def __init__(self, actor: Actor, size: tuple[int, int]) -> None:
+        self.actor, self._size = actor, size
+        self._ends_s: deque[float] = deque()
+        """Times at which the sound of utterances that are over has been heard."""
+
+    async def push_audio(self, frame: rtc.AudioFrame | AudioSegmentEnd) -> None:
+        """Take sound, or the end of an utterance."""
+        if isinstance(frame, AudioSegmentEnd):
+            self.actor.end()
+        else:
+            self.actor.sound(bytes(frame.data), frame.sample_rate, frame.num_channels)
+
+    def clear_buffer(self) -> None:
+        """Stop speaking."""
+        self.actor.interrupt(time.monotonic())
+        self._ends_s.clear()
+
+    async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd]:
+        """Yield sound and pictures at their pace, and the end of each utterance when it has been heard."""
+        await self.actor.ready()
+        while True:
+            await asyncio.sleep(self.actor.wait_s(time.monotonic()))
+            now_s = time.monotonic()
+            frame, events = self.actor.frame(now_s)
+            for sound in frame.sounds:
+                data = sound.samples.astype("<i2").tobytes()
+                yield rtc.AudioFrame(data, sound.rate_hz, 1, len(sound.samples))
+            picture = await self.actor.picture(frame.faps)
+            yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture)
+            self._ends_s.extend(
+                now_s + self.actor.unplayed_s(now_s) for event in events if event.kind == "finished"
+            )  # fmt: skip
+            while self._ends_s and self._ends_s[0] <= time.monotonic():
+                self._ends_s.popleft()
+                yield AudioSegmentEnd()
+
+
+class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
+    """A face for an agent, drawn beside it; it speaks and is seen as the agent's own participant.
+
+    Parameters
+    ----------
+    **options
+        As of :class:`fapengine.agents.actor.ActorOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__()
+        self._room: rtc.Room | None = None
+        self._options = ActorOptions(**options)
+        self._actor = Actor.open(self._options)
+        self._runner: AvatarRunner | None = None
+
+    @property
+    def avatar_identity(self) -> str:
+        """Identity of the agent's own participant."""
+        return str(self._room.local_participant.identity) if self._room is not None else ""
+
+    @property
+    def provider(self) -> str:
+        """Name for metrics."""
+        return "fapengine"
+
+    async def start(self, agent_session: voice.AgentSession, room: rtc.Room) -> None:
+        """Begin to show the face in a room, and to take the session's sound.
+
+        Raises
+        ------
+        ResourceError
+            If the face cannot be drawn.
+        """
+        await super().start(agent_session, room)
+        await self._actor.ready()
+        output = QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+        self._runner = runner_of(room, output, self._actor, self._options)
+        await self._runner.start()
+        agent_session.output.replace_audio_tail(output)
+
+    async def aclose(self) -> None:
+        """End it. The participant stays: it is the agent's."""
+        if self._room is not None:
+            self._room.off("connection_state_changed", self._on_connection_state_changed)
+            self._room = None
+        await super().aclose()
+        runner, self._runner = self._runner, None
+        if runner is not None:
+            await runner.aclose()
+        self._actor.close()
+
+    async def read(self, text: AsyncIterable[Any]) -> AsyncIterator[Any]:
+        """Pass a transcription on, and take the words that have times: for ``Agent.transcription_node``."""
+        async for piece in text:
+            start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
+            if isinstance(start_s, int | float):
+                self._actor.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
+            yield piece
+
+    async def without_marks(self, text: AsyncIterable[str]) -> AsyncIterator[str]:
+        """Take marks off a text, sentence by sentence, and remember them for the face: for ``Agent.tts_node``."""
+        waiting = ""
+        async for piece in text:
+            waiting += piece
+            ends = [match.end() for match in _SENTENCE.finditer(waiting)]
+            if ends:
+                ready, waiting = waiting[: ends[-1]], waiting[ends[-1] :]
+                yield self._actor.marks.expect(ready).rstrip() + " "
+        if waiting.strip():
+            yield self._actor.marks.expect(waiting)
+
+
+def runner_of(room: rtc.Room, sound: AudioReceiver, actor: Actor, options: ActorOptions) -> AvatarRunner:
+    """Make LiveKit's runner, which publishes both tracks in time with each other."""
+    width, height = options.size
+    return AvatarRunner(
+        room,
+        audio_recv=sound,
+        video_gen=FaceGenerator(actor, options.size),
+        options=AvatarOptions(
+            video_width=width, video_height=height, video_fps=options.frame_rate_hz,
+            audio_sample_rate=SAMPLE_RATE_HZ, audio_channels=1,
+        ),
+    )  # fmt: skip
+
+
+async def work(url: str, token: str, options: ActorOptions) -> None:
+    """Be an avatar in a room until it is left: hears ``lk.audio_stream`` and answers its RPCs.
+
+    Parameters
+    ----------
+    url, token : str
+        Of the room.
+    options : ActorOptions
+    """
+    actor, room = Actor.open(options), rtc.Room()
+    left = asyncio.Event()
+    room.on("disconnected", lambda _: left.set())
+    runner = None
+    try:
+        await actor.ready()
+        await room.connect(url, token)
+        runner = runner_of(room, DataStreamAudioReceiver(room), actor, options)
+        await runner.start()
+        await left.wait()
+    finally:
+        if runner is not None:
+            await runner.aclose()
+        await room.disconnect()
+        actor.close()
+
+
+def main() -> None:
+    """Read the command line of the worker."""
+    parser = argparse.ArgumentParser(prog="python -m fapengine.agents.livekit", description="An avatar worker.")
+    parser.add_argument("url", help="LiveKit server, as wss://host")
+    parser.add_argument("token", help="access token of the avatar's participant")
+    parser.add_argument("--head", default="default", help="name or folder of a head")
+    parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--rate", type=float, default=25.0, help="frames a second")
+    given = parser.parse_args()
+    options = ActorOptions(head=given.head, size=tuple(given.size), frame_rate_hz=given.rate)
+    asyncio.run(work(given.url, given.token, options))
+
+
+if __name__ == "__main__":
+    main()

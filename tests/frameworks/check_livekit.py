@@ -1,0 +1,156 @@
+"""The face against LiveKit's published classes: generator, runner, avatar session. No server: the room is a double."""
+
+import asyncio
+import time
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from livekit import rtc
+from livekit.agents.types import TimedString
+from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
+
+from fapengine.agents.actor import Actor, ActorOptions
+from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, runner_of
+
+OPTIONS = ActorOptions(size=(64, 64))
+
+
+def sound(length_s: float) -> np.ndarray:
+    times = np.arange(int(length_s * SAMPLE_RATE_HZ)) / SAMPLE_RATE_HZ
+    return (8_000 * np.sin(2 * np.pi * 140 * times) * (np.sin(2 * np.pi * 3 * times) > 0)).astype(np.int16)
+
+
+def pieces(samples: np.ndarray, step: int = 2_400) -> list[rtc.AudioFrame]:
+    return [
+        rtc.AudioFrame(piece.tobytes(), SAMPLE_RATE_HZ, 1, len(piece))
+        for piece in np.split(samples, range(step, len(samples), step))
+    ]
+
+
+class Publication:
+    async def wait_for_subscription(self) -> None: ...
+
+
+class Participant:
+    identity = "agent"
+
+    async def publish_track(self, *_: Any) -> Publication:
+        return Publication()
+
+
+class Room(rtc.EventEmitter):  # type: ignore[type-arg]
+    local_participant = Participant()
+    name = "room"
+
+    def isconnected(self) -> bool:
+        return True
+
+
+async def _generated() -> tuple[list[Any], np.ndarray]:
+    actor = Actor.open(OPTIONS)
+    generator, given, made = FaceGenerator(actor, OPTIONS.size), sound(1.0), []
+    await actor.ready()
+    for frame in pieces(given):
+        await generator.push_audio(frame)
+    await generator.push_audio(AudioSegmentEnd())
+    async for frame in generator:
+        made.append((time.monotonic(), frame))
+        if isinstance(frame, AudioSegmentEnd):
+            break
+    actor.close()
+    return made, given
+
+
+def test_the_generator_gives_all_sound_each_with_its_picture_then_the_end() -> None:
+    made, given = asyncio.run(_generated())
+    heard = [(at_s, frame) for at_s, frame in made if isinstance(frame, rtc.AudioFrame)]
+    assert np.array_equal(np.concatenate([np.frombuffer(frame.data, np.int16) for _, frame in heard]), given)
+    assert len(heard) == 25
+    for (_, before), (_, frame) in pairwise(made):
+        if isinstance(before, rtc.AudioFrame):
+            assert isinstance(frame, rtc.VideoFrame)
+    ended_s = made[-1][0]
+    assert ended_s - heard[0][0] >= 1.0 - 0.02  # not before it was heard
+
+
+async def _played(interrupts: bool) -> list[Any]:
+    actor, output, events = (
+        Actor.open(OPTIONS),
+        QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True),
+        [],
+    )
+    await actor.ready()
+    output.on("playback_started", lambda event: events.append(("started", time.monotonic(), event)))
+    output.on("playback_finished", lambda event: events.append(("finished", time.monotonic(), event)))
+    runner = runner_of(Room(), output, actor, OPTIONS)
+    await runner.start()
+    for frame in pieces(sound(1.5)):
+        await output.capture_frame(frame)
+    output.flush()
+    if interrupts:
+        while not events:
+            await asyncio.sleep(0.02)
+        await asyncio.sleep(0.6)
+        output.clear_buffer()
+    async with asyncio.timeout(10):
+        while len(events) < 2:
+            await asyncio.sleep(0.02)
+    await runner.aclose()
+    actor.close()
+    return events
+
+
+def test_the_runner_tells_when_playback_begins_and_ends() -> None:
+    (started, began_s, _), (finished, ended_s, event) = asyncio.run(_played(interrupts=False))
+    assert (started, finished, event.interrupted) == ("started", "finished", False)
+    assert event.playback_position == pytest.approx(1.5, abs=0.02)
+    assert ended_s - began_s >= 1.5 - 0.1
+
+
+def test_the_runner_tells_of_an_interruption() -> None:
+    (_, began_s, _), (_, ended_s, event) = asyncio.run(_played(interrupts=True))
+    assert event.interrupted
+    assert event.playback_position < 1.4
+    assert (
+        abs(event.playback_position - (ended_s - began_s)) < 0.3
+    )  # the runner counts what it queued (0.1 s) as played
+
+
+class Output:
+    tail: Any = None
+
+    def replace_audio_tail(self, tail: Any) -> None:
+        self.tail = tail
+
+
+class Session(rtc.EventEmitter):  # type: ignore[type-arg]
+    def __init__(self) -> None:
+        super().__init__()
+        self.output = Output()
+
+
+async def _text(*given: Any) -> Any:
+    for piece in given:
+        yield piece
+
+
+async def _session() -> None:
+    avatar, session, room = AvatarSession(size=(64, 64)), Session(), Room()
+    avatar._wait_avatar_join = lambda: asyncio.sleep(0)  # type: ignore[method-assign]
+    await avatar.start(session, room)  # type: ignore[arg-type]
+    assert isinstance(session.output.tail, QueueAudioOutput)
+    assert avatar.avatar_identity == "agent"
+    said = [text async for text in avatar.without_marks(_text("[lau", "ghs] Well. And <mark ", "name='nod'/>now"))]
+    assert said == ["Well. ", "And now"]
+    passed = [
+        piece async for piece in avatar.read(_text(TimedString("Well", 0.1, 0.4), " ", TimedString("now", 0.6, 0.8)))
+    ]
+    assert "".join(passed) == "Well now"
+    assert len(avatar._actor.stage._queue[0].cues) == 3
+    await avatar.aclose()
+
+
+def test_the_session_takes_the_sound_and_the_words() -> None:
+    asyncio.run(_session())

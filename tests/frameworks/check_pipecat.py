@@ -1,0 +1,232 @@
+"""The face in Pipecat itself: its own ``run_test``, and its WebRTC transport with a client on the loopback.
+
+``make oracles`` runs it in an environment of its own, for Pipecat pins other versions than ours.
+"""
+
+import asyncio
+import time
+from itertools import groupby
+
+import numpy as np
+import pytest
+from aiortc import RTCPeerConnection, RTCSessionDescription
+from pipecat.frames.frames import (
+    EndFrame,
+    InterruptionFrame,
+    OutputImageRawFrame,
+    TTSAudioRawFrame,
+    TTSStartedFrame,
+    TTSStoppedFrame,
+    TTSTextFrame,
+)
+from pipecat.pipeline.pipeline import Pipeline
+from pipecat.pipeline.worker import PipelineWorker
+from pipecat.tests.utils import SleepFrame, run_test
+from pipecat.transports.base_transport import TransportParams
+from pipecat.transports.smallwebrtc.connection import SmallWebRTCConnection
+from pipecat.transports.smallwebrtc.transport import SmallWebRTCTransport
+from pipecat.workers.runner import WorkerRunner
+
+from fapengine.agents.actor import ActorOptions
+from fapengine.agents.pipecat import FapengineVideoService
+from fapengine.voices.espeak import EspeakVoice
+
+TEXT = "My mama bought a big pumpkin, and Bob made plum jam for me."
+MAX_OFF_S = 0.04
+CODE_BITS, CODE_PX = 10, 24
+RATE_HZ = 25
+"""Pictures a second: 40 ms, as long as the transport's pieces of sound."""
+
+
+HELD_S = 0.08
+"""Time for which aiortc's receiver holds sound, and not pictures: four packets (``JitterBuffer(prefetch=4)``)."""
+
+
+def sound_frames(samples: np.ndarray, rate_hz: int, piece_s: float = 0.04) -> list[TTSAudioRawFrame]:
+    step = int(rate_hz * piece_s)
+    pieces = (samples[start : start + step].tobytes() for start in range(0, len(samples), step))
+    return [TTSAudioRawFrame(audio=piece, sample_rate=rate_hz, num_channels=1) for piece in pieces]
+
+
+async def through(face: FapengineVideoService, sent: list[object]) -> list[object]:
+    await face._actor.ready()
+    down, _ = await run_test(face, frames_to_send=sent, start_timeout=20)
+    return list(down)
+
+
+def kinds(frames: list[object]) -> list[str]:
+    return [key for key, _ in groupby(type(frame).__name__ for frame in frames)]
+
+
+def test_each_sound_has_its_picture_and_all_of_it_passes() -> None:
+    speech = EspeakVoice("en-us").speak("My mama.")
+    face = FapengineVideoService(size=(64, 64))
+    sent = [TTSStartedFrame(), *sound_frames(speech.samples, speech.sample_rate_hz), TTSStoppedFrame()]
+    down = asyncio.run(through(face, sent))
+    passed = b"".join(frame.audio for frame in down if isinstance(frame, TTSAudioRawFrame))
+    assert passed == speech.samples.tobytes()
+    pictures = [frame for frame in down if isinstance(frame, OutputImageRawFrame)]
+    assert sum(frame.sync_with_audio for frame in pictures) == int(np.ceil(speech.duration_s * 25))
+    talk = [
+        "sound" if isinstance(frame, TTSAudioRawFrame) else "picture"
+        for frame in down
+        if isinstance(frame, TTSAudioRawFrame) or getattr(frame, "sync_with_audio", False)
+    ]
+    assert talk == ["sound", "picture", "sound"] * (len(talk) // 3)
+    after = kinds(down)
+    assert after.index("TTSStoppedFrame") > len(after) - 1 - after[::-1].index("TTSAudioRawFrame")
+
+
+def test_an_interruption_drops_what_was_not_sent() -> None:
+    speech = EspeakVoice("en-us").speak(TEXT)
+    face = FapengineVideoService(size=(64, 64))
+    sent = [
+        TTSStartedFrame(), *sound_frames(speech.samples, speech.sample_rate_hz), SleepFrame(2.5), InterruptionFrame(),
+        SleepFrame(0.5),
+    ]  # fmt: skip
+    down = asyncio.run(through(face, sent))
+    passed = b"".join(frame.audio for frame in down if isinstance(frame, TTSAudioRawFrame))
+    assert 0 < len(passed) < len(speech.samples.tobytes())
+    names = [type(frame).__name__ for frame in down]
+    assert "TTSAudioRawFrame" not in names[names.index("InterruptionFrame") :]
+
+
+def test_words_with_times_come_out_later_by_as_much_as_their_sound() -> None:
+    speech = EspeakVoice("en-us").speak("My mama.")
+    face = FapengineVideoService(size=(64, 64), hears=False)
+    word = TTSTextFrame("mama", text_type="word")
+    word.pts = 1
+    sent = [TTSStartedFrame(), *sound_frames(speech.samples, speech.sample_rate_hz), word, TTSStoppedFrame()]
+    down = asyncio.run(through(face, sent))
+    told = next(frame for frame in down if isinstance(frame, TTSTextFrame))
+    assert told.pts > 1
+    assert isinstance(down[-1], TTSStoppedFrame | OutputImageRawFrame | EndFrame)
+
+
+@pytest.mark.timeout(120)
+def test_a_client_sees_lips_shut_on_the_m_that_it_hears() -> None:
+    """Video and sound as an aiortc client gets them: each picture carries its number, beside the face."""
+    speech = EspeakVoice("en-us").speak(TEXT)
+    seen, heard = asyncio.run(_call(speech.samples, speech.sample_rate_hz))
+    sound = np.concatenate([samples for _, _, samples in heard]).astype(float)
+    starts = np.cumsum([0, *(len(samples) for _, _, samples in heard)])[:-1]
+    first = _found(speech.samples.astype(float), speech.sample_rate_hz, sound)
+    sounds_s = _played(heard)
+    talking = [(at_s, code, dark) for at_s, _, code, dark in seen if code]  # the transport's stamps of pictures drift
+    assert len({code for _, code, _ in talking}) > 0.5 * speech.duration_s * RATE_HZ
+    off_s, dark_of = [], {}
+    shown = set()
+    for at_s, code, dark in talking:
+        position_s = (code - 1) / RATE_HZ
+        dark_of[code] = dark
+        if code not in shown:
+            shown.add(code)
+            playing_s = (np.interp(at_s, sounds_s, starts) - first) / 48_000
+            off_s.append(playing_s - position_s)
+    p95_s = np.percentile(np.abs(off_s), 95)
+    spread = ", ".join(f"{1e3 * off:.0f}" for off in np.percentile(off_s, [5, 25, 50, 75, 95]))
+    print(f"sound ahead of video, ms (5, 25, 50, 75, 95 %): {spread}; {len(off_s)} pictures")
+    assert p95_s <= MAX_OFF_S
+    at = {"shut": [], "open": []}
+    for phone in speech.phones.phones:
+        code = 1 + round(RATE_HZ * (phone.start_s + 0.4 * phone.duration_s))
+        if code in dark_of and phone.duration_s > 0.04 and phone.label in ("m", "p", "b", "ɑː", "ʌ", "æ", "ɔː", "eɪ"):
+            at["shut" if phone.label in "mpb" else "open"].append(dark_of[code])
+    print("dark pixels of the mouth:", at)
+    assert np.median(at["shut"]) < 0.25 * np.median(at["open"])
+
+
+def _played(received: list[tuple]) -> np.ndarray:  # type: ignore[type-arg]
+    """Times at which a player plays what it got: by its timestamp, as soon as half of the packets allow."""
+    arrived_s, stamps_s = np.array([entry[:2] for entry in received]).T
+    return stamps_s + np.median(arrived_s - stamps_s) - HELD_S
+
+
+def _found(sent: np.ndarray, rate_hz: int, received: np.ndarray) -> int:
+    """Sample of the received sound, 48 kHz, at which the sent one begins."""
+    wanted = np.interp(np.arange(0, len(sent) / rate_hz, 1 / 48_000), np.arange(len(sent)) / rate_hz, sent)
+    size = 1 << int(np.ceil(np.log2(len(received) + len(wanted))))
+    match = np.fft.irfft(np.fft.rfft(received, size) * np.conj(np.fft.rfft(wanted, size)), size)
+    return int(np.argmax(match[: len(received)]))
+
+
+async def _call(
+    samples: np.ndarray, rate_hz: int
+) -> tuple[list[tuple[float, float, int, int]], list[tuple[float, float, np.ndarray]]]:
+    size = (256, 256)
+    face = FapengineVideoService(options=ActorOptions(size=size, frame_rate_hz=RATE_HZ))
+    _number_pictures(face)
+    client, connection = RTCPeerConnection(), SmallWebRTCConnection()
+    params = TransportParams(
+        audio_out_enabled=True, video_out_enabled=True, video_out_width=size[0], video_out_height=size[1],
+        video_out_framerate=30, audio_out_10ms_chunks=2,
+    )  # fmt: skip
+    transport = SmallWebRTCTransport(connection, params)
+    worker = PipelineWorker(Pipeline([face, transport.output()]), cancel_on_idle_timeout=False)
+    runner = WorkerRunner()
+    await runner.add_workers(worker)
+    seen: list[tuple[float, float, int, int]] = []
+    heard: list[tuple[float, float, np.ndarray]] = []
+    readers = []
+
+    @client.on("track")
+    def on_track(track: object) -> None:
+        readers.append(asyncio.ensure_future(_read(track, seen, heard)))
+
+    client.addTransceiver("audio", direction="recvonly")
+    client.addTransceiver("video", direction="recvonly")
+    await client.setLocalDescription(await client.createOffer())
+    await connection.initialize(client.localDescription.sdp, client.localDescription.type)
+    answer = connection.get_answer()
+    await client.setRemoteDescription(RTCSessionDescription(answer["sdp"], answer["type"]))
+    running = asyncio.ensure_future(runner.run())
+    await connection.connect()
+    await face._actor.ready()
+    await asyncio.sleep(2.0)
+    for frame in [TTSStartedFrame(), *sound_frames(samples, rate_hz), TTSStoppedFrame()]:
+        await worker.queue_frame(frame)
+    await asyncio.sleep(len(samples) / rate_hz + 2.5)
+    for reader in readers:
+        reader.cancel()
+    await client.close()
+    await worker.cancel()
+    await asyncio.wait_for(running, 20)
+    return seen, heard
+
+
+def _number_pictures(face: FapengineVideoService) -> None:
+    """Write into each picture, at its top, the number of its frame of sound; 0 in silence."""
+    make, draw = face._actor.frame, face._actor.picture
+    number, said = [0], [0]
+
+    def frame(now_s: float) -> object:
+        made = make(now_s)
+        said[0] += bool(made[0].sounds)
+        number[0] = said[0] if made[0].sounds else 0
+        return made
+
+    async def picture(faps: np.ndarray) -> bytes:
+        code = number[0]
+        pixels = np.frombuffer(await draw(faps), np.uint8).reshape(256, 256, 3).copy()
+        for bit in range(CODE_BITS):
+            pixels[:CODE_PX, bit * CODE_PX : (bit + 1) * CODE_PX] = 255 * (code >> bit & 1)
+        return pixels.tobytes()
+
+    face._actor.frame, face._actor.picture = frame, picture  # type: ignore[method-assign]
+
+
+async def _read(
+    track: object, seen: list[tuple[float, float, int, int]], heard: list[tuple[float, float, np.ndarray]]
+) -> None:
+    while True:
+        frame = await track.recv()  # type: ignore[attr-defined]
+        now_s = time.monotonic()
+        if track.kind == "audio":  # type: ignore[attr-defined]
+            pieces = frame.to_ndarray().reshape(-1, len(frame.layout.channels))[:, 0]
+            heard.append((now_s, float(frame.pts * frame.time_base), pieces.copy()))
+            continue
+        pixels = frame.to_ndarray(format="rgb24").astype(int)
+        bits = pixels[4 : CODE_PX - 4, :, :].mean(axis=(0, 2))
+        code = sum((bits[bit * CODE_PX + 6 : (bit + 1) * CODE_PX - 6].mean() > 128) << bit for bit in range(CODE_BITS))
+        mouth = pixels[158:196, 98:158]
+        seen.append((now_s, float(frame.pts * frame.time_base), int(code), int((mouth.sum(axis=2) < 150).sum())))
