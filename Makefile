@@ -7,7 +7,8 @@ BIN := $(VENV)/bin
 TESTS_AT_LEAST := 5200
 # Tests of conformance, which run in every clone.
 CONFORMANCE_AT_LEAST := 300
-# How long make fuzz searches: a third in the codec, a third in every reader, a third with mutated files in number.
+# How long make fuzz searches: a third in the codec, a third in every reader, a sixth with mutated files in number, a sixth
+# with random command lines.
 SECONDS := 600
 # How long make soak uses a server.
 MINUTES := 30
@@ -90,7 +91,8 @@ fuzz: $(VENV)/.ready-dev
 	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz/readers -max_total_time=$$(($(SECONDS) / 3)) \
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	@grep 'stat::' out/fuzz.log
-	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 3)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
+	$(BIN)/python -m tests.fuzz.verbs --seconds $$(($(SECONDS) / 6))
+	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 6)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
 
 # Two hundred random people instead of the fifteen of make test: every promise of the face.
