@@ -32,7 +32,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs open what we write: gltf-validator, three.js, Blender; ears; our plug-ins in Pipecat and LiveKit; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, Blender; ears; Pipecat, LiveKit; axe-core, Firefox; needs Node"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -107,12 +107,14 @@ docs: $(VENV)/.ready-docs
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
-# are tried too, as far as they lie in out/oracles/avatars; Blender, where it is installed.
+# are tried too, as far as they lie in out/oracles/avatars; Blender, where it is installed. axe-core, TypeScript and, where
+# it is installed, Firefox judge the page and the npm package.
 oracles:
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
-	    gltf-validator@2.0.0-dev.3.10 three@0.187
+	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3
 	$(BIN)/python -m tests.oracles out/oracles
+	$(BIN)/python -m tests.browser.oracles
 	$(PYTHON) -m venv out/oracles/frameworks
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"

@@ -1,6 +1,7 @@
 """The npm package, packed and imported by a page of another site."""
 
 import base64
+import contextlib
 import json
 import shutil
 import subprocess
@@ -47,27 +48,39 @@ PAGE = """<!doctype html><html lang="en"><title>Somebody's page</title><link rel
 </script></html>"""
 
 
-@pytest.fixture(scope="module")
-def site(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Another site's files: the package as npm packs it, or as it lies there where npm is not, and a page."""
-    folder = tmp_path_factory.mktemp("site")
-    face_package.build(folder / "built")
+def packed(folder: Path) -> None:
+    """Put what lies in ``built`` into ``package``, as npm packs it; as it is, where npm is not."""
     if npm := shutil.which("npm"):
         command = [npm, "pack", "--silent", "--pack-destination", str(folder)]
         subprocess.run(command, cwd=folder / "built", check=True, capture_output=True, timeout=60)
-        (packed,) = folder.glob("*.tgz")
-        with tarfile.open(packed) as tar:
+        (tarball,) = folder.glob("*.tgz")
+        with tarfile.open(tarball) as tar:
             tar.extractall(folder, filter="data")
     else:
         shutil.copytree(folder / "built", folder / "package")
-    (folder / "index.html").write_text(PAGE)
+
+
+@contextlib.contextmanager
+def open_site(server: Server, folder: Path) -> Iterator[None]:
+    """Somebody else's site, whose pages may show the server's faces."""
     port = server.site.rpartition(":")[2]
     command = [sys.executable, "-u", "-m", "http.server", port, "--bind", "127.0.0.1", "--directory", str(folder)]
     with start(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
         assert process.stdout.readline()  # it listens
-        yield folder
+        yield
         process.terminate()
+
+
+@pytest.fixture(scope="module")
+def site(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Another site's files: the package and a page."""
+    folder = tmp_path_factory.mktemp("site")
+    face_package.build(folder / "built")
+    packed(folder)
+    (folder / "index.html").write_text(PAGE)
+    with open_site(server, folder):
+        yield folder
 
 
 @pytest.fixture
