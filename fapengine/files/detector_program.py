@@ -1,6 +1,6 @@
 """A program for the face detector's own environment: pictures in, landmarks out. It imports nothing of this package.
 
-python detector_program.py
+python detector_program.py [face_landmarker.task]
 
 In, on standard input: width and height as two uint32, little-endian, then pictures of so many sRGB bytes each. Out, on
 standard output: a byte 1 when the detector is there; then for each picture (478, 3) float32, pixels from the top left
@@ -10,6 +10,7 @@ and depth; NaN where no face was found.
 import os
 import struct
 import sys
+from contextlib import contextmanager
 
 LANDMARKS = 478
 
@@ -19,21 +20,48 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the detector prints is no answer
     import numpy as np
-    from mediapipe.python.solutions.face_mesh import FaceMesh
 
     width, height = struct.unpack("<II", sys.stdin.buffer.read(8))
     size = np.array([width, height, width], dtype=np.float32)
-    with FaceMesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True) as detector:
+    with _detector(sys.argv[1] if len(sys.argv) > 1 else None) as find:
         answers.write(b"\1")
         answers.flush()
         while len(data := sys.stdin.buffer.read(width * height * 3)) == width * height * 3:
             found = np.full((LANDMARKS, 3), np.nan, np.float32)
             picture = np.frombuffer(data, np.uint8).reshape(height, width, 3)
-            faces = detector.process(np.ascontiguousarray(picture)).multi_face_landmarks
-            if faces:
-                found[:] = [(point.x, point.y, point.z) for point in faces[0].landmark] * size
+            points = find(np.ascontiguousarray(picture))
+            if points:
+                found[:] = [(point.x, point.y, point.z) for point in points] * size
             answers.write(found.tobytes())
             answers.flush()
+
+
+@contextmanager
+def _detector(model: str | None):  # type: ignore[no-untyped-def]  # of the other environment's types
+    """Open the face mesh that old wheels hold inside, or the landmarker of a model file."""
+    if model is None:
+        from mediapipe.python.solutions.face_mesh import FaceMesh
+
+        with FaceMesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True) as mesh:
+
+            def look(picture):  # type: ignore[no-untyped-def]
+                faces = mesh.process(picture).multi_face_landmarks
+                return faces[0].landmark if faces else None
+
+            yield look
+    else:
+        from mediapipe import Image, ImageFormat
+        from mediapipe.tasks.python import BaseOptions
+        from mediapipe.tasks.python.vision import FaceLandmarker, FaceLandmarkerOptions
+
+        options = FaceLandmarkerOptions(base_options=BaseOptions(model_asset_path=model), num_faces=1)
+        with FaceLandmarker.create_from_options(options) as landmarker:
+
+            def look(picture):  # type: ignore[no-untyped-def]
+                faces = landmarker.detect(Image(image_format=ImageFormat.SRGB, data=picture)).face_landmarks
+                return faces[0] if faces else None
+
+            yield look
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -45,13 +45,15 @@ def detector_python() -> Path:
 
 
 def landmarks_of(
-    path: Path, *, on_frame: Callable[[], None] = lambda: None
+    path: Path, *, model: Path | None = None, on_frame: Callable[[], None] = lambda: None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Find the face in every frame of a film.
 
     Parameters
     ----------
     path : Path
+    model : Path, optional
+        MediaPipe's ``face_landmarker.task``, for its newer wheels, which have no model inside.
     on_frame : callable
         Called after each frame.
 
@@ -71,19 +73,37 @@ def landmarks_of(
     ResourceError
         If the detector is not there, or ends.
     """
-    python = detector_python()
     if not path.is_file():
+        detector_python()  # the detector's own message goes first
         raise UsageError(f"{path}: cannot be read (no such file)")
+    times, found = landmarks_of_pictures(stream_pictures(path, max_side=MAX_SIDE), model=model, on_frame=on_frame)
+    if not len(found):
+        raise DataError(f"{path}: holds no picture")
+    return times, found
+
+
+def landmarks_of_pictures(
+    pictures: Iterable[tuple[float, NDArray[np.uint8]]],
+    *,
+    model: Path | None = None,
+    on_frame: Callable[[], None] = lambda: None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find the face in pictures as they come: time in s and (H, W, 3) sRGB each, all of one size.
+
+    Returns and raises as :func:`landmarks_of`; without a picture, both arrays are empty.
+    """
+    python = detector_python()
     program = Path(__file__).with_name("detector_program.py")
     times_s: list[float] = []
     found: list[NDArray[np.float32]] = []
     size = LANDMARKS * 3 * 4
+    command = [str(python), "-I", str(program), *([str(model)] if model else [])]
     with subprocess.Popen(
-        [str(python), "-I", str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:  # fmt: skip
         given, answers = _pipe(process.stdin), _pipe(process.stdout)
         try:
-            for time_s, picture in stream_pictures(path, max_side=MAX_SIDE):
+            for time_s, picture in pictures:
                 if not found:
                     given.write(struct.pack("<II", picture.shape[1], picture.shape[0]))
                 given.write(picture.tobytes())
@@ -100,10 +120,8 @@ def landmarks_of(
             raise ResourceError(f"face detector: {python} has ended; does it have mediapipe?") from error
         finally:
             process.kill()
-    if not found:
-        raise DataError(f"{path}: holds no picture")
-    times = np.array(times_s) - times_s[0]
-    return times, np.array(found, dtype=np.float64)
+    times = np.array(times_s)
+    return times - times[:1], np.array(found, dtype=np.float64).reshape(-1, LANDMARKS, 3)
 
 
 def _pipe(pipe: object) -> BinaryIO:

@@ -230,6 +230,29 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArr
         raise DataError(f"{path}: cannot be decoded as video ({reason})") from error
 
 
+def camera_pictures(number: int, *, seconds: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Take pictures from a camera of this machine (Video4Linux) for so long: time in s and sRGB, as they come.
+
+    Raises
+    ------
+    ResourceError
+        If there is no such camera, or it gives no pictures.
+    """
+    device = f"/dev/video{number}"
+    try:
+        with av.open(device, mode="r", format="v4l2") as container:
+            first_s: float | None = None
+            for frame in container.decode(video=0):
+                time_s = float(frame.time or 0.0)
+                first_s = time_s if first_s is None else first_s
+                if time_s - first_s >= seconds:
+                    return
+                yield time_s - first_s, frame.reformat(format="rgb24").to_ndarray().astype(np.uint8)
+    except (av.FFmpegError, ValueError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ResourceError(f"camera: {device} gives no picture ({reason})") from error
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Video:
     """A decoded video."""

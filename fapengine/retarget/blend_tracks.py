@@ -28,6 +28,12 @@ Array = NDArray[np.float64]
 RATE_HZ = 60.0
 """Frames a second of Azure, and of Live Link Face unless its timecodes say otherwise."""
 AZURE_WIDTH = 55
+SCORES_HZ = 30.0
+"""Frames a second of scores without times."""
+SCORE_KEYS = ("blendshapes", "faceBlendshapes", "face_blendshapes", "categories", "scores")
+"""Keys under which a frame's scores may stand, as MediaPipe's results in its languages have them."""
+TIME_KEYS = {"time": 1.0, "time_s": 1.0, "timestamp": 1e3, "timestamp_ms": 1e3, "timestampMs": 1e3}
+"""Keys of its time, and units a second."""
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 """Columns in rad that Live Link adds, and the FAP that turns so."""
 MAX_FRAMES = 10_000_000
@@ -45,7 +51,7 @@ def parse_blend_track(data: bytes) -> FapTrack:
         If it is neither JSON events nor CSV with shape names, or a value is no number; ``where`` says which.
     """
     text = _decode(data)
-    faps, head, rate_hz = _azure(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
+    faps, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
     if not len(faps):
         raise TruncatedError("blend shapes: got no frame, expected some")
     for number, turn in head.items():
@@ -64,7 +70,7 @@ Found = tuple[Array, dict[int, Array], float]
 """FAPs (T, 68), turns of the head in rad by FAP, frames a second."""
 
 
-def _azure(text: str) -> Found:
+def _json(text: str) -> Found:
     try:
         whole = json.loads(text)
         events = whole if isinstance(whole, list) else [whole]
@@ -75,6 +81,53 @@ def _azure(text: str) -> Found:
             raise DataError(f"blend shapes: is neither JSON nor JSON lines: {error}") from error
     except RecursionError as error:
         raise DataError("blend shapes: is nested too deeply") from error
+    if len(events) == 1 and isinstance(events[0], dict) and isinstance(events[0].get("frames"), list):
+        events = events[0]["frames"]
+    return _azure(events) if any(isinstance(e, dict) and "FrameIndex" in e for e in events) else _scores(events)
+
+
+def _scores(events: list[Any]) -> Found:
+    """Scores by name, a frame each: MediaPipe's categories, or an object of names and numbers."""
+    frames: list[dict[str, float]] = []
+    times_s: list[float] = []
+    for number, event in enumerate(events):
+        try:
+            scores = event
+            if isinstance(event, dict):
+                kept = next((event[key] for key in SCORE_KEYS if key in event), None)
+                scores = kept if kept is not None else event
+                at = next((float(event[key]) / per_s for key, per_s in TIME_KEYS.items() if key in event), None)
+                times_s += [] if at is None else [at]
+            if isinstance(scores, list):
+                if scores and isinstance(scores[0], list):  # a list for each face
+                    scores = scores[0]
+                scores = {str(s.get("categoryName", s.get("category_name"))): s["score"] for s in scores}
+            frames.append({_bare(name): float(v) for name, v in scores.items() if name not in TIME_KEYS})
+        except (TypeError, KeyError, ValueError, AttributeError, OverflowError) as error:
+            raise DataError(
+                f"blend shapes: got {type(error).__name__} {error}, expected scores by name, or Azure's FrameIndex and"
+                f" frames of {AZURE_WIDTH} values",
+                where=f"event {number + 1}",
+            ) from error
+    if not frames:
+        raise TruncatedError("blend shapes: got no frame, expected some")
+    names = list(dict.fromkeys(name for frame in frames for name in frame))
+    shapes, columns = find_set(names, where="event 1")
+    table = np.zeros((len(frames), len(shapes.names)))
+    for row, frame in zip(table, frames, strict=True):
+        for name, column in columns.items():
+            row[shapes.names.index(name)] = frame.get(names[column], 0.0)
+    if not np.isfinite(table).all():
+        raise DataError("blend shapes: got a value that is not finite")
+    rate_hz = SCORES_HZ
+    if len(times_s) == len(frames) and len(frames) > 1 and times_s[-1] > times_s[0]:
+        rate_hz = float(f"{(len(frames) - 1) / (times_s[-1] - times_s[0]):.5g}")
+    if not 1 <= rate_hz <= 1000:
+        raise DataError(f"time: got {rate_hz:g} frames a second, expected 1..1000")
+    return shapes.to_faps(np.clip(table, 0.0, 1.0)), {}, rate_hz
+
+
+def _azure(events: list[Any]) -> Found:
     frames: dict[int, list[Any]] = {}
     for number, event in enumerate(events):
         where = f"event {number + 1}"

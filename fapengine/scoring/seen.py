@@ -2,31 +2,23 @@
 
 Theory of operation
 -------------------
-Landmarks are those of MediaPipe's face mesh: 478 points, in pixels, with a depth of the same scale that is guessed from
-one picture. Points that no expression moves (:data:`STEADY`) tell where the head is: their mean shape over the film is
-the head, and each frame's scale, turn and place are taken out. The distance of the pupils is an adult's
-(:data:`fapengine.retarget.blend.ADULT`), which makes millimetres.
+The head is held still (:mod:`fapengine.capture.held_face`); the distance of the pupils is an adult's
+(:data:`fapengine.retarget.blend.ADULT`).
 
 Rest is what the film itself shows: lips that touch, at the smallest distance that is seen (but no more than
 :data:`TOUCH_MM`, or a mouth that never shuts would count as shut); everything else at its median while the
-lips are shut. Frames in which no face is seen are filled in from those beside them.
+lips are shut.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
-from fapengine.errors import DataError
-from fapengine.geometry.rigid import fit_rigid, fit_template
+from fapengine.capture.held_face import hold_face
 from fapengine.retarget.blend import ADULT
 from fapengine.scoring.mouth import LIP_POINTS, Mouth
 
 Array = NDArray[np.float64]
 
-LANDMARKS = 478
-STEADY = (33, 133, 263, 362, 168, 6, 197, 195, 8, 9, 10, 151, 127, 356, 54, 284)
-"""Landmarks of the corners of the eyes, the nose's ridge, the forehead and the temples."""
-PUPILS = (468, 473)
 LIPS = {
     "2.2": 13, "2.3": 14, "2.4": 308, "2.5": 78, "2.6": 311, "2.7": 81, "2.8": 402, "2.9": 178,
     "8.1": 0, "8.2": 17, "8.3": 291, "8.4": 61, "8.5": 269, "8.6": 39, "8.7": 405, "8.8": 181,
@@ -39,8 +31,6 @@ TOUCH_MM = 1.5
 SHUT_MM = 1.0
 SHUT_SHARE = 0.25
 """Height of a shut eye, as the detector says it, against the open one."""
-MIN_SEEN_SHARE = 0.5
-"""Share of the frames in which a face must be seen."""
 
 
 def mouth_of_landmarks(times_s: Array, landmarks: Array) -> Mouth:
@@ -58,47 +48,8 @@ def mouth_of_landmarks(times_s: Array, landmarks: Array) -> Mouth:
     DataError
         If a face is seen in less than half of the frames, or in fewer than two.
     """
-    points = frozen(landmarks, "landmarks", ("T", LANDMARKS, 3), np.float64, finite=False)
-    seen = ~np.isnan(points).any(axis=(1, 2))
-    if seen.sum() < 2 or seen.mean() < MIN_SEEN_SHARE:
-        raise DataError(f"film: got a face in {int(seen.sum())} of {len(seen)} frames, expected one in most of them")
-    head = _filled(times_s, points, seen) * (1.0, -1.0, -1.0)  # to the subject's left, up, out of the face
-    steady = head[:, STEADY]
-    middle = steady.mean(axis=1, keepdims=True)
-    size = np.sqrt(((steady - middle) ** 2).sum(axis=2).mean(axis=1))[:, None, None]
-    head = (head - middle) / size
-    template = fit_template(head[:, STEADY])
-    fit = fit_rigid(head[:, STEADY], template)
-    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
-    apart = np.linalg.norm(still[:, PUPILS[0]] - still[:, PUPILS[1]], axis=1)
-    still *= ADULT.es0_mm / np.median(apart)
-    upright = _upright(still)
-    still = still @ upright.T
-    turns = np.swapaxes(fit.rotation @ np.linalg.inv(_mean_rotation(fit.rotation)), 1, 2)
-    return _mouth(times_s, still, upright @ turns @ upright.T)
-
-
-def _filled(times_s: Array, points: Array, seen: NDArray[np.bool_]) -> Array:
-    flat = points.reshape(len(points), -1)
-    columns = [np.interp(times_s, times_s[seen], column[seen]) for column in flat.T]
-    return np.stack(columns, axis=1).reshape(points.shape)
-
-
-def _mean_rotation(rotations: Array) -> Array:
-    u, _, v = np.linalg.svd(rotations.mean(axis=0))
-    mean: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return mean
-
-
-def _upright(still: Array) -> Array:
-    """Rotation (3, 3) that lays the eyes level and the forehead above the chin."""
-    mean = still.mean(axis=0)
-    left = mean[[263, 362]].mean(axis=0) - mean[[33, 133]].mean(axis=0)
-    up = mean[10] - mean[152]
-    left /= np.linalg.norm(left)
-    up -= (up @ left) * left
-    up /= np.linalg.norm(up)
-    return np.stack([left, up, np.cross(left, up)])
+    held = hold_face(times_s, landmarks, pupils_mm=ADULT.es0_mm)
+    return _mouth(times_s, held.still_mm, held.turns)
 
 
 def _mouth(times_s: Array, still: Array, turns: Array) -> Mouth:

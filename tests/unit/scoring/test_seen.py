@@ -5,10 +5,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fapengine.capture.held_face import FACE_MESH, PUPILS
 from fapengine.errors import DataError, UsageError
 from fapengine.retarget.blend import ADULT
 from fapengine.scoring.mouth import LIP_POINTS
-from fapengine.scoring.seen import LANDMARKS, LIDS, LIPS, PUPILS, STEADY, TOUCH_MM, mouth_of_landmarks
+from fapengine.scoring.seen import LIDS, LIPS, TOUCH_MM, mouth_of_landmarks
 
 Array = NDArray[np.float64]
 TIMES_S = np.arange(100) / 25
@@ -19,7 +20,7 @@ PITCH, YAW, ROLL = (0.1 * np.sin(2 * np.pi * hz * TIMES_S) for hz in (0.5, 0.75,
 
 def head_mm() -> Array:
     """(478, 3): points of a face at rest, to the subject's left, up, out; most of them lie where they like."""
-    points = np.random.default_rng(3).normal(scale=(40, 50, 20), size=(LANDMARKS, 3))
+    points = np.random.default_rng(3).normal(scale=(40, 50, 20), size=(FACE_MESH.count, 3))
     half = ADULT.es0_mm / 2
     points[list(PUPILS)] = [[-half, 30, 0], [half, 30, 0]]
     for (upper, lower, outer, inner), side in zip(LIDS, (1, -1), strict=True):
@@ -88,4 +89,4 @@ def test_a_film_of_something_else_is_refused() -> None:
         mouth_of_landmarks(TIMES_S, seen)
     with pytest.raises(UsageError, match="landmarks"):
         mouth_of_landmarks(TIMES_S, seen[:, :300])
-    assert len(set(STEADY)) == len(STEADY)
+    assert len(set(FACE_MESH.steady)) == len(FACE_MESH.steady)

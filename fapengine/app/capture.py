@@ -1,0 +1,192 @@
+"""A performance to FAPs: a film, a camera, landmarks, OpenFace's table or scores of blend shapes."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.drawing import resized
+from fapengine.app.motion import LOADED, frames, save
+from fapengine.capture.held_face import FACE_MESH, FACE_MESH_468, HeldFace, hold_face
+from fapengine.capture.landmarks import FEATURE_POINTS, Picture, parse_landmarks
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.openface import is_openface, parse_openface
+from fapengine.errors import DataError, UsageError
+from fapengine.files.landmarks import landmarks_of, landmarks_of_pictures
+from fapengine.files.motion import load_motion
+from fapengine.files.moving import is_moving, write_moving
+from fapengine.files.paths import read_bytes
+from fapengine.files.recordings import save_markers
+from fapengine.files.sound import load_sound
+from fapengine.files.video import FILMS, camera_pictures, stream_pictures
+from fapengine.laboratory.watched import openface_faps, watched_faps
+from fapengine.mpeg4.track import FapTrack
+
+CAMERA = "webcam"
+PUPILS_MM = 62.0
+"""An adult's pupils are so far apart; sizes in mm are as true as that."""
+MARKERS = (".npz", ".c3d", ".trc")
+"""Outputs that hold feature points in mm, for ``fapengine fit``."""
+OVERLAY_PX = 480
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureJob:
+    """What to watch, and what to write."""
+
+    source: str
+    """A film, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``."""
+    output: Path
+    size: tuple[int, int] | None = None
+    """Width and height in pixels of the pictures that landmarks are shares of."""
+    rate_hz: float | None = None
+    """Frames a second of landmarks, whose file does not say."""
+    seconds: float = 10.0
+    """Time for which the camera is watched."""
+    overlay: Path | None = None
+    """A film that shows our head beside the one that was watched."""
+    head: str = "default"
+    model: Path | None = None
+    """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Captured:
+    """FAPs, and how they were got."""
+
+    track: FapTrack
+    kind: str
+    """Kind of source, in words."""
+    seen: float = 1.0
+    """Share of the frames that show a face."""
+    held: HeldFace | None = None
+
+
+def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
+    """Watch, and write what the output's name asks for.
+
+    Parameters
+    ----------
+    job : CaptureJob
+    on_frame : callable
+        Called after each picture that the face detector has seen.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or something is missing that its kind needs.
+    DataError
+        If its content is wrong, or it shows no face.
+    ResourceError
+        If there is no face detector, no camera, or the output cannot be written.
+    """
+    if job.overlay is not None and not (_is_film(job.source) and is_moving(job.overlay)):
+        raise UsageError(f"overlay: got {job.overlay} beside {job.source}, expected a film (.mp4) beside a film")
+    found = watch(job, on_frame=on_frame)
+    if job.output.suffix.lower() in MARKERS:
+        save_markers(job.output, _markers(found, job))
+    else:
+        save(found.track, job.output)
+    if job.overlay is not None:
+        _overlay(job, found.track)
+    return found
+
+
+def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
+    """Read FAPs off a source; raises as :func:`run_capture`."""
+    name, _, number = job.source.partition(":")
+    path = Path(job.source)
+    if name == CAMERA:
+        if number and not number.isdigit():
+            raise UsageError(f"source: got {job.source!r}, expected {CAMERA}, or {CAMERA}:1 for the second one")
+        pictures = camera_pictures(int(number or 0), seconds=job.seconds)
+        times_s, landmarks = landmarks_of_pictures(pictures, model=job.model, on_frame=on_frame)
+        return _seen(times_s, landmarks, "camera")
+    if _is_film(job.source):
+        times_s, landmarks = landmarks_of(path, model=job.model, on_frame=on_frame)
+        try:
+            return _seen(times_s, landmarks, "film")
+        except DataError as error:
+            raise DataError(f"{path}: {error.message}") from error
+    data = read_bytes(path)
+    try:
+        if is_openface(data):
+            table = parse_openface(data)
+            lost = np.isnan(table.points_mm).any(axis=(1, 2)).mean()
+            return Captured(openface_faps(table), "OpenFace's table", seen=1.0 - float(lost))
+        if job.size is not None:
+            return _of_landmarks(data, job)
+    except DataError as error:
+        raise type(error)(f"{path}: {error.message}", where=error.where) from error
+    if path.suffix.lower() not in LOADED:
+        raise UsageError(
+            f"{path}: got ending {path.suffix!r}, expected a film, {CAMERA}, or one of {', '.join(LOADED)}"
+        )
+    try:
+        return Captured(load_motion(path), "blend shapes")
+    except DataError as error:
+        hint = "; landmarks (468 or 478 points a frame) need --size WIDTHxHEIGHT of their pictures"
+        raise type(error)(error.message + hint, where=error.where) from error
+
+
+def _is_film(source: str) -> bool:
+    return Path(source).suffix.lower() in FILMS
+
+
+def _seen(times_s: NDArray[np.float64], landmarks: NDArray[np.float64], kind: str) -> Captured:
+    """Put frames at even times, and read them."""
+    if len(times_s) < 2:
+        raise DataError(f"{kind}: got {len(times_s)} pictures, expected at least 2")
+    rate_hz = float(f"{(len(times_s) - 1) / (times_s[-1] - times_s[0]):.5g}")
+    even = np.arange(round(times_s[-1] * rate_hz) + 1) / rate_hz
+    nearest = np.abs(times_s[None] - even[:, None]).argmin(axis=1) if len(times_s) < 2000 else np.searchsorted(
+        (times_s[1:] + times_s[:-1]) / 2, even
+    )  # fmt: skip
+    return _held(landmarks[nearest], rate_hz, kind)
+
+
+def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured:
+    model = FACE_MESH if landmarks.shape[1] == FACE_MESH.count else FACE_MESH_468
+    held = hold_face(np.arange(len(landmarks)) / rate_hz, landmarks, pupils_mm=PUPILS_MM, model=model)
+    return Captured(watched_faps(held, rate_hz), kind, seen=float(held.seen.mean()), held=held)
+
+
+def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
+    if job.size is None or job.rate_hz is None:
+        raise UsageError("landmarks: got no --size or no --fps, expected both: a file of landmarks has neither")
+    width, height = job.size
+    raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
+    return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")
+
+
+def _markers(found: Captured, job: CaptureJob) -> MarkerTrack:
+    """Feature points with the head held still."""
+    if found.held is None:
+        raise UsageError(f"{job.output}: {found.kind} has no points, expected .fap, .fba or .csv as output")
+    rows = dict(sorted(FEATURE_POINTS.items()))
+    return MarkerTrack(
+        positions_mm=found.held.still_mm[:, list(rows)], labels=tuple(rows.values()), rate_hz=found.track.rate_hz
+    )
+
+
+def _overlay(job: CaptureJob, track: FapTrack) -> None:
+    """Write the watched film with our head beside it."""
+    path = Path(job.source)
+    drawing = resized(None, (OVERLAY_PX, OVERLAY_PX))
+
+    def pairs() -> Iterator[NDArray[np.uint8]]:
+        drawn = frames(track, head=job.head, drawing=drawing)
+        for (_, picture), ours in zip(stream_pictures(path, max_side=OVERLAY_PX), drawn, strict=False):
+            theirs = np.zeros((OVERLAY_PX, 2 * (picture.shape[1] // 2), 3), np.uint8)
+            above = (OVERLAY_PX - picture.shape[0]) // 2
+            theirs[above : above + picture.shape[0]] = picture[:, : theirs.shape[1]]
+            yield np.concatenate([theirs, ours[..., :3]], axis=1)
+
+    try:
+        sound = load_sound(path)
+    except DataError:  # a film without sound
+        sound = None
+    assert job.overlay is not None
+    write_moving(job.overlay, pairs(), rate_hz=track.rate_hz, sound=sound)
