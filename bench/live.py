@@ -54,6 +54,7 @@ class Server:
         cores: set[int] | None = None,
         sinks: Sequence[str] = (),
         config: str = "",
+        workers: int = 1,
     ) -> None:
         command = [
             sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page", "--metrics", "0", "--log", "json",
@@ -64,7 +65,7 @@ class Server:
         self.config = tempfile.NamedTemporaryFile("w", suffix=".toml")  # noqa: SIM115  closed by stop()
         self.config.write(config)
         self.config.flush()
-        command += ["--config", self.config.name]
+        command += ["--config", self.config.name, "--workers", str(workers)]
         one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         self.log = tempfile.NamedTemporaryFile("w+", suffix=".jsonl")  # noqa: SIM115  closed by stop()
         self.process = subprocess.Popen(command, stderr=self.log, env=os.environ | one_thread)
@@ -76,13 +77,17 @@ class Server:
         where = {one["what"]: one["where"] for one in line["listens"]}
         host, port = where["OSC in"].split()[0].rsplit(":", 1)
         self.address, self.metrics_url = (host, int(port)), where["metrics"]
+        told = where.get("workers", "").split()
+        self.processes = [int(part.partition(":")[2]) for part in told] or [self.process.pid]
+        """Those that show faces."""
         if cores:
             os.sched_setaffinity(self.process.pid, cores)
-        go_before(self.process.pid)
+        for process in {self.process.pid, *self.processes}:
+            go_before(process)
 
-    def cpu_s(self) -> float:
-        """CPU time spent so far."""
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+    def cpu_s(self, process: int | None = None) -> float:
+        """CPU time spent so far, by the server's first process or by one that is named."""
+        fields = Path(f"/proc/{process or self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / TICKS_HZ
 
     def metrics(self) -> dict[str, float]:
@@ -97,7 +102,7 @@ class Server:
             return self.process.wait(10)
         finally:
             text = Path(self.log.name).read_text().splitlines()
-            if len(text) > 2:
+            if len(text) > 1 + len(self.processes):
                 print(f"the server's log has {len(text)} lines, the second: {text[1]:.200}", file=sys.stderr)
             self.log.close()
             self.config.close()

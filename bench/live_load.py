@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fapengine.live.wire.speech_osc.schema import Moved
 from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone
 
@@ -29,8 +30,8 @@ CHUNK_S, AHEAD_S = 0.1, 0.5
 LABELS = ("m", "ɑː", "b", "iː", "p", "uː", "f", "ɛ", "v", "s", "t", "n", "k", "aɪ", "ʃ", "l")
 JOIN_HZ, SETTLE_S = 100.0, 2.0
 """So many senders begin in a second; then it settles."""
-NUMBER_AT = 96
-"""Of a ``/fap/1/frame`` with 66 FAPs and a name of 5 letters: address 16 bytes, tags 72, name 8."""
+NUMBER_AT, PLAIN_BYTES = 96, 388
+"""Of a ``/fap/1/frame`` with 66 FAPs and a name of 5 letters: address 16 bytes, tags 72, name 8. Epochs add 4 and 4."""
 HEAD = struct.Struct(">8siq")
 
 
@@ -82,7 +83,11 @@ class Speaker:
                 data = self.socket.recv(4096)
             except BlockingIOError:
                 return
-            self.sender.receive(data, now_s)
+            for answer in self.sender.receive(data, now_s):
+                if isinstance(answer, Moved):
+                    self.socket.connect((self.socket.getpeername()[0], answer.port))
+                    self.sender.move(now_s)
+                    return
 
     def _begin(self, start_s: float) -> None:
         lengths = self.rng.lognormal(0.0, 0.35, CLAUSE_PHONES)
@@ -121,7 +126,10 @@ class Load:
             own.connect(to)
             own.setblocking(False)
             speaker = Speaker(
-                OscSender(name_of(session), instance=session + 1), own, np.random.default_rng((seed, session)), chunked
+                OscSender(name_of(session), instance=session + 1, follows=True),
+                own,
+                np.random.default_rng((seed, session)),
+                chunked,
             )
             self.speakers.append(speaker)
             self._by_file[own.fileno()] = speaker
@@ -155,7 +163,7 @@ class Load:
                 data = receive(2048)
             except BlockingIOError:
                 return
-            session, number, _ = unpack(data, NUMBER_AT - 8)
+            session, number, _ = unpack(data, NUMBER_AT - 8 + 4 * (len(data) > PLAIN_BYTES))
             known = frames.get(session)
             if known is None:
                 frames[session] = [1, number, number]
