@@ -85,9 +85,13 @@ class Placement:
         """Give a worker sessions from now on."""
         self.workers.add(worker)
 
+    def pass_over(self, worker: int) -> None:
+        """Give a worker no more sessions; those that it has stay its own."""
+        self.workers.discard(worker)
+
     def lose(self, worker: int) -> list[str]:
         """Forget a worker whose process has ended; its sessions, which have no home any more."""
-        self.workers.discard(worker)
+        self.pass_over(worker)
         gone = [session for session, home in self.homes.items() if home.worker == worker]
         for session in gone:
             del self.homes[session]

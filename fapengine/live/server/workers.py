@@ -251,6 +251,7 @@ class Workers:
             assert slot.process is not None
             begun_s = time.monotonic()
             code = await slot.process.wait()
+            self.placement.pass_over(slot.number)
             self.restarts += 1
             log.error(
                 "worker %d has ended (%d); its faces begin again elsewhere: %d",
@@ -316,7 +317,8 @@ class Workers:
         if link.is_broken:
             asyncio.get_running_loop().remove_reader(link.fileno())
             self._settle(slot, ResourceError(f"worker {slot.number}: ended before it began; the log tells why"))
-            _signal(slot.process, signal.SIGKILL)  # it has no parent any more
+            if not self._stop.is_set():
+                _signal(slot.process, signal.SIGKILL)  # it cannot be told anything any more
 
     def _settle(self, slot: _Slot, trouble: FapEngineError | None) -> None:
         if slot.ready is None or slot.ready.done():

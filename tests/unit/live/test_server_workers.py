@@ -45,6 +45,14 @@ def test_a_worker_that_comes_back_takes_nothing_that_is_placed() -> None:
     assert {table.place(name, 2.0)[0].worker for name in NAMES[100:200]} == {0, 1}
 
 
+def test_a_worker_that_is_passed_over_keeps_what_it_has() -> None:
+    table = table_of(0, 1)
+    homes = {name: table.place(name, 0.0)[0].worker for name in NAMES[:100]}
+    table.pass_over(0)
+    assert {table.place(name, 1.0)[0].worker for name in NAMES[100:200]} == {1}
+    assert {name: table.place(name, 1.0)[0].worker for name in homes} == homes
+
+
 def test_a_session_is_given_back_only_when_its_worker_has_left_it() -> None:
     table = table_of(0)
     home, _ = table.place("anna", 0.0)
