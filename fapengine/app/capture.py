@@ -127,7 +127,7 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
     try:
         return Captured(load_motion(path), "blend shapes")
     except DataError as error:
-        hint = "; landmarks (468 or 478 points a frame) need --size WIDTHxHEIGHT of their pictures"
+        hint = "; landmarks (468 or 478 points a frame) need the size of their pictures"
         raise type(error)(error.message + hint, where=error.where) from error
 
 
@@ -155,7 +155,7 @@ def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured
 
 def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
     if job.size is None or job.rate_hz is None:
-        raise UsageError("landmarks: got no --size or no --fps, expected both: a file of landmarks has neither")
+        raise UsageError("landmarks: got no size or no rate, expected both: a file of landmarks has neither")
     width, height = job.size
     raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
     return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")

@@ -132,7 +132,7 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
 
 
 def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp]:
-    """Frames at rest: those that move least, of the half with the lips nearest to each other."""
+    """(N,): frames at rest, those that move least of the half with the lips nearest to each other."""
     places = np.stack([points[name] for name in points if name not in (*LIDS, *EYES)], axis=1)
     speed = np.linalg.norm(np.gradient(places, axis=0), axis=-1).mean(axis=1) if len(places) > 1 else np.zeros(1)
     speed = uniform_filter1d(speed, max(1, round(QUIET_S * rate_hz)), mode="nearest")

@@ -93,7 +93,7 @@ def test_what_cannot_be_captured_is_told(tmp_path: Path) -> None:
 
     out = tmp_path / "out.fap"
     (tmp_path / "marks.json").write_text(json.dumps([[[0.5, 0.5, 0.0]] * 478]))
-    refused(DataError, "need --size WIDTHxHEIGHT", tmp_path / "marks.json", "-o", out)
+    refused(DataError, "need the size of their pictures", tmp_path / "marks.json", "-o", out)
     refused(UsageError, "expected both", tmp_path / "marks.json", "--size", "640x480", "-o", out)
     (tmp_path / "notes.txt").write_text("hello")
     refused(UsageError, "got ending '.txt'", tmp_path / "notes.txt", "-o", out)
