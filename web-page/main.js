@@ -21,7 +21,10 @@ const query = new URLSearchParams(location.search);
 const token = query.get("token") ?? sessionStorage.getItem("token");
 if (token) sessionStorage.setItem("token", token);
 const isBroadcast = query.has("transparent"); // the face alone on a clear ground, for broadcasting software
-if (isBroadcast) document.documentElement.dataset.mode = "broadcast";
+if (isBroadcast) {
+  document.documentElement.dataset.mode = "broadcast";
+  document.querySelector("meta[name=color-scheme]").content = "normal"; // a dark one has a dark ground of its own
+}
 
 const address = (path) => {
   const url = new URL(path, document.baseURI);

@@ -92,7 +92,15 @@ class Page:
 
     def key(self, key: str) -> None:
         """Press a key as a hand would."""
-        known = {"Escape": (27, ""), "Enter": (13, "\r"), "Tab": (9, ""), "ArrowRight": (39, ""), " ": (32, " ")}
+        known = {
+            "Escape": (27, ""),
+            "Enter": (13, "\r"),
+            "Tab": (9, ""),
+            "ArrowRight": (39, ""),
+            "ArrowUp": (38, ""),
+            "ArrowDown": (40, ""),
+            " ": (32, " "),
+        }
         code, text = known.get(key, (ord(key[0].upper()), key))
         for kind in ("keyDown", "keyUp"):
             typed = {"text": text} if text and kind == "keyDown" else {}

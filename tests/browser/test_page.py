@@ -1,15 +1,20 @@
 """The page as somebody sees and uses it, in a real browser."""
 
+import base64
+import io
+import wave
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fapengine.ears.protocol import RATE_HZ
 from fapengine.files.report.parts import new_figure, picture, table, to_svg, verdict
 from fapengine.files.report.parts import page as report_page
 from fapengine.mpeg4 import fap
 from tests.browser.conftest import Page
+from tests.unit.ears.speech import BABY, spoken
 
 NEWEST = "page.session.jitterBuffer.frames.at(-1).faps"
 REST = f"{NEWEST}.every((value) => value === 0)"
@@ -419,6 +424,77 @@ def test_where_the_server_plays_the_sound_the_page_does_not(page: Page) -> None:
     assert not page.run("page.session.sound.on")
     page.run(hello % "page")
     assert not page.run("document.getElementById('sound').disabled")
+
+
+def test_what_is_said_has_the_rate_that_was_chosen_and_comes_back_by_arrow_keys(page: Page) -> None:
+    page.open("rita")
+    page.run("sessionStorage.removeItem('history'); location.reload()")
+    page.until("window.page?.session.jitterBuffer.frames.length > 3 && page.history.texts.length === 0")
+    page.run("page.sent = []; page.session.link.send = (...what) => { page.sent.push(what); return true; }")
+    say(page, "First.")
+    slide(page, "rate", 250)
+    say(page, "Second.")
+    said = "page.sent.filter(([type]) => type === 'say').map(([, fields]) => fields)"
+    assert page.run(said) == [{"text": "First."}, {"text": "Second.", "rate": 250}]
+    seen = []
+    for key in ("ArrowUp", "ArrowUp", "ArrowUp", "ArrowDown", "ArrowDown"):
+        page.key(key)
+        seen.append(page.run("document.getElementById('text').value"))
+    assert seen == ["First.", "First.", "First.", "Second.", "Second."]  # the last one still stands in the box
+    page.run("document.getElementById('text').value = 'x'.repeat(3500)")
+    page.key("Enter")
+    assert "3500 letters; 2000 are said at once" in page.run("document.getElementById('told').textContent")
+    assert len(page.run(said)) == 2
+
+
+def test_another_face_a_film_and_a_clear_ground(page: Page) -> None:
+    page.open("willa")
+    page.until(REST)
+    page.run("window.first = page.picture.view.head; 0")
+    before = stage(page.picture(), page)
+    page.run("(() => { const who = document.getElementById('who'); who.value = 'child';"
+             " who.dispatchEvent(new Event('change')); })()")  # fmt: skip
+    page.until("document.getElementById('told').textContent === '' && page.picture.view.head !== window.first")
+    page.sleep(0.3)
+    assert (np.abs(stage(page.picture(), page) - before).max(axis=-1) > 30).sum() > 3000
+    assert page.run("page.picture.view.gl.getError()") == 0
+    page.run("page.recorder.start(); page.say('Hello.')")
+    page.until("page.session.isSpeaking")
+    page.sleep(0.5)
+    kind, size = page.run("page.recorder.stop().then((film) => [film.type, film.size])")
+    assert kind.startswith("video/")
+    assert size > 3000
+    page.run("page.setSound(false)")
+    page.open("willa", "&transparent&camera=mouth")
+    green = {"r": 0, "g": 255, "b": 0, "a": 1}
+    page.call("Emulation.setDefaultBackgroundColorOverride", color=green)
+    page.run("page.steering.fly('front', { atOnce: true })")
+    page.sleep(0.3)
+    picture = page.picture()
+    page.call("Emulation.setDefaultBackgroundColorOverride")
+    assert picture[5, 5].tolist() == picture[-5, 5].tolist() == [0, 255, 0]  # nothing is written over it, either
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
+    assert middle[0] > middle[2] + 20
+    page.run("page.session.play(false)")
+
+
+def test_a_recording_moves_the_face(page: Page) -> None:
+    page.open("mike")
+    page.until("!document.getElementById('file').hidden")
+    page.run(KEEP_FRAMES)
+    buffer = io.BytesIO()
+    sound = np.repeat(spoken("rms", BABY).samples, 2)  # at another rate, and in two channels
+    with wave.open(buffer, "wb") as file:
+        file.setparams((2, 2, 2 * RATE_HZ, 0, "NONE", ""))
+        file.writeframes(np.stack([sound, sound], axis=1).astype("<i2").tobytes())
+    data = base64.b64encode(buffer.getvalue()).decode()
+    page.run(f"const bytes = Uint8Array.from(atob('{data}'), (one) => one.charCodeAt(0));"
+             "page.sayFile(new File([bytes], 'baby.wav'))")  # fmt: skip
+    page.until("kept.texts.some((text) => text.kind === 'finished')")
+    labels = [label for text in page.run("kept.texts") if text["type"] == "phones" for label, *_ in text["phones"]]
+    assert sum(label in ("p", "b", "m") for label in labels) >= 4
+    page.run("page.sayFile(new File(['no sound'], 'letter.txt'))")
+    page.until("document.getElementById('told').textContent.startsWith('letter.txt: got no sound')")
 
 
 def test_manner_is_told_to_every_page(page: Page) -> None:
