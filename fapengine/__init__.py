@@ -25,7 +25,7 @@ The folders are floors; imports go down only (``pyproject.toml``, import-linter)
 4     ``geometry``                                rotations and splines, without a face word
 3     ``mpeg4``                                   the standard's tables and ``FapTrack``
 2     ``_strict_toml``                            TOML into checked dataclasses
-1     ``_arrays``                                 checked, read-only arrays
+1     ``_arrays`` ``_late``                       checked, read-only arrays; libraries imported when they are used
 0     ``errors``                                  all exceptions
 ====  ==========================================  ==========================================================
 """

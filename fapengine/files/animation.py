@@ -1,21 +1,28 @@
 """Pictures that move without sound: animated GIF and WebP through PyAV, and numbered PNG files."""
 
+from __future__ import annotations
+
 import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import av
-import av.filter
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import Late
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.paths import replacing, replacing_folder
 from fapengine.files.pictures import save_png
 from fapengine.files.video import FORMATS
+
+if TYPE_CHECKING:
+    import av
+    import av.filter
+else:
+    av = Late("av", "av", "animations")
 
 Picture = NDArray[np.uint8]
 

@@ -1,18 +1,29 @@
 """Pictures: PNG files, and contact sheets of labelled frames."""
 
+from __future__ import annotations
+
 import io
 import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
+from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import read_bytes, replacing
 from fapengine.speech import ipa
+
+if TYPE_CHECKING:
+    from PIL import Image, ImageDraw, ImageFont
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+    ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
+    ImageFont = Late("PIL.ImageFont", "pillow", "pictures")
+
 
 Picture = NDArray[np.uint8]
 

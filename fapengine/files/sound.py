@@ -10,13 +10,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from errno import EINVAL
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import replacing
+
+if TYPE_CHECKING:
+    import av
+else:
+    av = Late("av", "av", "sound files other than WAV")
 
 CONTAINERS = (
     "wav", "w64", "flac", "mp3", "ogg", "mov", "matroska", "aac", "aiff", "caf", "au", "avi", "asf", "mpegts", "mpeg",
@@ -163,8 +169,6 @@ def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> Non
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a container with a stream of sound that can be decoded; it is closed at the end."""
-    import av
-
     try:
         file = path.open("rb")
     except OSError as error:
@@ -205,14 +209,10 @@ class _Resampler:
     """Mono float samples of one rate to int16 of another. Stateful."""
 
     def __init__(self, source_hz: int, target_hz: int) -> None:
-        import av
-
         self._source_hz = source_hz
         self._resampler = av.AudioResampler(format="s16", layout="mono", rate=target_hz)
 
     def push(self, mono: NDArray[np.float32]) -> list[NDArray[np.int16]]:
-        import av
-
         frame = av.AudioFrame.from_ndarray(mono.reshape(1, -1), format="flt", layout="mono")
         frame.sample_rate = self._source_hz
         return _samples(self._resampler.resample(frame))
@@ -247,8 +247,6 @@ def _to_int16(mono: NDArray[np.float32]) -> NDArray[np.int16]:
 
 def _av_error() -> type[Exception]:
     """Return the base of all errors of PyAV, which is imported when it is first needed."""
-    import av
-
     return av.FFmpegError
 
 

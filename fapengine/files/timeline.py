@@ -1,11 +1,22 @@
 """A picture of timed phones: words above, phones below, seconds at the foot; long speech goes on in the next row."""
 
-import numpy as np
-from PIL import Image, ImageDraw
+from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fapengine._late import Late
 from fapengine.files.pictures import FAINT, INK, MARGIN, PAPER, Picture, drawable, font
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
+
+if TYPE_CHECKING:
+    from PIL import Image, ImageDraw
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+    ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
+
 
 WIDTH, PX_PER_S, MAX_ROWS = 1400, 340.0, 40
 WORD_HEIGHT, PHONE_HEIGHT, AXIS_HEIGHT, ROW_GAP = 26, 62, 24, 14

@@ -1,18 +1,26 @@
 """Video files with sound, through PyAV (FFmpeg inside the wheel)."""
 
+from __future__ import annotations
+
 import heapq
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import av
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import Late
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import replacing
+
+if TYPE_CHECKING:
+    import av
+else:
+    av = Late("av", "av", "video and sound files")
+
 
 CODECS = {
     ".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus"), ".mkv": ("libx264", "aac"),

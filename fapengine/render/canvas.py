@@ -8,16 +8,24 @@ next runs where the depth test lets it, on edges alone. They are then copied int
 other. A picture may be drawn smaller than it is handed over; a last pass enlarges it.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from __future__ import annotations
 
-import moderngl
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
+from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
+
 
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: which depths that are there already let a new pixel pass."""

@@ -1,13 +1,16 @@
 """Several faces in one picture: one context, one target, one reading back."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
-import moderngl
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fapengine._late import Late
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
@@ -16,6 +19,11 @@ from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
 class CrowdRenderer(Renderer):

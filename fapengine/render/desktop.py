@@ -5,18 +5,25 @@ makes a window's so, and where a window's is, EGL's calls go astray. So a window
 which lets EGL's go first.
 """
 
+from __future__ import annotations
+
 import ctypes
 import ctypes.util
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import moderngl
-
+from fapengine._late import Late
 from fapengine.errors import ResourceError
 from fapengine.render.context import REQUIRED
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
+
 
 HOW_TO_INSTALL = 'pip install "fapengine[window]"'
 

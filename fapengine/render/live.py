@@ -1,18 +1,26 @@
 """A face drawn at a rate that is held: :mod:`fapengine.render.budget` decides, this obeys and tells."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-import moderngl
 from numpy.typing import ArrayLike
 
+from fapengine._late import Late
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import FrameBudget, Quality, ladder
 from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
 class LiveRenderer(Renderer):

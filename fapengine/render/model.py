@@ -1,12 +1,14 @@
 """One head on the GPU: its buffers, and how a frame of it is drawn into whatever is being drawn into."""
 
-from collections.abc import Callable
-from typing import Any
+from __future__ import annotations
 
-import moderngl
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import Shading
@@ -22,10 +24,17 @@ from fapengine.render.programs import (
     build_program,
 )
 
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
+
+
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
 WIRE_INK = (0.05, 0.08, 0.12, 0.55)
-OVER: Any = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+TRIANGLES, ONE, SRC_ALPHA, ONE_MINUS_SRC_ALPHA = 4, 1, 0x0302, 0x0303  # numbers of OpenGL
+OVER: Any = (SRC_ALPHA, ONE_MINUS_SRC_ALPHA, ONE, ONE_MINUS_SRC_ALPHA)
 """Blending of what covers a pixel in part; the target's colours stay multiplied with its alpha."""
 
 
@@ -147,9 +156,7 @@ class Model:
         context.depth_func = "<"
         context.disable(moderngl.BLEND)
 
-    def _render(
-        self, part: str, at_vertices: bool, values: dict[str, NDArray[Any]], mode: int = moderngl.TRIANGLES
-    ) -> None:
+    def _render(self, part: str, at_vertices: bool, values: dict[str, NDArray[Any]], mode: int = TRIANGLES) -> None:
         if (part, at_vertices) not in self._arrays:
             with signals_kept():
                 self._arrays[part, at_vertices] = self._array(part, at_vertices)

@@ -4,15 +4,26 @@ It knows no window: pointer and keys come in as calls, what they mean comes out 
 draws it anew only when something has changed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
+from fapengine._late import Late
 from fapengine.errors import UsageError
+
+if TYPE_CHECKING:
+    from PIL import Image, ImageDraw, ImageFont
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+    ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
+    ImageFont = Late("PIL.ImageFont", "pillow", "pictures")
+
 
 WIDTH = 260
 """Width of the panel in points; a point is a pixel, or more on a dense display."""
@@ -237,7 +248,7 @@ class Panel:
             self._draw_text(pen)
         return np.asarray(image)
 
-    def _draw_slider(self, pen: "_Pen", slider: Slider, top: int) -> None:
+    def _draw_slider(self, pen: _Pen, slider: Slider, top: int) -> None:
         left, right, bar = MARGIN, WIDTH - MARGIN, top + 25
         pen.text((left, top), slider.label, 14, INK)
         pen.text((right, top), f"{slider.value:.2f}", 14, FAINT, "ra")
@@ -248,7 +259,7 @@ class Panel:
             pen.box((min(at, origin), bar, max(at, origin), bar + BAR), ACCENT, 2)
         pen.box((at - 6, bar + 2 - 6, at + 6, bar + 2 + 6), INK, 6)
 
-    def _draw_text(self, pen: "_Pen") -> None:
+    def _draw_text(self, pen: _Pen) -> None:
         left, top, right, bottom = self._text_box()
         pen.box((left, top, right, bottom), GROUND, 6, ACCENT if self.is_typing else None)
         shown = self.text + "|" if self.is_typing else self.text or "Type what to say, then Enter"

@@ -7,18 +7,26 @@ weights and five bone matrices; the vertex shader does the rest. :mod:`fapengine
 into, softens edges and reads pictures back.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
-import moderngl
 from numpy.typing import ArrayLike
 
+from fapengine._late import Late
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.canvas import Backdrop, Canvas
 from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import frame_uniforms, pack
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
 class FaceRenderer(Renderer):

@@ -8,17 +8,19 @@ Pointer: pull the face to turn the camera, wheel to come nearer. Keys: 1 to 4 ca
 the panel, Enter types, Escape or Q closes; the caller adds its own.
 """
 
+from __future__ import annotations
+
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
@@ -31,6 +33,12 @@ from fapengine.render.live import LiveRenderer
 from fapengine.render.panel import WIDTH, Event, Panel, Pressed
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import FaceRenderer
+
+if TYPE_CHECKING:
+    import moderngl
+else:
+    moderngl = Late("moderngl", "moderngl", "OpenGL")
+
 
 CAMERAS = ("front", "three-quarter", "profile", "mouth")
 """Cameras that have buttons and the keys 1 to 4."""
@@ -121,7 +129,7 @@ class FaceWindow:
                 self._program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
                 self._quad = self._context.vertex_array(self._program, [])
 
-    def __enter__(self) -> "FaceWindow":
+    def __enter__(self) -> FaceWindow:
         return self
 
     def __exit__(

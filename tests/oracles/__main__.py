@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from tests.oracles.bare import check_bare_environment
 from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
 
 
@@ -14,6 +15,7 @@ def main(root: Path) -> None:
     check_with_validator([path.resolve() for path in paths], modules)
     check_with_three(scenes, modules)
     check_with_blender(scenes)
+    check_bare_environment(root)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,22 @@
 """A head as a GLB: meshes with morph targets, a skin, textures, and whose work it is."""
 
+from __future__ import annotations
+
 import io
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from fapengine._late import Late
 from fapengine.files.gltf.writing import INDICES, VERTICES, Row, Writer
 from fapengine.retarget.puppet import JOINTS, PARENTS, Part, Puppet
+
+if TYPE_CHECKING:
+    from PIL import Image
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+
 
 GENERATOR = "fapengine"
 

@@ -1,15 +1,24 @@
 """Images in files: opened if they are not too large, and made smaller."""
 
+from __future__ import annotations
+
 import io
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from fapengine._late import Late
 from fapengine.errors import DataError, UnsupportedError
+
+if TYPE_CHECKING:
+    from PIL import Image
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+
 
 Picture = NDArray[np.uint8]
 

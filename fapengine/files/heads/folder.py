@@ -4,17 +4,19 @@ A head is a folder: ``head.toml`` (schema, source, licence, what of the file was
 mesh, float32) and, where it is painted, ``head.png``.
 """
 
+from __future__ import annotations
+
 import hashlib
 import io
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from fapengine._late import Late
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
@@ -22,6 +24,12 @@ from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, replacing_folder
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4.fapu import Fapu
+
+if TYPE_CHECKING:
+    from PIL import Image
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+
 
 SCHEMA = 2
 TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"

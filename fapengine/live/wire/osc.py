@@ -18,10 +18,15 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
-from pythonosc.osc_message_builder import BuildError, OscMessageBuilder
-
+from fapengine._late import Late
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
+
+if TYPE_CHECKING:
+    from pythonosc import osc_message_builder
+else:
+    osc_message_builder = Late("pythonosc.osc_message_builder", "python-osc", "OSC")
 
 Argument = int | float | str | bytes | bool | None
 
@@ -74,14 +79,14 @@ def message(address: str, tags: str = "", *arguments: Argument) -> bytes:
         raise UsageError(f"OSC address: got {address!r:.40}, expected /... without NUL")
     if len(tags) != len(arguments):
         raise UsageError(f"{address}: got {len(arguments)} arguments, expected {len(tags)} for tags {tags!r}")
-    builder = OscMessageBuilder(address)
+    builder = osc_message_builder.OscMessageBuilder(address)
     try:
         for tag, value in zip(tags, arguments, strict=True):
             if isinstance(value, str) and "\0" in value:
                 raise ValueError("a NUL inside a string")
             builder.add_arg(value, tag)
         checked: bytes = builder.build().dgram
-    except (BuildError, ValueError, TypeError, OverflowError) as error:
+    except (osc_message_builder.BuildError, ValueError, TypeError, OverflowError) as error:
         raise UsageError(f"{address}: got {arguments!r:.80}, expected values for tags {tags!r}: {error}") from error
     return checked
 

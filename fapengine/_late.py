@@ -1,0 +1,43 @@
+"""Libraries that are imported when they are first used, and missed with the line that mends the lack.
+
+Whoever has numpy and scipy alone, in a small container or a browser, can plan, code and convert; what draws, plays or
+reads pictures asks for its library when it is called.
+"""
+
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from fapengine.errors import ResourceError
+
+
+class Late(ModuleType):
+    """A module that is not there yet. Stateful.
+
+    Parameters
+    ----------
+    name : str
+        Of the module.
+    package : str
+        Name to install it by.
+    use : str
+        What it is for, for the message.
+    """
+
+    def __init__(self, name: str, package: str, use: str) -> None:
+        super().__init__(name)
+        self.__dict__["_late"] = name, package, use
+
+    def __getattr__(self, key: str) -> Any:
+        name, package, use = self.__dict__["_late"]
+        if key.startswith("__"):  # what inspectors of modules ask for is no use of it
+            raise AttributeError(key)
+        try:
+            module = import_module(name)
+            value = getattr(module, key) if hasattr(module, key) else import_module(f"{name}.{key}")
+        except ImportError as error:
+            raise ResourceError(f"{use}: {package} is not installed; mend it with: pip install {package}") from error
+        except OSError as error:
+            raise ResourceError(f"{use}: {package} cannot be loaded ({error}); see fapengine doctor") from error
+        self.__dict__[key] = value
+        return value
