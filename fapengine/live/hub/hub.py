@@ -15,6 +15,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
@@ -46,6 +47,8 @@ __all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
 RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
 PHONES_A_COMMAND = 64
+DOZE_S = 0.1
+"""Time between two frames of no session."""
 LOOK_EVERY_S = 1.0
 """Interval at which idle sessions are looked for."""
 SOUND_WAIT_S = 1.5
@@ -140,6 +143,8 @@ class Hub:
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._pins: dict[str, dict[int, int]] = {}
         self._stopped = False
+        self._opened = asyncio.Event()
+        self.engine.open_listeners.append(self._opened.set)
         self.engine.event_listeners.append(self._tell_event)
         self.engine.command_listeners.append(self._tell_command)
 
@@ -463,7 +468,7 @@ class Hub:
         before: Callable[[float, float], None] | None = None,
         after: Callable[[float], None] | None = None,
     ) -> None:
-        """Tick at the rate until :meth:`stop`.
+        """Tick at the rate until :meth:`stop`; seldom while there is no session, until one is opened.
 
         Parameters
         ----------
@@ -473,19 +478,28 @@ class Hub:
             Called with the time when a frame has been handed out.
         """
         pacer = self.pacer = FramePacer(self.pacer.rate_hz, self.clock())
+        is_empty = False
         while not self._stopped:
             due_s, due = pacer.next_s, pacer.due(self.clock())
             if due is None:
                 await asyncio.sleep(max(0.0, due_s - self.clock()))
                 continue
             number, skipped = due
-            self.counts.skipped += skipped
+            self.counts.skipped += 0 if is_empty else skipped
             if before is not None:
                 before(self.clock(), due_s)
             self.tick(self.clock(), number)
             if after is not None:
                 after(self.clock())
-            await asyncio.sleep(0)
+            is_empty = not self.engine.sessions
+            await (self._doze() if is_empty else asyncio.sleep(0))
+
+    async def _doze(self) -> None:
+        """Wait until a session is opened, or a while."""
+        self._opened.clear()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(DOZE_S):
+                await self._opened.wait()
 
     def stop(self) -> None:
         """Let :meth:`run` end after its frame."""

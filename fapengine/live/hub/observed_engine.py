@@ -35,6 +35,8 @@ class ObservedEngine:
         self.inner = engine
         self.command_listeners: list[OnCommand] = []
         self.event_listeners: list[OnEvent] = []
+        self.open_listeners: list[Callable[[], None]] = []
+        """Told when a session begins."""
         self.room: int | None = None
         """Sessions that may still be opened; whoever knows the load sets it anew. None: any number."""
         self.refused = 0
@@ -71,6 +73,8 @@ class ObservedEngine:
             )
         self.inner.open(session, now_s)
         self.touched_s[session] = now_s
+        for listener in tuple(self.open_listeners):
+            listener()
         if is_new and self.room is not None:
             self.room -= 1
 

@@ -460,3 +460,23 @@ def test_a_session_that_fails_is_counted_and_told_of_and_one_that_is_watched_beg
     assert hub.counts.faulted == 2
     assert caplog.text.count("OverflowError: too much") == 2
     assert hub.engine.totals().utterances == 3
+
+
+def test_without_a_session_it_dozes_and_the_first_wakes_it() -> None:
+    async def main() -> tuple[int, int]:
+        hub = Hub(Engine(english(), rng=np.random.default_rng(1)), rate_hz=100.0)
+        running = asyncio.create_task(hub.run())
+        await asyncio.sleep(0.25)
+        asleep, seen = hub.counts.frames, []
+        hub.subscribe("anna", seen.append)
+        hub.engine.open("anna", hub.clock())  # as OSC does
+        async with asyncio.timeout(20.0):
+            while len(seen) < 10:
+                await asyncio.sleep(0.01)
+        hub.stop()
+        await running
+        return asleep, seen[-1].number
+
+    asleep, number = asyncio.run(main())
+    assert asleep <= 5  # 25 at its rate
+    assert number >= 25  # but they count on
