@@ -37,6 +37,7 @@ VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ
 """A phone of each of the standard's visemes 1 to 14."""
 CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
 PEOPLE = ("default", "woman", "man", "child", "older", *(f"random:{seed}" for seed in (1, 3, 4, 5, 7, 10, 11)))
+EVERYBODY = (*PEOPLE[:5], "man:haircut=cropped", "woman:haircut=bob", *PEOPLE[5:10])
 COLOURS = {  # linear RGB of the real face's parts, which its file leaves open
     "gums_tongue": (0.5, 0.16, 0.15), "teeth": (0.8, 0.75, 0.66), "mouth_socket": (0.25, 0.07, 0.06),
     "eyeball_left": (0.8, 0.77, 0.74), "eyeball_right": (0.8, 0.77, 0.74), "eye_socket_left": (0.5, 0.2, 0.18),
@@ -90,6 +91,23 @@ def sheet(name: str, tiles: Mapping[str, NDArray[np.uint8]], columns: int) -> No
     page.save(PICTURES / f"{name}.jpg", quality=80, optimize=True)
 
 
+def everybody(profile: Profile, people: Mapping[str, FaceMesh]) -> None:
+    """Write the sheet of people and what they do, drawn at 512 pixels and shown smaller."""
+    shown = {"neutral": np.zeros(fap.FAP_COUNT)}
+    shown |= {name: pose(profile, name) for name in ("joy", "surprise", "anger", "sadness", "u", "f", "ɑ")}
+    shown["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
+    size = 148
+    page = Image.new("RGB", (len(shown) * size + size, len(people) * size), "white")
+    for row, (who, mesh) in enumerate(people.items()):
+        tiles = [*draw(mesh, list(shown.values()), CLOSE, 512), *draw(mesh, [shown["neutral"]], preset("profile"), 512)]
+        for column, tile in enumerate(tiles):
+            small = Image.fromarray(tile).resize((size, size), Image.Resampling.LANCZOS)
+            label = who if column == 0 else (*shown, "profile")[column] if row == 0 else ""
+            ImageDraw.Draw(small).text((4, 2), label, "white", font=font(12))
+            page.paste(small, (column * size, row * size))
+    page.save(PICTURES / "face-everybody.jpg", quality=72, optimize=True)
+
+
 def real_face(standard: FaceMesh) -> FaceMesh:
     """Make a head of the neutral of ICT-FaceKit."""
     data = np.load(DENSE_FACE)
@@ -126,6 +144,7 @@ def main() -> None:
     sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)
     people = {name: load_head(name) for name in PEOPLE}
     sheet("face-people", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in people.items()}, 6)
+    everybody(profile, {name: load_head(name) for name in EVERYBODY})
     if DENSE_FACE.exists():
         poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
         turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)

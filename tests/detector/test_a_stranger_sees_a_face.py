@@ -57,13 +57,13 @@ class Sight:
         pictures = _draw(head, self.speech_faps, VIEWS[0])
         for view in VIEWS:
             pictures += _draw(head, np.array(list(poses.values())), view)
-        found = _detect(np.array(pictures), folder)
+        found = detect(np.array(pictures), folder)
         self.speech = found[: len(self.speech_faps)]
         seen = found[len(self.speech_faps) :].reshape(len(VIEWS), len(poses), -1, 3)
         self.poses = {name: seen[:, number] for number, name in enumerate(poses)}
         faint = {"neutral": np.zeros(68), **_expressions(profile, 0.6)}
         turned = [_turned(pose, *turn) for pose in faint.values() for turn in TURNS_DEG]
-        small = _detect(np.array(_draw(head, np.array(turned), VIEWS[0], SMALL)), folder)
+        small = detect(np.array(_draw(head, np.array(turned), VIEWS[0], SMALL)), folder)
         self.faint = dict(zip(faint, small.reshape(len(faint), len(TURNS_DEG), -1, 3), strict=True))
 
 
@@ -87,7 +87,8 @@ def _draw(head: FaceMesh, faps: Array, view: Camera, size: tuple[int, int] = SIZ
         return list(renderer.frames(faps))
 
 
-def _detect(pictures: NDArray[np.uint8], folder: Path) -> Array:
+def detect(pictures: NDArray[np.uint8], folder: Path) -> Array:
+    """Landmarks of the face in each picture, (N, 478, 3) pixels; NaN where none is found."""
     np.save(folder / "pictures.npy", pictures)
     command = [PYTHON, HERE / "landmarks.py", folder / "pictures.npy", folder / "landmarks.npy"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
@@ -158,7 +159,7 @@ def test_it_sees_surprise_as_open_mouth_and_raised_brows(sight: Sight) -> None:
     surprise, neutral = sight.poses["surprise"][0], sight.poses["neutral"][0]
     assert apart(surprise, "2.2", "2.3") > apart(neutral, "2.2", "2.3") + 0.1
     for brow, eye in (("4.3", "3.11"), ("4.4", "3.8")):
-        assert apart(surprise, brow, eye) > 1.08 * apart(neutral, brow, eye)
+        assert apart(surprise, brow, eye) > 1.07 * apart(neutral, brow, eye)
 
 
 def test_it_sees_a_blink(sight: Sight) -> None:

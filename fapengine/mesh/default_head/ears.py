@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MIDDLE = np.array([83.0, 12.0, -3.0])
-UP_AXIS, BACK_AXIS = np.array([0.06, 0.975, -0.215]), np.array([0.30, -0.165, -0.939])
+UP_AXIS, BACK_AXIS = np.array([0.05, 0.975, -0.215]), np.array([0.21, -0.170, -0.963])
 ROOT = (np.deg2rad(93.0), 10.0)
 """Place on the bare head with which an ear goes."""
 HALF_LENGTH, HALF_WIDTH = 32.0, 17.5

@@ -31,12 +31,18 @@ LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
 LONG_TAPER = (0.4, 0.9, 1.0, 1.1, 1.15, 1.2, 1.2, 1.15, 1.05, 0.8)
 """Width of a lock from root towards the tip, which is a point."""
-HANGS_BELOW_MM, HANGS_TO_MM = 18.0, -118.0
-"""Heights below which long hair hangs free, and where it ends."""
+HANGS_BELOW_MM = 18.0
+HANGS_TO_MM = {"long": -118.0, "bob": -52.0}
+"""Height below which long hair hangs free, and where it ends, by haircut."""
+CROPPED = 0.22
+"""Thickness of cropped hair, as a share of the usual cap's."""
 EAR_MM = 15.0
 """Distance by which long hair lies out over an ear."""
 CURTAIN_MM = 4.0
 """Thickness of what hangs under the locks."""
+HAIRS_A_LOCK, HAIR_POINTS = 2, 3
+FACE_Z_MM = 60.0
+"""Locks that end before this depth frame the face."""
 GOLDEN = 0.6180339887498949
 
 
@@ -50,8 +56,10 @@ def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices
     """Add cap and locks; returns their indices, (N,), those of the cap first."""
     palette = palette_of(style)
     cap = _build_cap(builder, style, palette, detail)
-    curtain = _build_curtain(builder, style, palette, detail) if style.haircut == "long" else cap[:0]
-    return np.concatenate([cap, curtain, _build_locks(builder, style, palette, detail).ravel()])
+    if style.haircut == "cropped":
+        return cap
+    curtain = _build_curtain(builder, style, palette, detail) if style.haircut in HANGS_TO_MM else cap[:0]
+    return np.concatenate([cap, curtain, _build_locks(builder, style, palette, detail)])
 
 
 def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
@@ -62,11 +70,14 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     wide = np.broadcast_to(angle, y.shape)
     base, out = position(wide, y, style), normal(wide, y, style)
     inside = smoothstep((share + 0.02) / 0.22)[:, None]
-    thick = np.where(share[:, None] < 0, -2.0, 0.3 + _thickness(y) * inside)
+    high = CROPPED * _thickness(y) if style.haircut == "cropped" else _thickness(y)
+    thick = np.where(share[:, None] < 0, -2.0, 0.3 + high * inside)
     points = base + thick[..., None] * out
-    root = 1 - smoothstep((share - 0.005) / 0.045)
+    root = 0.55 * (1 - smoothstep((share - 0.005) / 0.045))
+    if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
+        root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
     dark = 0.75 * palette.hair
-    albedo = dark + (0.55 * root)[:, None, None] * (palette.skin(base) - dark)
+    albedo = dark + root[:, None, None] * (palette.skin(base) - dark)
     uv = strand_uv(np.where(np.arange(len(angle)) % 2, 0.15, 0.85), 0.05 + 0.9 * share[:, None])
     grid = builder.add(points, albedo=albedo, material=Material.HAIR, uv=uv)
     builder.quads(grid, closed=True)
@@ -82,7 +93,8 @@ def _build_curtain(builder: MeshBuilder, style: HeadStyle, palette: Palette, det
     angle, y = np.meshgrid(
         np.where(angle > np.pi, angle - 2 * np.pi, angle), np.linspace(-60.0, 66.0, round(9 * detail))
     )
-    points, out = _hanging(position(angle, y, style), normal(angle, y, style), angle, y)
+    end = HANGS_TO_MM[style.haircut]
+    points, out = _hanging(position(angle, y, style), normal(angle, y, style), angle, y, end)
     share = np.linspace(-1, 1, angle.shape[1])
     thick = CURTAIN_MM * np.sqrt(1 - share**8) * smoothstep((72.0 - y) / 20.0)
     uv = strand_uv(0.5 + 0.4 * np.sin(9.0 * angle), 0.05 + 0.9 * (y + 60.0) / 126.0)
@@ -102,8 +114,8 @@ class _Scalp:
     def __init__(self, style: HeadStyle) -> None:
         angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
         points, normals = position(angle, y, style), normal(angle, y, style)
-        if style.haircut == "long":
-            points, normals = _hanging(points, normals, angle, y)
+        if style.haircut in HANGS_TO_MM:
+            points, normals = _hanging(points, normals, angle, y, HANGS_TO_MM[style.haircut])
         self.points, self.normals = points.reshape(-1, 3), normals.reshape(-1, 3)
         self._tree = cKDTree(self.points)
 
@@ -118,10 +130,10 @@ class _Scalp:
         return below, normals
 
 
-def _hanging(points: Array, normals: Array, angle: Array, y: Array) -> tuple[Array, Array]:
-    """(..., 3) each: what long hair lies on: the head, the ears, and below them straight down past the neck."""
+def _hanging(points: Array, normals: Array, angle: Array, y: Array, end_mm: float) -> tuple[Array, Array]:
+    """(..., 3) each: what long hair lies on: the head, the ears, and below them straight down to its end."""
     below = smoothstep((HANGS_BELOW_MM - y) / 30.0)[..., None]
-    down = np.interp(y[:, 0], (y.min(), HANGS_BELOW_MM), (HANGS_TO_MM, HANGS_BELOW_MM))
+    down = np.interp(y[:, 0], (y.min(), HANGS_BELOW_MM), (end_mm, HANGS_BELOW_MM))
     level = int(np.abs(y[:, 0] - HANGS_BELOW_MM).argmin())
     curtain = np.repeat(points[level][None], len(points), axis=0) * [1.04, 1.0, 1.0]
     curtain[..., 1] = np.where(y < HANGS_BELOW_MM, down[:, None], y)
@@ -138,7 +150,7 @@ def _hanging(points: Array, normals: Array, angle: Array, y: Array) -> tuple[Arr
 def _combed(points: Array, normals: Array, haircut: str) -> Array:
     """(N, 3): unit direction in which hair lies."""
     x, y, z = points.T
-    if haircut == "long":
+    if haircut in HANGS_TO_MM:
         return _combed_long(points, normals)
     parting = np.interp(z, (-40.0, 60.0), (8.0, 24.0))
     away = np.tanh((parting - x) / 6.0)
@@ -210,9 +222,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
     nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
     temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
-    is_long = style.haircut == "long"
+    is_long = style.haircut in HANGS_TO_MM
     if is_long:
-        length = (at[:, 1] - HANGS_TO_MM + 0.6 * np.abs(at[:, 1] - 60.0)) * (0.92 + 0.06 * vary)
+        length = (at[:, 1] - HANGS_TO_MM[style.haircut] + 0.6 * np.abs(at[:, 1] - 60.0)) * (0.92 + 0.06 * vary)
     else:
         length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
     half = (4.4 + 1.9 * top) * (1 + 0.25 * other) / np.sqrt(np.clip(detail, 0.6, 1.6))
@@ -236,6 +248,8 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
         step = length / (len(taper) - 1) * (1.0 if is_long else _clear_of_ears(foot))
         at = foot + step[:, None] * along
+        if is_long:
+            at[:, 1] = np.maximum(at[:, 1], HANGS_TO_MM[style.haircut] + 4.0 * vary)
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]
@@ -249,4 +263,36 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         builder.loose(np.stack([a, b, c], axis=-1).reshape(-1, 3))
         builder.loose(np.stack([a, c, d], axis=-1).reshape(-1, 3))
         builder.loose(np.stack([body[:, -1, left], body[:, -1, left + 1], tips], axis=-1))
-    return np.concatenate([body.ravel(), tips])
+    hairs = _build_hairs(builder, points, np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM), palette)
+    return np.concatenate([body.ravel(), tips, hairs])
+
+
+def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: Palette) -> Indices:
+    """Add single hairs over locks that are seen beside the face, so that these have no hard edges; (N,) indices.
+
+    ``locks`` is (locks, rows, 3, xyz) mm: points of each from edge to edge.
+    """
+    last = locks.shape[1] - 1
+    rows = np.unique(np.linspace(1, last - 1, HAIR_POINTS - 1).round().astype(int))
+    across = np.linspace(-0.95, 0.95, HAIRS_A_LOCK)
+    spines, asides, tints = [], [], []
+    for lock in chosen:
+        left, middle, right = (locks[lock, rows, side] for side in (0, 1, 2))
+        out = np.cross(right[0] - left[0], middle[-1] - middle[0])
+        out /= np.linalg.norm(out)
+        for number, share in enumerate(across):
+            wild = np.sin(7.1 * number + 3.7 * lock)
+            edge = right if share > 0 else left
+            spine = middle + abs(share) * (1.0 + 0.15 * wild) * (edge - middle) + 0.35 * out
+            tip = spine[-1] + (0.75 + 0.35 * wild) * (locks[lock, last, 1] - middle[-1])
+            tip += 0.45 * share * (edge[-1] - middle[-1]) * np.sign(share)
+            spine = np.concatenate([spine, tip[None]])
+            along = spine[-1] - spine[0]
+            aside = np.cross(along, [0.0, 0.0, 1.0])
+            spines.append(spine)
+            asides.append(aside / max(float(np.linalg.norm(aside)), 1e-6))
+            tints.append((0.75 + 0.5 * abs(wild)) * palette.hair)
+    if not spines:
+        return np.zeros(0, dtype=np.int64)
+    half = np.linspace(0.34, 0.10, len(rows) + 1)
+    return builder.strands(np.array(spines), half, np.array(asides), albedo=np.array(tints)).ravel()

@@ -10,7 +10,7 @@ from fapengine.mesh.default_head.faces_table import MODES
 LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
 """Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
 
-HAIRCUTS = ("short", "long")
+HAIRCUTS = ("short", "cropped", "bob", "long")
 MAX_WEIGHT = 2.5
 BOUNDS: dict[str, tuple[float, float]] = {
     "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),

@@ -15,7 +15,7 @@ from fapengine.mesh.default_head.faces import displacement
 from fapengine.mesh.default_head.faces_table import MODES
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.people import PEOPLE, parse_person, somebody
-from fapengine.mesh.default_head.style import LEVELS, HeadStyle, parse_look
+from fapengine.mesh.default_head.style import HAIRCUTS, LEVELS, HeadStyle, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
 from fapengine.mpeg4 import fap
@@ -101,7 +101,7 @@ def test_numbers_make_people_that_differ() -> None:
     weights = np.array([person.identity for person in people])
     assert np.abs(weights.mean(axis=0)).max() < 0.25
     assert weights.std(axis=0) == pytest.approx(np.full(MODES, 0.96), abs=0.15)
-    assert {person.haircut for person in people} == {"short", "long"}
+    assert {person.haircut for person in people} == set(HAIRCUTS)
     assert any(not person.hair for person in people)
     assert {person.eye_colour for person in people} == set(EYE_COLOURS)
 
@@ -135,7 +135,7 @@ def test_a_person_is_read_from_text() -> None:
         ("random", "head: got 'random', expected random:NUMBER such as random:7"),
         ("random:x", "head: got 'random:x', expected random:NUMBER"),
         ("woman:age=9", r"age: got 9\.0, expected 0\.\.1"),
-        ("woman:haircut=mohawk", "haircut: got 'mohawk', expected one of short, long"),
+        ("woman:haircut=mohawk", "haircut: got 'mohawk', expected one of short, cropped"),
         ("man:eye_colour=pink", "eye_colour: got 'pink', expected one of brown"),
         ("man:identity=9", r"identity: got 9, expected at most 16 numbers of -2\.5\.\.2\.5"),
         ("man:identity=" + "/".join("0" * 17), "identity: got 0(/0)*, expected at most 16"),

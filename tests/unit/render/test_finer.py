@@ -50,7 +50,7 @@ def test_only_some_faps(head: FaceMesh) -> None:
 
 
 def test_every_case_is_on_its_curve(head: FaceMesh) -> None:
-    made = cases(head, finer(head, 15_500), head)
+    made = cases(head, finer(head, 16_000), head)
     curves = growth(made, dict.fromkeys(made, 1.0))
     assert {kind: len(points) for kind, points in curves.items()} == {"vertices": 6, "faps": 7, "pixels": 7}
     assert [count for count, _ in curves["vertices"]][-1] == 71_000
