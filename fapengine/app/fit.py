@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine.app.manner import DEFAULT_PROFILE
+from fapengine.app.performance import pronounced
 from fapengine.errors import UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.built import load_built
@@ -45,6 +46,8 @@ class FitJob:
     """Axis that points up."""
     seed: int = 1
     """Chance of the split into takes to learn from and to judge by."""
+    voice: str = "en-us"
+    """Voice that pronounces words where phones are missing."""
     report: bool = True
     """True to write report.html."""
     faps: bool = False
@@ -104,7 +107,9 @@ def _read(
     """Read and prepare; the recordings themselves are forgotten with the end of this function."""
     head = load_built(HeadStyle())
     face_mm = {name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points}
-    loaded = load_session(job.session, units=job.units, up=job.up, on_take=on_take)
+    loaded = load_session(
+        job.session, units=job.units, up=job.up, on_take=on_take, pronounce=lambda track: pronounced(track, job.voice)
+    )
     on_step(STEPS[0])
     return prepare(loaded.session, loaded.setup, face_mm, rng=rng), loaded.setup, loaded.warnings
 

@@ -22,6 +22,7 @@ def fit(
     units: str | None = typer.Option(None, "--units", help="mm, cm, m or inch, for recordings that do not say."),
     up: str | None = typer.Option(None, "--up", help="Axis that points up: +y, +z, ..."),
     seed: int = typer.Option(1, "--seed", min=0, help="Chance of the split into takes to learn from and to judge by."),
+    voice: str = typer.Option("en-us", "--voice", "-v", help="Who pronounces timings that have words only."),
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html beside the profile."),
     faps: bool = typer.Option(False, "--faps", help="Write every take as captured FAPs too: takes/TAKE.fap."),
     as_json: AsJson = False,
@@ -44,7 +45,8 @@ def fit(
     writing.check(files_in(output, OWNED), [session])
     options = FitOptions(modes=modes, k=subset, tolerance_mm=tolerance, held_out=held_out)
     job = FitJob(
-        session=session, output=output, options=options, units=units, up=up, seed=seed, report=report, faps=faps
+        session=session, output=output, options=options, units=units, up=up, seed=seed, voice=voice, report=report,
+        faps=faps,
     )  # fmt: skip
     fitted = _run(job)
     if as_json:

@@ -6,12 +6,15 @@ import typer
 
 from fapengine.cli import options as shared
 
+MARKERS = (".c3d", ".trc", ".npz")
 FBA_STARTS = (b"\x00\x00\x01",)
 
 
 def inspect(
     path: Path = typer.Argument(
-        ..., help="What to look into: .fba, .fap, phone timings, a sound, a film, a profile or a head (folder or name)."
+        ...,
+        help="What to look into: .fba, .fap, phone timings, a sound, a film, a recording of markers (.c3d, .trc,"
+        " .csv, .npz, a folder of meshes), a profile or a head (folder or name).",
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
@@ -28,9 +31,11 @@ def inspect(
     """
     from fapengine._resources import profile_ids
     from fapengine.app.hearing import SOUND_SUFFIXES
+    from fapengine.cli._inspect_markers import inspect_markers
     from fapengine.cli._inspect_media import inspect_fap, inspect_head, inspect_recording
     from fapengine.errors import UnsupportedError
     from fapengine.files.paths import read_bytes
+    from fapengine.files.recordings import is_table, mesh_files
     from fapengine.mesh.default_head.people import parse_person
     from fapengine.speech.formats.registry import guess_format
 
@@ -43,6 +48,9 @@ def inspect(
         return
     if (path / "head.toml").is_file() or (not path.exists() and parse_person(str(path)) is not None):
         inspect_head(str(path), as_json=as_json, plot=plot)
+        return
+    if path.suffix.lower() in MARKERS or (path.is_dir() and mesh_files(path)) or (not file_format and is_table(path)):
+        inspect_markers(path, as_json=as_json, everything=everything, plot=plot)
         return
     data = read_bytes(path)
     head = data[:4]
@@ -60,9 +68,13 @@ def inspect(
         inspect_fap(path, as_json=as_json, everything=everything, plot=plot)
     elif path.suffix.lower() in SOUND_SUFFIXES:
         inspect_recording(path, as_json=as_json, plot=plot)
+    elif path.suffix.lower() == ".bap":
+        raise UnsupportedError(
+            f"{path}: got body animation parameters (.bap), which move a body, expected what moves a face (.fap)"
+        )
     else:
         raise UnsupportedError(
             f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), a .fap file, phone timings, a sound, a"
-            " film, or the folder of a profile or a head",
+            " film, a recording of markers (.c3d, .trc, .csv, .npz), or the folder of a profile or a head",
             where="byte 0",
         )

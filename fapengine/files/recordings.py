@@ -90,6 +90,17 @@ def _parse(path: Path, picture: Picture | None) -> RawTrack:
     return parsers[ending](read_bytes(path))
 
 
+def is_table(path: Path) -> bool:
+    """Tell whether a file is a table of markers, by its header."""
+    if path.suffix.lower() not in (".csv", ".tsv") or not path.is_file():
+        return False
+    try:
+        parse_table(read_bytes(path))
+    except DataError:
+        return False
+    return True
+
+
 def _mapped_c3d(path: Path) -> RawTrack:
     """Map the file: analog channels between the points are never read."""
     try:

@@ -49,6 +49,7 @@ from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 from fapengine.mpeg4.visemes import Expression
+from fapengine.speech.phone_track import PhoneTrack
 
 SETUP_NAME = "session.toml"
 TIMINGS = (".textgrid", ".lab", ".pho", ".align", ".json", ".csv")
@@ -70,6 +71,7 @@ def load_session(
     units: str | None = None,
     up: str | None = None,
     on_take: Callable[[str, int], None] = lambda name, count: None,
+    pronounce: Callable[[PhoneTrack], PhoneTrack] | None = None,
 ) -> LoadedSession:
     """Read a session's folder.
 
@@ -80,6 +82,8 @@ def load_session(
         Override those of ``session.toml``.
     on_take : callable
         Told each take's name, and how many there are, before it is read.
+    pronounce : callable, optional
+        Gives timings of words their phones; without it they are left out.
 
     Raises
     ------
@@ -104,7 +108,8 @@ def load_session(
             path, units=units or document.units, up=up or document.up, rate_hz=rate_hz, picture=picture
         )
         warnings += [f"take {path.stem}: {text}" for text in recording.warnings]
-        takes.append(Take(path.stem, recording.markers, _phones(path, recording.markers.duration_s, warnings)))
+        phones = _phones(path, recording.markers.duration_s, pronounce, warnings)
+        takes.append(Take(path.stem, recording.markers, phones))
     try:
         return LoadedSession(Session(document.subject or folder.resolve().name, tuple(takes)), setup, tuple(warnings))
     except DataError as error:
@@ -145,15 +150,20 @@ def _is_timing(path: Path) -> bool:
     )
 
 
-def _phones(path: Path, duration_s: float, warnings: list[str]) -> tuple[Interval, ...]:
+def _phones(
+    path: Path, duration_s: float, pronounce: Callable[[PhoneTrack], PhoneTrack] | None, warnings: list[str]
+) -> tuple[Interval, ...]:
     beside = {other.suffix.lower(): other for other in path.parent.glob(f"{path.stem}.*") if other != path}
     timing = next((beside[ending] for ending in TIMINGS if ending in beside), None)
     if timing is None:
         return ()
     track = load_timings(timing)
     if track.spelled:
-        warnings.append(f"take {path.stem}: {timing.name} times words, not phones: left out")
-        return ()
+        told = "left out" if pronounce is None else "pronounced, so phones within a word are not where they were said"
+        warnings.append(f"take {path.stem}: {timing.name} times words, not phones: {told}")
+        if pronounce is None:
+            return ()
+        track = pronounce(track)
     phones = track.phones
     late = [phone for phone in phones if phone.end_s > duration_s + 0.1 and not phone.is_silence]
     if late:

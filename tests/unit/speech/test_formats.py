@@ -13,7 +13,7 @@ from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.formats.documents import MAX_BYTES, parse_document
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, guess_format, parse_timings
-from fapengine.speech.phone_track import SILENCE, PhoneTrack
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 from .samples import SAMPLES, lines
 
@@ -267,10 +267,13 @@ def test_labels_of_phone_sets(alphabet: str, label: str, expected: tuple[str, in
 def test_words_are_not_taken_for_the_phones_of_a_recording(tmp_path: Path) -> None:
     (tmp_path / "take.align").write_text(SAMPLES["align"])
     warnings: list[str] = []
-    assert _phones(tmp_path / "take.c3d", 1.0, warnings) == ()
+    assert _phones(tmp_path / "take.c3d", 1.0, None, warnings) == ()
     assert warnings == ["take take: take.align times words, not phones: left out"]
+    said = _phones(tmp_path / "take.c3d", 9.0, lambda track: PhoneTrack.of([Phone("m", 0.0, 0.2)]), warnings)
+    assert [interval.label for interval in said] == ["m"]
+    assert warnings.pop().endswith("pronounced, so phones within a word are not where they were said")
     (tmp_path / "take.lab").write_text(SAMPLES["htk"])
-    assert [interval.label for interval in _phones(tmp_path / "take.c3d", 1.0, warnings)] == ["m", "aɪ"]
+    assert [interval.label for interval in _phones(tmp_path / "take.c3d", 1.0, None, warnings)] == ["m", "aɪ"]
 
 
 @pytest.mark.shared
