@@ -57,7 +57,8 @@ REST_S = 0.25
 """Time after an interruption within which the lips are at rest."""
 _FADE_S = 0.2
 _FACE = "face"
-_LIMITS = Limits(sessions=1, phones=1_000_000, queued_s=86_400.0, silence_s=1e9)
+LIMITS = Limits(phones=1_000_000, queued_s=86_400.0, silence_s=1e9)
+"""Limits of an engine under stages: an utterance lasts until it is ended."""
 
 EventKind = Literal["started", "finished", "interrupted"]
 Pronounce = Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]]
@@ -165,11 +166,37 @@ class Stage(GestureMethods):
         ear: StreamEar | None = None,
         pronounce: Pronounce | None = None,
     ) -> None:
+        self._session, self._now_s = _FACE, 0.0
+        self._engine = Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style)
+        self._engine.open(self._session, self._now_s)
+        self._listen_by(ear, pronounce)
+
+    @classmethod
+    def on(
+        cls,
+        engine: Engine,
+        session: str,
+        now_s: float,
+        *,
+        ear: StreamEar | None = None,
+        pronounce: Pronounce | None = None,
+    ) -> "Stage":
+        """Make a stage for a new session of an engine that many stages share: see :class:`.troupe.Troupe`.
+
+        Raises
+        ------
+        UsageError
+            If the engine has no place for it, or the session is open.
+        """
+        stage = cls.__new__(cls)
+        stage._session, stage._now_s, stage._engine = session, now_s, engine
+        engine.open(session, now_s)
+        stage._listen_by(ear, pronounce)
+        return stage
+
+    def _listen_by(self, ear: StreamEar | None, pronounce: Pronounce | None) -> None:
         self.counts = StageCounts()
-        self._engine = Engine(profile, rng=rng, limits=_LIMITS, style=style)
-        self._engine.open(_FACE, 0.0)
         self._ear, self._pronounce = ear, pronounce
-        self._now_s = 0.0
         self._newest = 0
         self._order = count()
         self._queue: list[_Utterance] = []
@@ -214,7 +241,7 @@ class Stage(GestureMethods):
     def tell(self, command: Command) -> None:
         """Give a command now."""
         for each in without_neutral(command):
-            self._engine.apply(_FACE, each, self._now_s)
+            self._engine.apply(self._session, each, self._now_s)
 
     def end(self) -> None:
         """Say that what is being said is whole: the next sound is of something new."""
@@ -234,7 +261,7 @@ class Stage(GestureMethods):
             position_s = max(utterance.sound.position_s - unplayed_s, 0.0)
             self._events.append(StageEvent(utterance.number, "interrupted", position_s))
         self._queue.clear()
-        self._engine.apply(_FACE, Cancel(fade_s=_FADE_S), self._now_s)
+        self._engine.apply(self._session, Cancel(fade_s=_FADE_S), self._now_s)
         if self._listening is not None and self._ear is not None:
             self._ear.begin()
         self._listening = None
@@ -254,14 +281,26 @@ class Stage(GestureMethods):
         UsageError
             If there is no such time.
         """
+        begins_s = self._now_s
+        sounds = self.prepare(dt_s)
+        faps = self._engine.frame(begins_s).faps[0]
+        self._engine.events()
+        return StageFrame(faps, sounds)
+
+    def prepare(self, dt_s: float) -> tuple[Sound, ...]:
+        """Hand out the sound of the next frame, and have the engine ready to show it; the part of :meth:`next` before.
+
+        Raises
+        ------
+        UsageError
+            If there is no such time.
+        """
         if not 1e-3 <= dt_s <= 1.0:
             raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001..1")
         self._listen()
         sounds = self._speak(dt_s)
-        faps = self._engine.frame(self._now_s).faps[0]
         self._now_s += dt_s
-        self._engine.events()
-        return StageFrame(faps, sounds)
+        return sounds
 
     def events(self) -> list[StageEvent]:
         """Tell what became of utterances since this was last asked."""
@@ -270,7 +309,7 @@ class Stage(GestureMethods):
 
     def counters(self) -> Counters:
         """Count what the engine met with: phones that were late, dropped or unknown."""
-        return self._engine.counters(_FACE)
+        return self._engine.counters(self._session)
 
     @property
     def newest(self) -> int:
@@ -343,7 +382,7 @@ class Stage(GestureMethods):
     def _hold(self, utterance: _Utterance) -> None:
         if utterance.has_begun and not utterance.is_held:
             self.counts.stalls += 1
-            self._engine.apply(_FACE, Pause(fade_s=_FADE_S), self._now_s)
+            self._engine.apply(self._session, Pause(fade_s=_FADE_S), self._now_s)
         utterance.is_held = True
 
     def _go_on(self, utterance: _Utterance) -> None:
@@ -351,11 +390,11 @@ class Stage(GestureMethods):
             return
         utterance.is_held = False
         if utterance.has_begun:
-            self._engine.apply(_FACE, Resume(), self._now_s)
+            self._engine.apply(self._session, Resume(), self._now_s)
         else:
             utterance.has_begun = True
             self._events.append(StageEvent(utterance.number, "started", 0.0))
-            self._engine.apply(_FACE, Begin(utterance.number, "at", self._now_s), self._now_s)
+            self._engine.apply(self._session, Begin(utterance.number, "at", self._now_s), self._now_s)
 
     def _finish(self, utterance: _Utterance) -> None:
         self._queue.pop(0)
@@ -365,9 +404,9 @@ class Stage(GestureMethods):
         if not utterance.has_begun:
             return
         if utterance.is_held:
-            self._engine.apply(_FACE, Cancel(utterance.number, fade_s=_FADE_S), self._now_s)
+            self._engine.apply(self._session, Cancel(utterance.number, fade_s=_FADE_S), self._now_s)
         else:
-            self._engine.apply(_FACE, End(utterance.number, utterance.told, utterance.sound.end_s), self._now_s)
+            self._engine.apply(self._session, End(utterance.number, utterance.told, utterance.sound.end_s), self._now_s)
 
     def _give_cues(self, utterance: _Utterance, dt_s: float) -> None:
         while utterance.cues and utterance.cues[0][0] < utterance.sound.due_s + dt_s:
@@ -380,7 +419,7 @@ class Stage(GestureMethods):
         until_s = utterance.sound.due_s + dt_s + FEED_S
         phones = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
         if phones:
-            self._engine.apply(_FACE, Append(utterance.number, utterance.told, tuple(phones)), self._now_s)
+            self._engine.apply(self._session, Append(utterance.number, utterance.told, tuple(phones)), self._now_s)
             utterance.told += len(phones)
             utterance.told_s = phones[-1].end_s
         utterance.told_s = max(utterance.told_s, utterance.sound.due_s)

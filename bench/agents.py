@@ -1,0 +1,172 @@
+"""What the face of a voice agent costs: seconds of processor for a second of face, and so agents on one core.
+
+``python -m bench.agents`` measures each part by itself on one spoken text, at 25 frames a second and 512 x 512, and
+prints agents a core; ``--plot FILE.svg`` draws it (matplotlib). Drawing is on this machine's OpenGL; without a GPU that
+is Mesa's llvmpipe, which takes all cores: processor time counts, not the clock. ``--json`` for programs.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.agents.spoken_words import TimedWord
+from fapengine.agents.stage import Stage
+from fapengine.agents.troupe import Troupe
+from fapengine.ears.process import DirectEar
+from fapengine.ears.sphinx_ear import SphinxEar
+from fapengine.files.heads.load import load_head
+from fapengine.files.profiles import load_profile
+from fapengine.live.wire.fap_osc import encode_track
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import FaceRenderer
+from fapengine.speech.marks import words_of
+from fapengine.voices.espeak import EspeakVoice
+from fapengine.voices.pronounce import pronounce_words
+
+TEXT = "Good morning. I looked at the plan you sent me, and most of it is fine; but the budget may be a problem."
+RATE_HZ, SIDE_PX = 25, 512
+TOGETHER = 100
+"""Agents on one engine."""
+
+
+def _shown(stage: Stage, samples: np.ndarray, rate_hz: int) -> list[np.ndarray]:
+    stage.push(samples, rate_hz)
+    stage.end()
+    frames = []
+    while stage.is_speaking:
+        frames.append(stage.next(1 / RATE_HZ).faps)
+    return frames
+
+
+def _cpu_s(work: Callable[[], object], seconds: float, repeats: int = 3) -> float:
+    """Least processor time for a second of face."""
+    costs = []
+    for _ in range(repeats):
+        begun_s = time.process_time()
+        work()
+        costs.append((time.process_time() - begun_s) / seconds)
+    return min(costs)
+
+
+def measured() -> dict[str, float]:
+    """Processor time of each part for a second of face, s."""
+    voice, profile = EspeakVoice("en-us"), load_profile("grid_s1_en")
+    speech = voice.speak(TEXT)
+    words = [TimedWord(*word) for word in words_of(speech.phones.phones)]
+    length_s = speech.duration_s
+
+    known = pronounce_words([(word.text, word.start_s, word.end_s or 0.0) for word in words], voice)
+
+    def by_words() -> list[np.ndarray]:
+        stage = Stage(profile, rng=np.random.default_rng(1), pronounce=lambda _: known)
+        stage.words(words)
+        return _shown(stage, speech.samples, speech.sample_rate_hz)
+
+    def by_ear() -> list[np.ndarray]:
+        stage = Stage(profile, rng=np.random.default_rng(1), ear=DirectEar(SphinxEar()))
+        return _shown(stage, speech.samples, speech.sample_rate_hz)
+
+    def by_words_together() -> None:
+        troupe = Troupe(profile, rng=np.random.default_rng(1))
+        for number in range(TOGETHER):
+            stage = troupe.open(str(number), pronounce=lambda _: known)
+            stage.words(words)
+            stage.push(speech.samples, speech.sample_rate_hz)
+            stage.end()
+        while any(stage.is_speaking for stage in troupe.stages.values()):
+            troupe.next(1 / RATE_HZ)
+
+    frames = by_words()
+    costs = {"stage, alone": _cpu_s(by_words, length_s)}
+    costs[f"stage, {TOGETHER} together"] = _cpu_s(by_words_together, TOGETHER * length_s, repeats=2)
+    timed = words_of(speech.phones.phones)
+    costs["pronouncing words"] = _cpu_s(lambda: pronounce_words(timed, voice), length_s)
+    costs["ear"] = max(_cpu_s(by_ear, length_s) - costs["stage, alone"], 0.0)
+    count = len(frames)
+    track = FapTrack.of(np.array(frames), rate_hz=RATE_HZ)
+    costs["FAPs as OSC"] = _cpu_s(lambda: encode_track(track, session="a"), count / RATE_HZ)
+    with FaceRenderer(load_head("default"), Drawing(size=(SIDE_PX, SIDE_PX))) as renderer:
+        pictures = [renderer.draw(faps).copy() for faps in frames[:50]]
+        costs["drawing"] = _cpu_s(lambda: [renderer.draw(faps).tobytes() for faps in frames[:50]], 50 / RATE_HZ)
+    costs["VP8, 500 kbit/s"] = _cpu_s(lambda: _vp8(pictures), 50 / RATE_HZ)
+    return costs
+
+
+def _vp8(pictures: list[np.ndarray]) -> None:
+    """Encode as a call would: libvpx in real time, as FFmpeg calls it."""
+    import io
+
+    import av
+
+    options = {"deadline": "realtime", "cpu-used": "8", "lag-in-frames": "0"}
+    with av.open(io.BytesIO(), "w", format="webm") as container:
+        stream = container.add_stream("libvpx", rate=RATE_HZ, options=options)
+        stream.width = stream.height = SIDE_PX
+        stream.pix_fmt, stream.bit_rate, stream.thread_count = "yuv420p", 500_000, 1
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+KINDS = {
+    "drawn, heard": ("stage, alone", "ear", "drawing", "VP8, 500 kbit/s"),
+    "drawn, with words": ("stage, alone", "pronouncing words", "drawing", "VP8, 500 kbit/s"),
+    "FAPs, heard": (f"stage, {TOGETHER} together", "ear", "FAPs as OSC"),
+    "FAPs, with words": (f"stage, {TOGETHER} together", "pronouncing words", "FAPs as OSC"),
+    "FAPs, with phones": (f"stage, {TOGETHER} together", "FAPs as OSC"),
+}
+"""What an agent's face is made of."""
+
+
+def agents_a_core(costs: dict[str, float]) -> dict[str, float]:
+    """How many of each kind one core carries."""
+    return {kind: 1 / sum(costs[part] for part in parts) for kind, parts in KINDS.items()}
+
+
+def _plot(costs: dict[str, float], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(8, 3.2), layout="constrained")
+    for part in costs:
+        shares = [1e3 * costs[part] if part in parts else 0.0 for parts in KINDS.values()]
+        before = [
+            1e3 * sum(costs[other] for other in list(costs)[: list(costs).index(part)] if other in parts)
+            for parts in KINDS.values()
+        ]
+        axes.barh(list(KINDS), shares, left=before, label=part)
+    for row, (parts, count) in enumerate(zip(KINDS.values(), agents_a_core(costs).values(), strict=True)):
+        axes.text(1e3 * sum(costs[part] for part in parts), row, f"  {count:.{count < 10:d}f} a core", va="center")
+    axes.invert_yaxis()
+    axes.margins(x=0.2)
+    axes.set_xlabel(f"ms of processor for a second of face, {RATE_HZ} frames/s, {SIDE_PX} x {SIDE_PX}")
+    axes.legend(fontsize="small", loc="lower right")
+    figure.savefig(path, metadata={"Date": None})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--plot", type=Path, metavar="FILE.svg")
+    given = parser.parse_args()
+    costs = measured()
+    if given.plot:
+        _plot(costs, given.plot)
+    if given.json:
+        print(json.dumps({"cpu_s": costs, "agents_a_core": agents_a_core(costs)}))
+        return
+    for part, cost_s in costs.items():
+        print(f"{part:20s} {1e3 * cost_s:7.1f} ms of processor for a second of face")
+    for kind, count in agents_a_core(costs).items():
+        print(f"{kind:20s} {count:7.1f} agents on one core")
+
+
+if __name__ == "__main__":
+    main()
