@@ -101,6 +101,8 @@ def serve(
 
     fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
 
+    One process shows faces on one core; --workers 8 has eight behind the same ports. If one dies, others speak on.
+
     Ctrl-C or SIGTERM: the faces come to rest, then the server ends.
     """
     from dataclasses import replace

@@ -111,6 +111,8 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
             after = stage.ear.frames[name]
             assert_in_one_place(before[name] + after)
             assert after[-1].epoch > before[name][-1].epoch
+            old = [frame for frame in after if frame.epoch == before[name][-1].epoch]
+            assert old[-1].values[JAW] == 0  # the parent's, before the new worker's first
         for name in set(SESSIONS) - set(killed):
             assert {frame.epoch for frame in stage.ear.frames[name]} == {before[name][-1].epoch}
         for client in clients.values():

@@ -463,6 +463,8 @@ class Client(GestureMethods):
             self._send_due()
         except (OSError, DataError) as error:
             self._fail(ResourceError(f"engine at {self._pipe.name}: the connection is lost ({error})"))
+        except ResourceError as error:  # where it was sent, or where it came from, cannot be reached
+            self._fail(error)
         except UsageError as error:
             self._fail(error)
             raise  # a program's mistake: the thread's hook shows its place

@@ -20,8 +20,12 @@ async def collect_now_and_then() -> None:
     gc.collect()
     gc.freeze()
     took_s = 0.0
-    while True:
-        await asyncio.sleep(min(max(took_s / COLLECT_SHARE, COLLECT_S[0]), COLLECT_S[1]))
-        begun_s = time.perf_counter()
-        gc.collect()
-        took_s = time.perf_counter() - begun_s
+    try:
+        while True:
+            await asyncio.sleep(min(max(took_s / COLLECT_SHARE, COLLECT_S[0]), COLLECT_S[1]))
+            begun_s = time.perf_counter()
+            gc.collect()
+            took_s = time.perf_counter() - begun_s
+    finally:
+        gc.unfreeze()
+        gc.enable()

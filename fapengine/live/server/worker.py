@@ -67,6 +67,10 @@ class Worker:
             living.cancel()
             loop.remove_reader(self._link.fileno())
 
+    def close(self) -> None:
+        """End the channel."""
+        self._link.close()
+
     def send(self, data: bytes, address: tuple[str, int]) -> bool:
         """Answer from the known port: see :class:`.listeners.Replier`."""
         try:

@@ -12,6 +12,7 @@ from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.handshake import Handshake
 from fapengine.live.wire.speech_osc.proof import AMPLIFICATION, Proof
 from fapengine.live.wire.speech_osc.receiver import ALIVE_S, SILENT_S, OscReceiver
+from fapengine.live.wire.speech_osc.routing import hello_of
 from fapengine.live.wire.speech_osc.session import MAX_PEERS
 from tests.english import english
 
@@ -177,3 +178,13 @@ def test_load_is_the_work_of_a_frame_and_lets_go_later_than_it_takes_hold() -> N
     assert not work(0.4 / 60)
     assert not work(0.4 / 60, waits_s=0.1)  # other programs have the processor
     assert work(3.0 / 60)  # frames are late by our own work
+
+
+def test_a_sender_is_sent_elsewhere_with_no_more_bytes_than_it_sent():
+    for length in range(1, schema.SESSION_BYTES + 1):
+        name = "a" * length
+        smallest = osc.message("/fap/1/hello", "sTssi", name, True, "", "", schema.FOLLOWS)
+        hello = hello_of(smallest)
+        assert hello is not None
+        assert hello.flags & schema.FOLLOWS
+        assert len(codec.encode(schema.Moved(name, "", 65_535, hello.instance))) <= len(smallest)

@@ -17,6 +17,7 @@ from fapengine.live.wire import osc
 from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.live.wire.speech_osc.receiver import OscReceiver
+from fapengine.live.wire.speech_osc.routing import hello_of
 from fapengine.live.wire.speech_osc.schema import WirePhone
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.style import Style
@@ -425,3 +426,20 @@ def test_a_server_that_moved_is_followed_and_everything_told_there():
         known.sendto(codec.encode(schema.Moved("anna", "127.0.0.1", place.port, hello.instance)), address)
         assert client.wait_until_over(number, SOON_S) == "finished"
     known.close()
+
+
+def test_a_connection_that_is_sent_to_nobody_says_so():
+    known, other = socket.create_server(("127.0.0.1", 0)), socket.create_server(("127.0.0.1", 0))
+    port = other.getsockname()[1]
+    other.close()
+    with known, Client("127.0.0.1", known.getsockname()[1], session="anna", tcp="length") as client:
+        accepted, _ = known.accept()
+        with accepted:
+            accepted.settimeout(SOON_S)
+            packet, decoder = b"", LengthDecoder()
+            while not packet:
+                packet = b"".join(decoder.feed(accepted.recv(4096))[:1])
+            hello = hello_of(packet)
+            accepted.sendall(encode_length(codec.encode(schema.Moved("anna", "", port, hello.instance))))
+            with pytest.raises(ResourceError, match=str(port)):
+                client.wait(SOON_S)
