@@ -50,7 +50,8 @@ class Leave(Message):
 class Packet(Message):
     """To a worker: a datagram that came at the known port."""
 
-    address: tuple[str, int]
+    address: tuple[str | int, ...]
+    """As the system tells it; longer for IPv6."""
     data: bytes
 
 

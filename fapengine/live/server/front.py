@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from fapengine.errors import DataError, ResourceError
 from fapengine.live.server import channel
@@ -236,11 +236,11 @@ class Front:
         if target is None:
             self.counts.strange += 1
             return
-        url = urlsplit(target)
-        session = dict(parse_qsl(url.query)).get("session", NAMELESS_SESSION)
+        path, _, query = target.partition("?")
+        session = dict(parse_qsl(query)).get("session", NAMELESS_SESSION)
         message = channel.Connection(is_page=True)
         self.counts.handed += 1
-        if url.path in WITH_SESSION and 1 <= len(session.encode(errors="replace")) <= schema.SESSION_BYTES:
+        if path in WITH_SESSION and 1 <= len(session.encode(errors="replace")) <= schema.SESSION_BYTES:
             self._router.send(session, message, accepted.dup())
         else:
             self._router.send_any(message, accepted.dup())

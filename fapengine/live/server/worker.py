@@ -11,6 +11,7 @@ import pickle
 import signal
 import socket
 import sys
+from typing import cast
 
 from fapengine.errors import FapEngineError
 from fapengine.live.hub.messages import HubFrames
@@ -110,7 +111,7 @@ class Worker:
             match message:
                 case channel.Packet():
                     packets += 1
-                    self.server.ingress.put(Caller(self, message.address), message.data)
+                    self.server.ingress.put(Caller(self, cast("tuple[str, int]", message.address)), message.data)
                 case channel.Own():
                     self._own.epochs[message.session] = message.epoch
                 case channel.Leave():

@@ -147,13 +147,13 @@ def test_messages_and_sockets_come_in_order_and_whole() -> None:
     here, there = socket.socketpair()
     parent.put(channel.Own("anna", 3))
     parent.put(channel.Connection(is_page=True), there)
-    parent.put(channel.Packet(("127.0.0.1", 9), b"/x\0\0"))
+    parent.put(channel.Packet(("::1", 9, 0, 0), b"/x\0\0"))
     (own, none), (_, handed), (packet, _) = worker.take()
     assert (own.session, own.epoch, none) == ("anna", 3, None)
     assert there.fileno() == -1  # closed here, open there
     handed.send(b"hello")
     assert here.recv(9) == b"hello"
-    assert (packet.address, packet.data) == (("127.0.0.1", 9), b"/x\0\0")
+    assert (packet.address, packet.data) == (("::1", 9, 0, 0), b"/x\0\0")
     worker.put(channel.Left("anna"))
     assert [message.session for message, _ in parent.take()] == ["anna"]
     worker.close()
