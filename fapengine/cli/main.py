@@ -25,6 +25,7 @@ from fapengine.cli import (
     fit,
     head,
     inspect,
+    reduce,
     render,
     say,
     score,
@@ -56,6 +57,7 @@ VERBS = (
     inspect.inspect,
     score.score,
     fit.fit,
+    reduce.reduce,
     doctor.doctor,
 )
 """Verbs in the order in which ``--help`` lists them. To add one: its own file, and its function here."""

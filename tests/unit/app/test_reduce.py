@@ -1,0 +1,55 @@
+"""``fapengine reduce``: a motion as a few poses, and back at another rate within the bound."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.cli.main import app
+from fapengine.errors import DataError, UsageError
+from fapengine.files.recordings import load_markers, save_markers
+
+
+@pytest.fixture
+def take(tmp_path):
+    time = np.arange(200) / 100
+    rest = np.random.default_rng(0).uniform(-60, 60, (5, 3))
+    moved = np.stack([3 * np.sin(3 * time), 5 * np.sin(5 * time) ** 2, 0 * time], axis=1)
+    track = MarkerTrack(
+        positions_mm=rest + moved[:, None] * np.linspace(0.2, 1, 5)[:, None], labels=tuple("ABCDE"), rate_hz=100.0
+    )
+    save_markers(tmp_path / "take.npz", track)
+    return tmp_path / "take.npz"
+
+
+def test_a_take_is_reduced_and_comes_back_at_half_the_rate(take, capsys):
+    via, back = take.with_name("via.npz"), take.with_name("back.npz")
+    words = ["reduce", take, "--bound", "0.5mm", "-o", via, "--back", back, "--fps", "50", "--json"]
+    app([str(word) for word in words], standalone_mode=False)
+    curve = json.loads(capsys.readouterr().out)
+    assert curve[0]["tolerance_mm"] == 0.5
+    assert all(row["max_mm"] <= row["tolerance_mm"] for row in curve)
+    with np.load(via) as arrays:
+        assert len(arrays["times_s"]) == curve[0]["point_count"] < 40
+        assert arrays["via_mm"].shape == (len(arrays["times_s"]), 5, 3)
+        assert arrays["share"][-1] < arrays["share"][0] < arrays["share"][1]  # of 2 mm, 0.5 mm, 0.25 mm
+    old, new = load_markers(take).markers, load_markers(back).markers
+    assert new.rate_hz == 50.0
+    away = np.linalg.norm(new.positions_mm - old.positions_mm[::2][: new.frame_count], axis=-1)
+    assert away.max() <= 0.5
+
+
+def test_what_cannot_be_reduced_is_told(take, tmp_path):
+    def refused(kind, message, *words):
+        with pytest.raises(kind, match=message):
+            app(["reduce", *map(str, words)], standalone_mode=False)
+
+    refused(UsageError, "expected millimetres", take, "--bound", "little", "-o", tmp_path / "via.npz")
+    refused(UsageError, "expected positive", take, "--bound", "0", "-o", tmp_path / "via.npz")
+    refused(UsageError, r"ends with \.npz", take, "-o", tmp_path / "via.csv")
+    track = load_markers(take).markers
+    places = np.array(track.positions_mm)
+    places[5:9, 2] = np.nan
+    save_markers(take, MarkerTrack(positions_mm=places, labels=track.labels, rate_hz=track.rate_hz))
+    refused(DataError, "got gaps, most in marker C", take, "-o", tmp_path / "via.npz")
