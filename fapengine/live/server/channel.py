@@ -51,7 +51,7 @@ class Packet(Message):
     """To a worker: a datagram that came at the known port."""
 
     address: tuple[str | int, ...]
-    """As the system tells it; longer for IPv6."""
+    """Sender, as the system tells it; longer for IPv6."""
     data: bytes
 
 
