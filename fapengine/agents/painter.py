@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,9 +77,10 @@ class Painter:
         """
         picture = bytearray(self.size[0] * self.size[1] * 3)
         view, filled = memoryview(picture), 0
+        pictures: Any = self._process.stdout
         with contextlib.suppress(OSError):
             _pipe(self._process.stdin).write(np.asarray(faps, np.int32).tobytes())
-            while filled < len(picture) and (count := _readinto(self._process.stdout, view[filled:])):
+            while filled < len(picture) and (count := pictures.readinto(view[filled:])):
                 filled += count
         if filled < len(picture):
             told = _pipe(self._process.stderr).read().decode(errors="replace").strip()
@@ -98,10 +99,6 @@ class Painter:
 def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
     assert pipe is not None
     return pipe
-
-
-def _readinto(pipe: IO[bytes] | None, view: memoryview) -> int:
-    return os.readv(_pipe(pipe).fileno(), [view])
 
 
 def main() -> None:
