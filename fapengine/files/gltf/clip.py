@@ -191,8 +191,9 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes
     looks = not any(eye in rig.bones for eye in EYES)
     by_mesh = {number: np.zeros((len(faps), len(names))) for number, names in enumerate(titles)}
     used: dict[str, None] = {}
-    if not bound or has_arkit(name for names in titles for name in names):
-        for number, weights in enumerate(rig_weights(titles, faps, meanings, looks=looks)):
+    named = [[name for name in names if name] for names in titles]
+    if not bound or has_arkit(name for names in named for name in names):
+        for number, weights in enumerate(rig_weights(named, faps, meanings, looks=looks)):
             for name, weight in weights.items():
                 by_mesh[number][:, titles[number].index(name)] = weight
                 used |= {name: None} if weight.any() else {}
@@ -205,8 +206,22 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes
 
 
 def _titles(gltf: Gltf, mesh: Item) -> list[str]:
-    """Names of a mesh's targets, of which all its primitives have the same (glTF 2.0, 3.7.2.2)."""
-    return max((target_names(gltf, mesh, item) for item in mesh.items("primitives")), key=len, default=[])
+    """Names of a mesh's targets, of which all its primitives have the same; of one that moves nothing, none."""
+    titles: list[str] = []
+    for item in mesh.items("primitives"):
+        names, targets = target_names(gltf, mesh, item), item.items("targets")
+        titles += [""] * (len(names) - len(titles))
+        for place, (name, target) in enumerate(zip(names, targets, strict=True)):
+            titles[place] = titles[place] or (name if _moves(gltf, target) else "")
+    return titles
+
+
+def _moves(gltf: Gltf, target: Item) -> bool:
+    """Tell whether a target moves anything, by the bounds that its accessor states: avatars have empty ones."""
+    if "POSITION" not in target:
+        return False
+    row = gltf.accessors[target.index("POSITION", len(gltf.accessors))]
+    return not ("min" in row and "max" in row) or any((*row.numbers("min", [0.0] * 3), *row.numbers("max", [0.0] * 3)))
 
 
 def _turned_bones(rig: _Rig, motion: FaceMotion, used: tuple[str, ...]) -> dict[str, int]:

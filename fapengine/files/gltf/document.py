@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item, parse_json
+from fapengine.files.gltf.meshopt import decode_meshopt
 
 MAGIC, VERSION = b"glTF", 2
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -32,12 +33,13 @@ MAX_ELEMENTS_IN_ALL = 32_000_000
 """Elements that are read, those of an accessor as often as it is used."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "KHR_texture_basisu",
-    "VRM", "VRMC_vrm",
+    "EXT_meshopt_compression", "VRM", "VRMC_vrm",
 )  # fmt: skip
 """Required extensions that change what is read here and are heeded; textures of Basis Universal are left out."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_pointer")
 """Beginnings of extensions that change nothing that is read here."""
-COMPRESSED = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+COMPRESSED = {"KHR_draco_mesh_compression": "Draco"}
+MESHOPT = "EXT_meshopt_compression"
 
 Fetch = Callable[[str], bytes]
 """Reads a file named in the document, relative to it; raises DataError."""
@@ -76,6 +78,7 @@ class Gltf:
     """Rows of the document, by :data:`KINDS`."""
     buffers: tuple[bytes, ...]
     fetch: Fetch
+    _views: dict[int, bytes] = field(default_factory=dict, repr=False)
     elements: Budget = field(default_factory=lambda: Budget("elements", MAX_ELEMENTS_IN_ALL))
 
     @property
@@ -121,8 +124,22 @@ class Gltf:
     def view(self, index: int) -> bytes:
         """Bytes of a buffer view."""
         item = _row(self.views, "bufferViews", index)
-        if "EXT_meshopt_compression" in item.item("extensions"):
-            raise compressed("EXT_meshopt_compression", item.where)
+        if MESHOPT in item.item("extensions"):
+            return self._unpacked(index, item.item("extensions").item(MESHOPT))
+        return self._slice(item)
+
+    def _unpacked(self, index: int, item: Item) -> bytes:
+        """Bytes of a view that meshoptimizer has packed, unpacked once."""
+        if index not in self._views:
+            count, stride = item.index("count", MAX_ELEMENTS), item.index("byteStride", 1 << 16)
+            self.elements.take(count, item.where)
+            mode, name = item.string("mode"), item.string("filter", "NONE")
+            self._views[index] = decode_meshopt(
+                self._slice(item), mode=mode, count=count, stride=stride, filter_name=name, where=item.where
+            )
+        return self._views[index]
+
+    def _slice(self, item: Item) -> bytes:
         buffer = self.buffers[item.index("buffer", len(self.buffers))]
         first, length = item.index("byteOffset", len(buffer) + 1, 0), item.index("byteLength", len(buffer) + 1)
         if first + length > len(buffer):

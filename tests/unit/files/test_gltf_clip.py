@@ -53,10 +53,12 @@ def motion() -> FaceMotion:
     return FaceMotion(faps=speech(), turns=nod(), rate_hz=RATE_HZ, name="talk")
 
 
-def mesh(builder: Builder, names: Sequence[str], *, lifted: Sequence[str] = ()) -> int:
-    """Add a triangle with a target for each name, of which those of ``lifted`` move it."""
+def mesh(builder: Builder, names: Sequence[str], *, lifted: Sequence[str] = (), empty: Sequence[str] = ()) -> int:
+    """Add a triangle with a target for each name, of which those of ``lifted`` move it as a whole."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
-    targets = [{"POSITION": builder.accessor(np.full((3, 3), float(name in lifted)))} for name in names]
+    small = np.array([[0, 0, 0], [0, 0, 0], [0, 1e-6, 0]])
+    rows = [np.full((3, 3), float(name in lifted)) + (name not in empty) * small for name in names]
+    targets = [{"POSITION": builder.accessor(row)} for row in rows]
     item: dict[str, Any] = {"attributes": {"POSITION": builder.accessor(corners)}, "targets": targets}
     return builder.row("meshes", {"primitives": [item], "extras": {"targetNames": list(names)}})
 
@@ -295,3 +297,14 @@ def test_a_scene_without_a_face_is_refused() -> None:
     builder.node(mesh=mesh(builder, ["lid", "box"]))
     with pytest.raises(DataError, match="no shape named as ARKit's"):
         add_clip(builder.glb(), nothing, motion())
+
+
+def test_targets_that_move_nothing_do_not_count(tmp_path: Any) -> None:
+    """As of services that give all names and fill in few: the mouth then opens by what does move."""
+    builder = Builder()
+    names = [*ARKIT_NAMES, "Fcl_MTH_I"]
+    node = builder.node(mesh=mesh(builder, names, empty=ARKIT_NAMES))
+    times, weights, _ = curves(add_clip(builder.glb(), nothing, motion())[0], tmp_path)[node, "weights"]
+    shown = frames(times, weights.reshape(-1, len(names)))
+    assert not shown[:, :-1].any()
+    np.testing.assert_allclose(shown[:, -1], approximate_presets(speech())[:, VRM1_NAMES.index("ih")], atol=1e-6)
