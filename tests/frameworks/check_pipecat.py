@@ -133,7 +133,8 @@ def test_a_client_sees_lips_shut_on_the_m_that_it_hears() -> None:
         if code in dark_of and phone.duration_s > 0.04 and phone.label in ("m", "p", "b", "ɑː", "ʌ", "æ", "ɔː", "eɪ"):
             at["shut" if phone.label in "mpb" else "open"].append(dark_of[code])
     print("dark pixels of the mouth:", at)
-    assert np.median(at["shut"]) < 0.25 * np.median(at["open"])
+    line = min(dark_of.values())  # the line between shut lips is as dark
+    assert np.median(at["shut"]) - line < 0.25 * (np.median(at["open"]) - line)
 
 
 def _played(received: list[tuple]) -> np.ndarray:  # type: ignore[type-arg]
@@ -229,4 +230,4 @@ async def _read(
         bits = pixels[4 : CODE_PX - 4, :, :].mean(axis=(0, 2))
         code = sum((bits[bit * CODE_PX + 6 : (bit + 1) * CODE_PX - 6].mean() > 128) << bit for bit in range(CODE_BITS))
         mouth = pixels[158:196, 98:158]
-        seen.append((now_s, float(frame.pts * frame.time_base), int(code), int((mouth.sum(axis=2) < 150).sum())))
+        seen.append((now_s, float(frame.pts * frame.time_base), int(code), int((mouth[..., 1] < 80).sum())))
