@@ -67,6 +67,10 @@ VERBS = {
     "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
+    "capture": Verb("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "capture --overlay": Verb("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
+    "reduce": Verb("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
+    "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
     **{
         f"score {option or 'recording'}": Verb(

@@ -327,7 +327,7 @@ def test_a_servers_face_is_told_what_is_done_to_the_controls() -> None:
 
     link = Link()
     source = ServerSource(link, voice="de")
-    assert source.status() == ("lost", "Cannot connect to host 127.0.0.1:1")
+    assert source.status() == ("no server: Cannot connect to host 127.0.0.1:1",)
     link.state = "open"
     assert source.status() == ("open",)
     link.age_s, link.round_trip_s = 0.012, 0.0014
