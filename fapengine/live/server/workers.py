@@ -405,7 +405,8 @@ class Workers:
 def _signal(process: Process | None, number: int) -> None:
     """Send a signal to a process whose end was not yet told; ``Process.kill`` would take that news from the loop."""
     if process is not None and process.returncode is None:
-        os.kill(process.pid, number)
+        with suppress(ProcessLookupError):  # it has ended, and the loop is about to be told
+            os.kill(process.pid, number)
 
 
 def check_workers(config: ServeConfig) -> None:

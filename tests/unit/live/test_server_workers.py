@@ -1,7 +1,10 @@
 """Parts of a server of many processes: who has which session, whose a packet is, what the two ends say."""
 
+import os
+import signal
 import socket
 from collections import Counter
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,6 +13,7 @@ from fapengine.live.server.channel import Channel
 from fapengine.live.server.front import FrontCounts, _first_packet, _target_of
 from fapengine.live.server.placement import MAX_PLACED, UNUSED_S, OwnSessions, Placement, owner
 from fapengine.live.server.worker_metrics import ParentFigures, page
+from fapengine.live.server.workers import _signal
 from fapengine.live.wire import osc
 from fapengine.live.wire.framing import encode_length, encode_slip
 from fapengine.live.wire.speech_osc import codec, schema
@@ -207,3 +211,12 @@ def test_metrics_of_workers_are_one_page() -> None:
     assert 'f_sent_total{sink="a",worker="0"} 0.0\nf_sent_total{sink="a",worker="1"} 1.0' in text
     assert 'fapengine_front_total{kind="forwarded"} 7.0' in text
     assert "fapengine_workers 2.0" in text
+
+
+def test_a_process_that_has_just_ended_is_not_told_to() -> None:
+    """Its end may be known to the system before the loop hears of it: a worker killed by somebody else."""
+    child = os.fork()
+    if not child:
+        os._exit(0)
+    os.waitpid(child, 0)
+    _signal(SimpleNamespace(pid=child, returncode=None), signal.SIGKILL)  # type: ignore[arg-type]
