@@ -24,12 +24,12 @@ def test_it_speaks_as_a_voice_in_this_process_does_and_tells_what_is_wrong() -> 
         spoken = await voice.speak("Mama.", VoiceChoice("de", 140), 9.0)
         here = EspeakVoice("de", 140).speak("Mama.")
         # espeak-ng is not repeatable to the sample once it has spoken something else.
-        assert len(spoken.samples) == pytest.approx(len(here.samples), abs=20)
+        assert len(spoken.samples) == pytest.approx(len(here.samples), abs=220)  # 10 ms; at 175 words it is 2,600 less
         assert np.abs(spoken.samples).max() == pytest.approx(np.abs(here.samples).max(), rel=0.1)
         same = [[(one.label, one.stress, one.word) for one in speech.phones.phones] for speech in (spoken, here)]
         assert same[0] == same[1]
         times = [[one.start_s for one in speech.phones.phones] for speech in (spoken, here)]
-        assert times[0] == pytest.approx(times[1], abs=0.002)
+        assert times[0] == pytest.approx(times[1], abs=0.01)
         with pytest.raises(NothingToSpeakError, match="something to speak"):
             await voice.speak("...", CHOICE, 9.0)
         with pytest.raises(UsageError, match="qq"):
