@@ -188,7 +188,8 @@ def _value(data: Buffer, at: int, processor: _Processor) -> NDArray[np.float64] 
     if kind == 2:
         return processor.integers(data, count, value_at).astype(np.float64)
     if kind == 4:
-        return processor.floats(data, count, value_at).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # of NaNs that signal
+            return processor.floats(data, count, value_at).astype(np.float64)
     return np.zeros(0)
 
 
@@ -228,7 +229,7 @@ def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) ->
     claims += [int(_number(point, name, 0)) % 65536 if name == "FRAMES" else int(_number(point, name, 0))
                for name in ("FRAMES", "LONG_FRAMES")]  # fmt: skip
     ends = [trial.get(name) for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
-    if all(isinstance(end, np.ndarray) and end.size == 2 for end in ends):
+    if all(isinstance(end, np.ndarray) and end.size == 2 and np.isfinite(end).all() for end in ends):
         first, last = (int(end[0]) % 65536 + 65536 * int(end[1]) for end in ends if isinstance(end, np.ndarray))
         claims.append(last - first + 1)
     claimed = max(claims)

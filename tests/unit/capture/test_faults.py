@@ -84,6 +84,15 @@ def test_data_without_any_start_lie_behind_the_parameters(track):
     assert "behind the parameters" in notes[0]
 
 
+def test_a_rate_that_is_a_signalling_nan_is_taken_from_the_header(track):
+    data = bytearray(format_c3d(track))
+    number = value_at(bytes(data), b"RATE")
+    data[number : number + 4] = b"\x01\x00\x80\x7f"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert parse_c3d(bytes(data)).rate_hz == track.rate_hz
+
+
 def test_a_file_without_room_for_data_is_refused(track):
     data = format_c3d(track)
     with pytest.raises(DataError, match="expected them behind the parameters"):
