@@ -1,4 +1,4 @@
-"""What the face of a voice agent costs: seconds of processor for a second of face, and so agents on one core.
+"""Cost of a voice agent's face: seconds of processor for a second of face, and so agents on one core.
 
 ``python -m bench.agents`` measures each part by itself on one spoken text, at 25 frames a second and 512 x 512, and
 prints agents a core; ``--plot FILE.svg`` draws it (matplotlib). Drawing is on this machine's OpenGL; without a GPU that
@@ -120,11 +120,11 @@ KINDS = {
     "FAPs, with words": (f"stage, {TOGETHER} together", "pronouncing words", "FAPs as OSC"),
     "FAPs, with phones": (f"stage, {TOGETHER} together", "FAPs as OSC"),
 }
-"""What an agent's face is made of."""
+"""Ways to give an agent a face, each with the parts of the work that it needs."""
 
 
 def agents_a_core(costs: dict[str, float]) -> dict[str, float]:
-    """How many of each kind one core carries."""
+    """Divide one core among agents of each kind: how many it carries."""
     return {kind: 1 / sum(costs[part] for part in parts) for kind, parts in KINDS.items()}
 
 

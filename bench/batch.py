@@ -1,4 +1,4 @@
-"""What a corpus costs beyond its rows: ``python -m bench.batch [--rows 10000] [--workers 1 2]``.
+"""Cost of a corpus beyond that of its rows: ``python -m bench.batch [--rows 10000] [--workers 1 2]``.
 
 Short rows of timings become FBA streams: in one loop that does nothing else (the yardstick), then as a run with a
 journal, checksums, files replaced at once and worker processes. Processor time counts, of workers too, so other work on

@@ -1,4 +1,4 @@
-"""What a fit costs: processor time and memory of ``fapengine fit`` for sessions of growing size.
+"""Cost of a fit: processor time and memory of ``fapengine fit`` for sessions of growing size.
 
     python -m bench.fit [--all] [--json FILE]
 

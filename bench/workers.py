@@ -1,4 +1,4 @@
-"""How many faces two workers keep talking where one process keeps some: ratios, in one run.
+"""Faces that two workers keep talking for each that one process keeps: ratios, in one run.
 
     python -m bench.workers [--sessions 120] [--workers 2] [--shares 1.0 1.7 2.0] [--seconds 10] [--rounds 2]
 
@@ -31,7 +31,7 @@ TICK = "fapengine_tick_seconds"
 
 
 def p99_ms(before: dict[str, float], after: dict[str, float]) -> float:
-    """Of a tick, of all workers, linear within its bucket."""
+    """Find the p99 of a tick, of all workers, linear within its bucket."""
     counts: dict[float, float] = {}
     for key in after:
         if key.startswith(f"{TICK}_bucket"):

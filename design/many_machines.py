@@ -53,13 +53,13 @@ FAILURE_S = 2 * 86_400.0
 
 @dataclass
 class Result:
-    """What was met."""
+    """Counts and times of a simulated week."""
 
     failures: Counter[str] = field(default_factory=Counter)
     moved: list[int] = field(default_factory=list)
     """Sessions that a failure moved."""
     rest_s: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
-    """From each failure to lips at rest, of those sessions."""
+    """Times from each failure to lips at rest, of those sessions."""
     resume_s: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
     doubled: int = 0
     """Sessions that were shown by two machines at one time."""
@@ -75,12 +75,12 @@ def partition_of(session: str) -> int:
 
 
 class Cluster:
-    """Stateful: machines, their leases and their partitions."""
+    """Machines, their leases and their partitions. Stateful."""
 
     def __init__(self, sessions: int, machines: int, rng: np.random.Generator) -> None:
         self.rng, self.machines = rng, machines
         self.rates = 1.0 + rng.uniform(-DRIFT, DRIFT, machines + 1)
-        """Of the machines' clocks, and of the store's."""
+        """Rates of the machines' clocks, and of the store's."""
         self.renewed_s = rng.uniform(0.0, RENEW_S, machines)
         """Phase of each machine's renewals."""
         self.ways_s = rng.uniform(*ROUND_S, machines)
