@@ -31,7 +31,8 @@ LABELS = ("m", "ɑː", "b", "iː", "p", "uː", "f", "ɛ", "v", "s", "t", "n", "k
 JOIN_HZ, SETTLE_S = 100.0, 2.0
 """So many senders begin in a second; then it settles."""
 NUMBER_AT, PLAIN_BYTES = 96, 388
-"""Bytes of a ``/fap/1/frame`` with 66 FAPs and a name of 5 letters: address 16 bytes, tags 72, name 8. Epochs add 4 and 4."""
+"""Place of the number in a ``/fap/1/frame`` with 66 FAPs and a name of 5 letters (address 16 bytes, tags 72, name 8),
+and the size of one; an epoch adds 4 bytes to each."""
 HEAD = struct.Struct(">8siq")
 
 

@@ -7,7 +7,7 @@ come for all streams of a server since the last frame is planned together: phone
 room between them that nothing sees across, and each step is one call. A label's letters, kinds and contact are looked
 up, not found anew.
 
-The keys of a track are those that the three modules find for it alone, to the last bits.
+The keys of a track are those that the three modules find for it alone, but for rounding.
 """
 
 from collections.abc import Sequence
