@@ -69,6 +69,7 @@ def describe(decoded: Decoded, size: int) -> dict[str, Any]:
         "kbit_s": 8 * size / seconds / 1000,
         "i_planes": sum(plane["kind"] == "I" for plane in planes),
         "p_planes": sum(plane["kind"] == "P" for plane in planes),
+        "body_planes": decoded.body_planes,
         "planes": planes,
         "fap_bits": {number: round(float(costs[number]), 1) for number in range(1, 69) if costs[number] > 0},
         "losses": [asdict(loss) for loss in decoded.losses],
@@ -109,6 +110,8 @@ def _print(report: dict[str, Any], *, everything: bool) -> None:
         f"FBA stream, {report['bytes']} bytes, {report['i_planes']} I and {report['p_planes']} P planes, "
         f"{report['seconds']:.2f} s at {report['rate_hz']:.6g} Hz, {report['kbit_s']:.3f} kbit/s"
     )
+    if report["body_planes"]:
+        console.print(f"{report['body_planes']} planes carry a body, which is left out")
     planes: Sequence[dict[str, Any]] = report["planes"]
     shown = planes if everything else planes[:PLANES_SHOWN]
     table = Table("frame", "s", "", "q", "FAPs", "skipped", "bits", "", box=None, pad_edge=False)

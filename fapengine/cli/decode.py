@@ -54,6 +54,8 @@ def decode(
         typer.echo(json.dumps({"output": str(output), "frames": len(track), "losses": losses}), err=is_standard(output))
         return
     typer.echo(f"{output}: {len(track)} frames", err=is_standard(output))
+    if decoded.body_planes:
+        typer.echo(f"{stream}: {decoded.body_planes} planes carry a body, which is left out", err=True)
     for loss in decoded.losses:
         typer.echo(
             f"lost: bits {loss.start_bit} to {loss.end_bit}, {loss.frames_dropped} frames dropped: {loss.reason}",

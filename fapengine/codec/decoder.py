@@ -6,6 +6,9 @@ Bits wait in a buffer until a plane is *settled*: whatever follows, it decodes t
 what feeding at once gives. For any bytes at all the decoder returns frames or raises :class:`DataError`; its time and
 memory grow with the length of the data alone.
 
+A body beside the face (:mod:`fapengine.codec.bodies`) is decoded and dropped: planes with BAPs leave the fast loop and
+are taken one by one. A plane with BAPs alone is a frame in which the face stands still, so it counts as a skipped one.
+
 With ``errors="resync"`` an error is noted as a :class:`Loss`, and decoding goes on at the next I plane that proves
 itself (:mod:`fapengine.codec.resync`). Damage is seen a few planes late: each wrong plane header passes for a right one
 with a chance of 1/8. So the last :data:`HELD` frames are held back until what follows them has been decoded, and thrown
@@ -21,15 +24,26 @@ import numpy as np
 from fapengine.codec import kernels as k
 from fapengine.codec import startcodes
 from fapengine.codec.bits import BitReader, Bits, place, unpack
+from fapengine.codec.bodies import BodyState, read_body_header
 from fapengine.codec.fields import FIELD_COUNT, FIELD_FAPS, FIELD_NAMES, Ints, track_of
 from fapengine.codec.frames import Frame, Loss, Planes
-from fapengine.codec.header import FrameRate, IntraHeader, read_intra_header
+from fapengine.codec.header import (
+    BODY,
+    FACE,
+    FrameRate,
+    IntraHeader,
+    PlaneStart,
+    read_face_header,
+    read_plane_start,
+    read_skip,
+)  # fmt: skip
 from fapengine.codec.planes import PlaneState
 from fapengine.codec.resync import find_intact_intra
-from fapengine.errors import ConformanceError, DataError, TruncatedError, UnsupportedError
+from fapengine.errors import ConformanceError, DataError, TruncatedError
 from fapengine.mpeg4.track import FapTrack
 
 Errors = Literal["strict", "resync"]
+Floats = np.ndarray[tuple[int], np.dtype[np.float64]]
 HELD = 4
 """Frames held back while resynchronising is on: a wrong plane passes for a right one that often with chance 8**-4."""
 DEFAULT_RATE = FrameRate(30)
@@ -39,7 +53,7 @@ CODE_BITS = 32
 SEARCHED_BITS = 1 << 20
 """Bits of a live stream that are searched for an I plane at most, again with every piece that is fed."""
 CLAUSES = {
-    k.BAD_MASK: "FBA section 2", k.NOT_FACE: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
+    k.BAD_MASK: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
     k.BAD_VALUE: "FBA section 9", k.BAD_SKIP: "FBA section 10",
 }  # fmt: skip
 
@@ -74,7 +88,10 @@ class Decoder:
         self.costs = np.zeros(FIELD_COUNT if with_costs else 0)
         """(73,) float64, bits: information of all symbols of each field."""
         self._resync = errors == "resync"
+        self.body_planes = 0
+        """Planes that carried body parameters, which were left out."""
         self._state = PlaneState()
+        self._body = BodyState()
         self._bits: Bits = np.zeros(0, np.uint8)
         self._at = 0
         self._origin = 0
@@ -228,6 +245,8 @@ class Decoder:
             return False
         if self._bits[self._at]:
             return self._intra(final=final)
+        if self._body.begun and left >= 2 and self._bits[self._at + 1]:
+            return self._with_body(final=final)
         code = k.code_behind(self._bits, self._at)
         if code == -2 and not final:
             return False
@@ -242,7 +261,7 @@ class Decoder:
         flags, extents = np.zeros((AT_ONCE, 3), np.int64), np.zeros((AT_ONCE, 3), np.int64)
         state = self._state
         count, self._at, status, detail = k.decode_predicted(
-            self._bits, self._at, self._fresh, final, state.fields, state.previous, state.decoding_models,
+            self._bits, self._at, self._fresh, final, state.fields, state.previous, state.models.decoding,
             self._found, self._flags, self.costs, values, flags, extents,
         )  # fmt: skip
         if count:
@@ -257,6 +276,8 @@ class Decoder:
             return False
         if status == k.INTRA_NEXT:
             return self._intra(final=final)
+        if status == k.WITH_BODY or (status == k.AT_CODE and self._is_body_plane()):
+            return self._with_body(final=final)
         if status == k.AT_CODE:
             self._start_code(detail)
         elif status != k.FULL:
@@ -277,19 +298,21 @@ class Decoder:
     def _intra(self, *, final: bool) -> bool:
         reader = BitReader(self._bits, self._at + 1, self._origin)
         try:
-            header = read_intra_header(reader)
+            start = read_plane_start(reader)
+            header = read_face_header(reader, start) if start.objects & FACE else None
         except TruncatedError:
             if final:
                 raise
             return False
         state = self._state
         before = None if state.ranges is None else state.ranges.copy()
-        state.begin_intra(header)
         costs = np.zeros_like(self.costs)
-        status, end = k.decode_settled(
-            True, self._bits, reader.position, state.fields, state.previous, state.decoding_models, self._found,
-            self._flags, costs,
-        )  # fmt: skip
+        status, end = k.DONE, reader.position
+        if header is not None:
+            state.begin_intra(header)
+            status, end = self._decode_face(True, end, costs)
+        if status == k.DONE and start.objects & BODY:
+            status, end = self._begin_body(end, final=final)
         if status == k.NEED_MORE:
             state.ranges = before
             if final:
@@ -297,28 +320,92 @@ class Decoder:
             return False
         if status != k.DONE:
             raise self._error(status, end)
-        if len(self.costs):
-            self.costs += costs
-        k.keep_plane(True, self._found, state.fields, state.previous, state.decoding_models)
-        self._header = header
-        self._take_times(header)
-        extent = np.array([[self._origin + self._at, self._origin + end, header.skip]], np.int64)
-        self._at = end
-        self._fresh = False
-        self._emit(self._found[:1].copy(), self._flags[None].copy(), extent, intra=True)
+        self._take_times(start)
+        self._keep(True, start.objects, header, end, start.skip, costs)
         return True
 
-    def _take_times(self, header: IntraHeader) -> None:
+    def _begin_body(self, at: int, *, final: bool) -> tuple[int, int]:
+        """Read the I data of a body; status and end as the loops give them."""
+        reader = BitReader(self._bits, at, self._origin)
+        try:
+            header = read_body_header(reader)
+        except TruncatedError:
+            return k.NEED_MORE, at
+        self._body.begin_intra(header, self._where())
+        return self._body.decode(True, self._bits, reader.position)
+
+    def _is_body_plane(self) -> bool:
+        """Tell a P plane with a body from stuffing before a start code: stuffing is a 0 and ones."""
+        stuffing = self._bits[self._at : (self._at // 8 + 1) * 8]
+        return self._body.begun and len(stuffing) > 2 and bool(stuffing[1]) and not stuffing[1:].all()
+
+    def _with_body(self, *, final: bool) -> bool:
+        """Take a P plane that carries BAPs."""
+        reader = BitReader(self._bits, self._at + 1, self._origin)
+        try:
+            objects, skip = reader.read(2, "fba_object_mask"), read_skip(reader)
+        except TruncatedError:
+            if final:
+                raise
+            return False
+        if not self._body.begun or (objects & FACE and self._header is None):
+            raise ConformanceError(
+                f"P plane: got fba_object_mask {objects}, of which no I plane was sent", where=self._where(),
+                clause="FBA section 2",
+            )  # fmt: skip
+        costs = np.zeros_like(self.costs)
+        status, end = k.DONE, reader.position
+        if objects & FACE:
+            status, end = self._decode_face(False, end, costs)
+        if status == k.DONE:
+            status, end = self._body.decode(False, self._bits, end)
+        if status == k.NEED_MORE:
+            if final:
+                raise TruncatedError("P plane: cut off", where=self._where(), clause="FBA section 8")
+            return False
+        if status != k.DONE:
+            raise self._error(status, end)
+        self._keep(False, objects, self._header if objects & FACE else None, end, skip, costs)
+        return True
+
+    def _decode_face(
+        self, intra: bool, at: int, costs: np.ndarray[tuple[int], np.dtype[np.float64]]
+    ) -> tuple[int, int]:
+        state = self._state
+        status, end = k.decode_settled(
+            intra, self._bits, at, state.fields, state.previous, state.models.decoding, self._found, self._flags, costs
+        )
+        return int(status), int(end)
+
+    def _keep(self, intra: bool, objects: int, header: IntraHeader | None, end: int, skip: int, costs: Floats) -> None:
+        """Take a plane that is settled for good."""
+        if objects & BODY:
+            self._body.keep(intra)
+            self.body_planes += 1
+        extent = np.array([[self._origin + self._at, self._origin + end, skip]], np.int64)
+        self._at = end
+        self._fresh = False
+        if header is None:
+            self._number += skip + 1
+            return
+        if len(self.costs):
+            self.costs += costs
+        state = self._state
+        k.keep_plane(intra, self._found, state.fields, state.previous, state.models.decoding)
+        self._header = header
+        self._emit(self._found[:1].copy(), self._flags[None].copy(), extent, intra=intra)
+
+    def _take_times(self, start: PlaneStart) -> None:
         # Deviation: a time code sets the clock at its plane and time goes on from there; a decoder of the reference
         # family gives all later planes the same time. 1000/1001 is applied exactly, where that decoder gets rate 0.
 
         now_s = self._time_s(self._number)
-        if header.time_code is not None:
-            now_s = float(header.time_code.total_s)
-        if header.rate is not None:
-            self._rate_hz = header.rate.hz
-            self.rate = self.rate or header.rate
-        if header.time_code is not None or header.rate is not None:
+        if start.time_code is not None:
+            now_s = float(start.time_code.total_s)
+        if start.rate is not None:
+            self._rate_hz = start.rate.hz
+            self.rate = self.rate or start.rate
+        if start.time_code is not None or start.rate is not None:
             self._anchor = (self._number, now_s)
 
     def _time_s(self, number: int) -> float:
@@ -336,10 +423,8 @@ class Decoder:
 
     def _error(self, status: int, detail: int) -> DataError:
         where, clause = self._where(), CLAUSES[status]
-        if status == k.NOT_FACE:
-            return UnsupportedError(f"fba_object_mask: got {detail}, body parameters", where=where, clause=clause)
         if status == k.BAD_MASK:
-            return ConformanceError(f"fba_object_mask: got {detail}, expected 1", where=where, clause=clause)
+            return ConformanceError("fba_object_mask: got 0, expected 1 to 3", where=where, clause=clause)
         if status == k.BAD_SKIP:
             return ConformanceError(f"frames to skip: got more than {k.SKIP_LIMIT}", where=where, clause=clause)
         if status == k.BAD_STUFFING:
@@ -350,7 +435,7 @@ class Decoder:
     def _search(self, *, final: bool) -> bool:
         start = self._searching_from
         assert start is not None
-        intact = find_intact_intra(self._bits, start, self._state, self._header, final=final)
+        intact = find_intact_intra(self._bits, start, self._state, self._header, bodies=self._body.begun, final=final)
         if intact is None:
             if final:
                 self.losses[-1].end_bit = self._origin + len(self._bits)
@@ -390,6 +475,8 @@ class Decoded:
     """Track as sent: what no mask selects is 0, blends are not clamped."""
     planes: tuple[Planes, ...]
     losses: tuple[Loss, ...] = ()
+    body_planes: int = 0
+    """Planes that carried body parameters, which are left out."""
     costs: np.ndarray[tuple[int], np.dtype[np.float64]] = field(default_factory=lambda: np.zeros(0))
     """(73,) float64, bits a field; empty unless asked for."""
 
@@ -421,4 +508,7 @@ def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) 
     numbers = np.concatenate([part.numbers for part in planes])
     mask = np.concatenate([np.broadcast_to(part.header.mask, (len(part), 68)) for part in planes])
     track = track_of(values, flags, mask, numbers, rate_hz=decoder.rate_hz)
-    return Decoded(track=track, planes=tuple(planes), losses=tuple(decoder.losses), costs=decoder.costs)
+    return Decoded(
+        track=track, planes=tuple(planes), losses=tuple(decoder.losses), body_planes=decoder.body_planes,
+        costs=decoder.costs,
+    )  # fmt: skip

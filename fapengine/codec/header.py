@@ -12,8 +12,8 @@ from fapengine.codec.ranges import SentRanges
 from fapengine.errors import ConformanceError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
 
-FACE, BODY, FACE_AND_BODY = 1, 2, 3
-"""Object masks."""
+FACE, BODY = 1, 2
+"""Bits of the object mask."""
 LIST_MARKER_EVERY = 4
 
 
@@ -78,9 +78,20 @@ class TimeCode:
         return 3600 * self.hours + 60 * self.minutes + self.seconds
 
 
+@dataclass(frozen=True, slots=True)
+class PlaneStart:
+    """What an I plane begins with, whatever it carries."""
+
+    objects: int
+    """:data:`FACE`, :data:`BODY` or both."""
+    rate: FrameRate | None
+    time_code: TimeCode | None
+    skip: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class IntraHeader:
-    """What only I planes carry."""
+    """What only I planes carry, for a face."""
 
     quant: int
     """fap_quant, 0..31."""
@@ -172,51 +183,57 @@ def read_skip(reader: BitReader) -> int:
     return total
 
 
-def read_object_mask(reader: BitReader) -> None:
-    """Read the object mask; only a face alone is decoded here.
-
-    Raises
-    ------
-    UnsupportedError
-        For body parameters, whose length cannot be told without decoding them.
-    ConformanceError
-        For an empty object.
-    """
-    where = reader.where()
-    mask_bits = reader.read(2, "fba_object_mask")
-    if mask_bits in (BODY, FACE_AND_BODY):
-        raise UnsupportedError(
-            f"fba_object_mask: got {mask_bits}, body parameters", where=where, clause="FBA section 2"
-        )
-    if mask_bits != FACE:
-        raise ConformanceError(f"fba_object_mask: got {mask_bits}, expected 1", where=where, clause="FBA section 2")
-
-
-def read_intra_header(reader: BitReader) -> IntraHeader:
-    """Read what follows ``is_intra`` = 1, up to the arithmetic data.
+def read_plane_start(reader: BitReader) -> PlaneStart:
+    """Read what follows ``is_intra`` = 1, up to the fields of the face or of the body.
 
     Raises
     ------
     TruncatedError
         If the bits end within it.
     ConformanceError
-        For a marker of 0, a time code or rate that cannot be.
-    UnsupportedError
-        For bodies and for DCT mode.
+        For an empty object mask, a time code or rate that cannot be.
     """
-    read_object_mask(reader)
+    where = reader.where()
+    objects = reader.read(2, "fba_object_mask")
+    if not objects:
+        raise ConformanceError("fba_object_mask: got 0, expected 1 to 3", where=where, clause="FBA section 2")
     rate = _read_rate(reader) if reader.read(1, "is_frame_rate") else None
     time_code = _read_time_code(reader) if reader.read(1, "is_time_code") else None
-    skip = read_skip(reader)
+    return PlaneStart(objects, rate, time_code, read_skip(reader))
+
+
+def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
+    """Read the fields of the face, up to the arithmetic data.
+
+    Raises
+    ------
+    TruncatedError
+        If the bits end within it.
+    ConformanceError
+        For a marker of 0.
+    UnsupportedError
+        For DCT mode.
+    """
     quant = reader.read(5, "fap_quant")
     mask, types = _read_masks(reader)
     gender = reader.read(1, "suggested_gender")
+    expect_predictive(reader)
+    flags = [reader.read(1, f"is_{name}") for name in ("i_new_max", "i_new_min", "p_new_max", "p_new_min")]
+    ranges = SentRanges(*[_read_list(reader, mask) if flag else None for flag in flags])
+    return IntraHeader(quant, mask, types, gender, ranges, start.rate, start.time_code, start.skip)
+
+
+def expect_predictive(reader: BitReader) -> None:
+    """Read the coding type, which must not be DCT.
+
+    Raises
+    ------
+    UnsupportedError
+        If it is.
+    """
     where = reader.where()
     if reader.read(1, "coding type"):
         raise UnsupportedError("coding type: got 1, DCT mode", where=where, clause="FBA section 13")
-    flags = [reader.read(1, f"is_{name}") for name in ("i_new_max", "i_new_min", "p_new_max", "p_new_min")]
-    ranges = SentRanges(*[_read_list(reader, mask) if flag else None for flag in flags])
-    return IntraHeader(quant, mask, types, gender, ranges, rate, time_code, skip)
 
 
 def _read_rate(reader: BitReader) -> FrameRate:

@@ -5,7 +5,8 @@ Theory of operation
 A symbol ``y`` of an alphabet of ``n`` owns an interval of the sums ``c[j] = f[j] + ... + f[n-1]``, symbol 0 the
 topmost. Counted from the other end, ``r = n - 1 - y``, the interval is ``[prefix(r), prefix(r) + f[r])``, and prefix
 sums of changing counts are what a Fenwick tree keeps: coding, finding and counting a symbol cost log2(n) steps, not n.
-A plane is 73 fields at most (:mod:`fapengine.codec.fields`) in up to three segments, each flushed on its own.
+A plane is 73 fields at most (:mod:`fapengine.codec.fields`) in up to three segments, each flushed on its own. A table
+of another length is a body's (:mod:`fapengine.codec.bodies`): one segment, and no plain bits.
 
 Invariants: ``low <= V <= high``; every model's tree holds the prefix sums of its counts; models change only when a
 whole plane has been decoded, so a plane that turns out to be incomplete can be decoded again.
@@ -63,7 +64,7 @@ LOW, HIGH, PENDING, ZEROS, VALUE, READ, TAKEN, BAD = range(8)
 """Slots of the coder's registers; encoding uses the first four."""
 
 DONE, NEED_MORE, AT_CODE, INTRA_NEXT, FULL = 0, 1, 2, 3, 4
-BAD_MASK, BAD_STUFFING, BAD_VALUE, NOT_FACE, BAD_SKIP = 5, 6, 7, 8, 9
+BAD_MASK, BAD_STUFFING, BAD_VALUE, WITH_BODY, BAD_SKIP = 5, 6, 7, 8, 9
 """Reasons for which a decoding loop stopped."""
 
 
@@ -172,11 +173,11 @@ def encode_plane(
 
     Parameters
     ----------
-    target : (73,) int64
-        Values in the order of the fields.
+    target : (F,) int64
+        Values in the order of the fields: 73 of a face, 296 of a body.
     flags : (3,) int64
         viseme_def, init_face, expression_def.
-    previous : (73,) int64
+    previous : (F,) int64
         Last reconstruction; replaced by this plane's.
     models : tuple of arrays
         base, counts, tree, totals, coder.
@@ -188,12 +189,13 @@ def encode_plane(
     """
     base, counts, tree, totals, coder = models
     coder[LOW], coder[HIGH], coder[PENDING], coder[ZEROS] = 0, TOP, 0, 0
-    for field in range(FIELD_COUNT):
-        if field == A_END and fields[0, ON]:
+    face = fields.shape[0] == FIELD_COUNT
+    for field in range(fields.shape[0]):
+        if face and field == A_END and fields[0, ON]:
             at = _flush(out, at, coder)
             out[at] = flags[0]
             at += 1
-        if field == B_END and fields[A_END, ON]:
+        if face and field == B_END and fields[A_END, ON]:
             at = _flush(out, at, coder)
             out[at] = flags[1]
             out[at + 1] = flags[2]
@@ -319,9 +321,9 @@ def decode_plane(
     ----------
     bits : (N,) uint8
         One bit a byte; behind its end every bit reads as ``pad``.
-    found : (2, 73) int64
+    found : (2, F) int64
         Receives the reconstruction and the ranks of the symbols.
-    costs : (73,) float64, or empty
+    costs : (F,) float64, or empty
         Receives the bits that each field cost.
 
     Returns
@@ -332,9 +334,10 @@ def decode_plane(
     base, counts, tree, totals, coder, behind = models
     furthest = at
     opened = False
-    for field in range(FIELD_COUNT + 1):
-        closes = (field == A_END and fields[0, ON]) or (field == B_END and fields[A_END, ON]) or field == FIELD_COUNT
-        if closes:
+    count = fields.shape[0]
+    face = count == FIELD_COUNT
+    for field in range(count + 1):
+        if field == count or (face and ((field == A_END and fields[0, ON]) or (field == B_END and fields[A_END, ON]))):
             if not opened:
                 _open_segment(bits, at, pad, coder, behind)
             at = _close_segment(coder, behind)
@@ -342,14 +345,14 @@ def decode_plane(
             opened = False
             if at < 0:
                 return BAD_STUFFING, field, furthest
-            if field == A_END:
+            if face and field == A_END:
                 flags[0] = _raw(bits, at, pad)
                 at += 1
-            elif field == B_END:
+            elif face and field == B_END:
                 flags[1] = _raw(bits, at, pad)
                 flags[2] = _raw(bits, at + 1, pad)
                 at += 2
-        if field == FIELD_COUNT or not fields[field, ON]:
+        if field == count or not fields[field, ON]:
             continue
         if not opened:
             _open_segment(bits, at, pad, coder, behind)
@@ -386,7 +389,7 @@ def decode_plane(
 @_compiled
 def keep_plane(intra: bool, symbols: Any, fields: Any, previous: Any, models: Any) -> None:
     """Take a decoded plane for good: it predicts the next one, and its symbols are counted."""
-    for field in range(FIELD_COUNT):
+    for field in range(fields.shape[0]):
         if fields[field, ON]:
             previous[field] = symbols[0, field]
             if not intra:
@@ -429,7 +432,7 @@ def decode_settled(
 ) -> tuple[int, int]:  # fmt: skip
     """Decode a plane if the bits at hand settle it: whatever follows them, the outcome is the same.
 
-    Both paddings bound every continuation, for the coder is monotone in its code value. ``found`` is (4, 73).
+    Both paddings bound every continuation, for the coder is monotone in its code value. ``found`` is (4, F).
 
     Returns
     -------
@@ -445,7 +448,7 @@ def decode_settled(
     status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, symbols[2:], flags, costs)
     if status != DONE or other != end:
         return NEED_MORE, end
-    for field in range(FIELD_COUNT):
+    for field in range(fields.shape[0]):
         if fields[field, ON] and symbols[0, field] != symbols[2, field]:
             return NEED_MORE, end
     return DONE, end
@@ -481,7 +484,7 @@ def decode_predicted(
         if bits[at]:
             return count, at, INTRA_NEXT, at
         if bits[at + 1] or not bits[at + 2]:
-            status = NEED_MORE if code == -2 else NOT_FACE if bits[at + 1] else BAD_MASK
+            status = NEED_MORE if code == -2 else WITH_BODY if bits[at + 1] else BAD_MASK
             return count, at, status, 2 * bits[at + 1] + bits[at + 2]
         data = at + 4
         skip = 0
@@ -510,14 +513,14 @@ def decode_predicted(
 
 
 @_compiled
-def find_intra(bits: Any, start: int) -> int:
+def find_intra(bits: Any, start: int, bodies: bool) -> int:
     """Find the next bit from which an I plane header could be read, by its fixed bits; -1 where none is left.
 
-    Headers cut off by the end do not count.
+    Headers cut off by the end do not count. A face may have a body behind it only where ``bodies`` says so.
     """
     n = bits.shape[0]
     for first in range(start, n - 40):
-        if not bits[first] or bits[first + 1] or not bits[first + 2]:
+        if not bits[first] or (bits[first + 1] and not bodies) or not bits[first + 2]:
             continue
         at = first + 3
         at += 14 if bits[at] else 1

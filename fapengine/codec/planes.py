@@ -17,6 +17,40 @@ INT32_TOP = 2**31 - 1
 STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)
 
 
+class Models:
+    """The adaptive models of a table of fields, and the registers of the coder that uses them.
+
+    Stateful.
+    """
+
+    def __init__(self, fields: int) -> None:
+        self._base: Ints = np.zeros(fields, np.int64)
+        self._counts = np.zeros(1, np.int32)
+        self._tree = np.zeros(1, np.int32)
+        self._totals: Ints = np.zeros(fields, np.int64)
+        self._coder: Ints = np.zeros(8, np.int64)
+        self._behind: Ints = np.zeros(16, np.int64)
+
+    @property
+    def encoding(self) -> tuple[Any, ...]:
+        """Arrays that the encoding loops want."""
+        return self._base, self._counts, self._tree, self._totals, self._coder
+
+    @property
+    def decoding(self) -> tuple[Any, ...]:
+        """Arrays that the decoding loops want."""
+        return *self.encoding, self._behind
+
+    def reset(self, fields: Ints) -> None:
+        """Make the P models of all fields that are on uniform."""
+        sizes = np.where(fields[:, k.ON] != 0, fields[:, k.P_COUNT] + 1, 0)
+        self._base[1:] = np.cumsum(sizes)[:-1]
+        room = int(sizes.sum()) + 1
+        if room > len(self._counts):
+            self._counts, self._tree = np.zeros(room, np.int32), np.zeros(room, np.int32)
+        k.reset_models(fields, self._base, self._counts, self._tree, self._totals)
+
+
 class PlaneState:
     """What an I plane sets and P planes change.
 
@@ -34,26 +68,11 @@ class PlaneState:
         self.quant = 1
         self.ranges: Ints | None = None
         """(4, 66) in symbols; None before the first I plane."""
-        self._base: Ints = np.zeros(FIELD_COUNT, np.int64)
-        self._counts = np.zeros(1, np.int32)
-        self._tree = np.zeros(1, np.int32)
-        self._totals: Ints = np.zeros(FIELD_COUNT, np.int64)
-        self._coder: Ints = np.zeros(8, np.int64)
-        self._behind: Ints = np.zeros(16, np.int64)
+        self.models = Models(FIELD_COUNT)
 
     @staticmethod
     def _selects(start: int) -> tuple[int, int]:
         return (0, 1) if start == 0 else (start, start + 2)
-
-    @property
-    def encoding_models(self) -> tuple[Any, ...]:
-        """Arrays that the encoding loops want."""
-        return self._base, self._counts, self._tree, self._totals, self._coder
-
-    @property
-    def decoding_models(self) -> tuple[Any, ...]:
-        """Arrays that the decoding loops want."""
-        return *self.encoding_models, self._behind
 
     def begin_intra(self, header: IntraHeader) -> None:
         """Take over mask, quantiser and ranges, and forget the models (FBA sections 5 and 8)."""
@@ -79,18 +98,10 @@ class PlaneState:
         i_max, i_min, p_max, p_min = self.ranges
         f[LOW_LEVEL_FIELDS, k.I_MIN], f[LOW_LEVEL_FIELDS, k.I_COUNT] = i_min, i_max - i_min + 1
         f[LOW_LEVEL_FIELDS, k.P_MIN], f[LOW_LEVEL_FIELDS, k.P_COUNT] = p_min, p_max - p_min + 1
-        self._make_models()
+        self.models.reset(f)
 
     def _fixed(self, field: int, top: int, step: int) -> None:
         self.fields[field, [k.STEP, k.I_MIN, k.I_COUNT, k.P_MIN, k.P_COUNT]] = step, 0, top + 1, -top, 2 * top + 1
-
-    def _make_models(self) -> None:
-        sizes = np.where(self.fields[:, k.ON] != 0, self.fields[:, k.P_COUNT] + 1, 0)
-        self._base[1:] = np.cumsum(sizes)[:-1]
-        room = int(sizes.sum()) + 1
-        if room > len(self._counts):
-            self._counts, self._tree = np.zeros(room, np.int32), np.zeros(room, np.int32)
-        k.reset_models(self.fields, self._base, self._counts, self._tree, self._totals)
 
 
 def blend_limit(quant: int) -> int:

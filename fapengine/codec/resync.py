@@ -15,7 +15,7 @@ import numpy as np
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits
 from fapengine.codec.fields import FIELD_COUNT
-from fapengine.codec.header import IntraHeader, read_intra_header
+from fapengine.codec.header import BODY, IntraHeader, read_face_header, read_plane_start
 from fapengine.codec.planes import PlaneState
 from fapengine.codec.startcodes import PLANE_START
 from fapengine.errors import DataError
@@ -26,7 +26,7 @@ PLANE_CODE_BITS = np.unpackbits(np.array([0, 0, 1, PLANE_START], np.uint8))
 
 
 def find_intact_intra(
-    bits: Bits, start: int, state: PlaneState, last: IntraHeader | None, *, final: bool
+    bits: Bits, start: int, state: PlaneState, last: IntraHeader | None, *, bodies: bool, final: bool
 ) -> int | None:
     """Find the first bit of an I plane that proves itself.
 
@@ -40,17 +40,19 @@ def find_intact_intra(
         Its ranges hold on; it is not changed.
     last : IntraHeader or None
         Last good header.
+    bodies : bool
+        Planes may carry a body behind the face; such a plane proves itself by its start code or its masks alone.
     final : bool
         No more bits will come.
     """
-    candidate = k.find_intra(bits, start)
+    candidate = k.find_intra(bits, start, bodies)
     while candidate >= 0:
         verdict = _proves_itself(bits, int(candidate), state, last, final=final)
         if verdict is None:
             return None
         if verdict:
             return int(candidate)
-        candidate = k.find_intra(bits, candidate + 1)
+        candidate = k.find_intra(bits, candidate + 1, bodies)
     return None
 
 
@@ -58,14 +60,15 @@ def _proves_itself(bits: Bits, at: int, state: PlaneState, last: IntraHeader | N
     """Judge a candidate; None where more bits are needed."""
     reader = BitReader(bits, at + 1)
     try:
-        header = read_intra_header(reader)
+        start = read_plane_start(reader)
+        header = read_face_header(reader, start)
     except DataError:
         return False
     trial = copy.deepcopy(state)
     trial.begin_intra(header)
     symbols, flags, costs = np.zeros((4, FIELD_COUNT), np.int64), np.zeros(3, np.int64), np.zeros(0)
     status, end = k.decode_settled(
-        True, bits, reader.position, trial.fields, trial.previous, trial.decoding_models, symbols, flags, costs
+        True, bits, reader.position, trial.fields, trial.previous, trial.models.decoding, symbols, flags, costs
     )
     if status == k.NEED_MORE and not final:
         return None
@@ -74,10 +77,12 @@ def _proves_itself(bits: Bits, at: int, state: PlaneState, last: IntraHeader | N
     announced = at % 8 == 0 and at >= 32 and np.array_equal(bits[at - 32 : at], PLANE_CODE_BITS)
     if announced or (last is not None and _same_shape(header, last)):
         return True
-    k.keep_plane(True, symbols, trial.fields, trial.previous, trial.decoding_models)
+    if start.objects & BODY:
+        return False
+    k.keep_plane(True, symbols, trial.fields, trial.previous, trial.models.decoding)
     values, plain, extents = (np.zeros((PROOF, n), np.int64) for n in (FIELD_COUNT, 3, 3))
     count, _, status, _ = k.decode_predicted(
-        bits, end, False, final, trial.fields, trial.previous, trial.decoding_models, symbols, flags, costs, values,
+        bits, end, False, final, trial.fields, trial.previous, trial.models.decoding, symbols, flags, costs, values,
         plain, extents,
     )  # fmt: skip
     if status == k.NEED_MORE and not final:

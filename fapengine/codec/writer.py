@@ -47,7 +47,7 @@ class StreamWriter:
         room[: len(out.bits)] = out.bits
         state = self.state
         end = kernels.encode_plane(
-            True, target, flags, state.fields, state.previous, state.encoding_models, self._clamp, room, len(out.bits)
+            True, target, flags, state.fields, state.previous, state.models.encoding, self._clamp, room, len(out.bits)
         )
         self._append(room, end, target)
 
@@ -60,7 +60,7 @@ class StreamWriter:
             header_bits = 8 * count + int(skips[part].sum()) // 3 + 4
             room = np.empty(count * 75 * BITS_A_SYMBOL + header_bits, np.uint8)
             end = kernels.encode_predicted(
-                targets[part], flags[part], skips[part], state.fields, state.previous, state.encoding_models,
+                targets[part], flags[part], skips[part], state.fields, state.previous, state.models.encoding,
                 self._clamp, room, 0,
             )  # fmt: skip
             self._append(room, end, targets[part])

@@ -91,7 +91,7 @@ def test_an_i_plane_of_unknown_shape_proves_itself_by_eight_planes_behind_it() -
     no_p_plane = np.ones(400, np.uint8)
     for behind, is_found in ((1, False), (7, False), (8, True), (20, True)):
         piece = np.concatenate([np.zeros(3, np.uint8), bits[start : int(extents[behind, 1])], no_p_plane])
-        found = find_intact_intra(piece, 0, PlaneState(), None, final=True)
+        found = find_intact_intra(piece, 0, PlaneState(), None, bodies=False, final=True)
         assert (found == 3) is is_found, behind
 
 
