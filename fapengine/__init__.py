@@ -34,6 +34,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from fapengine.app.face import Face
     from fapengine.app.heads import load_head
     from fapengine.app.motion import frames, load, save
@@ -113,6 +115,8 @@ _MODULES = {
     "trajectory.style": ("Style",),
 }
 """Names by the module that has them."""
+_OF_EXTRAS = {"aiohttp": "live", "prometheus_client": "live", "msgspec": "live"}
+"""Libraries that a public name needs as soon as it is used, and the extra that has them."""
 _SPELLED = {"Head": "FaceMesh"}
 """Names that a module spells otherwise."""
 
@@ -122,10 +126,23 @@ def __getattr__(name: str) -> Any:
         return _version()
     for module, names in _MODULES.items():
         if name in names:
-            value = getattr(import_module(f"{__name__}.{module}"), _SPELLED.get(name, name))
+            value = getattr(_module(f"{__name__}.{module}", name), _SPELLED.get(name, name))
             globals()[name] = value
             return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _module(module: str, name: str) -> "ModuleType":
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as lack:
+        if not lack.name or lack.name.partition(".")[0] not in _OF_EXTRAS:
+            raise
+        from fapengine.errors import ResourceError
+
+        extra = _OF_EXTRAS[lack.name.partition(".")[0]]
+        message = f'{name}: {lack.name} is not installed; mend it with: pip install "fapengine[{extra}]"'
+        raise ResourceError(message) from lack
 
 
 def __dir__() -> list[str]:

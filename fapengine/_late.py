@@ -10,6 +10,9 @@ from typing import Any
 
 from fapengine.errors import ResourceError
 
+_EXTRAS = dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"')
+"""What to install for a package that is part of an extra."""
+
 
 class Late(ModuleType):
     """A module that is not there yet. Stateful.
@@ -36,7 +39,9 @@ class Late(ModuleType):
             module = import_module(name)
             value = getattr(module, key) if hasattr(module, key) else import_module(f"{name}.{key}")
         except ImportError as error:
-            raise ResourceError(f"{use}: {package} is not installed; mend it with: pip install {package}") from error
+            raise ResourceError(
+                f"{use}: {package} is not installed; mend it with: pip install {_EXTRAS.get(package, package)}"
+            ) from error
         except OSError as error:
             raise ResourceError(f"{use}: {package} cannot be loaded ({error}); see fapengine doctor") from error
         self.__dict__[key] = value

@@ -9,10 +9,9 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
-
-import msgspec
 
 from fapengine.errors import DataError, UsageError
 
@@ -33,10 +32,20 @@ WORDS: dict[object, str] = {
 """Type to what it is called in a TOML file."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Between:
+    """Range of a number, as an annotation: ``Annotated[int, Between(0, 65535)]``."""
+
+    low: float
+    """Least value that is allowed."""
+    high: float
+    """Greatest one."""
+
+
 class Checked:
     """Base of dataclasses that refuse fields which their annotations do not allow.
 
-    Ranges are annotations too: ``Annotated[int, msgspec.Meta(ge=0, le=65535)]``.
+    Ranges are annotations too: ``Annotated[int, Between(0, 65535)]``.
 
     Raises
     ------
@@ -49,8 +58,8 @@ class Checked:
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(type(self), include_extras=True).items():
             try:
-                msgspec.convert(getattr(self, name), kind)
-            except msgspec.ValidationError as trouble:
+                _converted(getattr(self, name), kind)
+            except _UnfitError as trouble:
                 raise UsageError(f"{name}: {_complaint(getattr(self, name), kind)}") from trouble
 
 
@@ -80,7 +89,7 @@ def parse_toml(
     --------
     >>> @dataclasses.dataclass(frozen=True)
     ... class Page(Checked):
-    ...     port: Annotated[int, msgspec.Meta(ge=0, le=65535)] = 80
+    ...     port: Annotated[int, Between(0, 65535)] = 80
     >>> parse_toml(b"port = 8080", Page, "page.toml")
     Page(port=8080)
     >>> parse_toml(b"port = 70000", Page, "page.toml")
@@ -122,9 +131,45 @@ def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[
     if isinstance(value, list) and plain is tuple and parts[-1] is ...:
         return tuple(_structured(item, parts[0], (*path, index), error) for index, item in enumerate(value))
     try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError as trouble:
+        return _converted(value, kind)
+    except _UnfitError as trouble:
         raise error(_complaint(value, kind), where=spell_path(*path)) from trouble
+
+
+class _UnfitError(ValueError):
+    """A value is not what its annotation says."""
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """Give a value as an annotation wants it, a whole number as a float, say; what does not fit is an error."""
+    origin, parts = get_origin(kind) or kind, get_args(kind)
+    if origin is Annotated:
+        value = _converted(value, parts[0])
+        if parts[1].low <= value <= parts[1].high:
+            return value
+    elif origin is Literal:
+        if any(type(value) is type(part) and value == part for part in parts):
+            return value
+    elif origin in (Union, UnionType):
+        for part in parts:
+            with suppress(_UnfitError):
+                return _converted(value, part)
+    elif origin is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+        with suppress(OverflowError):
+            return float(value)
+    elif origin is tuple and isinstance(value, (list, tuple)):
+        kinds = parts[:1] * len(value) if parts[-1] is ... else parts
+        if len(kinds) == len(value):
+            return tuple(map(_converted, value, kinds))
+    elif origin in (dict, Mapping) and isinstance(value, Mapping):
+        return {_converted(key, parts[0]): _converted(item, parts[1]) for key, item in value.items()}
+    elif (
+        origin in (bool, int, str, type(None))
+        and isinstance(value, origin)
+        and isinstance(value, bool) is (origin is bool)
+    ):
+        return value
+    raise _UnfitError
 
 
 def _dataclass(table: dict[str, Any], kind: Any, path: tuple[str | int, ...], error: type[DataError]) -> Any:
@@ -166,7 +211,7 @@ def _spell(kind: Any) -> str:
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         meta = parts[1]
-        return f"{_spell(parts[0])} of {meta.ge:g}..{meta.le:g}"
+        return f"{_spell(parts[0])} of {meta.low:g}..{meta.high:g}"
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"
     if origin in (Union, UnionType):

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UnsupportedError
@@ -22,12 +21,11 @@ PIECE_S, FLOOR_DB = 0.05, -60.0
 
 def inspect_fap(path: Path, *, as_json: bool, everything: bool, plot: Path | None) -> None:
     """Print the report of a ``.fap`` file."""
-    from fapengine.files.fap import load_fap
+    import typer
+
     from fapengine.files.pictures import save_png
 
-    track = load_fap(path)
-    if not len(track.frame_numbers):
-        raise DataError(f"{path}: got no frame, expected one or more")
+    track = _frames_of(path)
     report = describe_track(track)
     if plot is not None:
         save_png(plot, _opening(track, report["seconds"]))
@@ -42,6 +40,26 @@ def inspect_fap(path: Path, *, as_json: bool, everything: bool, plot: Path | Non
         typer.echo(f"  {row['number']:>2} {name:<24} {row['low']:>7} .. {row['high']:<7} {row['unit']}")
     if len(moving) > FAPS_SHOWN and not everything:
         typer.echo(f"  ... and {len(moving) - FAPS_SHOWN} more (--all)")
+
+
+def describe_fap(path: Path) -> dict[str, Any]:
+    """Make the report of a ``.fap`` file as plain values.
+
+    Raises
+    ------
+    DataError
+        If there is no frame in it, or it is no such file.
+    """
+    return describe_track(_frames_of(path))
+
+
+def _frames_of(path: Path) -> FapTrack:
+    from fapengine.files.fap import load_fap
+
+    track = load_fap(path)
+    if not len(track.frame_numbers):
+        raise DataError(f"{path}: got no frame, expected one or more")
+    return track
 
 
 def describe_track(track: FapTrack) -> dict[str, Any]:
@@ -82,6 +100,8 @@ def _bars(values: NDArray[np.generic], title: str, seconds: float) -> Picture:
 
 def inspect_recording(path: Path, *, as_json: bool, plot: Path | None) -> None:
     """Print the report of a sound or a film; the plot is the level over time."""
+    import typer
+
     levels: list[float] = []
     report = describe_recording(path, levels)
     if plot is not None:
@@ -164,6 +184,8 @@ def _db(size: float) -> float:
 
 def inspect_head(name: str, *, as_json: bool, plot: Path | None) -> None:
     """Print the report of a head; the plot is its neutral face."""
+    import typer
+
     from fapengine.files.heads.load import load_head, load_head_info
     from fapengine.files.pictures import save_png
 

@@ -4,11 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from fapengine.files.paths import read_bytes
 from fapengine.files.pictures import save_png
 from fapengine.files.timeline import draw_timeline
@@ -37,6 +32,8 @@ def inspect_timings(
     if plot is not None:
         save_png(plot, draw_timeline(track, title=f"{path.name}: {report['phones']} {report['level']}s"))
     if as_json:
+        import typer
+
         typer.echo(json.dumps(report, ensure_ascii=False))
     else:
         _print(track, report, everything=everything)
@@ -65,6 +62,10 @@ def describe(track: PhoneTrack, file_format: str, tool: str) -> dict[str, Any]:
 
 
 def _print(track: PhoneTrack, report: dict[str, Any], *, everything: bool) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
     console = Console(highlight=False)
     console.print(
         f"[bold]{report['format']}[/] ({report['tool']}): {report['phones']} {report['level']}s,"

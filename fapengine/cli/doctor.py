@@ -39,7 +39,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
         _check("window", 'pip install "fapengine[window]"', live.window),
         _check("voices", 'pip install "fapengine[voice]"', _voices),
-        _check("video", "pip install --upgrade av", _video),
+        _check("video", 'pip install --upgrade "fapengine[video]"', _video),
         _check("sound", "sudo apt-get install -y libportaudio2", live.sound),
         _check("ear", 'pip install "fapengine[ear]"', live.ear),
         _check("microphone", "plug one in; only live sound needs it", live.microphone),
@@ -48,6 +48,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),
         _check("live server", 'pip install "fapengine[live]"', lambda: live.extra("aiohttp", "prometheus_client")),
         _check("compiled codec", 'pip install "fapengine[fast]"', lambda: live.extra("numba")),
+        _check("USD", 'pip install "fapengine[usd]"', lambda: live.extra("pxr")),
         _check("laboratory", 'pip install "fapengine[lab]"', lambda: live.extra("matplotlib", "trimesh")),
     ]
     if as_json:
@@ -103,6 +104,7 @@ def _voices() -> str:
 
 def _video() -> str:
     import av
+    import PIL  # noqa: F401  pictures are drawn on by it
 
     encoders = [name for name in ("libx264", "libopenh264", "libvpx-vp9", "aac", "libopus") if _can_encode(name)]
     if not any(name in encoders for name in ("libx264", "libopenh264")):

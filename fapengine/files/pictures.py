@@ -23,6 +23,7 @@ else:
     Image = Late("PIL.Image", "pillow", "pictures")
     ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
     ImageFont = Late("PIL.ImageFont", "pillow", "pictures")
+font_source_sans_pro = Late("font_source_sans_pro", "font-source-sans-pro", "labels of pictures")
 
 
 Picture = NDArray[np.uint8]
@@ -197,6 +198,4 @@ def drawable(label: str) -> str:
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont:
     """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
-    from font_source_sans_pro import SourceSansProSemibold
-
-    return ImageFont.truetype(SourceSansProSemibold, size)
+    return ImageFont.truetype(font_source_sans_pro.SourceSansProSemibold, size)

@@ -23,6 +23,7 @@ else:
     Image = Late("PIL.Image", "pillow", "pictures")
     ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
     ImageFont = Late("PIL.ImageFont", "pillow", "pictures")
+font_source_sans_pro = Late("font_source_sans_pro", "font-source-sans-pro", "labels of pictures")
 
 
 WIDTH = 260
@@ -323,6 +324,4 @@ def _inside(box: Box, x: float, y: float) -> bool:
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """Source Sans, which has the letters of the IPA."""
-    from font_source_sans_pro import SourceSansProSemibold
-
-    return ImageFont.truetype(SourceSansProSemibold, size)
+    return ImageFont.truetype(font_source_sans_pro.SourceSansProSemibold, size)

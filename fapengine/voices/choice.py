@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated
 
-from msgspec import Meta
-
-from fapengine._strict_toml import Checked
+from fapengine._strict_toml import Between, Checked
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM, EspeakVoice
 from fapengine.voices.protocol import Voice
 
@@ -17,7 +15,7 @@ class VoiceChoice(Checked):
 
     name: str = DEFAULT_VOICE
     """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling."""
-    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = DEFAULT_RATE_WPM
+    rate_wpm: Annotated[int, Between(RATES_WPM[0], RATES_WPM[1])] = DEFAULT_RATE_WPM
     """Words a minute, 80..449."""
     ssml: bool = False
     """Flag of texts that are SSML."""

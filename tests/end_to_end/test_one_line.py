@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from fapengine.cli import _ending
 from fapengine.errors import FapEngineError
 
 command_line = import_module("fapengine.cli.main")  # the package has a function of this name
@@ -74,7 +75,7 @@ def test_a_bug_is_one_line_too(
         raise error
 
     monkeypatch.setattr(command_line, "app", fail)
-    monkeypatch.setattr(command_line.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(_ending.signal, "signal", lambda *_: None)
     with pytest.raises(SystemExit) as ended:
         command_line.main()
     told = capsys.readouterr().err
@@ -82,6 +83,6 @@ def test_a_bug_is_one_line_too(
     assert told.startswith(line)
     assert told.count("\n") == 1
     if code == 70:
-        monkeypatch.setenv(command_line.DEBUG, "1")
+        monkeypatch.setenv(_ending.DEBUG, "1")
         with pytest.raises(AttributeError):
             command_line.main()

@@ -10,8 +10,10 @@ import shutil
 import sys
 from contextlib import suppress
 from functools import lru_cache
-from importlib import metadata
 from pathlib import Path
+
+import numpy
+import scipy
 
 import fapengine.mesh
 from fapengine.errors import FapEngineError
@@ -79,7 +81,7 @@ def _folder() -> Path | None:
 
 def _digest(style: HeadStyle, level: str) -> str:
     """Name of everything that a head depends on."""
-    digest = hashlib.sha256(f"{SCHEMA} {metadata.version('numpy')} {metadata.version('scipy')}".encode())
+    digest = hashlib.sha256(f"{SCHEMA} {numpy.__version__} {scipy.__version__}".encode())
     digest.update(f"{style} {level}".encode())
     package = Path(fapengine.mesh.__path__[0]).parent
     for folder in MADE_BY:

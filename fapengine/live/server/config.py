@@ -5,9 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from msgspec import Meta
-
-from fapengine._strict_toml import Checked, parse_toml
+from fapengine._strict_toml import Between, Checked, parse_toml
 from fapengine.errors import UsageError
 from fapengine.live.engine.session import Limits
 from fapengine.live.server.sinks import parse_sink
@@ -70,7 +68,7 @@ url = "vmc://127.0.0.1:39539"
 """Every key, with its default; every one may be left out. And one sink."""
 OSC_PORT, WEB_PORT = 9110, 8110
 RATES_HZ = (1.0, 240.0)
-Port = Annotated[int, Meta(ge=0, le=65_535)]
+Port = Annotated[int, Between(0, 65_535)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class Listen(Checked):
     """Word that senders and pages must know; None or "": nobody is asked."""
     origins: tuple[str, ...] = ()
     """Sites whose pages may show these faces beside the server's own: ``"https://example.org"``."""
-    workers: Annotated[int, Meta(ge=1, le=256)] = 1
+    workers: Annotated[int, Between(1, 256)] = 1
     """Processes that show faces (:mod:`fapengine.live.server.workers`)."""
 
     def __post_init__(self) -> None:
@@ -105,8 +103,8 @@ class Face(Checked):
 
     profile: str = "grid_s1_en"
     head: str = "default"
-    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 60.0
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
+    rate_hz: Annotated[float, Between(RATES_HZ[0], RATES_HZ[1])] = 60.0
+    seed: Annotated[int, Between(0, 2**63 - 1)] = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,17 +137,17 @@ class SoundChoice(Checked):
 class Caps(Checked):
     """What one server holds at most."""
 
-    sessions: Annotated[int, Meta(ge=1, le=100_000)] = 1000
-    utterances: Annotated[int, Meta(ge=1, le=10_000)] = 32
-    queued_s: Annotated[float, Meta(ge=1.0, le=86_400.0)] = 600.0
-    silence_s: Annotated[float, Meta(ge=0.1, le=3600.0)] = 2.0
-    wait_s: Annotated[float, Meta(ge=0.1, le=3600.0)] = 30.0
-    idle_close_s: Annotated[float, Meta(ge=1.0, le=86_400.0)] = 120.0
-    packets_a_peer: Annotated[int, Meta(ge=1, le=100_000)] = 256
-    streams: Annotated[int, Meta(ge=1, le=10_000)] = 256
-    connections: Annotated[int, Meta(ge=1, le=10_000)] = 512
-    connections_an_address: Annotated[int, Meta(ge=1, le=10_000)] = 128
-    ears: Annotated[int, Meta(ge=0, le=64)] = 4
+    sessions: Annotated[int, Between(1, 100_000)] = 1000
+    utterances: Annotated[int, Between(1, 10_000)] = 32
+    queued_s: Annotated[float, Between(1.0, 86_400.0)] = 600.0
+    silence_s: Annotated[float, Between(0.1, 3600.0)] = 2.0
+    wait_s: Annotated[float, Between(0.1, 3600.0)] = 30.0
+    idle_close_s: Annotated[float, Between(1.0, 86_400.0)] = 120.0
+    packets_a_peer: Annotated[int, Between(1, 100_000)] = 256
+    streams: Annotated[int, Between(1, 10_000)] = 256
+    connections: Annotated[int, Between(1, 10_000)] = 512
+    connections_an_address: Annotated[int, Between(1, 10_000)] = 128
+    ears: Annotated[int, Between(0, 64)] = 4
 
     @property
     def engine(self) -> Limits:

@@ -7,15 +7,14 @@ from typing import Annotated, Literal
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import Meta
 
-from fapengine._strict_toml import Checked, parse_toml, quoted
+from fapengine._strict_toml import Between, Checked, parse_toml, quoted
 from fapengine.errors import DataError, ProfileError, UsageError
 
 
 @dataclass(frozen=True, slots=True)
 class Lamp(Checked):
-    watts: Annotated[float, Meta(ge=0.0, le=100.0)]
+    watts: Annotated[float, Between(0.0, 100.0)]
     name: str = ""
     colour: Literal["warm", "cold"] = "warm"
 
