@@ -34,8 +34,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     from fapengine.app.face import Face
     from fapengine.app.heads import load_head
     from fapengine.app.motion import frames, load, save
@@ -132,7 +130,7 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def _module(module: str, name: str) -> "ModuleType":
+def _module(module: str, name: str) -> Any:
     try:
         return import_module(module)
     except ModuleNotFoundError as lack:
