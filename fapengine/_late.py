@@ -11,7 +11,7 @@ from typing import Any
 from fapengine.errors import ResourceError
 
 _EXTRAS = dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"')
-"""What to install for a package that is part of an extra."""
+"""Extra of each package that is part of one, as pip is told it."""
 
 
 class Late(ModuleType):

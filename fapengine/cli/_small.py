@@ -14,7 +14,7 @@ from fapengine.cli._ending import run_to_the_end
 
 MEND = "mend it with: pip install typer rich"
 STANDARD = {"animate": ".fap", "encode": ".fba", "decode": ".fap", "convert": ".csv"}
-"""What ``-o -`` writes to standard output."""
+"""Ending of what ``-o -`` writes to standard output."""
 FBA_START = b"\x00\x00\x01"
 
 
@@ -176,4 +176,4 @@ VERBS: dict[str, tuple[Callable[[Namespace], dict[str, Any]], str, list[tuple[tu
     "convert": (_convert, "face motion from one format to another", [_SHAPES, _INTO]),
     "inspect": (_inspect, "what is in FAPs, a stream, phone timings or a profile", []),
 }
-"""What each verb does, says of itself, and may be told."""
+"""Function of each verb, its help, and its options."""
