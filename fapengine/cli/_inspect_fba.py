@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from fapengine.codec.decoder import Decoded
+from fapengine.codec.elementary import level_of
 from fapengine.codec.fields import FIELD_FAPS
-from fapengine.files.fba import load_fba
+from fapengine.files.fba import load_fba, read_stream
 from fapengine.files.pictures import Picture, bar_chart, save_png, under_each_other
 from fapengine.mpeg4 import fap
 
@@ -27,7 +28,7 @@ def inspect_fba(path: Path, *, as_json: bool, everything: bool = False, plot: Pa
         If not one frame can be decoded.
     """
     decoded = load_fba(path, errors="resync", with_costs=True)
-    report = describe(decoded, path.stat().st_size)
+    report = describe(decoded, len(read_stream(path)))
     if plot is not None:
         save_png(plot, _draw(report))
     if as_json:
@@ -58,6 +59,7 @@ def describe(decoded: Decoded, size: int) -> dict[str, Any]:
         for part in decoded.planes
         for n in range(len(part))
     ]  # fmt: skip
+    level = level_of(decoded)
     costs = np.bincount(FIELD_FAPS, weights=decoded.costs, minlength=fap.FAP_COUNT + 1)
     track = decoded.track
     seconds = float(track.frame_numbers[-1] - track.frame_numbers[0] + 1) / track.rate_hz
@@ -69,6 +71,7 @@ def describe(decoded: Decoded, size: int) -> dict[str, Any]:
         "kbit_s": 8 * size / seconds / 1000,
         "i_planes": sum(plane["kind"] == "I" for plane in planes),
         "p_planes": sum(plane["kind"] == "P" for plane in planes),
+        "level": None if level is None else level.number,
         "body_planes": decoded.body_planes,
         "planes": planes,
         "fap_bits": {number: round(float(costs[number]), 1) for number in range(1, 69) if costs[number] > 0},
@@ -110,6 +113,8 @@ def _print(report: dict[str, Any], *, everything: bool) -> None:
         f"FBA stream, {report['bytes']} bytes, {report['i_planes']} I and {report['p_planes']} P planes, "
         f"{report['seconds']:.2f} s at {report['rate_hz']:.6g} Hz, {report['kbit_s']:.3f} kbit/s"
     )
+    level = report["level"]
+    console.print(f"Simple Face Animation: {f'level {level}' if level else 'within no level'}")
     if report["body_planes"]:
         console.print(f"{report['body_planes']} planes carry a body, which is left out")
     planes: Sequence[dict[str, Any]] = report["planes"]

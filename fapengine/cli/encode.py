@@ -9,7 +9,8 @@ from fapengine.cli import options as shared
 
 def encode(
     track: Path = typer.Argument(..., help="FAPs as text (.fap)."),
-    output: Path = typer.Option(..., "--output", "-o", help="Stream to write (.fba)."),
+    output: Path = typer.Option(..., "--output", "-o", help="Stream to write: .fba, or .mp4 with the voice beside it."),
+    audio: Path | None = typer.Option(None, "--audio", "-a", help="With .mp4: the voice, from the first frame on."),
     epf: Path | None = typer.Option(None, "--epf", help="Parameter file that says everything plane by plane."),
     quant: int | None = typer.Option(None, "--quant", "-q", help="fap_quant, 0 (off) to 31; 1 by default."),
     kbps: float | None = typer.Option(None, "--kbps", help="Target in kbit/s: chooses the quantiser."),
@@ -26,7 +27,8 @@ def encode(
 ) -> None:
     """Encode FAPs into an MPEG-4 FBA stream.
 
-    Example: fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba
+    Examples: fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba; fapengine encode talk.fap --audio
+    talk.wav -o talk.mp4 (a voice and a face track in one file: decode, inspect and render read it)
     """
     from fapengine.cli._progress import working
     from fapengine.codec.encoder import EncoderOptions
@@ -39,7 +41,12 @@ def encode(
     from fapengine.mpeg4.fapu import Fapu
 
     output = standard_output(output, ".fba")
-    writing.check([output], [track, epf])
+    film = output.suffix.lower() == ".mp4"
+    if audio is not None and not film:
+        raise UsageError(f"--audio: got {audio} with {output.name}, expected -o NAME.mp4")
+    if epf is not None and film:
+        raise UsageError("--epf: got it with .mp4, which wants a start code before every plane; expected .fba")
+    writing.check([output], [track, epf, audio])
     with working(f"reading {track.name}"):
         faps = load_fap(track)
     if epf is not None:
@@ -56,11 +63,14 @@ def encode(
             moving_only=moving_only,
             max_error_mm=max_error_mm,
             fapu=None if max_error_mm is None else face,
-            plane_start_codes="intra" if start_codes else "none",
+            plane_start_codes="all" if film else "intra" if start_codes else "none",
         )
         with working(f"encoding {len(faps)} frames"):
             data = encode_track(faps, options)
-    write_bytes(output, data)
+    if film:
+        _write_film(output, data, faps.rate_hz, audio)
+    else:
+        write_bytes(output, data)
     seconds = float(faps.frame_numbers[-1] - faps.frame_numbers[0] + 1) / faps.rate_hz
     result = {
         "output": str(output), "frames": len(faps), "seconds": round(seconds, 3), "bytes": len(data),
@@ -73,3 +83,15 @@ def encode(
     else:
         told = "{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result)
         typer.echo(told, err=is_standard(output))
+
+
+def _write_film(output: Path, stream: bytes, rate_hz: float, audio: Path | None) -> None:
+    from fapengine.codec.decoder import decode
+    from fapengine.codec.elementary import LEVELS, access_units, level_of
+    from fapengine.files.fba_film import write_fba_film
+    from fapengine.files.sound import load_sound
+
+    decoded = decode(stream)
+    level = level_of(decoded) or LEVELS[-1]
+    sound = None if audio is None else load_sound(audio)
+    write_fba_film(output, access_units(stream, decoded), rate_hz=rate_hz, profile=level.profile, sound=sound)

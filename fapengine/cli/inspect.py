@@ -34,6 +34,7 @@ def inspect(
     from fapengine.cli._inspect_markers import inspect_markers
     from fapengine.cli._inspect_media import inspect_fap, inspect_head, inspect_recording
     from fapengine.errors import UnsupportedError
+    from fapengine.files.fba_film import is_mp4, read_fba_film
     from fapengine.files.paths import read_bytes
     from fapengine.files.recordings import is_table, mesh_files
     from fapengine.mesh.default_head.people import parse_person
@@ -54,7 +55,7 @@ def inspect(
         return
     data = read_bytes(path)
     head = data[:4]
-    if head.startswith(FBA_STARTS):
+    if head.startswith(FBA_STARTS) or (is_mp4(data) and read_fba_film(path) is not None):
         from fapengine.cli._inspect_fba import inspect_fba
 
         inspect_fba(path, as_json=as_json, everything=everything, plot=plot)

@@ -36,7 +36,7 @@ def serve(
         typer.Option(
             "--sink",
             "-s",
-            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP) or fba+tcp."
+            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP), fba+tcp or rtp."
             " May be given again.",
         ),
     ] = [],  # noqa: B006  typer copies it

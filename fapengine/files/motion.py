@@ -6,6 +6,7 @@ from fapengine.codec.interpolate import fill_track
 from fapengine.errors import DataError
 from fapengine.files.fap import load_fap
 from fapengine.files.fba import load_fba
+from fapengine.files.fba_film import is_mp4
 from fapengine.files.paths import read_bytes
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import parse_blend_track
@@ -16,7 +17,7 @@ RECORDED_ENDINGS = (".osc",)
 
 
 def load_motion(path: Path) -> FapTrack:
-    """Read FAPs: an FBA stream, blend shapes (.csv, .json), a recorded VMC stream, or .fap text.
+    """Read FAPs: an FBA stream (alone or in an MP4 file), blend shapes (.csv, .json), a recorded VMC stream, .fap text.
 
     Raises
     ------
@@ -26,7 +27,7 @@ def load_motion(path: Path) -> FapTrack:
         If its content is wrong; the message names the file.
     """
     data = read_bytes(path)
-    if data[:3] == b"\x00\x00\x01":
+    if data[:3] == b"\x00\x00\x01" or is_mp4(data):
         return fill_track(load_fba(path))
     recorded = is_vmc_recording(data)
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:

@@ -107,16 +107,16 @@ def write_video(
             packets = [_encoded_pictures(stream, frames, path, encoded)]
             if sound:
                 voice: Any = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono")
-                packets.append(_encoded_sound(voice, *sound))
+                packets.append(encoded_sound(voice, *sound))
             # Side by side in the file, so that neither waits in memory for the other.
-            for packet in heapq.merge(*packets, key=_time_of):
+            for packet in heapq.merge(*packets, key=time_of):
                 container.mux(packet)
     except (av.FFmpegError, OSError) as error:
         raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
     return count
 
 
-def _time_of(packet: Packet) -> Fraction:
+def time_of(packet: Packet) -> Fraction:
     """When a decoder needs it, s."""
     return (packet.dts or 0) * packet.time_base
 
@@ -146,8 +146,8 @@ def _take_form(stream: Any, picture: Picture, path: Path) -> None:
         stream.options = {**stream.options, "auto-alt-ref": "0"}  # libvpx refuses both together
 
 
-def _encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int) -> Iterator[Packet]:
-    """Encode sound, a second after the other."""
+def encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int) -> Iterator[Packet]:
+    """Encode mono sound, (N,) int16, second by second."""
     resampler = av.AudioResampler(format=stream.format, layout="mono", rate=SOUND_RATE_HZ, frame_size=stream.frame_size)
     for start in range(0, len(samples), rate_hz):
         second = np.ascontiguousarray(samples[start : start + rate_hz]).reshape(1, -1)

@@ -60,6 +60,7 @@ VERBS = {
     "render pictures": Verb("render INPUT -o OUTPUT", "f_%03d.png", ("f_002.png",)),
     "render folder": Verb("render INPUT -o OUTPUT", "f", ("f/frame_0001.png",)),
     "encode": Verb("encode INPUT -o OUTPUT", "a.fba", ("a.fba",)),
+    "encode --audio": Verb("encode OTHER.fap --audio INPUT -o OUTPUT", "a.mp4", ("a.mp4",)),
     "encode --epf": Verb("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
     "decode": Verb("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.live.hub.messages import HubFrames
-from fapengine.live.wire import fap_osc, livelink, vmc, vrchat
+from fapengine.live.wire import fap_osc, livelink, rtp, vmc, vrchat
 from fapengine.live.wire.fap_osc import FapFrame, SessionFrames
 from fapengine.live.wire.shapes import ArkitFollower, PresetFollower
 from fapengine.mpeg4 import fap
@@ -240,6 +240,37 @@ class FbaFrameEncoder:
             self._encoder.request_intra()
         self._planes += 1
         return self._encoder.frame(faps)
+
+
+class RtpFrameEncoder:
+    """One face as RTP packets of the MPEG-4 visual payload.
+
+    Stateful.
+
+    Parameters
+    ----------
+    session, rate_hz, intra_s
+        As :class:`FbaFrameEncoder`.
+    ssrc, sequence, time : int
+        As :class:`~fapengine.live.wire.rtp.RtpSender`.
+    """
+
+    def __init__(
+        self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0, ssrc: int, sequence: int = 0,
+        time: int = 0,
+    ) -> None:  # fmt: skip
+        self._planes = FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=intra_s)
+        self._sender = rtp.RtpSender(ssrc=ssrc, sequence=sequence, time=time)
+        self._frame_s = 1 / rate_hz
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write the packets of a tick."""
+        planes = self._planes.encode(frames)
+        return [
+            packet
+            for before, plane in zip(range(len(planes) - 1, -1, -1), planes, strict=True)
+            for packet in self._sender.plane(plane, frames.time_s - before * self._frame_s)
+        ]
 
 
 OBJECT_START, PLANE_START = b"\x00\x00\x01\xba", b"\x00\x00\x01\xbb"

@@ -10,6 +10,7 @@ Each is told as a URL::
     livelink://HOST:PORT[?session=NAME&name=N&device=U]  Unreal and other Live Link Face receivers: port 11111
     fba://HOST:PORT[?session=NAME&intra=S]               MPEG-4 face stream, a plane a datagram; UDP
     fba+tcp://HOST:PORT[?session=NAME&intra=S]           the same for all who connect here, each from an I plane on
+    rtp://HOST:PORT[?session=NAME&intra=S]               the same over RTP, in the MPEG-4 visual payload; UDP
 
 Without a session, one face shows the first that is open. A port may be left out where one is named here.
 """
@@ -21,6 +22,7 @@ import struct
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from secrets import randbits
 from typing import Protocol
 from urllib.parse import parse_qsl, urlsplit
 from uuid import NAMESPACE_DNS, uuid5
@@ -36,7 +38,7 @@ from fapengine.live.wire import livelink, vmc, vrchat
 PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
 OPTIONS = {
     "osc": (), "named": (), "vmc": ("names",), "vrchat": ("prefix",), "livelink": ("name", "device"),
-    "fba": ("intra",), "fba+tcp": ("intra",),
+    "fba": ("intra",), "fba+tcp": ("intra",), "rtp": ("intra",),
 }  # fmt: skip
 UNREAD_BYTES = 64 << 10
 """Bytes of a face stream that a receiver may leave unread, some seconds; beyond them it begins again at an I plane."""
@@ -152,16 +154,19 @@ def encoder_of(address: SinkAddress, rate_hz: float, epochs: Mapping[str, int] |
     if address.kind == "livelink":
         device = options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{socket.gethostname()}")).upper()
         return frame_encoders.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
-    return _fba(address, rate_hz)
+    if address.kind == "rtp":
+        first = {"ssrc": randbits(32), "sequence": randbits(16), "time": randbits(32)}
+        return frame_encoders.RtpFrameEncoder(session, rate_hz=rate_hz, intra_s=_intra_s(address), **first)
+    return frame_encoders.FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=_intra_s(address))
 
 
-def _fba(address: SinkAddress, rate_hz: float) -> frame_encoders.FbaFrameEncoder:
+def _intra_s(address: SinkAddress) -> float:
+    """Seconds between I planes."""
     spelled = address.options.get("intra", "1")
     try:
-        intra_s = float(spelled)
+        return float(spelled)
     except ValueError as error:
         raise UsageError(f"sink {address.kind}: intra: got {spelled!r:.40}, expected seconds") from error
-    return frame_encoders.FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=intra_s)
 
 
 async def open_sink(hub: Hub, address: SinkAddress, epochs: Mapping[str, int] | None = None) -> Sink:
@@ -284,7 +289,8 @@ class FaceStreams:
     @classmethod
     async def open(cls, hub: Hub, address: SinkAddress) -> "FaceStreams":
         """Listen; see :func:`open_sink`."""
-        face = _fba(address, hub.pacer.rate_hz)
+        rate_hz = hub.pacer.rate_hz
+        face = frame_encoders.FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=_intra_s(address))
         listening = bound(address.host, address.port, socket.SOCK_STREAM)
         sink = cls(hub, address, face)
         loop = asyncio.get_running_loop()

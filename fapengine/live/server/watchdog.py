@@ -30,7 +30,7 @@ RESTS, REST_S = 3, 0.02
 """Number of times that the last frame is sent, and seconds between them: datagrams get lost."""
 AHEAD_FRAMES = 120
 """Distance of the last frame's number from the number shown: no receiver may take it for a late frame."""
-CONNECTED = ("fba", "fba+tcp")
+CONNECTED = ("fba", "fba+tcp", "rtp")
 BYE = b"bye\n"
 
 

@@ -4,14 +4,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
+from fapengine.codec.elementary import visual_headers
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.fap import load_fap, save_fap
 from fapengine.files.pictures import load_picture
+from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
@@ -40,6 +43,22 @@ def test_there_and_back(fap_file: Path, tmp_path: Path) -> None:
     assert result["kbit_s"] == pytest.approx(8 * stream.stat().st_size / 2 / 1000, abs=0.001)
     run("decode", stream, "-o", back)
     assert load_fap(back).equals(load_fap(fap_file))
+
+
+def test_a_voice_and_its_faps_in_one_mp4_file(fap_file: Path, tmp_path: Path) -> None:
+    voice, film, back = tmp_path / "talk.wav", tmp_path / "talk.mp4", tmp_path / "back.fap"
+    save_wav(voice, np.zeros(32000, np.int16), 16000)
+    result = json.loads(run("encode", fap_file, "--audio", voice, "-o", film, "--json"))
+    report = json.loads(run("inspect", film, "--json"))
+    assert (report["format"], report["p_planes"] + report["i_planes"], report["level"]) == ("FBA", 50, 1)
+    assert report["bytes"] == result["bytes"] + len(visual_headers(0x61))
+    run("decode", film, "-o", back)
+    run("encode", fap_file, "-o", tmp_path / "a.fba")
+    run("decode", tmp_path / "a.fba", "-o", tmp_path / "b.fap")
+    assert load_fap(back).equals(load_fap(tmp_path / "b.fap"))
+    for words in (("--audio", voice, "-o", tmp_path / "a.fba"), ("--epf", voice, "-o", film)):
+        with pytest.raises(UsageError, match=words[0]):
+            run("encode", fap_file, *words)
 
 
 @pytest.mark.parametrize(

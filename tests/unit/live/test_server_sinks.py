@@ -24,6 +24,7 @@ from fapengine.live.server import watchdog as guards
 from fapengine.live.server.frame_encoders import FbaFrameEncoder, OscFrameEncoder, joined
 from fapengine.live.server.sinks import DatagramSink, FaceStreams, SinkAddress, open_sink, parse_sink
 from fapengine.live.wire.fap_osc import decode_frame
+from fapengine.live.wire.rtp import RtpReceiver
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.retarget.arkit import ARKIT_NAMES
@@ -241,6 +242,19 @@ def test_a_face_stream_over_datagrams_can_be_joined_at_an_intra_plane(ear: Ear) 
         assert len(found) >= 100 - begin - 1
         for frame, sent in zip(found, shown[begin:], strict=False):
             np.testing.assert_allclose(frame.values[2:], sent.faps[0, 2:], atol=HALF_STEP)
+    asyncio.run(sink.close())
+
+
+def test_a_face_goes_out_over_rtp(ear: Ear) -> None:
+    stage = Stage("anna")
+    sink = DatagramSink(stage.hub, parse_sink(f"rtp://127.0.0.1:{ear.port}?intra=0.5"))
+    stage.talk("anna")
+    shown = stage.run(100)
+    receiver = RtpReceiver()
+    frames = [frame for packet in ear.heard() for _, frame in receiver.packet(packet)]
+    assert len(frames) == 100
+    for frame, sent in zip(frames, shown, strict=True):
+        np.testing.assert_allclose(frame.values[2:], sent.faps[0, 2:], atol=HALF_STEP)
     asyncio.run(sink.close())
 
 
