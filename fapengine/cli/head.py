@@ -24,7 +24,9 @@ def import_head(
         " .obj, .ply or .stl. Any unit and axes.",
     ),
     points: Path | None = typer.Option(
-        None, "--points", help="Table of feature points: columns point, vertex, or point, x, y, z."
+        None,
+        "--points",
+        help="Feature points: a table with columns point, vertex, or point, x, y, z; or Xface's or Visage's .fdp.",
     ),
     mapping: Path | None = typer.Option(
         None, "--map", help="What shapes of other names mean (.toml): ARKit's names, visemes, or FAPs."

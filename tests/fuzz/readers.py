@@ -43,6 +43,7 @@ from fapengine.live.wire import fap_osc, livelink, osc
 from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.mesh.default_head.style import parse_look
+from fapengine.mesh.rig.fdp_files import parse_fdp
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import parse_profile
 from fapengine.render.drawing import parse_background, parse_size
@@ -163,6 +164,12 @@ def _tables() -> Iterable[Reader]:
     corners = np.eye(3)
     points = b"point,vertex\n8.1,0\n8.2,1\n2.1,2\n", b"point,x,y,z\n8.1,1,0,0\n8.2,0,1,0\n"
     yield Reader("feature points", _from_file(lambda path: load_feature_points(path, corners), "points.csv"), points)
+    fdp = (
+        b'<xfdp><head><fapu ENS0="51" ES0="69" IRISD0="16" MNS0="30" MW0="50"/></head>'
+        b'<fdp affects="skin" index="2" name="2.1"/><fdp affects="skin" index="1" name="8.1"/></xfdp>',
+        b"1.0 face 0 0 0 0 0 0\n2.1 0 -1 0 0.2\n8.1 0 0 0 0.1\nNUL 0\n",
+    )
+    yield Reader("feature points, fdp", parse_fdp, fdp)
     mapping = b'[shapes]\nsmile = "mouthSmileLeft"\nopen = { 3 = 900.0, 5 = -300.0 }\nrest = "unused"\n'
     yield Reader("mapping", _from_file(load_mapping, "mapping.toml"), (mapping,))
     yield Reader("serve.toml", lambda data: parse_config(data, "serve.toml"), (EXAMPLE.encode(),))

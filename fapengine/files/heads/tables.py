@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from fapengine._strict_toml import parse_toml, spell_path
 from fapengine.errors import DataError
 from fapengine.files.paths import read_bytes
+from fapengine.mesh.rig.fdp_files import is_fdp, parse_fdp
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
@@ -20,7 +21,9 @@ MAX_DISTANCE_SHARE = 0.05
 
 
 def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, int]:
-    """Read a table of feature points: columns ``point, vertex``, or ``point, x, y, z`` in the mesh's own units.
+    """Read feature points: columns ``point, vertex``, or ``point, x, y, z`` in the mesh's units; or an ``.fdp`` file.
+
+    Of an ``.fdp`` file, Xface's or Visage's, those points are taken that lie on the submesh with most of them.
 
     Parameters
     ----------
@@ -40,8 +43,11 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
     DataError
         For an unknown or repeated point, or a position away from the mesh; ``where`` is the line.
     """
+    data = read_bytes(path)
+    if is_fdp(data):
+        return _points_on_skin(data, str(path), len(vertices))
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text), skipinitialspace=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"feature points: is no table ({error})", where=str(path)) from error
@@ -64,6 +70,20 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
             raise DataError(f"{name}: got {position.tolist()}, {distance:.4g} away from the mesh", where=where)
         points[name] = int(index)
     return points
+
+
+def _points_on_skin(data: bytes, where: str, vertices: int) -> dict[str, int]:
+    try:
+        fdp = parse_fdp(data)
+    except DataError as error:
+        raise type(error)(error.message, where=f"{where}, {error.where}" if error.where else where) from error
+    worst = max(fdp.skin_points.values())
+    if worst >= vertices:
+        raise DataError(
+            f"vertex {worst} of {fdp.skin!r}: got a mesh of {vertices} vertices, expected that submesh",
+            where=where,
+        )
+    return fdp.skin_points
 
 
 def load_mapping(path: Path) -> dict[str, str | dict[int, float]]:

@@ -1,0 +1,126 @@
+"""Feature points of other programs' faces: Xface's ``.fdp`` (XML) and Visage's (text).
+
+Layouts, as far as they are read::
+
+    <xfdp><head><fapu ENS0="51" ES0="69" IRISD0="16" MNS0="30" MW0="50"/></head>
+    <fdp affects="SUBMESH" index="VERTEX" name="2.1">...</fdp></xfdp>
+
+    1.0 MODEL r r r t t t
+    2.1 x y z SURFACE.VERTEX
+    NUL 0
+
+Xface counts the vertices of each submesh from 0. Its regions and weights are those of its own deformation and are not
+taken: how skin follows a point is for the mesh to say (:mod:`.point_fields`).
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+from fapengine.errors import DataError, UnsupportedError
+from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+
+UNITS = ("IRISD0", "ES0", "ENS0", "MNS0", "MW0")
+
+
+@dataclass(frozen=True, slots=True)
+class FdpFile:
+    """What an ``.fdp`` file says of a face."""
+
+    points: dict[str, tuple[str, int]]
+    """Submesh and vertex by feature point."""
+    units: dict[str, float]
+    """FAPU in units of the mesh, as far as the file tells them."""
+
+    @property
+    def skin(self) -> str:
+        """Submesh that most points are on."""
+        return Counter(submesh for submesh, _ in self.points.values()).most_common(1)[0][0]
+
+    @property
+    def skin_points(self) -> dict[str, int]:
+        """Vertex by feature point, of the points on :attr:`skin`."""
+        return {name: vertex for name, (submesh, vertex) in self.points.items() if submesh == self.skin}
+
+
+def is_fdp(data: bytes) -> bool:
+    """Tell an ``.fdp`` file of either kind by its first bytes."""
+    head = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return (head.startswith(b"<") and b"<xfdp" in head) or head.startswith(b"1.0 ")
+
+
+def parse_fdp(data: bytes) -> FdpFile:
+    """Read an ``.fdp`` file of either kind.
+
+    Raises
+    ------
+    DataError
+        If it is neither, or holds no point.
+    UnsupportedError
+        For XML with entities.
+    """
+    fdp = _xface(data) if data.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else _visage(data)
+    if not fdp.points:
+        raise DataError("fdp: holds no feature point")
+    return fdp
+
+
+def _xface(data: bytes) -> FdpFile:
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise UnsupportedError("fdp: got a document type or entities, expected none")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DataError(f"fdp: no XML here ({error})") from error
+    if root.tag != "xfdp":
+        raise DataError(f"fdp: got <{root.tag[:40]}>, expected <xfdp>")
+    points: dict[str, tuple[str, int]] = {}
+    for number, entry in enumerate(root.iter("fdp"), start=1):
+        where = f"fdp {number}"
+        vertex = _whole(entry.get("index", ""), where)
+        _add(points, entry.get("name", ""), entry.get("affects", ""), vertex, where)
+    fapu = root.find("head/fapu")
+    units = {} if fapu is None else {name: _number(fapu.get(name, ""), f"fapu {name}") for name in UNITS}
+    return FdpFile(points, units)
+
+
+def _visage(data: bytes) -> FdpFile:
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise DataError(f"fdp: is no text ({error})") from error
+    points: dict[str, tuple[str, int]] = {}
+    for number, line in enumerate(lines[1:], start=2):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        if words[0] == "NUL":
+            break
+        where = f"line {number}"
+        surface, dot, vertex = words[4].partition(".") if len(words) == 5 else ("", "", "")
+        if not dot:
+            raise DataError(f"got {line[:60]!r}, expected POINT x y z SURFACE.VERTEX", where=where)
+        _add(points, words[0], surface, _whole(vertex, where), where)
+    return FdpFile(points, {})
+
+
+def _add(points: dict[str, tuple[str, int]], name: str, submesh: str, vertex: int, where: str) -> None:
+    if name not in FEATURE_POINT_NAMES or name in points:
+        raise DataError(f"point: got {name[:40]!r}, expected a feature point such as 8.2, once", where=where)
+    points[name] = (submesh, vertex)
+
+
+def _whole(text: str, where: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise DataError(f"vertex: got {text[:40]!r}, expected a number from 0", where=where)
+    return int(text)
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < 1e9:
+        raise DataError(f"got {text[:40]!r}, expected a length", where=where)
+    return value
