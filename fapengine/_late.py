@@ -10,7 +10,10 @@ from typing import Any
 
 from fapengine.errors import ResourceError
 
-_EXTRAS = dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"')
+_EXTRAS = {
+    **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
+    "usd-core": '"fapengine[usd]"',
+}
 """Extra of each package that is part of one, as pip is told it."""
 
 

@@ -29,7 +29,7 @@ Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and how many of them a second."""
 LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 """Suffixes of face motion that can be loaded."""
-SAVED = f".fap, .fba, .csv, .wav, .png, .glb, .vrma, {KINDS}"
+SAVED = f".fap, .fba, .csv, .wav, .png, .glb, .vrma, .usda, .usdc, {KINDS}"
 """Endings of a name to save to, in words."""
 
 
@@ -78,8 +78,8 @@ def save(
     path : str or Path
         ``.fap`` text; ``.fba`` stream; ``.csv`` table of shapes; ``.mp4``, ``.webm``, ``.mkv``, ``.mov`` video;
         ``.gif``, ``.webp`` animation; ``frame_%04d.png`` or a folder's name: numbered pictures; ``.png`` one picture;
-        ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside; ``.vrma`` a VRM
-        animation.
+        ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside, ``.usda``, ``.usdc`` a
+        head of ours; ``.vrma`` a VRM animation.
     sound : ((N,) int16, int), optional
         Mono samples and their rate in Hz: goes into a video, from its start, and into ``.wav``.
     head : str, Path or Head

@@ -1,4 +1,4 @@
-"""Face motion inside the files that other programs open: a clip in a GLB or VRM, and VRM's animations."""
+"""Face motion inside the files that other programs open: a clip in a GLB or VRM, VRM's animations, and USD."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine.errors import DataError, UsageError
+from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
 from fapengine.files.gltf.head_file import format_head
 from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
@@ -25,7 +26,7 @@ BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
 """Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
 SCENES = (".glb", ".vrm", ".gltf")
 """Endings of what a clip is put into."""
-ENDINGS = (".glb", ".vrm")
+ENDINGS = (".glb", ".vrm", *usd.ENDINGS)
 """Endings of what is written with an avatar inside."""
 ANIMATION = ".vrma"
 """Ending of a motion for any VRM avatar."""
@@ -64,6 +65,9 @@ def check_scene(path: Path, into: Into | None) -> None:
         raise UsageError(f"path: got {path}, expected a name that ends with {' or '.join(ENDINGS)} for into=AVATAR")
     if into.keys not in WAYS:
         raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
+    if is_usd(path) and (into.avatar.suffix.lower() in SCENES or into.keys != STRAIGHT or into.mapping is not None):
+        told = "a head's name, such as woman or heads/mine, and straight keys"
+        raise UsageError(f"into: got {into.avatar}, expected {told}, for USD is written of our own heads alone")
 
 
 def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
@@ -102,6 +106,8 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
             raise UsageError(f"shapes: got {chosen!r}, expected {' or '.join(SETS)} for {path.name}")
         write_bytes(path, format_vrma(face_motion(track, name), shapes=chosen))
         return f"expressions of {chosen}, head and gaze"
+    if is_usd(path):
+        return _save_usd(path, track, str(into.avatar), name)
     meanings = load_mapping(into.mapping) if into.mapping else None
     is_file = into.avatar.suffix.lower() in SCENES
     data = read_bytes(into.avatar) if is_file else exported_head(str(into.avatar))
@@ -113,6 +119,39 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
         raise type(error)(f"{into.avatar}: {error.message}", where=error.where) from error
     write_bytes(path, written)
     return _told(reached)
+
+
+def is_usd(path: Path) -> bool:
+    """Tell whether a name is that of a USD file."""
+    return path.suffix.lower() in usd.ENDINGS
+
+
+def _save_usd(path: Path, track: FapTrack, head: str, name: str) -> str:
+    motion, info = face_motion(track, name), load_head_info(head)
+    moved = usd.save_usd(
+        path, make_puppet(load_head(head)), licence=info.licence, source=info.source,
+        faps=motion.faps, turns={"Head": motion.turns["head"]}, rate_hz=motion.rate_hz,
+    )  # fmt: skip
+    return f"moves {moved} shapes, and turns head; {len(motion.faps)} keys"
+
+
+def export_head(name: str, path: Path) -> None:
+    """Write a head without a motion, as GLB or USD by the ending of the name.
+
+    Raises
+    ------
+    UsageError, ProfileError
+        As :func:`fapengine.files.heads.load.load_head` does, or for another ending.
+    ResourceError
+        If it cannot be written, or usd-core is not installed.
+    """
+    if is_usd(path):
+        info = load_head_info(name)
+        usd.save_usd(path, make_puppet(load_head(name)), licence=info.licence, source=info.source)
+    elif path.suffix == ".glb":
+        write_bytes(path, exported_head(name))
+    else:
+        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(usd.ENDINGS)}")
 
 
 def exported_head(name: str) -> bytes:

@@ -6,7 +6,7 @@ import typer
 
 from fapengine.cli import options as shared
 
-OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".vrma")
+OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".vrma", ".usda", ".usdc", ".usd")
 
 
 def convert(
@@ -19,7 +19,7 @@ def convert(
         "--output",
         "-o",
         help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat); with --into,"
-        " an avatar (.glb, .vrm); an animation for VRM avatars (.vrma). - is a"
+        " an avatar (.glb, .vrm) or a head of ours (.usda, .usdc); an animation for VRM avatars (.vrma). - is a"
         " table, to standard output; -.fap says another kind.",
     ),
     shapes: str | None = typer.Option(

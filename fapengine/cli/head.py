@@ -100,7 +100,7 @@ def _spell(numbers: tuple[int, ...]) -> str:
 @verb
 def export(
     name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a folder."),
-    output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb)."),
+    output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb; .usda, .usdc)."),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Write a head as an avatar that any tool opens: ARKit's 52 shapes, Oculus' 15 visemes, joints and textures.
@@ -108,20 +108,15 @@ def export(
     Our own heads are free for any use under Apache-2.0; the file says so. An imported head keeps the licence that was
     stated when it was imported.
 
-    Example: fapengine head export woman -o woman.glb
+    Example: fapengine head export woman -o woman.glb; fapengine head export woman -o woman.usdc
     """
-    from fapengine.app.scene_files import exported_head
-    from fapengine.errors import UsageError
+    from fapengine.app.scene_files import export_head
     from fapengine.files.heads.load import load_head_info
-    from fapengine.files.paths import write_bytes
 
-    if output.suffix != ".glb":
-        raise UsageError(f"path: got {output}, expected a name that ends with .glb")
     writing.check([output], [name])
     info = load_head_info(name)
-    data = exported_head(name)
-    write_bytes(output, data)
-    typer.echo(f"{output}: {len(data) / 1e6:.1f} MB; licence: {info.licence}")
+    export_head(name, output)
+    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB; licence: {info.licence}")
 
 
 @head.command()
