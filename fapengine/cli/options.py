@@ -259,8 +259,8 @@ class AvatarOptions:
             "--into",
             metavar="AVATAR",
             help="Avatar (.glb, .vrm, .gltf), or the name of a head (default, woman, heads/mine), that is written to"
-            " --output (.glb, .vrm; a head's also .usda, .usdc) with the motion as an animation: its shapes by ARKit's, Oculus' or VRM's names, its"
-            " head and eyes; nothing else in it changes.",
+            " --output (.glb, .vrm; a head's also .usda, .usdc) with the motion as an animation: its shapes by ARKit's,"
+            " Oculus' or VRM's names, its head and eyes; nothing else in it changes.",
             rich_help_panel=AVATAR,
         ),
     ] = None
