@@ -13,7 +13,6 @@ Xface counts the vertices of each submesh from 0. Its regions and weights are th
 taken: how skin follows a point is for the mesh to say (:mod:`.point_fields`).
 """
 
-from collections import Counter
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -27,20 +26,20 @@ UNITS = ("IRISD0", "ES0", "ENS0", "MNS0", "MW0")
 class FdpFile:
     """What an ``.fdp`` file says of a face."""
 
-    points: dict[str, tuple[str, int]]
-    """Submesh and vertex by feature point."""
+    points: dict[str, dict[str, int]]
+    """Vertex by feature point, by submesh: the chin's point may also move the teeth."""
     units: dict[str, float]
     """FAPU in units of the mesh, as far as the file tells them."""
 
     @property
     def skin(self) -> str:
         """Submesh that most points are on."""
-        return Counter(submesh for submesh, _ in self.points.values()).most_common(1)[0][0]
+        return max(self.points, key=lambda submesh: len(self.points[submesh]))
 
     @property
     def skin_points(self) -> dict[str, int]:
         """Vertex by feature point, of the points on :attr:`skin`."""
-        return {name: vertex for name, (submesh, vertex) in self.points.items() if submesh == self.skin}
+        return self.points[self.skin]
 
 
 def is_fdp(data: bytes) -> bool:
@@ -74,7 +73,7 @@ def _xface(data: bytes) -> FdpFile:
         raise DataError(f"fdp: no XML here ({error})") from error
     if root.tag != "xfdp":
         raise DataError(f"fdp: got <{root.tag[:40]}>, expected <xfdp>")
-    points: dict[str, tuple[str, int]] = {}
+    points: dict[str, dict[str, int]] = {}
     for number, entry in enumerate(root.iter("fdp"), start=1):
         where = f"fdp {number}"
         vertex = _whole(entry.get("index", ""), where)
@@ -89,7 +88,7 @@ def _visage(data: bytes) -> FdpFile:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise DataError(f"fdp: is no text ({error})") from error
-    points: dict[str, tuple[str, int]] = {}
+    points: dict[str, dict[str, int]] = {}
     for number, line in enumerate(lines[1:], start=2):
         words = line.split("#")[0].split()
         if not words:
@@ -104,10 +103,10 @@ def _visage(data: bytes) -> FdpFile:
     return FdpFile(points, {})
 
 
-def _add(points: dict[str, tuple[str, int]], name: str, submesh: str, vertex: int, where: str) -> None:
-    if name not in FEATURE_POINT_NAMES or name in points:
-        raise DataError(f"point: got {name[:40]!r}, expected a feature point such as 8.2, once", where=where)
-    points[name] = (submesh, vertex)
+def _add(points: dict[str, dict[str, int]], name: str, submesh: str, vertex: int, where: str) -> None:
+    if name not in FEATURE_POINT_NAMES or name in points.get(submesh, ()):
+        raise DataError(f"point: got {name[:40]!r}, expected a point such as 8.2, once a submesh", where=where)
+    points.setdefault(submesh, {})[name] = vertex
 
 
 def _whole(text: str, where: str) -> int:

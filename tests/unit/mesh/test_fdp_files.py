@@ -19,17 +19,20 @@ XFACE = b"""<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
   </fdp>
   <fdp affects="face.wrl_3" index="0" name="8.1"><indices>0</indices></fdp>
   <fdp affects="face.wrl_1" index="19" name="3.5"><indices>0 1</indices></fdp>
+  <fdp affects="face.wrl_1" index="7" name="2.1"><indices>0 1</indices></fdp>
 </xfdp>
 """
-VISAGE = b"1.0 face 0 0 0 0 0 0\n# chin\n2.1 0.0 -60.5 40 0.2\n\n8.1 0 -30 45 0.0 # lip\n3.5 1 2 3 1.19\nNUL 0\nrest"
+VISAGE = (
+    b"1.0 face 0 0 0 0 0 0\n# chin\n2.1 0.0 -60.5 40 0.2\n\n8.1 0 -30 45 0.0 # lip\n3.5 1 2 3 1.19\n2.1 0 -60 39 1.7\n"
+    b"NUL 0\nrest"
+)
 
 
 @pytest.mark.parametrize("data", [XFACE, b"\xef\xbb\xbf" + XFACE.partition(b"\n")[2], VISAGE])
 def test_points_are_read_with_their_submesh(data: bytes) -> None:
     assert is_fdp(data)
     fdp = parse_fdp(data)
-    assert set(fdp.points) == {"2.1", "8.1", "3.5"}
-    assert fdp.points["3.5"][1] == 19
+    assert [set(points) for points in fdp.points.values()] == [{"2.1", "8.1"}, {"2.1", "3.5"}]
     assert fdp.skin_points == {"2.1": 2, "8.1": 0}
     assert fdp.units == ({} if data is VISAGE else {"ENS0": 51, "ES0": 69, "IRISD0": 16, "MNS0": 30, "MW0": 50})
 
