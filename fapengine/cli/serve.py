@@ -179,7 +179,10 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
     server.hub.subscribe_all(lambda frames: guard.tell(frames.sessions))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, server.stop)
+        try:
+            loop.add_signal_handler(number, server.stop)
+        except NotImplementedError:  # Windows
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(server.stop))
     collecting = asyncio.create_task(collect_now_and_then())
     try:
         await serve_until_stopped(server, lambda: _announce(server))

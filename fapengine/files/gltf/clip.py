@@ -21,7 +21,17 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.files.gltf.curves import Curves, quaternions_of
-from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, MAGIC, Fetch, Gltf, fetch_uri, parse_gltf, split_glb
+from fapengine.files.gltf.document import (
+    BINARY_CHUNK,
+    COMPRESSED,
+    JSON_CHUNK,
+    MAGIC,
+    Fetch,
+    Gltf,
+    fetch_uri,
+    parse_gltf,
+    split_glb,
+)
 from fapengine.files.gltf.json_cursor import Item
 from fapengine.files.gltf.scene import (
     carrier,
@@ -248,6 +258,8 @@ def _shapes_turn(rig: _Rig, eye: int) -> bool:
             for name, target in targets:
                 if not plain(name).startswith("eyelookdown") or "POSITION" not in target:
                     continue
+                if any(extension in primitive.item("extensions") for extension in COMPRESSED):
+                    return True  # shapes are the usual way
                 try:
                     moves = rig.gltf.accessor(target.index("POSITION", len(rig.gltf.accessors)))
                     share = carrier(rig.gltf, node, primitive.item("attributes"), len(moves), rig.world, number).share(

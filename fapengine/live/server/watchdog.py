@@ -5,13 +5,15 @@ Theory of operation
 Before the server opens anything it is forked: a copy that only reads from a pipe. The server writes down which sessions
 are open, and at its good end ``bye``. If the pipe ends without that, the server was killed, and its datagram sinks may
 show an open mouth for ever; then the copy sends each of them a face at rest, and ends too. What needs a connection
-(pages, streams) sees that it is gone, and is left alone.
+(pages, streams) sees that it is gone, and is left alone. A system that cannot fork starts a program in its place.
 """
 
 import contextlib
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -43,6 +45,8 @@ class Watchdog:
 
     process: int
     pipe: int
+    program: "subprocess.Popen[bytes] | None" = None
+    """The process, where it was not forked."""
     _told: tuple[str, ...] = field(default=(), repr=False)
     _late: bytes = field(default=b"", repr=False)
 
@@ -66,11 +70,15 @@ class Watchdog:
 
     def end(self, *, is_good: bool = True) -> None:
         """Say goodbye, if the faces were put to rest in good order; else the guard does it now."""
-        os.set_blocking(self.pipe, True)
+        with contextlib.suppress(OSError):  # as it was, where pipes of Windows always wait (before Python 3.12)
+            os.set_blocking(self.pipe, True)
         with contextlib.suppress(BrokenPipeError):
             os.write(self.pipe, self._late + BYE * is_good)
         os.close(self.pipe)
-        os.waitpid(self.process, 0)
+        if self.program is not None:
+            self.program.wait()
+        else:
+            os.waitpid(self.process, 0)
 
 
 def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
@@ -89,6 +97,8 @@ def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
         If a sink's URL cannot be understood.
     """
     addresses = [parse_sink(url) for url in sinks]
+    if not hasattr(os, "fork"):
+        return _start_program(sinks, rate_hz)
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # threads of BLAS: it brings its own handlers for fork
@@ -106,6 +116,27 @@ def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
     os.close(reading)
     os.set_blocking(writing, False)
     return Watchdog(process, writing)
+
+
+def _start_program(sinks: Sequence[str], rate_hz: float) -> Watchdog:
+    """Start it as a program of its own, in a group that Ctrl-C does not reach."""
+    command = [sys.executable, "-m", __name__, str(rate_hz), *sinks]
+    group = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
+    program = subprocess.Popen(command, stdin=subprocess.PIPE, creationflags=group)
+    assert program.stdin is not None
+    pipe = os.dup(program.stdin.fileno())
+    program.stdin.close()
+    with contextlib.suppress(OSError):
+        os.set_blocking(pipe, False)
+    return Watchdog(program.pid, pipe, program)
+
+
+def _main(rate_hz: str, *sinks: str) -> None:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    addresses = [parse_sink(url) for url in sinks]
+    watch(sys.stdin.fileno(), lambda sessions: put_to_rest(addresses, sessions, float(rate_hz)))
 
 
 def watch(pipe: int, rest: Callable[[dict[str, float]], None]) -> None:
@@ -165,3 +196,7 @@ def put_to_rest(
                 post.send(datagrams)
                 time.sleep(REST_S)
             post.close()
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

@@ -226,6 +226,23 @@ def test_eyes_turn_once(tmp_path: Any, lifted: tuple[str, ...], turned: bool) ->
     assert (shown, "weights") in found
 
 
+def test_eyes_of_a_compressed_mesh_are_left_to_its_shapes() -> None:
+    """What Draco packed is not unpacked, and its accessors have no bytes: nothing is read of them."""
+    builder = Builder()
+    shown = builder.node(shown=False, mesh=mesh(builder, ARKIT_NAMES, lifted=("eyeLookDownLeft",)))
+    builder.node(name="LeftEye", children=[shown])
+    for row in builder.doc["meshes"][0]["primitives"]:
+        row["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+        row["attributes"] |= {
+            "JOINTS_0": builder.row("accessors", {"componentType": 5121, "count": 3, "type": "VEC4"}),
+            "WEIGHTS_0": builder.row("accessors", {"componentType": 5126, "count": 3, "type": "VEC4"}),
+        }
+    builder.doc["nodes"][shown]["skin"] = builder.row("skins", {"joints": [1]})
+    _, reached = add_clip(builder.glb(), nothing, motion())
+    assert "left eye" not in reached.bones
+    assert "eyeBlinkLeft" in reached.shapes
+
+
 def test_the_jaw_s_bone_is_left_to_shapes_that_open_the_mouth(tmp_path: Any) -> None:
     builder = Builder()
     node = builder.node(mesh=mesh(builder, [*ARKIT_NAMES]))
