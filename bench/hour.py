@@ -1,12 +1,13 @@
 """An hour of timings and sound: time and peak memory of each stage, each in a process of its own.
 
-    python -m bench.hour [--seconds 3600] [--rate 30] [--size 64] [--json FILE] [--only plan fap fba film ...]
+    python -m bench.hour [--seconds 3600] [--rate 30] [--size 64] [--head default:level=coarse] [--json FILE]
+        [--only plan fap fba film ...]
 
 *plan* plans the motion; *fap* and *fba* animate the timings with their sound and write FAPs and a stream; *film* draws
-and encodes (``--size`` pixels wide and high, soft edges); *inspect* looks into the stream. Beside each stands what a
-quarter of the length takes: work that is linear takes four times as much. Exits 1 where a stage takes more than
-:data:`MOST_MB`, or more than :data:`MOST_TIMES` the CPU time of its quarter, or where a film does not begin with the
-list of its frames.
+and encodes (``--size`` pixels wide and high, of ``--head``, soft edges); *inspect* looks into the stream. Beside each
+stands what a quarter of the length takes: work that is linear takes four times as much. Exits 1 where a stage takes
+more than :data:`MOST_MB`, or more than :data:`MOST_TIMES` the CPU time of its quarter, or where a film does not begin
+with the list of its frames.
 """
 
 import argparse
@@ -41,7 +42,7 @@ def write_inputs(folder: Path, seconds: float) -> tuple[Path, Path]:
     return timings, sound
 
 
-def command(stage: str, folder: Path, timings: Path, sound: Path, rate_hz: float, size: int) -> list[str]:
+def command(stage: str, folder: Path, timings: Path, sound: Path, rate_hz: float, size: int, head: str) -> list[str]:
     """Give the command line of a stage; ``plan`` stands for planning alone, in Python."""
     run = [sys.executable, "-m", "fapengine"]
     talk = [*run, "animate", str(timings), "--alphabet", "ipa", "--audio", str(sound), "--fps", f"{rate_hz:g}"]
@@ -60,7 +61,7 @@ def command(stage: str, folder: Path, timings: Path, sound: Path, rate_hz: float
     return [
         *talk,
         "--head",
-        "default:level=coarse",
+        head,
         "--size",
         f"{size}x{size}",
         "--edges",
@@ -97,6 +98,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
     parser.add_argument("--size", type=int, default=64, help="of the film, px")
+    parser.add_argument("--head", default="default:level=coarse", help="of the film")
     parser.add_argument("--only", nargs="+", choices=STAGES, default=STAGES)
     parser.add_argument("--json", type=Path)
     wanted = parser.parse_args()
@@ -109,7 +111,7 @@ def main() -> int:
         inputs = [(folder, *write_inputs(folder, seconds)) for folder, seconds in jobs]
         for stage in wanted.only:
             (less_s, less_mb), (more_s, more_mb) = (
-                measured(command(stage, *files, wanted.rate, wanted.size)) for files in inputs
+                measured(command(stage, *files, wanted.rate, wanted.size, wanted.head)) for files in inputs
             )
             print(f"| {stage} | {more_s:.1f} | {less_s:.1f} | {more_s / less_s:.2f} | {more_mb:.0f} | {less_mb:.0f} |",
                   flush=True)  # fmt: skip

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -18,17 +18,24 @@ from tests.browser.chromium import FLAGS, OWN, find_chromium
 from tests.faults.processes import Marked, command_of, left_over, pids
 from tests.live.stage import Ear, Sender
 
-PARTS = ("server", "voice", "ear", "guard", "sender", *(("browser",) if find_chromium() else ()))
+PARTS = (
+    "server", "voice", "ear", "guard", "sender", *(("browser",) if find_chromium() else ()), "worker", "parent",
+)  # fmt: skip
+WITH_WORKERS = ("worker", "parent")
+"""Parts of a server with two workers; the others are those of one process."""
+SPEAKERS = ("anna", "berta", "carl")
 SOON_S = 60.0
 """Time for what should happen at once, on a busy machine."""
-AT_REST = 10
-"""Frames at rest that show that a face rests."""
+WORKERS, WORKER = 2, "fapengine.live.server.worker "
+"""How many, and how their command lines say so."""
 OPEN = 40
 """FAP 3 of an open mouth."""
 
 
 class World:
-    """A server, a sender and a browser, each started when it is needed. At the end nothing of them is left.
+    """A server of one process or of two workers, a sender and a browser, each started when it is needed.
+
+    At the end nothing of them is left.
 
     Stateful.
     """
@@ -40,6 +47,7 @@ class World:
         self._ear = Ear.open()
         self._port = self._page = 0
         self._probes = 0
+        self._has_workers = False
 
     def __enter__(self) -> Self:
         return self
@@ -53,7 +61,7 @@ class World:
     def once(self, part: str) -> str:
         """Kill a part at a random moment; "" or what is wrong then."""
         try:
-            self._begin(with_browser=part == "browser")
+            self._begin(with_browser=part == "browser", with_workers=part in WITH_WORKERS)
             time.sleep(self._rng.uniform(0.0, 2.0))
             process = self._found(part)
             os.kill(process, signal.SIGKILL)
@@ -67,10 +75,25 @@ class World:
     def _without_server(self) -> list[str]:
         server = self._marked["server"]
         server.process.wait()
-        wrong = self._not_at_rest(["anna", "berta", "carl"])
+        wrong = self._not_at_rest(SPEAKERS)
         wrong += [f"{line} runs on" for line in left_over(server.mark)]
         self._end_all()
         return wrong
+
+    _without_parent = _without_server
+
+    def _without_worker(self) -> list[str]:
+        """Its faces speak again, in another worker; it is started again."""
+        self._ear.listen()
+        self._ear.frames.clear()
+        wrong = [
+            f"{name} does not speak after the end of a worker"
+            for name in ("anna", "carl")
+            if not self._becomes(lambda name=name: max(self._ear.jaw(name), default=0) > OPEN)
+        ]
+        if not self._becomes(lambda: len(self._workers()) == WORKERS):
+            wrong.append("a worker is not started again")
+        return wrong + self._not_alive()
 
     def _without_voice(self) -> list[str]:
         wrong = self._not_alive()
@@ -106,14 +129,14 @@ class World:
         sender = self._marked.pop("sender")
         sender.process.wait()
         wrong = [f"{line} runs on" for line in left_over(sender.mark)]
-        return wrong + self._not_at_rest(["anna", "carl"]) + self._not_alive()
+        return wrong + self._not_at_rest(("anna", "carl")) + self._not_alive()
 
     def _without_browser(self) -> list[str]:
         browser = self._marked.pop("browser")
         browser.process.wait()
         return [f"{line} runs on" for line in left_over(browser.mark)] + self._not_alive()
 
-    def _not_at_rest(self, sessions: list[str]) -> list[str]:
+    def _not_at_rest(self, sessions: Sequence[str]) -> list[str]:
         """Sessions whose last frames are not at rest, though they had time."""
 
         def rests(session: str) -> bool:
@@ -154,7 +177,10 @@ class World:
 
     # Who is there -----------------------------------------------------------------------------------------------------
 
-    def _begin(self, *, with_browser: bool) -> None:
+    def _begin(self, *, with_browser: bool, with_workers: bool) -> None:
+        if with_workers != self._has_workers:
+            self._end_all()
+        self._has_workers = with_workers
         if "server" not in self._marked:
             self._start_server()
         if "sender" not in self._marked:
@@ -162,6 +188,7 @@ class World:
             self._marked["sender"] = self._all.enter_context(Marked.start(command, self._folder))
         if with_browser:
             self._start_browser()
+        self._ear.listen()  # frames of a server that has ended may wait in the socket: they say nothing of this one
         self._ear.frames.clear()
         speaks = self._becomes(lambda: max(self._ear.jaw("anna"), default=0) > OPEN)
         assert speaks, f"nobody speaks: {self._log.read_text()[-1500:]}"
@@ -175,6 +202,8 @@ class World:
             sys.executable, "-m", "fapengine", "serve", "--log", "json", "--port", "0", "--web-port", str(self._page),
             "--without", "all", "--sink", f"osc://127.0.0.1:{self._ear.port}",
         ]  # fmt: skip
+        if self._has_workers:
+            command += ["--workers", str(WORKERS)]
         with self._log.open("w") as log:
             server = Marked.start(command, self._folder, stdout=log, stderr=log)
         self._marked["server"] = self._all.enter_context(server)
@@ -195,8 +224,11 @@ class World:
 
     def _found(self, part: str) -> int:
         """Number of the process of a part."""
-        if part in ("server", "sender", "browser"):
-            return self._marked[part].process.pid
+        if part == "worker":
+            assert self._becomes(lambda: len(self._workers()) == WORKERS), "there are not all workers"
+            return self._rng.choice(self._workers())
+        if part in ("server", "parent", "sender", "browser"):
+            return self._marked["server" if part == "parent" else part].process.pid
         spelled = {"voice": "fapengine.voices.worker", "ear": "fapengine.ears.process", "guard": "fapengine serve"}
         server = self._marked["server"]
 
@@ -208,6 +240,11 @@ class World:
 
         assert self._becomes(lambda: bool(found())), f"there is no {part}"
         return found()[0]
+
+    def _workers(self) -> list[int]:
+        """Numbers of the processes of the workers."""
+        server = self._marked["server"]
+        return [number for number in pids(server.mark) if WORKER in command_of(number)]
 
     def _end_all(self) -> None:
         for marked in self._marked.values():

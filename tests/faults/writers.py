@@ -12,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from fapengine.capture.marker_track import MarkerTrack
 from fapengine.files.animation import sequence_files
 from fapengine.files.fap import load_fap
 from fapengine.files.fba import load_fba
+from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.heads.load import load_head
 from fapengine.files.motion import load_motion
 from fapengine.files.pictures import load_picture
 from fapengine.files.profiles import load_profile
+from fapengine.files.recordings import load_markers, save_markers
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.timings import load_timings
 from fapengine.files.video import load_video
@@ -31,6 +34,7 @@ TEXT = "Bright sunshine."
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 SECOND_S = 0.02
 """Time after which a signal comes again, sometimes."""
+TAKE_FRAMES = 200
 END_S = 60.0
 """Time within which a program that was told to end does so, on a busy machine."""
 
@@ -57,10 +61,15 @@ JOBS = {
     "encode": Job("encode a.fap -o x.fba", ("x.fba",)),
     "decode": Job("decode a.fba -o x.fap", ("x.fap",)),
     "convert": Job("convert a.fap -o x.csv", ("x.csv",)),
+    "convert into": Job("convert a.fap --into a.glb -o x.glb", ("x.glb",)),
+    "capture": Job("capture a.csv -o x.fap", ("x.fap",)),
+    "reduce": Job("reduce a.npz -o x.npz --back x.trc", ("x.npz", "x.trc")),
+    "batch": Job("batch rows.csv -o x --to fap --workers 2", ("x/index.csv", *(f"x/{row}.fap" for row in "abcdef"))),
     "inspect": Job("inspect a.fba --plot x.png", ("x.png",)),
     "score": Job("score a.fap --phones a.pho -o x.html", ("x.html",)),
     "fit": Job("fit S07 -o x --faps", ("x/profile.toml",)),
     "head import": Job("head import face.ply --points points.csv -o x", ("x/head.toml",)),
+    "head export": Job("head export default:level=coarse -o x.glb", ("x.glb",)),
     "head check": Job("head check default -o x.png", ("x.png",)),
 }
 
@@ -77,16 +86,25 @@ def is_whole(path: Path) -> bool:
         ".TextGrid": lambda path: _is_long(load_timings(path).duration_s),
         ".fba": lambda path: _is_long(len(load_fba(path).track) / 30),
         ".csv": lambda path: _is_long(len(load_motion(path)) / 30),
+        ".glb": lambda path: parse_gltf(path.read_bytes(), _no_file),
+        ".npz": lambda path: all(len(array) for array in np.load(path).values()),
+        ".trc": lambda path: load_markers(path).markers.frame_count == TAKE_FRAMES,
         ".html": lambda path: path.read_text().rstrip().endswith("</html>"),
     }
     if path.name == "profile.toml":
         return bool(load_profile(path.parent).phones)
     if path.name == "head.toml":
         return len(load_head(str(path.parent)).vertices_mm) > 100
+    if path.name == "index.csv":
+        return len(path.read_text().splitlines()) == 7
     if "%" in path.name:
         files = sequence_files(path)
         return _is_long(len(files) / 30) and all(load_picture(file).size for file in files)
     return bool(readers[path.suffix](path))
+
+
+def _no_file(name: str) -> bytes:
+    raise AssertionError(f"a GLB that is whole names {name}")
 
 
 def _is_long(duration_s: float) -> bool:
@@ -116,6 +134,12 @@ class Writers:
         )
         self._run(self._inputs, "animate a.pho -o a.fap")
         self._run(self._inputs, "encode a.fap -o a.fba")
+        self._run(self._inputs, "convert a.fap -o a.csv")
+        self._run(self._inputs, "head export default:level=coarse -o a.glb")
+        (self._inputs / "rows.csv").write_text("id,timings\n" + "".join(f"{row},a.pho\n" for row in "abcdef"))
+        moved = np.sin(np.arange(TAKE_FRAMES) / 20)[:, None, None] * np.linspace(1, 5, 5)[:, None]
+        positions_mm = np.random.default_rng(1).uniform(-60, 60, (5, 3)) + moved
+        save_markers(self._inputs / "a.npz", MarkerTrack(positions_mm=positions_mm, labels=(*"ABCDE",), rate_hz=100.0))
         self._done: dict[str, tuple[Path, float]] = {}
 
     def _make_face(self) -> None:

@@ -287,3 +287,14 @@ def joined(plane: bytes) -> bytes | None:
     if plane.startswith(OBJECT_START):
         return plane
     return OBJECT_START + plane[4:] if plane.startswith(PLANE_START) and plane[4] & 0x80 else None
+
+
+def continued(plane: bytes) -> bytes:
+    """Turn the beginning of a stream into an I plane within one, for who follows it already; other planes stay.
+
+    Examples
+    --------
+    >>> continued(bytes.fromhex("000001ba a033")).hex()
+    '000001bba033'
+    """
+    return PLANE_START + plane[4:] if plane.startswith(OBJECT_START) else plane

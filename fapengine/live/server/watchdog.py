@@ -24,7 +24,7 @@ import numpy as np
 
 from fapengine.errors import ResourceError
 from fapengine.live.hub.messages import HubFrames
-from fapengine.live.server.frame_encoders import OscFrameEncoder
+from fapengine.live.server.frame_encoders import OscFrameEncoder, continued
 from fapengine.live.server.sinks import Post, SinkAddress, encoder_of, parse_sink
 from fapengine.mpeg4 import fap
 
@@ -32,7 +32,8 @@ RESTS, REST_S = 3, 0.02
 """Number of times that the last frame is sent, and seconds between them: datagrams get lost."""
 AHEAD_FRAMES = 120
 """Distance of the last frame's number from the number shown: no receiver may take it for a late frame."""
-CONNECTED = ("fba", "fba+tcp", "rtp")
+CONNECTED = ("fba+tcp", "rtp")
+"""Sinks that the guard leaves alone: a connection that is gone, and a stream whose sender alone knows its numbers."""
 BYE = b"bye\n"
 
 
@@ -166,7 +167,7 @@ def put_to_rest(
     rate_hz: float,
     epochs: Mapping[str, int] | None = None,
 ) -> None:
-    """Send every datagram sink a face at rest.
+    """Send every datagram sink a face at rest; a face stream, an I plane of it.
 
     Parameters
     ----------
@@ -190,6 +191,8 @@ def put_to_rest(
         if isinstance(encoder, OscFrameEncoder):
             encoder.begin_at(numbers)
         datagrams = encoder.encode(frames)
+        if address.kind == "fba":
+            datagrams = [continued(plane) for plane in datagrams]
         with contextlib.suppress(ResourceError):
             post = Post(address.host, address.port)
             for _ in range(RESTS):

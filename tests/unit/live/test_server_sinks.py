@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import copy
 import json
 import os
 import socket
@@ -520,6 +521,24 @@ def test_a_guard_puts_every_face_to_rest_that_was_open(ear: Ear) -> None:
     assert all(frame.number >= 11 * RATE_HZ and not frame.values.any() for frame in frames)
     assert sum(data.startswith(b"#bundle") for data in found) >= guards.RESTS
     assert sum(data[4:5] == b"$" for data in found) == guards.RESTS
+    assert sum(data.startswith(b"\0\0\1") for data in found) == guards.RESTS
+
+
+def test_a_guard_shuts_the_mouth_of_a_face_stream_in_datagrams(ear: Ear) -> None:
+    stage, address = Stage("anna"), parse_sink(f"fba://127.0.0.1:{ear.port}")
+    sink = DatagramSink(stage.hub, address)
+    stage.talk("anna")
+    stage.run(20)
+    decoder = Decoder()
+    before = decoder.feed(b"".join(ear.heard()))
+    assert before[-1].values[fap.column(3)] > 10
+    guards.put_to_rest([address], {"anna": time.monotonic()}, RATE_HZ)
+    datagrams = ear.heard()
+    assert len(datagrams) == guards.RESTS
+    for datagram in datagrams:  # whichever of them are lost
+        one = copy.deepcopy(decoder)
+        assert not one.feed(datagram)[-1].values.any()
+    asyncio.run(sink.close())
 
 
 def test_a_guard_that_is_told_goodbye_does_nothing() -> None:
