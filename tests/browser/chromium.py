@@ -28,7 +28,8 @@ MESA = ("--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist")
 """Draw with the same software OpenGL as the desktop renderer: twice as fast as the browser's own."""
 OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
-START_LIMIT_S = 30.0
+START_LIMIT_S = float(os.environ.get("BROWSER_START_LIMIT_S", "30"))
+"""For all that a start takes."""
 CALL_LIMIT_S = 30.0
 
 
@@ -45,6 +46,8 @@ class Browser:
         self._size, self._flags = size, flags
         self._numbers = itertools.count(1)
         self._answers: dict[int, asyncio.Future[Any]] = {}
+        self._socket: aiohttp.ClientWebSocketResponse | None = None
+        self._reader: asyncio.Task[None] | None = None
         self.complaints: list[str] = []
         """Errors and warnings of the console, and exceptions nobody caught."""
 
@@ -67,22 +70,34 @@ class Browser:
             preexec_fn=end_with_parent,
         )
         self._session = aiohttp.ClientSession()
-        async with asyncio.timeout(START_LIMIT_S):
-            port = await self._port()
+        try:
+            async with asyncio.timeout(START_LIMIT_S):
+                await self._connect()
+        except BaseException as error:
+            await self.__aexit__()
+            if isinstance(error, TimeoutError):
+                raise AssertionError(f"the browser {path} does not come up within {START_LIMIT_S:g} s") from error
+            raise
+        return self
+
+    async def _connect(self) -> None:
+        port = await self._port()
         async with self._session.get(f"http://127.0.0.1:{port}/json") as answer:
             target = next(page for page in await answer.json() if page["type"] == "page")
         self._socket = await self._session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0)
         self._reader = asyncio.create_task(self._read())
         for domain in ("Page", "Runtime", "Log", "Network"):
             await self.call(f"{domain}.enable")
-        return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._reader.cancel()
-        await asyncio.gather(self._reader, return_exceptions=True)
-        await self._socket.close()
+        if self._reader is not None:
+            self._reader.cancel()
+            await asyncio.gather(self._reader, return_exceptions=True)
+        if self._socket is not None:
+            await self._socket.close()
         await self._session.close()
-        self._process.kill()
+        if self._process.returncode is None:
+            self._process.kill()
         await self._process.wait()
         self._log.close()
         self._folder.cleanup()
@@ -91,6 +106,7 @@ class Browser:
         """Call a method of the protocol."""
         number = next(self._numbers)
         self._answers[number] = asyncio.get_running_loop().create_future()
+        assert self._socket is not None
         await self._socket.send_json({"id": number, "method": method, "params": params})
         async with asyncio.timeout(CALL_LIMIT_S):
             answer = await self._answers[number]
@@ -138,6 +154,7 @@ class Browser:
         return int(place.read_text().split()[0])
 
     async def _read(self) -> None:
+        assert self._socket is not None
         async for message in self._socket:
             said = message.json()
             if "id" in said:

@@ -120,7 +120,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 
 @pytest.fixture(scope="package")
-def _browser(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def _browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    if find_chromium() is None:
+        pytest.skip(NO_BROWSER)
     sound = tmp_path_factory.mktemp("microphone") / "baby.wav"
     pause = np.zeros(RATE_HZ, np.int16)
     save_wav(sound, np.concatenate([spoken("rms", BABY).samples, pause]), RATE_HZ)
@@ -128,7 +130,7 @@ def _browser(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         browser = Browser(SIZE, *MICROPHONE, f"--use-file-for-fake-audio-capture={sound}")
         runner.run(browser.__aenter__())
         try:
-            yield Page(runner, browser, server)
+            yield Page(runner, browser, request.getfixturevalue("server"))
         finally:
             runner.run(browser.__aexit__())
 
