@@ -8,6 +8,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any
 
@@ -21,6 +22,8 @@ ALIASES = {
     "offset_s": "offset",
 }  # fmt: skip
 """Library's names of parameters to those of the verbs, where they differ."""
+at_end: ContextVar[Callable[[Callable[[], object]], object]] = ContextVar("at_end")
+"""Takes what is to be called when the verb that runs has ended, well or not."""
 
 
 def verb(function: Callable[..., None]) -> Callable[..., None]:
@@ -41,6 +44,7 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
     def run(context: typer.Context, **values: Any) -> None:
         for name, group in groups.items():
             values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
+        at_end.set(context.call_on_close)
         try:
             function(**values)
         except FapEngineError as error:

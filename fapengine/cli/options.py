@@ -229,7 +229,7 @@ class WriteOptions:
     ] = False
 
     def check(self, outputs: "Iterable[Path]", inputs: "Iterable[Path | str | None]" = ()) -> None:
-        """Look at the names that will be written, and say what they replace.
+        """Look at the names that will be written; when the verb has ended, it is said which files they replaced.
 
         Parameters
         ----------
@@ -242,11 +242,19 @@ class WriteOptions:
         UsageError, ResourceError
             As :func:`fapengine.files.outputs.check_outputs` does.
         """
-        from fapengine.files.outputs import check_outputs, listed
+        from fapengine.cli._verb import at_end
+        from fapengine.files.outputs import check_outputs, listed, marks_of
 
         read = [Path(path) for path in inputs if path is not None]
-        if replaced := check_outputs(outputs, read, overwrite=not self.no_overwrite):
-            typer.echo(f"fapengine: replaces {listed(replaced)}", err=True)
+        before = marks_of(check_outputs(outputs, read, overwrite=not self.no_overwrite))
+
+        def tell() -> None:
+            after = marks_of(before)
+            if replaced := [path for path, mark in before.items() if after[path] != mark]:
+                typer.echo(f"fapengine: replaced {listed(replaced)}", err=True)
+
+        if before:
+            at_end.get()(tell)
 
 
 @dataclass(frozen=True, slots=True)

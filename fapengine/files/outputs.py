@@ -1,5 +1,6 @@
 """Names to write, looked at before any work: none is a file that is read, and what would be replaced is known."""
 
+import contextlib
 import os
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
@@ -24,7 +25,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     Returns
     -------
     tuple of Path
-        Files that will be replaced.
+        Files that are there under these names.
 
     Raises
     ------
@@ -57,6 +58,17 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
             _check_folder(output)
         replaced += there
     return tuple(replaced)
+
+
+def marks_of(paths: Iterable[Path]) -> dict[Path, tuple[int, ...] | None]:
+    """Note by what a file is told from another one that takes its place; None where none is there."""
+    marks: dict[Path, tuple[int, ...] | None] = {}
+    for path in paths:
+        marks[path] = None
+        with contextlib.suppress(FileNotFoundError):
+            found = path.stat()
+            marks[path] = found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
+    return marks
 
 
 def files_in(folder: Path, owned: Collection[str]) -> list[Path]:

@@ -18,7 +18,8 @@ def test_it_is_tried_once_and_leaves_nothing(tmp_path: Path) -> None:
     browser.write_text(HANGS.format(starts=starts))
     browser.chmod(0o755)
     command = [
-        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "face", test_page.__file__,
+        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "face",
+        test_page.__file__,
     ]  # fmt: skip
     surroundings = {**os.environ, "CHROMIUM": str(browser), "BROWSER_START_LIMIT_S": "0.5"}
     done = subprocess.run(command, capture_output=True, text=True, env=surroundings, timeout=300, check=False)

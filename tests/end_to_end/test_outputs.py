@@ -184,7 +184,18 @@ def test_what_is_replaced_is_said(
     assert capsys.readouterr().err == ""
     with pytest.raises(SystemExit):
         main()
-    assert capsys.readouterr().err == f"fapengine: replaces {tmp_path / 'a.fap'}\n"
+    assert capsys.readouterr().err == f"fapengine: replaced {tmp_path / 'a.fap'}\n"
+
+
+def test_what_is_refused_later_replaces_nothing_and_says_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a.fap", "b.html"):
+        (tmp_path / name).write_bytes(b"no FAPs")
+    code, told = run(["score", str(tmp_path / "a.fap"), "-o", str(tmp_path / "b.html")], monkeypatch, capsys)
+    assert (code, told.count("\n")) in ((1, 1), (2, 1)), told
+    assert "replace" not in told
+    assert (tmp_path / "b.html").read_bytes() == b"no FAPs"
 
 
 def test_an_own_recording_is_not_written_over_by_its_sound(
