@@ -58,7 +58,10 @@ def inject(
                 if time.monotonic() > until_s:
                     break
                 row = rows[f"{kind} {names[number % len(names)]}"]
-                wrong = once(names[number % len(names)])
+                try:
+                    wrong = once(names[number % len(names)])
+                except Exception as error:  # noqa: BLE001  a fault of ours: counted, and the others go on
+                    wrong = f"{type(error).__name__}: {error}"
                 row.moments += 1
                 if wrong:
                     row.wrong.append(wrong)

@@ -201,7 +201,11 @@ class Writers:
             elif was_there:
                 wrong.append(f"{name} is gone")
         names = {path.relative_to(self._inputs) for path in self._inputs.rglob("*") if path.is_file()}
-        wrong += [f"{name} was changed" for name in names if (place / name).read_bytes() != before[place / name]]
+        wrong += [  # inputs of verbs that come later are not in the folders of those that came before
+            f"{name} was changed"
+            for name in names
+            if place / name in before and (place / name).read_bytes() != before[place / name]
+        ]
         return wrong
 
     def _finished(self, verb: str) -> tuple[Path, float]:

@@ -1,0 +1,78 @@
+"""Four times the input: at most some four times the lines of code that are run, and the memory. No clock is asked."""
+
+import sys
+import tracemalloc
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from bench.budgets import read
+from bench.growth import grown
+from tests.fuzz.readers import Reader, clean, readers
+
+ROWS = 48
+TIMES, LINES, BYTES = 4.6, 1500, 150_000
+"""Growth that is linear, and what is there however short the input is."""
+NAMES = [reader.name for reader in readers()]
+clean()
+
+
+def lines_run(work: Callable[[], object]) -> int:
+    """Count the lines of our code that are run."""
+    count = 0
+
+    def trace(frame: FrameType, event: str, _: Any) -> Any:
+        nonlocal count
+        if "/fapengine/" not in frame.f_code.co_filename and __file__ != frame.f_code.co_filename:
+            return None
+        count += event == "line"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        work()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+def bytes_taken(work: Callable[[], object]) -> int:
+    """Count the bytes that Python holds at most."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def is_linear(reader: Reader, short: bytes, long: bytes) -> bool:
+    """Whether the longer input takes no more than it may."""
+    read(reader, short)
+    (few, little), (many, much) = (
+        (lines_run(lambda data=data: read(reader, data)), bytes_taken(lambda data=data: read(reader, data)))  # type: ignore[misc]
+        for data in (short, long)
+    )
+    return many <= TIMES * few + LINES and much <= TIMES * little + BYTES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reader_takes_no_more_than_its_input_explains(name: str) -> None:
+    reader = next(one for one in readers() if one.name == name)
+    assert is_linear(reader, grown(reader, ROWS), grown(reader, 4 * ROWS))
+
+
+def test_work_and_memory_that_grow_faster_are_found() -> None:
+    def in_turn(data: bytes) -> int:
+        count = 0
+        for one in data:
+            for other in data:
+                count += one == other
+        return count
+
+    assert not is_linear(Reader("slow", in_turn, (b"a",)), bytes(100), bytes(400))
+    assert not is_linear(Reader("large", lambda data: bytes(len(data) ** 2), (b"a",)), bytes(500), bytes(2000))
+    assert is_linear(Reader("good", lambda data: [bytes(9) for _ in data], (b"a",)), bytes(500), bytes(2000))
