@@ -36,6 +36,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.files.report.parts import COOL, INK, WARM, new_figure, picture, table, to_svg, verdict
 from fapengine.files.report.parts import page as report_page
 from fapengine.geometry.rigid import RigidMotion
+from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.phones import captured_tokens, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.space import study_space
@@ -177,6 +178,7 @@ def learn(clips: list[Clip], rate_hz: float) -> Learned:
     prepared = Prepared(
         subject="train", rate_hz=rate_hz, labels=NAMES, points=NAMES, neutral_mm=np.zeros((len(NAMES), 3)), scale=1.0,
         takes=takes, gaps=None, warnings=(),
+        reference=HeadReference((), np.zeros((0, 3)), RigidMotion(np.eye(3), np.zeros(3))),
     )  # fmt: skip
     space = study_space(prepared, takes, (), modes=None, variance=0.99).space
     shipped = load_profile("grid_s1_en")  # its FAPU is this speaker's; nothing else of it is used

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine.files.pictures import straight
+from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.camera import turned
@@ -70,14 +71,14 @@ def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> CrowdRenderer:
 
 
 def draw_crowd(
-    crowd: CrowdRenderer, rows: NDArray[np.int32], rate_hz: float, *, turn_s: float = 0.0
+    crowd: CrowdRenderer, rows: NDArray[np.int32] | Sequence[Sequence[Pose]], rate_hz: float, *, turn_s: float = 0.0
 ) -> Iterator[Picture]:
     """Draw frames in turn.
 
     Parameters
     ----------
     crowd : CrowdRenderer
-    rows : (T, faces, 68) int32, FAPU
+    rows : (T, faces, 68) int32, FAPU, or a Pose a frame and face
     rate_hz : float
         Frames a second.
     turn_s : float
@@ -90,7 +91,7 @@ def draw_crowd(
     """
     cameras = crowd.cameras
 
-    def turning() -> Iterator[ArrayLike]:
+    def turning() -> Iterator[ArrayLike | Sequence[Pose]]:
         for number, row in enumerate(rows):
             if turn_s:
                 crowd.cameras = [turned(camera, number / rate_hz / turn_s) for camera in cameras]

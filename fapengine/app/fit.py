@@ -1,7 +1,6 @@
 """A capture session to a profile and its report: read, learn, write."""
 
 import ctypes
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,9 @@ from fapengine.files.heads.built import load_built
 from fapengine.files.paths import replacing_folder
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import load_session
-from fapengine.laboratory.densify import DenseStudy
+from fapengine.laboratory.dense_file import ARRAYS_NAME as DENSE_ARRAYS
+from fapengine.laboratory.dense_file import TOML_NAME as DENSE_TOML
+from fapengine.laboratory.dense_file import format_dense
 from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
 from fapengine.laboratory.playback import captured_faps
 from fapengine.laboratory.prepare import Prepared, prepare
@@ -24,8 +25,9 @@ from fapengine.laboratory.setup import Setup
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.profiles import TOML_NAME
 
-REPORT_NAME, DENSE_NAME = "report.html", "dense.npz"
-OWNED = (*PROFILE_FILES, REPORT_NAME, DENSE_NAME, "takes/*.fap")
+DENSE_FILES = (DENSE_TOML, DENSE_ARRAYS)
+REPORT_NAME = "report.html"
+OWNED = (*PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap")
 """Files of a fitted profile's folder."""
 STANDARD = DEFAULT_PROFILE
 """Profile that lends the expressions which a session lacks."""
@@ -142,23 +144,11 @@ def _write(output: Path, fitted: Fitted, *, report: bool, faps: bool) -> None:
         if page is not None:
             (folder / REPORT_NAME).write_bytes(page)
         if fitted.dense is not None:
-            (folder / DENSE_NAME).write_bytes(_dense_arrays(fitted.dense))
+            for name, data in format_dense(fitted.dense.face).items():
+                (folder / name).write_bytes(data)
         if faps:
             for take in fitted.prepared.takes:
                 save_fap(folder / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
-
-
-def _dense_arrays(study: DenseStudy) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        mean_mm=study.modes.mean_mm.astype(np.float32),
-        modes_mm=study.modes.modes_mm.astype(np.float32),
-        triangles=study.triangles.astype(np.int32),
-        marker_mean_mm=study.sparse.mean_mm.astype(np.float32),
-        marker_modes_mm=study.sparse.modes_mm.astype(np.float32),
-    )
-    return buffer.getvalue()
 
 
 def describe(fitted: Fitted) -> dict[str, object]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.dense import is_profile, load_dense_head
 from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import DEFAULT_HEAD
 from fapengine.files.heads.load import load_head as load_by_name
@@ -22,8 +23,8 @@ def load_head(
     ----------
     name : str, Path or HeadStyle
         ``"default"`` is our own head, ``"default:age=0.8"`` or a :class:`HeadStyle` is it with another look. Else a
-        folder that ``fapengine head import`` wrote, or a mesh file (.glb, .gltf, .vrm; with ``points`` also .obj, .ply,
-        .stl), which is imported now.
+        folder that ``fapengine head import`` wrote, a profile with a dense face, or a mesh file (.glb, .gltf, .vrm;
+        with ``points`` also .obj, .ply, .stl), which is imported now.
     points : str or Path, optional
         Table of feature points of a mesh file; needed where the file has no blendshapes.
     mapping : str or Path, optional
@@ -46,6 +47,8 @@ def load_head(
     if isinstance(name, HeadStyle):
         return load_built(name)
     path = Path(name)
+    if points is not None and is_profile(path):
+        return load_dense_head(path, Path(points))[0].mesh
     if path.is_file() or points is not None or mapping is not None:
         return import_head_file(path, Path(points) if points else None, Path(mapping) if mapping else None)[0].mesh
     return load_by_name(str(name))

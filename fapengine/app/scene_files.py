@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fapengine.app.dense_film import drive
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
-from fapengine.files.gltf.head_file import format_head
+from fapengine.files.gltf.head_file import ShapeClip, format_head
 from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
 from fapengine.files.heads.built import load_built
-from fapengine.files.heads.load import load_head, load_head_info
+from fapengine.files.heads.load import load_head_and_modes, load_head_info, load_head_of_modes
 from fapengine.files.heads.meshes import files_beside
 from fapengine.files.heads.tables import load_mapping
 from fapengine.files.paths import read_bytes, write_bytes
@@ -20,7 +21,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import bone_transforms
 from fapengine.models.keyed_curve import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.puppet import make_puppet
+from fapengine.retarget.puppet import METRES_PER_MM, make_puppet
 
 BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
 """Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
@@ -162,8 +163,54 @@ def exported_head(name: str) -> bytes:
     UsageError, ProfileError
         As :func:`fapengine.files.heads.load.load_head` does.
     """
-    info = load_head_info(name)
-    return format_head(make_puppet(load_head(name)), licence=info.licence, source=info.source)
+    info, (mesh, rig) = load_head_info(name), load_head_and_modes(name)
+    modes = None if rig is None else dict(zip(rig.names, rig.modes_mm, strict=True))
+    return format_head(make_puppet(mesh, modes), licence=info.licence, source=info.source)
+
+
+def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
+    """Write a dense face with a recorded take inside, as weights of its modes and motion of its head.
+
+    Parameters
+    ----------
+    path : Path
+        A GLB.
+    take : Path
+        Recording of markers.
+    into : Into
+        A head with modes, or a profile with a dense face.
+
+    Returns
+    -------
+    str
+        How long it is and what moves, in words.
+
+    Raises
+    ------
+    UsageError
+        If there is no such head, or the name has another ending.
+    DataError
+        If the recording does not show this face; ``where`` is the file.
+    ResourceError
+        If it cannot be written.
+    """
+    check_scene(path, into)
+    if into is None or path.suffix.lower() != ".glb" or into.avatar.suffix.lower() in SCENES:
+        raise UsageError(
+            f"path: got {path} for a recording of markers, expected .glb and a dense face (into=profiles/NAME)"
+        )
+    info = load_head_info(str(into.avatar))
+    mesh, rig = load_head_of_modes(str(into.avatar))
+    driven = drive(take, rig)
+    head = rig.head_transforms(driven.head)
+    head[:, :3, 3] *= METRES_PER_MM
+    clip = ShapeClip(
+        weights=dict(zip(rig.names, driven.weights.T, strict=True)), head=head, rate_hz=driven.rate_hz,
+        name=take.stem, keys=into.keys,
+    )  # fmt: skip
+    puppet = make_puppet(mesh, dict(zip(rig.names, rig.modes_mm, strict=True)))
+    write_bytes(path, format_head(puppet, licence=info.licence, source=info.source, clip=clip))
+    return f"{len(driven.weights)} frames at {driven.rate_hz:g} Hz; moves {len(rig.names)} modes and the head"
 
 
 def _told(reached: Reached) -> str:

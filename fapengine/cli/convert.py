@@ -12,7 +12,8 @@ OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".
 def convert(
     motion: Path = typer.Argument(
         ...,
-        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json), or VMC (.osc).",
+        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json), or VMC (.osc);"
+        " a recording of markers (.c3d, .trc, .npz) --into a dense face.",
     ),
     output: Path = typer.Option(
         ...,
@@ -37,9 +38,12 @@ def convert(
     fapengine convert livelink.csv -o take.fap; fapengine convert take.fap --shapes rhubarb -o take.json
 
     fapengine convert take.fap --into avatar.glb -o spoken.glb    # any tool opens it, and it speaks
+
+    fapengine convert take.c3d --into profiles/s03 -o dense.glb    # the dense face, its modes as morph targets
     """
+    from fapengine.app.dense_film import is_take
     from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion
-    from fapengine.app.scene_files import check_scene, is_scene, save_scene
+    from fapengine.app.scene_files import check_scene, is_scene, save_scene, save_take_scene
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
@@ -53,6 +57,9 @@ def convert(
     into = avatar.value()
     check_scene(output, into)
     writing.check([output], [motion, avatar.into, avatar.mapping])
+    if is_take(motion):
+        typer.echo(f"{output}: {save_take_scene(output, motion, into)}")
+        return
     track = load_motion(motion)
     moved = ""
     if is_scene(output):

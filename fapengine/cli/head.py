@@ -20,8 +20,8 @@ head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args
 def import_head(
     mesh: Path = typer.Argument(
         ...,
-        help="A face with shapes: .glb, .gltf, .vrm or ICT-FaceKit's folder; or any neutral face with --points: these,"
-        " .obj, .ply or .stl. Any unit and axes.",
+        help="A face with shapes: .glb, .gltf, .vrm or ICT-FaceKit's folder; any neutral face with --points: these,"
+        " .obj, .ply or .stl, in any unit and axes; or a profile whose dense face was learned from scans.",
     ),
     points: Path | None = typer.Option(
         None,
@@ -32,7 +32,9 @@ def import_head(
         None, "--map", help="What shapes of other names mean (.toml): ARKit's names, visemes, or FAPs."
     ),
     output: Path = typer.Option(..., "--output", "-o", help="Head to write, a folder: heads/NAME."),
-    licence: str = typer.Option("not stated", "--licence", help="Whose work it is; kept with the head."),
+    licence: str | None = typer.Option(
+        None, "--licence", help="Whose work it is; kept with the head. By default a profile's own, or: not stated."
+    ),
     as_json: bool = typer.Option(False, "--json", help="Say what was found as JSON."),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
@@ -42,18 +44,29 @@ def import_head(
     Feature points are found by what the shapes move; --points corrects some, and gives all where there are no shapes:
     at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be slit, as in every face that can speak.
 
-    Example: fapengine head import avatar.glb -o heads/mine && fapengine head check heads/mine
+    A dense face keeps its modes: recorded takes move it (fapengine render TAKE --head heads/s03), and FAPs do.
+
+    Examples: fapengine head import avatar.glb -o heads/mine && fapengine head check heads/mine; fapengine head import
+    profiles/s03 -o heads/s03
     """
     import json
     from dataclasses import replace
 
+    from fapengine.errors import UsageError
+    from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import import_head_file
     from fapengine.files.outputs import files_in
 
     writing.check(files_in(output, OWNED), [mesh, points, mapping])
-    imported, info = import_head_file(mesh, points, mapping)
-    save_head(output, imported.mesh, replace(info, licence=licence))
+    rig = None
+    if is_profile(mesh):
+        if mapping is not None:
+            raise UsageError(f"--map: got {mapping}, but a profile's modes have no other names")
+        imported, rig, info = load_dense_head(mesh, points)
+    else:
+        imported, info = import_head_file(mesh, points, mapping)
+    save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
     if as_json:
         typer.echo(json.dumps(_describe(imported, info, output), indent=2))
         return
@@ -65,6 +78,8 @@ def import_head(
         f" {len(imported.mesh.feature_points)} feature points{shapes}, {len(imported.moved)} of 66 FAPs move it;"
         f" one unit of the file is {imported.scale:.4g} mm of the standard face"
     )
+    if rig is not None:
+        typer.echo(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
     if info.lacking and info.used:
         typer.echo(f"shapes of ARKit that it lacks: {', '.join(info.lacking)}")
     if imported.unused:

@@ -20,8 +20,10 @@ from fapengine.capture.raw import RawTrack
 from fapengine.capture.table import format_table, parse_table
 from fapengine.capture.trc import format_trc, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.mesh_colours import find_paint
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.geometry.surface import Surface
+from fapengine.laboratory.setup import Paint
 
 RECORDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz", ".json", ".jsonl")
 """Endings of recordings; a folder of meshes is one too."""
@@ -209,10 +211,15 @@ def load_surface(path: Path, *, units: str = "mm") -> Surface:
     ResourceError
         If trimesh is not installed.
     """
+    return load_painted(path, units=units)[0]
+
+
+def load_painted(path: Path, *, units: str = "mm") -> tuple[Surface, Paint | None]:
+    """Read a scan and its colours, if it has any. Raises as :func:`load_surface`."""
     if units not in UNITS_MM:
         raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
-    vertices, triangles, _ = load_mesh(path)
+    vertices, triangles, visual = load_mesh(path)
     try:
-        return Surface(vertices * UNITS_MM[units], triangles)
+        return Surface(vertices * UNITS_MM[units], triangles), find_paint(visual, len(vertices))
     except UsageError as error:
         raise DataError(str(error), where=str(path)) from error

@@ -44,7 +44,7 @@ from fapengine.capture.landmarks import Picture
 from fapengine.capture.session import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import read_bytes
-from fapengine.files.recordings import RECORDINGS, load_markers, load_surface, mesh_files
+from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
 from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
@@ -234,8 +234,13 @@ def _setup(document: _Document, folder: Path) -> Setup:
         neutral=document.neutral,
         fapu_mm=document.fapu_mm,
         poses=tuple(poses),
-        scans=tuple(Scan(scan.file, load_surface(folder / scan.file), scan.landmarks) for scan in document.scan),
+        scans=tuple(_scan(scan, folder) for scan in document.scan),
         language=document.language,
         licence=document.licence,
         attribution=document.attribution,
     )
+
+
+def _scan(scan: _Scan, folder: Path) -> Scan:
+    surface, paint = load_painted(folder / scan.file)
+    return Scan(scan.file, surface, scan.landmarks, paint)

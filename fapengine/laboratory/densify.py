@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError
 from fapengine.geometry.surface import Surface
+from fapengine.laboratory.dense_face import DenseFace
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.setup import Scan, Setup
 from fapengine.models.dense import DenseModes, bind, fit_dense_modes, remesh, sparse_facets
@@ -37,6 +38,8 @@ class DenseStudy:
     """Standard deviation of a marker's coordinate against the scans, as the estimator takes it."""
     left_out_mm: tuple[float, float]
     """Mean vertex distance of a scan predicted from the others: dense modes, linear estimator."""
+    face: DenseFace
+    """All of it, for :mod:`.dense_file`."""
 
 
 def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
@@ -76,15 +79,29 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         met.append(float(hit.mean()))
     noise_mm = _noise(prepared, fits)
     scores, marks, dense = np.stack([fit.scores for fit in fits]), np.stack(points), np.stack(faces)
+    modes_found, estimator = fit_dense_modes(dense, scores), fit_estimator(dense, marks, noise_mm=noise_mm)
+    left_out_mm = _left_out(dense, scores, marks, noise_mm)
+    face = DenseFace(
+        subject=prepared.subject, licence=setup.licence, labels=prepared.labels, points=prepared.points,
+        neutral_mm=prepared.neutral_mm, reference=prepared.reference, sparse=sparse, modes=modes_found,
+        estimator=estimator, triangles=fitted[0].triangles, paint=scans[0].paint, noise_mm=noise_mm,
+        left_out_mm=left_out_mm, scan_weights=scores,
+        take_weights={take.name: _weights(sparse, prepared.neutral_mm + take.moved_mm) for take in prepared.takes},
+    )  # fmt: skip
     return DenseStudy(
-        modes=fit_dense_modes(dense, scores),
+        face=face,
+        modes=modes_found,
         triangles=fitted[0].triangles,
         sparse=sparse,
         fits=tuple((scan.name, fit, share) for scan, fit, share in zip(scans, fits, met, strict=True)),
-        estimator=fit_estimator(dense, marks, noise_mm=noise_mm),
+        estimator=estimator,
         noise_mm=noise_mm,
-        left_out_mm=_left_out(dense, scores, marks, noise_mm),
+        left_out_mm=left_out_mm,
     )
+
+
+def _weights(sparse: GapModel, frames_mm: Array) -> Array:
+    return sparse.scores(frames_mm, np.ones(frames_mm.shape[:2], bool))
 
 
 def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:

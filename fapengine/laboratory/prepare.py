@@ -24,6 +24,7 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.session import Interval, Session
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust, fit_template
+from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.setup import Setup
 from fapengine.models.missing import choose_rank, fit_gaps
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
@@ -87,6 +88,8 @@ class Prepared:
     takes: tuple[Displacements, ...]
     gaps: Gaps | None
     warnings: tuple[str, ...]
+    reference: HeadReference
+    """Lays other takes' heads where these lie."""
 
     def column(self, point: str) -> int:
         """Marker that is this feature point."""
@@ -129,7 +132,7 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
     twice = next((p for i, p in enumerate(points) if p and p in points[:i]), None)
     if twice:
         raise DataError(f"feature point {twice}: got two markers for it, expected one", where=session.subject)
-    heads = _skull_motion(session, setup, warnings)
+    template, heads = _skull_motion(session, setup, warnings)
     still = [head.hold(take.markers.select(face)) for take, head in zip(session.takes, heads, strict=True)]
     neutral = _neutral(session, setup, still)
     axes, scale = _head_axes(neutral, points, face_mm, session.subject)
@@ -147,6 +150,7 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
     return Prepared(
         subject=session.subject, rate_hz=session.rate_hz, labels=face, points=points, neutral_mm=neutral, scale=scale,
         takes=takes, gaps=gaps, warnings=tuple(warnings),
+        reference=HeadReference(setup.head, axes.apply(template), axes),
     )  # fmt: skip
 
 
@@ -193,11 +197,11 @@ def _without_unseen(session: Session, setup: Setup, warnings: list[str]) -> Sess
     return replace(session, takes=tuple(replace(t, markers=t.markers.select(kept)) for t in session.takes))
 
 
-def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> list["_Skull"]:
-    """Find how each take's skull moves against the session's template."""
+def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> tuple[Array, list["_Skull"]]:
+    """Find the session's template of the skull, (H, 3), and how each take's skull moves against it."""
     if not setup.head:
         counts = [take.markers.frame_count for take in session.takes]
-        return [_Skull(_standing(count), np.ones(count, bool), stands=True) for count in counts]
+        return np.zeros((0, 3)), [_Skull(_standing(count), np.ones(count, bool), stands=True) for count in counts]
     if len(setup.head) < MIN_SKULL:
         raise DataError(f"head: got {len(setup.head)} markers, expected at least {MIN_SKULL}", where="session.toml")
     tracks = [take.markers.select(setup.head) for take in session.takes]
@@ -207,7 +211,9 @@ def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> list["
         raise DataError(f"head: got no frame that shows all of {', '.join(setup.head)}", where=session.subject)
     some = complete[np.linspace(0, len(complete) - 1, min(len(complete), FRAMES_FOR_TEMPLATE)).astype(int)]
     template = fit_template(frames[some])
-    return [_follow(track, template, take.name, warnings) for track, take in zip(tracks, session.takes, strict=True)]
+    return template, [
+        _follow(track, template, take.name, warnings) for track, take in zip(tracks, session.takes, strict=True)
+    ]
 
 
 def _standing(count: int) -> RigidMotion:

@@ -3,6 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
 from fapengine.geometry.surface import Surface
 from fapengine.mpeg4.visemes import Expression
 
@@ -24,6 +28,25 @@ class Pose:
     moment: Moment
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Paint:
+    """Colours of a scan: a picture and the vertices' places in it, or a colour for each vertex."""
+
+    uv: NDArray[np.float64] | None = None
+    """(V, 2): place in ``texture``, (0, 0) its top left corner."""
+    texture: NDArray[np.uint8] | None = None
+    """(H, W, 4), sRGB and straight alpha."""
+    albedo: NDArray[np.float64] | None = None
+    """(V, 3), linear RGB, 0..1."""
+
+    def __post_init__(self) -> None:
+        shapes = (("uv", ("V", 2), np.float64), ("texture", ("H", "W", 4), np.uint8), ("albedo", ("V", 3), np.float64))
+        for name, shape, dtype in shapes:
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, frozen(value, name, shape, dtype))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """A dense face in one held posture."""
@@ -32,6 +55,8 @@ class Scan:
     surface: Surface
     landmarks: Mapping[str, tuple[float, float, float]]
     """Positions of markers (by label or feature point) on it, mm, in the scan's own space."""
+    paint: Paint | None = None
+    """Its colours, where the file has any; only the first scan's are kept."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,8 @@
 The renderer takes :func:`channel_weights` and :func:`bone_transforms` from here and does the rest on the GPU.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,6 +17,16 @@ Array = NDArray[np.float64]
 BONE_COUNT = 5
 """Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
 HEAD = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """What a mesh shows without FAPs: the weights of its basis and its bones' transforms."""
+
+    weights: Array
+    """(W,)."""
+    bones: Array
+    """(5, 4, 4): rest to moved."""
 
 
 def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:

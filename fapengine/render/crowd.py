@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike
 
 from fapengine._late import Late
 from fapengine.errors import UsageError
+from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas
 from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
-from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
+from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
 
 if TYPE_CHECKING:
     import moderngl
@@ -89,12 +90,12 @@ class CrowdRenderer(Renderer):
         width, height = self.drawing.size
         return number % self.columns * width, number // self.columns * height
 
-    def draw(self, faps: ArrayLike) -> Picture:
+    def draw(self, faps: ArrayLike | Sequence[Pose]) -> Picture:
         """Draw one frame of every face.
 
         Parameters
         ----------
-        faps : (faces, 68) array_like, FAPU
+        faps : (faces, 68) array_like, FAPU, or a Pose a face
 
         Returns
         -------
@@ -108,15 +109,12 @@ class CrowdRenderer(Renderer):
         """
         return next(self.frames([faps]))
 
-    def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
+    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose]]) -> Iterator[Picture]:
         """Draw frames in turn; see :meth:`draw`. The picture before is read while the next is drawn."""
         return self._canvas.frames(partial(self._draw, frame) for frame in faps)
 
-    def _draw(self, faps: ArrayLike) -> None:
-        values = np.asarray(faps, dtype=np.float64)
-        if values.shape[:1] != (len(self.meshes),):
-            raise UsageError(f"faps: got shape {values.shape}, expected ({len(self.meshes)}, 68)")
-        uniforms, drawing = self._uniforms(values), self.drawing
+    def _draw(self, faps: ArrayLike | Sequence[Pose]) -> None:
+        uniforms, drawing = self._uniforms(faps), self.drawing
         for number, mesh in enumerate(self.meshes):
             self._context.viewport = (*self.corner(number), *drawing.size)
             model, camera = self._models[id(mesh)], self.cameras[number]
@@ -129,8 +127,16 @@ class CrowdRenderer(Renderer):
                 wire=drawing.wire,
             )
 
-    def _uniforms(self, values: np.ndarray) -> list[FrameUniforms]:
+    def _uniforms(self, faps: ArrayLike | Sequence[Pose]) -> list[FrameUniforms]:
         """Return what each face sets; the faces of one mesh are worked out at once."""
+        poses = [pose for pose in faps if isinstance(pose, Pose)] if isinstance(faps, Sequence) else []
+        if poses:
+            if len(poses) != len(self.meshes):
+                raise UsageError(f"poses: got {len(poses)}, expected {len(self.meshes)}, one a face")
+            return [pose_uniforms(mesh, pose) for mesh, pose in zip(self.meshes, poses, strict=True)]
+        values = np.asarray(faps, dtype=np.float64)
+        if values.shape[:1] != (len(self.meshes),):
+            raise UsageError(f"faps: got shape {values.shape}, expected ({len(self.meshes)}, 68)")
         uniforms: dict[int, FrameUniforms] = {}
         for mesh in {id(mesh): mesh for mesh in self.meshes}.values():
             numbers = [number for number, other in enumerate(self.meshes) if other is mesh]

@@ -13,7 +13,7 @@ drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import MappingProxyType
 
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.mesh.deform import bone_transforms, channel_weights
+from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
@@ -175,6 +175,23 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
         iris=np.stack([iris, pupil], axis=-1).astype("f4"),
         lids=(LID_SIGNS * iris[..., None] * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
     )
+
+
+def pose_uniforms(mesh: FaceMesh, pose: Pose) -> FrameUniforms:
+    """Turn a pose without FAPs into what the shaders are told; eyes look ahead.
+
+    Raises
+    ------
+    UsageError
+        If there are other weights than the mesh has.
+    """
+    if pose.weights.shape != (mesh.basis.width,):
+        raise UsageError(f"weights: got shape {pose.weights.shape}, expected ({mesh.basis.width},)")
+    at_rest = frame_uniforms(mesh, np.zeros(fap.FAP_COUNT))
+    channels = np.zeros(MAX_CHANNELS, dtype="f4")
+    channels[: mesh.basis.width] = pose.weights
+    bones = np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4")
+    return replace(at_rest, channels=channels, bones=bones)
 
 
 def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ with the jaw by a share and with the head by another gets the jaw's share, what 
 neck; turned one at a time, that is exact.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -119,13 +119,19 @@ class Puppet:
     """(5, 3), m: place of each of :data:`JOINTS`."""
 
 
-def make_puppet(mesh: FaceMesh) -> Puppet:
-    """Make it of any head, our own or an imported one."""
+def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | None = None) -> Puppet:
+    """Make it of any head, our own or an imported one.
+
+    Parameters
+    ----------
+    mesh : FaceMesh
+    modes_mm : mapping of str to (V, 3) array, optional
+        Further shapes: motion of the vertices at full weight.
+    """
     rest = _narrowed(mesh)
     normals = vertex_normals(rest, mesh.triangles)
     moved = {}
-    for name, faps in _shape_faps().items():
-        moves = deform(mesh, faps) - mesh.vertices_mm
+    for name, moves in _displacements(mesh, modes_mm or {}):
         moves[np.abs(moves).max(axis=1) < NEGLIGIBLE_MM] = 0.0
         turns = vertex_normals(rest + moves, mesh.triangles) - normals
         turns[~moves.any(axis=1) | (np.abs(turns).max(axis=1) < NEGLIGIBLE_TURN)] = 0.0
@@ -134,6 +140,14 @@ def make_puppet(mesh: FaceMesh) -> Puppet:
     neck = np.array([0.0, float(mesh.point_mm("2.1")[1]) - 90.0, float(mesh.head_pivot_mm[2])])
     joints = np.stack([neck, mesh.head_pivot_mm, mesh.jaw_pivot_mm, *mesh.eye_pivots_mm])
     return Puppet(tuple(part for part in parts if part is not None), METRES_PER_MM * joints)
+
+
+def _displacements(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]]) -> Iterator[tuple[str, Array]]:
+    """Each shape's name and the motion of all vertices, (V, 3) mm: what FAPs do, then the modes."""
+    for name, faps in _shape_faps().items():
+        yield name, deform(mesh, faps) - mesh.vertices_mm
+    for name, moves in modes_mm.items():
+        yield name, np.array(moves, np.float64)
 
 
 @cache

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
+from fapengine.files.gltf.curves import Curves, quaternions_of
 from fapengine.files.gltf.writing import INDICES, VERTICES, Row, Writer
-from fapengine.retarget.puppet import JOINTS, PARENTS, Part, Puppet
+from fapengine.retarget.puppet import HEAD, JOINTS, NECK, PARENTS, Part, Puppet
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -21,8 +24,22 @@ else:
 GENERATOR = "fapengine"
 
 
-def format_head(puppet: Puppet, *, licence: str, source: str) -> bytes:
-    """Write a head; what licence it is under stands in ``asset``.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ShapeClip:
+    """What a head's shapes and its head do, for an animation inside its file."""
+
+    weights: Mapping[str, NDArray[np.float64]]
+    """(T,) by the name of a shape."""
+    head: NDArray[np.float64]
+    """(T, 4, 4): rest to moved, in m."""
+    rate_hz: float
+    name: str
+    keys: str
+    """``"linear"`` or ``"cubic"``: see :func:`fapengine.models.keyed_curve.key_curve`."""
+
+
+def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | None = None) -> bytes:
+    """Write a head, and an animation of it, if any; what licence it is under stands in ``asset``.
 
     Joints hang on each other as :data:`fapengine.retarget.puppet.JOINTS` tells; each part is a skinned mesh with the
     shapes that move it.
@@ -37,9 +54,28 @@ def format_head(puppet: Puppet, *, licence: str, source: str) -> bytes:
     })  # fmt: skip
     shown = writer.document["scenes"][0]["nodes"]
     skin = _add_skin(writer, puppet, shown)
-    for part in puppet.parts:
-        shown.append(writer.row("nodes", {"name": part.name, "mesh": _add_mesh(writer, part), "skin": skin}))
+    nodes = [
+        writer.row("nodes", {"name": part.name, "mesh": _add_mesh(writer, part), "skin": skin}) for part in puppet.parts
+    ]
+    shown += nodes
+    if clip is not None:
+        _add_clip(writer, puppet, nodes, clip)
     return writer.glb()
+
+
+def _add_clip(writer: Writer, puppet: Puppet, nodes: list[int], clip: ShapeClip) -> None:
+    """Add the curves of shapes' weights, and of the head's joint, which are the first nodes."""
+    curves = Curves(writer, clip.rate_hz, clip.keys)
+    still = np.zeros(len(clip.head))
+    for node, part in zip(nodes, puppet.parts, strict=True):
+        if any(name in clip.weights for name in part.shapes):
+            curves.add_weights(node, np.stack([clip.weights.get(name, still) for name in part.shapes], axis=1))
+    turns = clip.head[:, :3, :3]
+    if (clip.head != np.eye(4)).any():
+        curves.add_turns(HEAD, quaternions_of(turns))
+        places = turns @ puppet.joints[HEAD] + clip.head[:, :3, 3] - puppet.joints[NECK]
+        curves.add_places(HEAD, places)
+    writer.row("animations", curves.row(clip.name))
 
 
 def _add_skin(writer: Writer, puppet: Puppet, shown: list[int]) -> int:

@@ -1,7 +1,8 @@
 """Heads as folders, written and read.
 
 A head is a folder: ``head.toml`` (schema, source, licence, what of the file was used), ``head.npz`` (all arrays of the
-mesh, float32) and, where it is painted, ``head.png``.
+mesh, float32) and, where it is painted, ``head.png``. A dense face that ``fapengine fit`` learned also has
+``head_modes.npz``: its modes, and what turns markers into their weights (:mod:`fapengine.laboratory.dense_file`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, replacing_folder
+from fapengine.laboratory.dense_face import ModeRig
+from fapengine.laboratory.dense_file import format_rig, parse_rig
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4.fapu import Fapu
 
@@ -32,8 +35,8 @@ else:
 
 
 SCHEMA = 2
-TOML_NAME, ARRAYS_NAME, TEXTURE_NAME = "head.toml", "head.npz", "head.png"
-OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME)
+TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME = "head.toml", "head.npz", "head.png", "head_modes.npz"
+OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME)
 """Files of a head's folder."""
 ARRAYS = tuple(
     field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
@@ -54,8 +57,8 @@ class HeadInfo:
     """ARKit's blendshapes that it does not have."""
 
 
-def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
-    """Write a head: all of it, or what stood there stays.
+def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None = None) -> None:
+    """Write a head, and the modes of a dense face: all of it, or what stood there stays.
 
     Raises
     ------
@@ -80,6 +83,8 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo) -> None:
     files = {ARRAYS_NAME: buffer.getvalue()}
     if mesh.texture is not None:
         files[TEXTURE_NAME] = _png(mesh.texture)
+    if rig is not None:
+        files[MODES_NAME] = format_rig(rig)
     lines = [f"schema = {SCHEMA}", f"source = {quoted(info.source)}", f"licence = {quoted(info.licence)}"]
     lines += [f"{key} = [{', '.join(map(quoted, getattr(info, key)))}]" for key in ("used", "lacking")]
     lines += [
@@ -123,6 +128,12 @@ def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
 
 
+def load_modes(folder: Path) -> ModeRig | None:
+    """Load what drives a dense face's modes; None for a head that has none. Raises as :func:`load_folder`."""
+    files = _read(folder)[1]
+    return parse_rig(files[MODES_NAME], str(folder / MODES_NAME)) if MODES_NAME in files else None
+
+
 @dataclass(frozen=True, slots=True)
 class _Document:
     """``head.toml``, key by key."""
@@ -144,9 +155,9 @@ def _read(folder: Path) -> tuple[HeadInfo, dict[str, bytes]]:
     path = str(folder / TOML_NAME)
     document = parse_toml(read_bytes(folder / TOML_NAME), _Document, path, ProfileError, schema=SCHEMA)
     digests = document.sha256
-    if ARRAYS_NAME not in digests or set(digests) - {ARRAYS_NAME, TEXTURE_NAME}:
+    if ARRAYS_NAME not in digests or set(digests) - set(OWNED):
         raise ProfileError(
-            f"got {', '.join(digests) or 'none'}, expected {ARRAYS_NAME} and {TEXTURE_NAME} alone",
+            f"got {', '.join(digests) or 'none'}, expected {ARRAYS_NAME}, {TEXTURE_NAME} and {MODES_NAME} alone",
             where=spell_path(path, "sha256"),
         )
     files = {key: read_bytes(folder / key) for key in digests}

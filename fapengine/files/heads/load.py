@@ -1,9 +1,12 @@
-"""Heads by name: our own, as any person, or a folder."""
+"""Heads by name: our own, as any person, a head's folder, or the dense face of a profile's."""
 
 from pathlib import Path
 
+from fapengine.errors import UsageError
 from fapengine.files.heads.built import OURS, load_built
-from fapengine.files.heads.folder import HeadInfo, load_folder
+from fapengine.files.heads.dense import dense_info, is_profile, load_dense_head
+from fapengine.files.heads.folder import HeadInfo, load_folder, load_modes
+from fapengine.laboratory.dense_face import ModeRig
 from fapengine.mesh.default_head.people import parse_person
 from fapengine.mesh.default_head.style import LEVELS
 from fapengine.mesh.face_mesh import FaceMesh
@@ -18,7 +21,7 @@ def load_head(name: str) -> FaceMesh:
     ----------
     name : str
         ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, as
-        ``"woman:age=0.8,level=fine"``; else a folder.
+        ``"woman:age=0.8,level=fine"``; else a folder, of a head or of a profile with a dense face.
 
     Raises
     ------
@@ -27,8 +30,40 @@ def load_head(name: str) -> FaceMesh:
     ProfileError
         If its content is wrong; ``where`` is file and key.
     """
-    look = parse_person(name)
-    return load_built(*look) if look else load_folder(Path(name))[1]
+    look, folder = parse_person(name), Path(name)
+    if look:
+        return load_built(*look)
+    return load_dense_head(folder)[0].mesh if is_profile(folder) else load_folder(folder)[1]
+
+
+def load_head_and_modes(name: str) -> tuple[FaceMesh, ModeRig | None]:
+    """Load a head and, if it is a dense face, what drives its modes. Raises as :func:`load_head`."""
+    folder = Path(name)
+    if parse_person(name):
+        return load_head(name), None
+    if is_profile(folder):
+        imported, rig, _ = load_dense_head(folder)
+        return imported.mesh, rig
+    return load_folder(folder)[1], load_modes(folder)
+
+
+def load_head_of_modes(name: str) -> tuple[FaceMesh, ModeRig]:
+    """Load a dense face that recorded takes move: a profile's, or one that ``fapengine head import`` wrote.
+
+    Raises
+    ------
+    UsageError
+        If the head has no modes.
+    ProfileError
+        If its content is wrong; ``where`` is file and key.
+    """
+    mesh, rig = load_head_and_modes(name)
+    if rig is None:
+        raise UsageError(
+            f"head: got {name!r}, which has no modes that a recording could move; expected a profile that was fitted"
+            " with [[scan]], or what `fapengine head import` made of one"
+        )
+    return mesh, rig
 
 
 def load_levels(name: str) -> list[FaceMesh]:
@@ -44,4 +79,6 @@ def load_levels(name: str) -> list[FaceMesh]:
 
 def load_head_info(name: str) -> HeadInfo:
     """Tell where a head comes from. Raises as :func:`load_head`."""
-    return OURS if parse_person(name) else load_folder(Path(name))[0]
+    if parse_person(name):
+        return OURS
+    return dense_info(Path(name)) if is_profile(Path(name)) else load_folder(Path(name))[0]

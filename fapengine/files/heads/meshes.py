@@ -1,18 +1,16 @@
 """Faces from files: glTF, GLB, VRM and ICT-FaceKit's folders with blendshapes, and any mesh without."""
 
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.images import MAX_PIXELS
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.ict_facekit import load_ict_folder
+from fapengine.files.mesh_colours import find_paint
 from fapengine.files.paths import read_bytes
 from fapengine.files.recordings import MESHES, load_mesh
+from fapengine.laboratory.setup import Paint
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 
 RIG_ENDINGS = (".glb", ".gltf", ".vrm")
@@ -83,29 +81,10 @@ def load_neutral(path: Path) -> BlendshapeMesh:
     if path.suffix.lower() not in MESHES:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)
-    texture, uv = _texture(visual, len(vertices))
-    if texture is not None and texture.shape[0] * texture.shape[1] > MAX_PIXELS:
-        size = f"{texture.shape[1]}x{texture.shape[0]}"
+    paint = find_paint(visual, len(vertices)) or Paint()
+    if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_PIXELS:
+        size = f"{paint.texture.shape[1]}x{paint.texture.shape[0]}"
         raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_PIXELS}", where=str(path))
-    albedo = None if texture is not None else _albedo(visual)
-    return BlendshapeMesh(vertices=vertices, triangles=triangles, blendshapes={}, texture=texture, uv=uv, albedo=albedo)
-
-
-def _texture(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArray[np.float64] | None]:
-    """Picture and places in it of a mesh with one material; trimesh counts v from below."""
-    material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
-    image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-    if image is None or uv is None or np.shape(uv) != (count, 2) or not np.isfinite(uv).all():
-        return None, None
-    return np.asarray(image.convert("RGBA"), np.uint8), np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
-
-
-def _albedo(visual: Any) -> NDArray[np.float64] | None:
-    """Linear RGB of each vertex; None where the file says nothing about colour."""
-    coloured = visual.to_color() if hasattr(visual, "to_color") else visual
-    if not getattr(coloured, "defined", False):  # a material whose picture is not there has no colours either
-        return None
-    srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
-    if np.ptp(srgb, axis=0).max() == 0.0:
-        return None  # one colour for all is a default, not a painting
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return BlendshapeMesh(
+        vertices=vertices, triangles=triangles, blendshapes={}, texture=paint.texture, uv=paint.uv, albedo=paint.albedo
+    )

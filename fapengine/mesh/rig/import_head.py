@@ -41,10 +41,12 @@ class ImportedHead:
     """Millimetres of the standard's face for one unit of the file."""
     notes: tuple[str, ...]
     """Sentences about what was left out or stands in for something."""
-    used: tuple[str, ...] = ()
+    used: tuple[str, ...]
     """Blendshapes of the file that FAPs blend."""
-    unused: tuple[str, ...] = ()
+    unused: tuple[str, ...]
     """Blendshapes of the file that no FAP blends."""
+    placed: PlacedMesh
+    """The mesh as it was laid onto the standard's face."""
 
 
 def import_head(
@@ -89,6 +91,7 @@ def import_head(
         notes=(*mesh.notes, *notes),
         used=tuple(chosen),
         unused=tuple(name for name in mesh.blendshapes if name not in chosen),
+        placed=placed,
     )
 
 

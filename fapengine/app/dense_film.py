@@ -1,0 +1,109 @@
+"""Recorded takes on dense faces: the films of papers 003 and 004."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fapengine.errors import DataError, UsageError
+from fapengine.files.heads.load import load_head_of_modes
+from fapengine.files.recordings import is_table, load_markers
+from fapengine.laboratory.dense_face import ModeRig, moved_by_modes, poses
+from fapengine.laboratory.marker_driver import DrivenTake, Way
+from fapengine.mesh.deform import Pose
+from fapengine.mesh.face_mesh import FaceMesh
+
+TAKES = (".c3d", ".trc", ".npz", ".tsv")
+"""Endings of recordings of markers; a .csv may be one."""
+
+
+def is_take(path: Path) -> bool:
+    """Tell whether a path is a recording of markers, not FAPs or shapes."""
+    return path.suffix.lower() in TAKES or is_table(path)
+
+
+def drive(path: Path, rig: ModeRig, way: Way = "estimator") -> DrivenTake:
+    """Drive a dense face's modes by a recording.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+    DataError
+        If its content is wrong, or it does not show this face; ``where`` is the file.
+    """
+    recording = load_markers(path)
+    try:
+        return rig.driver.follow(recording.markers, way)
+    except DataError as error:
+        raise type(error)(error.message, where=f"{path}, {error.where}" if error.where else str(path)) from error
+
+
+def takes_on_heads(
+    takes: Sequence[Path], heads: Sequence[str], *, way: Way = "estimator", still_head: bool = False
+) -> tuple[float, list[FaceMesh], list[list[Pose]], list[str]]:
+    """Lay takes onto dense faces, side by side: at the highest rate, until the longest ends.
+
+    Parameters
+    ----------
+    takes, heads : sequence
+        As many, or one of either.
+    way : str
+        ``"estimator"`` (paper 004) or ``"modes"`` (paper 003).
+    still_head : bool
+        True to leave out what the head did.
+
+    Returns
+    -------
+    rate_hz : float
+    meshes : list of FaceMesh
+        Of each face.
+    rows : list of list of Pose
+        By frame, then by face.
+    notes : list of str
+
+    Raises
+    ------
+    UsageError
+        If a take is no recording of markers, or a head has no modes.
+    DataError
+        If a take does not show the face.
+    """
+    other = next((path for path in takes if not is_take(path)), None)
+    if other is not None:
+        raise UsageError(f"track: got {other} beside a recording of markers, expected recordings alone")
+    loaded = {name: load_head_of_modes(name) for name in dict.fromkeys(heads)}
+    moved = {name: moved_by_modes(mesh, rig) for name, (mesh, rig) in loaded.items()}
+    count = max(len(takes), len(heads))
+    paths = [*takes] * (count if len(takes) == 1 else 1)
+    names = [*heads] * (count if len(heads) == 1 else 1)
+    notes: list[str] = []
+    columns, rates = [], []
+    for path, name in zip(paths, names, strict=True):
+        rig = loaded[name][1]
+        driven = drive(path, rig, way)
+        notes += [f"{path.name}: {note}" for note in driven.notes]
+        columns.append(poses(rig, driven, still_head=still_head))
+        rates.append(driven.rate_hz)
+    rate_hz = max(rates)
+    frames = round(max(len(column) / rate for column, rate in zip(columns, rates, strict=True)) * rate_hz)
+    rows = [
+        [
+            column[min(int(frame / rate_hz * rate + 1e-6), len(column) - 1)]
+            for column, rate in zip(columns, rates, strict=True)
+        ]
+        for frame in range(max(frames, 1))
+    ]
+    return rate_hz, [moved[name] for name in names], rows, notes
+
+
+def at_rate(count: int, rate_hz: float, fps: float) -> list[int]:
+    """Frames that a film of another rate shows: at each of its times the one before.
+
+    Examples
+    --------
+    >>> at_rate(6, 60.0, 25.0)
+    [0, 2, 4]
+    """
+    times_s = np.arange(max(1, int(np.floor((count - 1) / rate_hz * fps + 1e-6)) + 1)) / fps
+    return [min(int(time_s * rate_hz + 1e-6), count - 1) for time_s in times_s]

@@ -1,0 +1,244 @@
+"""The dense face that a fit has learned: what paper 003 and paper 004 need to move it, in one value.
+
+:mod:`.dense_file` writes and reads it; :func:`make_dense_head` makes a head of it, which FAPs and takes move.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.rigid import RigidMotion
+from fapengine.laboratory.marker_driver import DrivenTake, HeadReference, MarkerDriver
+from fapengine.laboratory.setup import Paint
+from fapengine.mesh.deform import BONE_COUNT, HEAD, Pose
+from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
+from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, USUAL_WEIGHT
+from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
+from fapengine.mesh.rig.import_head import ImportedHead, import_head
+from fapengine.models.dense import DenseModes
+from fapengine.models.estimator import LinearEstimator
+from fapengine.models.missing import GapModel
+
+Array = NDArray[np.float64]
+
+NEAR_MM = 8.0
+"""Distance from its marker within which a feature point's vertex is looked for; beyond it the nearest is taken."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DenseFace:
+    """Dense vertices, what they were learned from, and what drives them. Arrays are read-only."""
+
+    subject: str
+    licence: str
+    labels: tuple[str, ...]
+    """(M,): markers of the session's face."""
+    points: tuple[str, ...]
+    """(M,): feature point of each, or ``""``."""
+    neutral_mm: Array
+    """(M, 3): the session's neutral pose, head axes."""
+    reference: HeadReference
+    sparse: GapModel
+    """Paper 003, section 3."""
+    modes: DenseModes
+    """Paper 003, section 4: moved by the weights of ``sparse``."""
+    estimator: LinearEstimator
+    """Paper 004: all modes that the scans span."""
+    triangles: NDArray[np.int64]
+    """(F, 3): of the reference scan."""
+    paint: Paint | None
+    noise_mm: float
+    left_out_mm: tuple[float, float]
+    """Mean vertex distance of a scan predicted from the others: dense modes, estimator."""
+    scan_weights: Array
+    """(S, J): weights of ``sparse`` in each scan."""
+    take_weights: Mapping[str, Array] = field(default_factory=dict)
+    """(T, J) by take: weights of ``sparse`` in each frame."""
+
+    def __post_init__(self) -> None:
+        count = len(self.labels)
+        object.__setattr__(self, "neutral_mm", frozen(self.neutral_mm, "neutral_mm", (count, 3), np.float64))
+        object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.int64))
+        vertices, weights = len(self.estimator.mean_face_mm), len(self.sparse.modes_mm)
+        for name, got, expected in (
+            ("points", len(self.points), count),
+            ("sparse markers", len(self.sparse.mean_mm), count),
+            ("estimator markers", len(self.estimator.mean_markers_mm), count),
+            ("vertices of the modes", len(self.modes.mean_mm), vertices),
+            ("dense modes", len(self.modes.modes_mm), weights),
+        ):
+            if got != expected:
+                raise UsageError(f"{name}: got {got}, expected {expected}")
+        if self.triangles.size and not 0 <= self.triangles.min() <= self.triangles.max() < vertices:
+            raise UsageError(f"triangles: expected vertices 0..{vertices - 1}")
+        if not (self.estimator.variances > 0).all():
+            raise UsageError("variances: expected positive numbers")
+        shape = ("S", weights)
+        object.__setattr__(self, "scan_weights", frozen(self.scan_weights, "scan_weights", shape, np.float64))
+        for colours in (self.paint.uv, self.paint.albedo) if self.paint else ():
+            if colours is not None and len(colours) != vertices:
+                raise UsageError(f"paint: got {len(colours)} vertices, expected {vertices}")
+
+    @property
+    def deviations_mm(self) -> Array:
+        """(K,): standard deviation of each of the estimator's modes over the scans."""
+        return np.asarray(np.sqrt(self.estimator.variances))
+
+    @property
+    def neutral_face_mm(self) -> Array:
+        """(V, 3): the dense face at the neutral pose of the markers."""
+        return self.estimator.faces_mm(self.neutral_mm)
+
+    def faces_mm(self, weights: Array) -> Array:
+        """(..., K) weights of a :class:`.marker_driver.DrivenTake` -> (..., V, 3) mm, head axes."""
+        return self.neutral_face_mm + np.tensordot(weights * self.deviations_mm, self.estimator.modes, axes=1)
+
+    def driver(self) -> MarkerDriver:
+        """Return what turns markers into weights of the estimator's modes."""
+        rows = self.estimator.modes.reshape(len(self.deviations_mm), -1)
+        neutral = self.estimator.coefficients(self.neutral_mm)
+        off = (self.modes.mean_mm - self.estimator.mean_face_mm).reshape(-1)
+        return MarkerDriver(
+            labels=self.labels,
+            points=self.points,
+            neutral_mm=self.neutral_mm,
+            reference=self.reference,
+            sparse=self.sparse,
+            matrix=self.estimator.matrix / self.deviations_mm[:, None],
+            from_sparse=self.modes.modes_mm.reshape(len(self.modes.modes_mm), -1) @ rows.T / self.deviations_mm,
+            offset=(rows @ off - neutral) / self.deviations_mm,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ModeRig:
+    """The modes on a head, in the head's space, and what drives them. Arrays are read-only."""
+
+    driver: MarkerDriver
+    modes_mm: NDArray[np.float32]
+    """(K, V, 3): motion of the head's vertices by one standard deviation of each mode."""
+    axes: Array
+    """(3, 3): turns head axes of the session into the head's space."""
+    scale: float
+    """Millimetres of the head's space for one of the session's."""
+    origin_mm: Array
+    """(3,): the session's origin in the head's space."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.driver.matrix), "V", 3)
+        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float32))
+        object.__setattr__(self, "axes", frozen(self.axes, "axes", (3, 3), np.float64))
+        object.__setattr__(self, "origin_mm", frozen(self.origin_mm, "origin_mm", (3,), np.float64))
+        if not (np.isfinite(self.scale) and self.scale > 0):
+            raise UsageError(f"scale: got {self.scale}, expected a positive number")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(K,): names of the modes, as morph targets bear them."""
+        return tuple(f"mode {number + 1}" for number in range(len(self.modes_mm)))
+
+    def head_transforms(self, motion: RigidMotion) -> Array:
+        """(T, 4, 4): what the head did, in the head's space."""
+        turn = self.axes @ motion.rotation @ self.axes.T
+        transforms = np.tile(np.eye(4), (len(turn), 1, 1))
+        transforms[:, :3, :3] = turn
+        transforms[:, :3, 3] = self.origin_mm - turn @ self.origin_mm + self.scale * motion.translation_mm @ self.axes.T
+        return transforms
+
+
+def moved_by_modes(mesh: FaceMesh, rig: ModeRig) -> FaceMesh:
+    """Return the head whose weights are those of the modes themselves, to ``ROW_FAPU`` for a standard deviation."""
+    count, vertices = rig.modes_mm.shape[:2]
+    if vertices != len(mesh.vertices_mm):
+        raise UsageError(f"modes_mm: got {vertices} vertices, expected {len(mesh.vertices_mm)}, the head's")
+    basis = DeformationBasis(
+        channels=(Channel(3, -np.inf, np.inf),),
+        offsets=count * np.arange(vertices + 1, dtype=np.int64),
+        entry_channels=np.tile(np.arange(count), vertices),
+        entry_mm=(rig.modes_mm / ROW_FAPU).swapaxes(0, 1).reshape(-1, 3),
+        mix=np.zeros((count, 1), np.float32),
+    )
+    return replace(mesh, basis=basis)
+
+
+def poses(rig: ModeRig, take: DrivenTake, *, still_head: bool = False) -> list[Pose]:
+    """Make what a renderer draws of each frame of a take, on the head of :func:`moved_by_modes`."""
+    transforms = np.tile(np.eye(4), (len(take.weights), BONE_COUNT, 1, 1))
+    if not still_head:
+        transforms[:, HEAD] = rig.head_transforms(take.head)
+    return [Pose(ROW_FAPU * weights, bones) for weights, bones in zip(take.weights, transforms, strict=True)]
+
+
+def make_dense_head(
+    face: DenseFace, standard: FaceMesh, points: Mapping[str, int] | None = None
+) -> tuple[ImportedHead, ModeRig]:
+    """Make a head of the dense face: FAPs ask its modes first, and fields of least bending for what these lack.
+
+    Parameters
+    ----------
+    face : DenseFace
+    standard : FaceMesh
+        Gives scale and axes.
+    points : mapping of str to int, optional
+        Vertices of further feature points, or in place of those that the markers show.
+
+    Raises
+    ------
+    DataError
+        If too few markers are feature points, or no head can be made of them.
+    """
+    neutral = face.neutral_face_mm
+    modes = face.deviations_mm[:, None, None] * face.estimator.modes
+    everything = np.arange(len(neutral))
+    names = [f"mode {number + 1}" for number in range(len(modes))]
+    paint = face.paint or Paint()
+    mesh = BlendshapeMesh(
+        vertices=neutral, triangles=face.triangles,
+        blendshapes={
+            name: Blendshape(everything, move / USUAL_WEIGHT) for name, move in zip(names, modes, strict=True)
+        },
+        uv=paint.uv, texture=paint.texture, albedo=paint.albedo,
+    )  # fmt: skip
+    chosen = dict(points or {})
+    found = find_points(face, neutral, sorted(set(chosen.values())))
+    imported = import_head(mesh, names, {**found, **chosen}, standard)
+    placed = imported.placed
+    rig = ModeRig(
+        driver=face.driver(),
+        modes_mm=(placed.scale * modes[:, placed.kept] @ placed.rotation.T).astype(np.float32),
+        axes=placed.rotation,
+        scale=placed.scale,
+        origin_mm=placed.to_head_space(np.zeros(3)),
+    )
+    return imported, rig
+
+
+def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dict[str, int]:
+    """Vertices of the markers that are feature points: near in place, and moving alike in each mode.
+
+    Motion tells the lips apart where they touch.
+
+    Raises
+    ------
+    DataError
+        If no marker is a feature point.
+    """
+    used, found = set(taken), {}
+    for marker, point in enumerate(face.points):
+        if not point:
+            continue
+        far = np.linalg.norm(neutral_mm - face.neutral_mm[marker], axis=1)
+        near = np.flatnonzero(far <= max(NEAR_MM, 1.001 * far.min()))
+        unlike = ((face.modes.modes_mm[:, near] - face.sparse.modes_mm[:, marker, None]) ** 2).sum(axis=(0, 2))
+        for vertex in near[np.argsort(far[near] ** 2 + unlike, kind="stable")].tolist():
+            if vertex not in used:
+                used.add(vertex)
+                found[point] = vertex
+                break
+    if not found:
+        raise DataError("markers: got none that is a feature point, expected the lips and the chin", where=face.subject)
+    return found
