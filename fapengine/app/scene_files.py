@@ -210,7 +210,8 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     )  # fmt: skip
     puppet = make_puppet(mesh, dict(zip(rig.names, rig.modes_mm, strict=True)))
     write_bytes(path, format_head(puppet, licence=info.licence, source=info.source, clip=clip))
-    return f"{len(driven.weights)} frames at {driven.rate_hz:g} Hz; moves {len(rig.names)} modes and the head"
+    moved = sum(any(name in part.shapes for part in puppet.parts) for name in rig.names)
+    return f"{len(driven.weights)} frames at {driven.rate_hz:g} Hz; moves {moved} modes and the head"
 
 
 def _told(reached: Reached) -> str:

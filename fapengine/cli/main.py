@@ -14,6 +14,7 @@ from fapengine.cli import (
     convert,
     decode,
     doctor,
+    drive,
     encode,
     fit,
     head,
@@ -50,6 +51,7 @@ VERBS = (
     inspect.inspect,
     score.score,
     fit.fit,
+    drive.drive,
     reduce.reduce,
     doctor.doctor,
 )

@@ -13,7 +13,7 @@ drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
@@ -166,6 +166,13 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
     channels = np.zeros((*values.shape[:-1], MAX_CHANNELS), dtype="f4")
     channels[..., : mesh.basis.width] = channel_weights(mesh.basis, values)
     bones = np.ascontiguousarray(bone_transforms(mesh, values).swapaxes(-1, -2), dtype="f4")
+    return _with_eyes(mesh, values, channels, bones)
+
+
+def _with_eyes(
+    mesh: FaceMesh, values: NDArray[np.float64], channels: NDArray[np.float32], bones: NDArray[np.float32]
+) -> FrameUniforms:
+    """Add what FAPs say of the irises and the lids."""
     iris = np.full(values.shape[:-1], iris_share(mesh))
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
     pupil = iris * np.clip(PUPIL_SHARE + dilation / 2 / 1024, *PUPIL_RANGE)
@@ -187,11 +194,10 @@ def pose_uniforms(mesh: FaceMesh, pose: Pose) -> FrameUniforms:
     """
     if pose.weights.shape != (mesh.basis.width,):
         raise UsageError(f"weights: got shape {pose.weights.shape}, expected ({mesh.basis.width},)")
-    at_rest = frame_uniforms(mesh, np.zeros(fap.FAP_COUNT))
     channels = np.zeros(MAX_CHANNELS, dtype="f4")
     channels[: mesh.basis.width] = pose.weights
     bones = np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4")
-    return replace(at_rest, channels=channels, bones=bones)
+    return _with_eyes(mesh, np.zeros(fap.FAP_COUNT), channels, bones)
 
 
 def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -70,6 +70,8 @@ VERBS = {
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
     "capture": Verb("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "capture --overlay": Verb("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
+    "drive": Verb("drive INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
+    "drive --take": Verb("drive OTHER.npz --take INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
     "reduce": Verb("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
     "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),

@@ -17,6 +17,8 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.targets import resolve
 
+from .dense_made import MadeFace, make_face
+
 RATE_HZ = 50.0
 SKULL = {
     "LFHD": (55, 90, 70),
@@ -45,6 +47,12 @@ def standard() -> Profile:
 @pytest.fixture(scope="session")
 def face():
     return build_head()
+
+
+@pytest.fixture(scope="session")
+def made() -> MadeFace:
+    """A dense face whose truth is known."""
+    return make_face(build_head(level="coarse"))
 
 
 @pytest.fixture(scope="session")

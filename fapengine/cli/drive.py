@@ -1,0 +1,72 @@
+"""``fapengine drive``: a face moved by a few of its markers."""
+
+from pathlib import Path
+
+import typer
+
+from fapengine.cli import options as shared
+
+
+def drive(
+    drawing: shared.DrawingOptions,
+    grid: Path = typer.Argument(
+        ..., help="Recording of the whole face to learn from (.c3d, .trc, .npz, .csv), or a folder of meshes."
+    ),
+    markers: str | None = typer.Option(
+        None,
+        "--markers",
+        help="Which drive, as 8.2,2.1,5.3, or how many, as 9: QR with column pivoting chooses. By default the error"
+        " decides how many.",
+    ),
+    take: Path | None = typer.Option(
+        None, "--take", help="Recording that drives; by default the last quarter of GRID, which is then not learned."
+    ),
+    output: Path = typer.Option(..., "--output", "-o", help="Motion of all markers, weights and surface (.npz)."),
+    film: Path | None = typer.Option(None, "--film", help="Film of the surface (.mp4, .gif ...), markers as dots."),
+    skull: str | None = typer.Option(
+        None, "--skull", help="Markers that follow the skull alone, as LFHD,RFHD,TOP; without them the head stands."
+    ),
+    columns: int = typer.Option(48, "--columns", min=4, max=400, help="Points of the surface from side to side."),
+    tolerance: float = typer.Option(0.35, "--tolerance", help="Mean error in mm that the number of markers may leave."),
+    fps: float | None = typer.Option(None, "--fps", min=1.0, help="Frames a second of a folder of meshes."),
+    as_json: shared.AsJson = False,
+    writing: shared.WriteOptions = shared.WriteOptions(),
+) -> None:
+    """Move a face by a few of its markers, and tell how far off the others are (paper 000).
+
+    Each chosen marker moves every other by one weight, and each point of a surface between them by cubic interpolation.
+    The rest position is the recording's first.
+
+    Example: fapengine drive talk.c3d --skull LFHD,RFHD,TOP --markers 9 -o driven.npz --film driven.mp4
+    """
+    from fapengine.app.drive_grid import DriveJob, run_drive
+
+    writing.check([path for path in (output, film) if path is not None], [grid, take, drawing.background])
+    chosen: tuple[str, ...] | int | None = None
+    if markers is not None:
+        listed = tuple(name.strip() for name in markers.split(",") if name.strip())
+        chosen = int(markers) if markers.strip().isdigit() else listed
+    report = run_drive(
+        DriveJob(
+            grid=grid, output=output, markers=chosen, take=take, film=film, columns=columns, tolerance_mm=tolerance,
+            skull=tuple(name.strip() for name in skull.split(",") if name.strip()) if skull else (), rate_hz=fps,
+        ),
+        drawing.value(),
+    )  # fmt: skip
+    if as_json:
+        import json
+        from dataclasses import asdict
+
+        typer.echo(json.dumps(asdict(report)))
+        return
+    typer.echo(f"{len(report.markers)} markers drive the face ({report.reason}): {', '.join(report.markers)}")
+    typer.echo(
+        f"learned from {report.learned_frames} frames; {report.driven_frames} driven,"
+        f" {report.points} points of the surface"
+    )
+    if report.mean_mm is not None:
+        typer.echo(
+            f"driven markers: mean {report.mean_mm:.3f} mm, 95 % within {report.p95_mm:.2f}, largest"
+            f" {report.largest_mm:.2f}, worst {report.worst}; a still face {report.still_mm:.3f}"
+        )
+    typer.echo(f"{output}" + (f", {film}" if film else ""))

@@ -1,0 +1,209 @@
+"""A face moved by a few of its markers: paper 000, section 5.
+
+The k markers, chosen by QR with column pivoting or by the laboratory, drive all others by one weight each, and any
+other point of the face by cubic interpolation of the weights. Displacements count from the rest position.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.rigid import fit_rigid
+from fapengine.laboratory.marker_driver import HeadReference
+from fapengine.models.kinematic_regions import interpolate_regions
+from fapengine.models.missing import fit_gaps
+from fapengine.models.subset import MarkerSubset, factorise_gram, fit_weights, gram, search_swaps, select
+from fapengine.models.subset_study import error_curve
+
+Array = NDArray[np.float64]
+
+MAX_K = 15
+PIECES, FOLDS = 12, 6
+"""A recording is cut into so many sentences, and the error curve leaves them out in so many turns."""
+MAX_CANDIDATES = 300
+"""Points among which the markers are chosen at most, spread over the face; a mesh has thousands."""
+GAP_RANK = 8
+MIN_NAMED = 4
+"""Feature points among the markers that tell how the face lies."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """The markers that drive, and why so many."""
+
+    subset: MarkerSubset
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceGrid:
+    """A surface that the markers move. Arrays are read-only by convention of their makers."""
+
+    rest_mm: Array
+    """(N, 3)."""
+    triangles: NDArray[np.int64]
+    """(F, 3), counter-clockwise seen from outside."""
+    weights: Array
+    """(k, N): of each driving marker."""
+
+
+def displacements(track: MarkerTrack, labels: Sequence[str], reference: HeadReference) -> tuple[Array, Array]:
+    """Rest position, (M, 3), and displacements from it, (T, M, 3) mm, of some markers; head motion off, gaps filled.
+
+    The rest is the first position, as in the paper: the first frame that shows each marker.
+
+    Raises
+    ------
+    DataError
+        If a marker is never seen, or there are too few frames to fill gaps.
+    """
+    still, _ = reference.hold(track, track.select(labels))
+    seen: NDArray[np.bool_] = np.logical_not(np.isnan(still[..., 0]))
+    never = [labels[int(index)] for index in np.flatnonzero(~seen.any(axis=0))]
+    if never:
+        raise DataError(f"markers: {', '.join(never[:6])} never seen, expected each in some frame")
+    if not seen.all():
+        rank = min(GAP_RANK, 3 * len(labels) - 1, int(seen.sum(axis=0).min()) - 2, len(still) - 1)
+        if rank < 1:
+            raise DataError("markers: got too few frames to fill gaps, expected each marker in three at least")
+        still = fit_gaps(still, seen, rank).fill(still, seen)
+    first = seen.argmax(axis=0)
+    rest = still[first, np.arange(len(first))]
+    return rest, still - rest
+
+
+def choose_markers(
+    moved_mm: Array,
+    rest_mm: Array,
+    wanted: int | Sequence[int] | None,
+    *,
+    tolerance_mm: float,
+    rng: np.random.Generator,
+) -> Choice:
+    """Choose the driving markers, and fit their weights.
+
+    Parameters
+    ----------
+    moved_mm : (T, M, 3) mm
+        Displacements to learn from.
+    rest_mm : (M, 3) mm
+    wanted : int or sequence of int, optional
+        How many (QR chooses which, swaps follow), or which; without it the cross-validated error decides how many.
+    tolerance_mm : float
+        Mean error that the choice of their number may leave.
+
+    Raises
+    ------
+    UsageError
+        If the number is not below that of the markers, or the markers do not move apart.
+    DataError
+        If nothing moves.
+    """
+    count = moved_mm.shape[1]
+    spread = _spread(rest_mm) if count > MAX_CANDIDATES else np.arange(count)
+    candidates = moved_mm[:, spread]
+    square = gram(candidates)
+    if isinstance(wanted, Sequence):
+        chosen, reason = np.array(wanted, np.intp), "asked for"
+    else:
+        factor = factorise_gram(square)
+        k, reason = wanted, "asked for"
+        if k is None:
+            k, reason = _count(candidates, min(MAX_K, len(spread) - 1, factor.rank()), tolerance_mm, rng)
+        if not 1 <= k < len(spread):
+            raise UsageError(f"markers: got {k}, expected 1..{len(spread) - 1}, fewer than the face has")
+        chosen = spread[search_swaps(square, select(factor, k)).primary]
+    if len(spread) == count:
+        return Choice(fit_weights(square, chosen), reason)
+    return Choice(_weights_of_all(moved_mm, chosen), reason)
+
+
+def _count(moved_mm: Array, largest: int, tolerance_mm: float, rng: np.random.Generator) -> tuple[int, str]:
+    sentences = np.array_split(moved_mm, min(PIECES, max(2, len(moved_mm) // PIECES)))
+    curve = error_curve(sentences, range(1, largest + 1), folds=min(FOLDS, len(sentences)), rng=rng)
+    if (curve.mean_mm + curve.standard_error_mm).min() <= tolerance_mm:
+        return curve.choose(tolerance_mm), f"the first whose error is within {tolerance_mm:g} mm"
+    return curve.choose(), f"none comes within {tolerance_mm:g} mm: the first near the least"
+
+
+def _weights_of_all(moved_mm: Array, chosen: NDArray[np.intp]) -> MarkerSubset:
+    """Least-squares weights without the Gram matrix of all points, which may be thousands."""
+    flat = np.swapaxes(moved_mm, 1, 2).reshape(-1, moved_mm.shape[1])
+    driving = flat[:, chosen]
+    weights = np.asarray(np.linalg.lstsq(driving, flat, rcond=None)[0], np.float64)
+    weights[:, chosen] = np.eye(len(chosen))
+    return MarkerSubset(chosen, weights, float(np.linalg.norm(flat - driving @ weights)))
+
+
+def _spread(rest_mm: Array) -> NDArray[np.intp]:
+    """Points that lie as far from each other as they can."""
+    chosen = [0]
+    away = np.asarray(cKDTree(rest_mm[:1]).query(rest_mm)[0])
+    while len(chosen) < MAX_CANDIDATES:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(rest_mm - rest_mm[chosen[-1]], axis=1))
+    return np.sort(chosen)
+
+
+def facing(rest_mm: Array, labels: Sequence[str], face_mm: Mapping[str, Array]) -> Array:
+    """(3, 3): rows of a face's axes, its left, up and out.
+
+    Markers that are feature points of the standard are laid onto ``face_mm``, a standard face. Where too few are, up is
+    +y, and out is where the face is thinnest and bulges to.
+    """
+    named = [index for index, name in enumerate(labels) if name in face_mm]
+    if len(named) >= MIN_NAMED:
+        ours, theirs = rest_mm[named], np.stack([face_mm[labels[index]] for index in named])
+        ours, theirs = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
+        scale = np.sqrt((theirs**2).sum() / max(float((ours**2).sum()), 1e-9))
+        return np.asarray(fit_rigid(scale * ours, theirs).rotation)
+    off = rest_mm - rest_mm.mean(axis=0)
+    level = off * [1.0, 0.0, 1.0]
+    _, vectors = np.linalg.eigh(level[:, [0, 2]].T @ level[:, [0, 2]])
+    out = np.array([vectors[0, 0], 0.0, vectors[1, 0]])
+    across = np.hypot(off @ np.cross([0.0, 1.0, 0.0], out), off[:, 1])
+    middle = across <= np.median(across)
+    if (off[middle] @ out).mean() < (off[~middle] @ out).mean():
+        out = -out
+    up = np.array([0.0, 1.0, 0.0])
+    return np.stack([np.cross(up, out), up, out])
+
+
+def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
+    """Lay a grid of points over the markers; +z points out of the face.
+
+    Heights and weights are interpolated by cubic radial functions over the frontal plane; points outside of the
+    markers' hull are left out.
+
+    Raises
+    ------
+    UsageError
+        If there are fewer than 4 markers, or none of the grid's points lies among them.
+    """
+    low, high = rest_mm[:, :2].min(axis=0), rest_mm[:, :2].max(axis=0)
+    rows = max(2, round(columns * (high[1] - low[1]) / max(high[0] - low[0], 1e-9)))
+    across, along = np.meshgrid(np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows))
+    flat = np.stack([across.ravel(), along.ravel()], axis=1)
+    _, one = np.unique(np.round(rest_mm[:, :2], 3), axis=0, return_index=True)  # two markers may lie behind each other
+    height = RBFInterpolator(rest_mm[one, :2], rest_mm[one, 2], kernel="cubic", degree=1)(flat)
+    places = np.column_stack([flat, height])
+    if len(one) < len(rest_mm):
+        kept = np.isin(np.arange(len(rest_mm)), one)
+        part = MarkerSubset(np.arange(len(subset.primary)), subset.weights[:, kept], subset.residual_mm)
+        regions = interpolate_regions(part, rest_mm[kept], places)
+    else:
+        regions = interpolate_regions(subset, rest_mm, places)
+    at = np.arange(len(places)).reshape(rows, columns)
+    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    triangles = triangles[regions.inside[triangles].all(axis=1)]
+    if not len(triangles):
+        raise UsageError("markers: got none that span a surface, expected them spread over a face")
+    used, corners = np.unique(triangles, return_inverse=True)
+    return FaceGrid(places[used], corners.reshape(-1, 3), regions.weights[:, used])

@@ -1,0 +1,124 @@
+"""``fapengine drive``: a face moved by a few markers, where it is known how the others follow."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.cli.main import app
+from fapengine.errors import DataError, UsageError
+from fapengine.files.recordings import load_markers, save_markers
+from fapengine.files.video import load_video
+
+RATE_HZ = 50.0
+SKULL = {"H1": (60.0, 90.0, 30.0), "H2": (-60.0, 90.0, 30.0), "H3": (0.0, 120.0, 0.0)}
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(app, [*map(str, words)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def mask(columns: int, rows: int) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(-60, 60, columns), np.linspace(-80, 60, rows))
+    return np.stack([x, y, 70 - x**2 / 60 - y**2 / 400], axis=-1).reshape(-1, 3)
+
+
+def motion(rest: np.ndarray, frames: int, seed: int) -> np.ndarray:
+    """Three muscles, each with its own place, so that three markers tell all."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(frames) / RATE_HZ
+    centres = np.array([[0, -50, 50], [40, -10, 45], [-40, -10, 45]])
+    reach = np.exp(-((rest[:, None] - centres) ** 2).sum(axis=-1) / 2500)
+    pull = np.sin(times[:, None, None] * rng.uniform(4, 9, (3, 3)) + rng.uniform(0, 6, (3, 3))) * 6
+    return np.einsum("mk,tka->tma", reach, pull - pull[:1])
+
+
+@pytest.fixture
+def talk(tmp_path: Path) -> Path:
+    rest = mask(6, 7)
+    for name, seed in (("talk", 1), ("other", 2)):
+        moved = rest + motion(rest, 160, seed)
+        turn = 0.1 * np.sin(np.arange(160) / 30)
+        everything = np.concatenate([moved, np.tile(np.array([*SKULL.values()]), (160, 1, 1))], axis=1)
+        x, z = everything[..., 0].copy(), everything[..., 2].copy()
+        everything[..., 0] = x * np.cos(turn)[:, None] + z * np.sin(turn)[:, None]
+        everything[..., 2] = z * np.cos(turn)[:, None] - x * np.sin(turn)[:, None]
+        if name == "talk":
+            everything[40:50, 5] = np.nan
+        labels = (*(f"m{n}" for n in range(len(rest))), *SKULL)
+        save_markers(tmp_path / f"{name}.npz", MarkerTrack(positions_mm=everything, labels=labels, rate_hz=RATE_HZ))
+    return tmp_path / "talk.npz"
+
+
+def test_three_markers_drive_a_face_of_three_muscles(talk):
+    out = talk.with_name("out.npz")
+    words = ("drive", talk, "--skull", "H1,H2,H3", "--take", talk.with_name("other.npz"), "-o", out, "--json")
+    found = json.loads(run(*words))
+    assert len(found["markers"]) <= 3
+    found = json.loads(run(*words, "--markers", "3"))
+    assert found["mean_mm"] < 0.01 * found["still_mm"]
+    assert (found["learned_frames"], found["driven_frames"]) == (160, 160)
+    with np.load(out) as arrays:
+        assert arrays["driving"].tolist() == found["markers"]
+        assert arrays["weights"].shape == (3, 42)
+        assert arrays["grid_weights"].shape == (3, found["points"])
+        assert np.isfinite(arrays["error_mm"]).all()
+        lowest = arrays["positions"][0][:, 1].argmin()
+        near = np.linalg.norm(arrays["grid_mm"] - arrays["positions"][0][lowest], axis=1).argmin()
+        np.testing.assert_allclose(arrays["grid_weights"][:, near], arrays["weights"][:, lowest], atol=0.1)
+    back = load_markers(out).markers
+    rest = mask(6, 7)
+    moved = motion(rest, 160, 2)
+    shown = back.positions_mm - back.positions_mm[:1]
+    np.testing.assert_allclose(np.linalg.norm(shown, axis=-1), np.linalg.norm(moved, axis=-1), atol=0.2)
+
+
+def test_the_laboratory_may_choose_and_the_rest_of_the_take_judges(talk, tmp_path):
+    told = run(
+        "drive", talk, "--skull", "H1,H2,H3", "--markers", "m8,m1", "-o", tmp_path / "out.npz", "--film",
+        tmp_path / "film.mp4", "--size", "64x64",
+    )  # fmt: skip
+    assert "2 markers drive the face (asked for): m8, m1" in told
+    assert "learned from 120 frames; 40 driven" in told
+    film = load_video(tmp_path / "film.mp4").frames
+    assert len(film) == 40
+    assert np.abs(film[0].astype(int) - film[20].astype(int)).max() > 10
+
+
+def test_a_mesh_is_moved_vertex_by_vertex(tmp_path):
+    rest = mask(20, 20)
+    at = np.arange(400).reshape(20, 20)
+    quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    (tmp_path / "scans").mkdir()
+    for number, moved in enumerate(motion(rest, 24, 3)):
+        trimesh.Trimesh(rest + moved, triangles, process=False).export(tmp_path / "scans" / f"f{number}.ply")
+    words = ("drive", tmp_path / "scans", "--fps", "25", "--markers", "3", "-o", tmp_path / "out.npz", "--json")
+    found = json.loads(run(*words))
+    assert found["points"] == 400
+    assert found["mean_mm"] < 0.02 * found["still_mm"]
+
+
+def test_what_cannot_drive_is_told(talk, tmp_path):
+    skull = ("--skull", "H1,H2,H3")
+    track = load_markers(talk).markers
+    save_markers(tmp_path / "few.npz", track.select(("m0", "m1", "H1", "H2", "H3")))
+    for words, kind, message in (
+        (("-o", tmp_path / "a.csv"), UsageError, r"ends with \.npz"),
+        ((*skull, "--film", tmp_path / "a.txt"), UsageError, "film: got"),
+        ((*skull, "--markers", "nose"), UsageError, "markers: got 'nose'"),
+        ((*skull, "--markers", "99"), UsageError, "fewer than the face has"),
+        (("--skull", "H9,H2,H3"), UsageError, "skull: got 'H9'"),
+        ((*skull, "--markers", "m8,m9", "--take", tmp_path / "few.npz"), DataError, "lacks m8, m9"),
+    ):
+        output = () if "-o" in words else ("-o", tmp_path / "out.npz")
+        with pytest.raises(kind, match=message):
+            run("drive", talk, *words, *output)

@@ -1,0 +1,131 @@
+"""The verbs on a dense face: a head of it, films of takes, glTF with its modes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fapengine.cli.main import app
+from fapengine.errors import DataError, ProfileError, UsageError
+from fapengine.files.fap import save_fap
+from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
+from fapengine.files.heads.load import load_head, load_head_of_modes
+from fapengine.files.pictures import load_picture
+from fapengine.files.recordings import save_markers
+from fapengine.files.video import load_video
+from fapengine.mpeg4.track import FapTrack
+
+SMALL = ("--size", "96x96")
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(app, [*map(str, words)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def profile(made, tmp_path_factory) -> Path:
+    return made.write(tmp_path_factory.mktemp("lab") / "s03")
+
+
+@pytest.fixture(scope="module")
+def take(made, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("takes") / "take.npz"
+    save_markers(path, made.take(0.3, gaps=False)[0])
+    return path
+
+
+@pytest.fixture(scope="module")
+def head(profile) -> Path:
+    folder = profile.parent / "head"
+    told = run("head", "import", profile, "-o", folder)
+    assert "modes, moved by" in told
+    return folder
+
+
+def test_a_profiles_dense_face_becomes_a_head(made, profile, head):
+    mesh, rig = load_head_of_modes(str(head))
+    assert len(mesh.vertices_mm) == len(made.used)
+    assert mesh.texture is not None
+    assert mesh.texture.shape == (8, 8, 4)
+    again, other = load_head_of_modes(str(profile))
+    np.testing.assert_array_equal(again.vertices_mm, mesh.vertices_mm)
+    np.testing.assert_array_equal(other.modes_mm, rig.modes_mm)
+    assert load_head(str(profile)).feature_points == mesh.feature_points
+    assert 'licence = "ours"' in (head / "head.toml").read_text()
+
+
+def test_a_take_becomes_a_film(made, head, take, tmp_path):
+    run("render", take, "--head", head, "-o", tmp_path / "film.mp4", *SMALL)
+    film = load_video(tmp_path / "film.mp4")
+    assert len(film.frames) == 15
+    run("render", take, "--head", head, "-o", tmp_path / "slow.mp4", "--fps", "25", *SMALL)
+    assert len(load_video(tmp_path / "slow.mp4").frames) == 8
+    pictures = {}
+    for way in (("--still-head",), (), ("--by", "modes"), ("--still-head", "--at", "0.2")):
+        run("render", take, "--head", head, "-o", tmp_path / "one.png", "--at", "0.28", *way, *SMALL)
+        pictures[way] = load_picture(tmp_path / "one.png").astype(int)
+    still, turned, by_modes, before = pictures.values()
+    assert np.abs(still - turned).mean() > 1  # the head has moved
+    assert np.abs(by_modes - turned).mean() < 0.2  # two ways to one face
+    assert np.abs(before - still)[60:85, 30:65].mean() > 0.3  # so has the mouth
+    run("render", take, take, "--head", head, "--sheet", "2", "-o", tmp_path / "sheet.png", *SMALL)
+
+
+def test_a_take_goes_into_gltf_as_weights_of_the_modes(made, head, take, tmp_path):
+    run("head", "export", head, "-o", tmp_path / "head.glb")
+    told = run("convert", take, "--into", head, "-o", tmp_path / "take.glb")
+    rig = load_head_of_modes(str(head))[1]
+    modes = {name: row for name, row in zip(rig.names, rig.modes_mm, strict=True) if np.abs(row).max() > 0.02}
+    assert len(modes) >= 9
+    assert f"15 frames at 50 Hz; moves {len(modes)} modes and the head" in told
+    for name, animations in (("head.glb", 0), ("take.glb", 1)):
+        data = (tmp_path / name).read_bytes()
+        rows = json.loads(next(content for kind, content in split_glb(data) if kind == JSON_CHUNK))
+        assert len(rows.get("animations", [])) == animations
+        titles = rows["meshes"][0]["extras"]["targetNames"]
+        assert set(modes) < set(titles)
+        assert {"jawOpen", "viseme_aa"} < set(titles)
+    animation = rows["animations"][0]
+    channels = {row["target"]["path"]: row["sampler"] for row in animation["channels"]}
+    assert set(channels) == {"weights", "rotation", "translation"}
+    sampler = animation["samplers"][channels["weights"]]
+    weights = parse_gltf(data, lambda uri: b"").accessor(sampler["output"]).reshape(15, len(titles))
+    driven = rig.driver.follow(made.take(0.3, gaps=False)[0])
+    columns = [titles.index(name) for name in modes]
+    np.testing.assert_allclose(weights[:, columns], driven.weights[:, : len(modes)], atol=1e-3)
+    assert not np.delete(weights, columns, axis=1).any()
+
+
+def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
+    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((3, 68), int), rate_hz=25.0))
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "profile.toml").write_text("")
+    old = made.write(tmp_path / "old")
+    (old / "dense.toml").unlink()
+    (old / "profile.toml").write_text("")
+    torn = made.write(tmp_path / "torn")
+    (torn / "dense.npz").write_bytes(b"PK")
+    out = tmp_path / "out.png"
+    for words, kind, message in (
+        (("render", take, "-o", out), UsageError, "has no modes that a recording could move"),
+        (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "expected recordings alone"),
+        (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "expected estimator or modes"),
+        (("render", take, "--head", tmp_path / "bare", "-o", out), UsageError, "has no dense face"),
+        (("render", take, "--head", old, "-o", out), UsageError, "fit it anew"),
+        (("render", take, "--head", torn, "-o", out), ProfileError, "sha256 of dense.npz"),
+        (("convert", take, "--into", head, "-o", tmp_path / "a.vrm"), UsageError, "expected .glb and a dense face"),
+        (("convert", take, "-o", tmp_path / "a.fap"), UsageError, "expected .glb and a dense face"),
+        (("head", "import", profile, "--map", take, "-o", tmp_path / "h"), UsageError, "modes have no other names"),
+    ):
+        with pytest.raises(kind, match=message):
+            run(*words)
+    track, _ = made.take(0.3)
+    save_markers(tmp_path / "bald.npz", track.select(made.labels))
+    with pytest.raises(DataError, match=r"bald\.npz.*skull|skull.*bald\.npz"):
+        run("render", tmp_path / "bald.npz", "--head", head, "-o", out)
