@@ -41,7 +41,7 @@ MAX_WEIGHTS = 128
 WIDEST_MM = 170.0
 """Width of a face that fills the picture."""
 PLACE_MM = np.array([0.0, 20.0, 60.0])
-"""Where the middle of the face is shown, head space."""
+"""Place of the middle of the face in the film, head space."""
 MOVED_BONES = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
 
 
@@ -54,7 +54,7 @@ class DriveJob:
     output: Path
     """Archive of arrays (.npz)."""
     markers: tuple[str, ...] | int | None = None
-    """Which drive, or how many; none: the error decides."""
+    """Labels of those that drive, or their number; none: the error decides."""
     take: Path | None = None
     """Recording that drives; none: the last quarter of ``grid``."""
     film: Path | None = None

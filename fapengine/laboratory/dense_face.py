@@ -218,9 +218,17 @@ def make_dense_head(
 
 
 def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dict[str, int]:
-    """Vertices of the markers that are feature points: near in place, and moving alike in each mode.
+    """Find the vertices of the markers that are feature points: near in place, and moving alike in each mode.
 
     Motion tells the lips apart where they touch.
+
+    Parameters
+    ----------
+    face : DenseFace
+    neutral_mm : (V, 3) mm
+        Its vertices at rest.
+    taken : sequence of int
+        Vertices that are points already.
 
     Raises
     ------

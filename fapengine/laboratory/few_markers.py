@@ -176,7 +176,7 @@ def facing(rest_mm: Array, labels: Sequence[str], face_mm: Mapping[str, Array]) 
 
 
 def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
-    """Lay a grid of points over the markers; +z points out of the face.
+    """Lay a grid of points over the markers, (M, 3) mm at rest; +z points out of the face.
 
     Heights and weights are interpolated by cubic radial functions over the frontal plane; points outside of the
     markers' hull are left out.
