@@ -13,7 +13,7 @@ from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
 from fapengine.files.gltf.head_file import ShapeClip, format_head
 from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
 from fapengine.files.heads.built import load_built
-from fapengine.files.heads.load import load_head_and_modes, load_head_info, load_head_of_modes
+from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
 from fapengine.files.heads.meshes import files_beside
 from fapengine.files.heads.tables import load_mapping
 from fapengine.files.paths import read_bytes, write_bytes
