@@ -139,7 +139,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,ear,ear-learned,fast,lab,live,usd,window]"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,ear,ear-learned,fast,lab,live,usd,webrtc,window]"
 	@touch $@
 
 # Its tests are skipped, and counted, where it does not install.

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.agents.mark_timer import MarkTimer
-from fapengine.agents.painter import Painter
 from fapengine.agents.spoken_words import TimedWord
 from fapengine.agents.stage import Pronounce, Stage, StageEvent, StageFrame
 from fapengine.ears.process import EarProcess
 from fapengine.ears.protocol import StreamEar
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.profiles import load_profile
+from fapengine.live.film.painter import Painter
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.pronounce import pronounce_words

@@ -61,6 +61,14 @@ def serve(
         str | None,
         typer.Option("--ear", metavar="MODEL.onnx", help="A learned ear of your own for all sound that comes in."),
     ] = None,
+    webrtc: Annotated[
+        bool,
+        typer.Option(
+            "--webrtc",
+            help="Take calls at the page's port: WHEP shows a face as video and sound, WHIP lets sound move it, and"
+            " /call.html does both.",
+        ),
+    ] = False,
     token: Annotated[
         str | None,
         typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
@@ -120,12 +128,16 @@ def serve(
     speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio, ear=ear)
     if speaker.device and not speaker.session:
         raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
+    calls = overridden(own.calls, on=True if webrtc else None)
+    if calls.on and (no_page or listen.web_port is None):
+        raise UsageError("--webrtc: got no page's port to call at, expected a --web-port with it")
     chosen = ServeConfig(
         listen=replace(listen, web_port=None) if no_page else listen,
         face=overridden(own.face, profile=profile, head=head, rate_hz=fps, seed=seed),
         style=own.style.without(without),
         voice=own.voice,
         sound=speaker,
+        calls=calls,
         limits=own.limits,
         log=overridden(own.log, format=log, level="debug" if verbose else None),
         sinks=(*own.sinks, *sink),
@@ -142,6 +154,10 @@ def _start(config: "ServeConfig") -> None:
     from fapengine.live.server.watchdog import start_watchdog
 
     _need_extra()
+    if config.calls.on:
+        from fapengine.live.calls.calls import need_aiortc
+
+        need_aiortc()
     begin_log(config.log.level, config.log.format)
     face = load_head(config.face.head) if config.listen.web_port is not None else None
     profile = load_profile(config.face.profile)
@@ -216,7 +232,10 @@ def _announce(server: "Server | Workers") -> None:
     lines = [("OSC in", f"{_spelled(host, port)} (UDP and TCP)")]
     if config.listen.web_port is not None:
         query = f"?token={quote(config.listen.token, safe='')}" if config.listen.token else ""
-        lines.append(("page", f"http://{_spelled(*sites.pop(0))}/{query}"))
+        site = _spelled(*sites.pop(0))
+        lines.append(("page", f"http://{site}/{query}"))
+        if config.calls.on:
+            lines.append(("calls", f"http://{site}/call.html{query} (WHEP: /whep, WHIP: /whip)"))
     lines += [("sink", sink) for sink in server.sink_names]
     if isinstance(server, Server):
         lines += _sound_lines(server)

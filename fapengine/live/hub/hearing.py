@@ -14,6 +14,7 @@ import logging
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from fapengine.errors import FapEngineError, ResourceError
 from fapengine.live.engine.commands import Append, Begin, Cancel, Command, End
 from fapengine.live.engine.session import Event
 from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.messages import HeardSound, Place
 from fapengine.speech.phone_track import Phone
 
 DELAY_S = 0.5
@@ -99,6 +101,10 @@ class _Session:
     """Source of a microphone's sound."""
     ends: bool = False
     heard_s: float = 0.0
+    stream: int = 0
+    """Counts its streams."""
+    place: Place = lambda now_s: None
+    """Place of the stream in engine time: see :class:`HeardSound`."""
 
 
 @dataclass(slots=True, eq=False)
@@ -113,6 +119,7 @@ class Hearing:
     counts: HearingCounts = field(default_factory=HearingCounts)
     _sessions: dict[str, _Session] = field(default_factory=dict)
     _spare: StreamEar | None = None
+    _takers: list[tuple[str, Callable[[HeardSound], None]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.hub.on_command(None, self._note_command)
@@ -157,10 +164,17 @@ class Hearing:
             self._end_utterance(session, one)
             self._begin_stream(one, rate_hz, is_endless=False)
             one.utterance = _Utterance(utterance, first_s, is_placed)
-        self._push(one, samples, rate_hz)
+            one.place = self._place_in(session, one.utterance)
+        self._push(session, one, samples, rate_hz)
         if is_last and not one.ends:
             one.ends = True
             one.ear.end()
+
+    def on_sound(self, session: str, taker: Callable[[HeardSound], None]) -> Callable[[], None]:
+        """Have the sound that moves a session, and where it belongs; until what is returned is called."""
+        entry = (session, taker)
+        self._takers.append(entry)
+        return lambda: self._takers.remove(entry) if entry in self._takers else None
 
     @property
     def is_possible(self) -> bool:
@@ -192,9 +206,10 @@ class Hearing:
             self._end_utterance(session, one)
             self._begin_stream(one, rate_hz, is_endless=True)
             one.zero_s = now_s - len(samples) / rate_hz
+            one.place = self._place_live(session, one)
         else:
             one.zero_s += min(late_s, DRIFT * len(samples) / rate_hz)
-        return self._push(one, samples, rate_hz)
+        return self._push(session, one, samples, rate_hz)
 
     def tick(self, now_s: float) -> None:
         """Tell the sessions what was heard."""
@@ -264,17 +279,47 @@ class Hearing:
 
     def _begin_stream(self, one: _Session, rate_hz: int, *, is_endless: bool) -> None:
         one.ear.begin()
+        one.stream += 1
         one.utterance, one.is_endless, one.rate_hz, one.ends = None, is_endless, rate_hz, False
         one.pushed_s = one.deaf_s = one.heard_s = 0.0
 
-    def _push(self, one: _Session, samples: NDArray[np.int16], rate_hz: int) -> bool:
+    def _push(self, session: str, one: _Session, samples: NDArray[np.int16], rate_hz: int) -> bool:
         length_s = len(samples) / rate_hz
         if one.ear.waiting_s + length_s > MAX_WAITING_S:
             self.counts.refused_s += length_s
             samples = samples[:0]
         one.ear.push(samples, rate_hz)
+        if len(samples):
+            sound = HeardSound((one.stream, id(one)), samples, rate_hz, one.pushed_s, one.place, one.is_endless)
+            for wanted, taker in tuple(self._takers):
+                if wanted == session:
+                    taker(sound)
         one.pushed_s += len(samples) / rate_hz
         return len(samples) > 0 or length_s == 0
+
+    def _place_in(self, session: str, utterance: _Utterance) -> Place:
+        """Follow an utterance of the engine."""
+        engine, first_s = self.hub.engine, utterance.offset_s
+
+        def place(now_s: float) -> float | None:
+            if not utterance.is_begun:
+                return -inf
+            told = engine.utterance(session, utterance.number) if session in engine else None
+            return None if told is None else told.position_s(now_s) - first_s
+
+        return place
+
+    def _place_live(self, session: str, one: _Session) -> Place:
+        """Follow a microphone, as its face does."""
+        stream = one.stream
+
+        def place(now_s: float) -> float | None:
+            if self._sessions.get(session) is not one or one.stream != stream:
+                return None
+            at_s = now_s - one.zero_s - _delay_s(one)
+            return at_s if at_s >= max(one.deaf_s, 0.0) else -inf
+
+        return place
 
     # Phones
 

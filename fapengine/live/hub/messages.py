@@ -1,5 +1,6 @@
 """What the hub hands out: frames, what its voice said, and counts."""
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,9 @@ from numpy.typing import NDArray
 
 from fapengine.live.engine.commands import Anchor
 from fapengine.voices.protocol import Speech
+
+Place = Callable[[float], float | None]
+"""Engine time to the time in a sound that belongs there; minus infinity: it does not sound yet, None: it is over."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +49,23 @@ class Spoken:
     anchor: Anchor
     """``"audio"``: whoever plays the sound must tell its position, for the face to begin
     (:class:`~fapengine.live.engine.commands.Audio`)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardSound:
+    """A piece of the sound that an ear was given, for those who play it."""
+
+    key: Hashable
+    """Which sound it continues."""
+    samples: NDArray[np.int16]
+    """(N,) int16, mono."""
+    rate_hz: int
+    first_s: float
+    """Time in the sound of its first sample."""
+    place: Place
+    """Where the sound is, as the face follows it."""
+    is_endless: bool
+    """True for a microphone's."""
 
 
 @dataclass(slots=True)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, field, fields, replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -44,6 +45,13 @@ device = ""             # its number, or a part of its name; "": the system's
 microphone = ""         # what this hears moves a face: "default", a number or a part of its name; "": none
 listens = "face"        # the session that it moves
 ear = ""                # an ONNX model that hears in the place of PocketSphinx
+
+[calls]
+on = false              # WebRTC at the page's port: /whep shows a face, /whip lets sound move it, /call.html is a page
+host = ""               # address of this machine for calls; "": the one by which the caller asked
+most = 8                # calls at a time
+size = 512              # of the picture, pixels each way
+rate_hz = 30.0          # pictures a second
 
 [limits]
 sessions = 1000
@@ -134,6 +142,30 @@ class SoundChoice(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class CallChoice(Checked):
+    """WebRTC: who may watch a face as pictures and sound, or move it by sound."""
+
+    on: bool = False
+    host: str | None = None
+    """Address of this machine at which callers reach it; None or "": the one by which they asked."""
+    most: Annotated[int, Meta(ge=1, le=1000)] = 8
+    size: Annotated[int, Meta(ge=64, le=2048)] = 512
+    """Width and height of the picture, pixels; even."""
+    rate_hz: Annotated[float, Meta(ge=1.0, le=120.0)] = 30.0
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "host", self.host or None)
+        if self.size % 2:
+            raise UsageError(f"size: got {self.size}, expected an even number")
+        if self.host is not None:
+            try:
+                ip_address(self.host)
+            except ValueError as error:
+                raise UsageError(f"host: got {self.host!r:.60}, expected an address such as '192.0.2.7'") from error
+
+
+@dataclass(frozen=True, slots=True)
 class Caps(Checked):
     """What one server holds at most."""
 
@@ -178,6 +210,7 @@ class ServeConfig:
     style: Style = field(default_factory=Style)
     voice: VoiceChoice = field(default_factory=VoiceChoice)
     sound: SoundChoice = field(default_factory=SoundChoice)
+    calls: CallChoice = field(default_factory=CallChoice)
     limits: Caps = field(default_factory=Caps)
     log: Log = field(default_factory=Log)
     sinks: tuple[str, ...] = ()
@@ -201,6 +234,7 @@ class _Document:
     style: Style = field(default_factory=Style)
     voice: VoiceChoice = field(default_factory=VoiceChoice)
     sound: SoundChoice = field(default_factory=SoundChoice)
+    calls: CallChoice = field(default_factory=CallChoice)
     limits: Caps = field(default_factory=Caps)
     log: Log = field(default_factory=Log)
     sink: tuple[_Sink, ...] = ()
@@ -235,7 +269,7 @@ def parse_config(data: bytes, name: str) -> ServeConfig:
     return ServeConfig(**parts, sinks=sinks)
 
 
-Part = TypeVar("Part", Listen, Face, VoiceChoice, SoundChoice, Caps, Log)
+Part = TypeVar("Part", Listen, Face, VoiceChoice, SoundChoice, CallChoice, Caps, Log)
 
 
 def load_config(path: Path) -> ServeConfig:

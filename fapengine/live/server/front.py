@@ -31,8 +31,9 @@ MAX_CALLERS = 8192
 """Addresses of which is remembered where they spoke to: their pings name no session."""
 BACKLOG = 128
 NO_FILE_S = 0.2
-WITH_SESSION = ("/ws", "/sound.wav")
-"""Paths of the page whose ``session`` says which worker must answer."""
+CALLS = ("/whep/", "/whip/")
+WITH_SESSION = ("/ws", "/sound.wav", "/whep", "/whip")
+"""Paths of the page whose ``session`` says which worker must answer; calls have one each, and the answer names it."""
 
 log = logging.getLogger("fapengine.server")
 Found = TypeVar("Found", str, bytes)
@@ -240,7 +241,9 @@ class Front:
         session = dict(parse_qsl(query)).get("session", NAMELESS_SESSION)
         message = channel.Connection(is_page=True)
         self.counts.handed += 1
-        if path in WITH_SESSION and 1 <= len(session.encode(errors="replace")) <= schema.SESSION_BYTES:
+        if (path in WITH_SESSION or path.startswith(CALLS)) and 1 <= len(
+            session.encode(errors="replace")
+        ) <= schema.SESSION_BYTES:
             self._router.send(session, message, accepted.dup())
         else:
             self._router.send_any(message, accepted.dup())

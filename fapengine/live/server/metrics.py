@@ -7,7 +7,9 @@ from prometheus_client import CollectorRegistry, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from fapengine.live.calls.calls import CallCounts
 from fapengine.live.engine.session import Counters
+from fapengine.live.film.film import FilmCounts
 from fapengine.live.hub.hearing import HearingCounts
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubCounts
@@ -70,6 +72,10 @@ class ServerMetrics(Collector):
         self._hub, self._ingress, self._peers, self._texts, self._sinks = hub, ingress, peers, texts, sinks
         self.page: WebCounts | None = None
         """Counts of the page, where there is one."""
+        self.calls: CallCounts | None = None
+        """Counts of calls, where they are taken."""
+        self.films: FilmCounts | None = None
+        """Counts of pictures that are drawn here, if any are."""
         self.doors: Mapping[str, Door] = {}
         """Ports by name."""
         self._registry = CollectorRegistry()
@@ -115,6 +121,15 @@ class ServerMetrics(Collector):
             page = asdict(self.page)
             yield GaugeMetricFamily("fapengine_pages", "Pages that are connected.", value=page.pop("pages"))
             yield _labelled("page", "What pages did and met with, by kind.", page)
+        if self.calls is not None:
+            calls = asdict(self.calls)
+            gauge = GaugeMetricFamily("fapengine_calls", "Open calls by WebRTC, by what they do.", labels=["kind"])
+            for kind in ("watching", "speaking"):
+                gauge.add_metric([kind], calls.pop(kind))
+            yield gauge
+            yield _labelled("call", "What became of calls, and of what was sent over them, by kind.", calls)
+        if self.films is not None:
+            yield _labelled("pictures", "Pictures for calls, cameras and streams, by kind.", asdict(self.films))
         yield from self._sent()
 
     def _sessions(self) -> Iterator[Metric]:

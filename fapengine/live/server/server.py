@@ -16,7 +16,7 @@ from collections.abc import Callable, Coroutine, Hashable
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from aiohttp import web
@@ -30,6 +30,7 @@ from fapengine.live.audio.playback import Playback
 from fapengine.live.engine.commands import Cancel
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Event
+from fapengine.live.film.film import FilmForm, Studio
 from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.server.config import ServeConfig
@@ -52,6 +53,9 @@ from fapengine.live.wire.speech_osc.schema import Notice
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
 from fapengine.voices.espeak import sample_rate_hz
+
+if TYPE_CHECKING:
+    from fapengine.live.calls.calls import Calls
 
 DRAIN_FADE_S, DRAIN_S = 0.2, 0.3
 """Fade of the faces to rest when the server stops, and the time after which it ends."""
@@ -81,6 +85,7 @@ class _Parts:
     texts: set[asyncio.Task[None]] = field(default_factory=set)
     speaker: Playback | None = None
     microphone: Microphone | None = None
+    calls: "Calls | None" = None
 
 
 class Server:
@@ -141,6 +146,7 @@ class Server:
         self.doors = _doors_of(config)
         ear = Path(config.sound.ear) if config.sound.ear else None
         self.hearing = Hearing(self.hub, max_ears=config.limits.ears, model=ear)
+        self.studio = Studio(self.hub, self.hearing)
         self._parts = _Parts()
         self.metrics = ServerMetrics(
             self.hub, self.ingress, self.receiver.counts, self.texts, self.hearing.counts, self._parts.sinks
@@ -266,6 +272,8 @@ class Server:
                 origins=listen.origins,
             )
             self.metrics.page = app[COUNTS]
+            if self.config.calls.on:
+                parts.calls = self._open_calls(app)
             web_port = None if self._own else listen.web_port
             parts.page = await open_site(app, listen.host, web_port, self.doors["page"])
             parts.sites.append(parts.page)
@@ -274,6 +282,17 @@ class Server:
             harden(app)
             app.router.add_get("/metrics", self._answer_metrics)
             parts.sites.append(await open_site(app, listen.host, listen.metrics_port, self.doors["metrics"]))
+
+    def _open_calls(self, app: web.Application) -> "Calls":
+        from fapengine.live.calls.calls import Calls
+        from fapengine.live.calls.handlers import add_calls
+
+        chosen, face, listen = self.config.calls, self.config.face, self.config.listen
+        form = FilmForm(face.head, (chosen.size, chosen.size), min(chosen.rate_hz, face.rate_hz))
+        calls = Calls(self.hub, self.studio, self.hearing, form=form, most=chosen.most, host=chosen.host)
+        add_calls(app, calls, listen.token, listen.origins)
+        self.metrics.calls, self.metrics.films = calls.counts, self.studio.counts
+        return calls
 
     async def _doors(self, host: str, port: int) -> tuple[UdpListener, TcpListener]:
         """Open UDP and TCP at one port; a free one is tried again where only one of both is."""
@@ -421,6 +440,8 @@ class Server:
         parts = self._parts
         for task in tuple(parts.texts):
             task.cancel()
+        if parts.calls is not None:
+            await parts.calls.close()
         self.hearing.close()
         if parts.microphone is not None:
             parts.microphone.close()
@@ -433,13 +454,14 @@ class Server:
             await site.close()
         for sink in parts.sinks:
             await sink.close()
+        await self.studio.close()
         if parts.datagrams is not None:
             parts.datagrams.close()
         if parts.streams is not None:
             await parts.streams.close()
         self._parts.sites.clear()
         self._parts.sinks.clear()
-        parts.datagrams = parts.streams = parts.speaker = parts.page = None
+        parts.datagrams = parts.streams = parts.speaker = parts.page = parts.calls = None
 
     async def _answer_metrics(self, request: web.Request) -> web.Response:
         if trouble := refusal(request, self.config.listen.token):

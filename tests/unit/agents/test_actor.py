@@ -7,7 +7,7 @@ import pytest
 
 from fapengine.agents.actor import AHEAD_S, Actor, ActorOptions
 from fapengine.agents.mark_timer import CHARACTER_S, MarkTimer
-from fapengine.agents.painter import Painter
+from fapengine.live.film.painter import Painter
 from fapengine.agents.stage import StageEvent
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.engine.commands import Express, TurnHead

@@ -2,8 +2,8 @@
 
 Theory of operation
 -------------------
-To draw holds Python's lock for some 10 ms. So another process draws (``python -m fapengine.agents.painter``): FAPs go
-in through its standard input (68 int32), RGB pixels come out of its standard output. It ends with its input.
+To draw holds Python's lock for some 10 ms. So another process draws (``python -m fapengine.live.film.painter``):
+FAPs go in through its standard input (68 int32), RGB pixels come out of its standard output. It ends with its input.
 :meth:`Painter.draw` waits for the picture, without the lock; :meth:`Painter.picture` does so in a thread.
 """
 
@@ -47,7 +47,7 @@ class Painter:
         self._thread = ThreadPoolExecutor(1, "painter")
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "fapengine.agents.painter", head, *map(str, size)],
+                [sys.executable, "-m", "fapengine.live.film.painter", head, *map(str, size)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, process_group=0,
             )  # fmt: skip
         except OSError as error:

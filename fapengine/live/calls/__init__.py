@@ -1,0 +1,1 @@
+"""WebRTC: a session watched by WHEP, moved by sound that comes by WHIP. Needs the extra ``webrtc``."""
