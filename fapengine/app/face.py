@@ -23,7 +23,8 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.gesture_methods import GestureMethods
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.pacer import FramePacer
-from fapengine.live.server.sinks import DatagramSink, SinkAddress, parse_sink
+from fapengine.live.server.sink_address import FILMS, SinkAddress, parse_sink
+from fapengine.live.server.sinks import DatagramSink
 from fapengine.profiles import Profile
 from fapengine.speech.marks import read_marks
 from fapengine.trajectory.expression import EXPRESSIONS, mood_ramps
@@ -89,7 +90,7 @@ class Face(GestureMethods):
     silent : bool
         Play no sound; the face keeps time by the clock. So it does on a machine without a sound card.
     sinks : sequence of str
-        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.live.server.sinks`.
+        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.live.server.sink_address`.
 
     Raises
     ------
@@ -310,6 +311,6 @@ def has_display() -> bool:
 
 def _datagrams(url: str) -> SinkAddress:
     address = parse_sink(url)
-    if address.kind.endswith("+tcp"):
+    if address.kind.endswith("+tcp") or address.kind in FILMS:
         raise UsageError(f"sinks: got {url!r}, expected one that sends datagrams; `fapengine serve` has streams")
     return address

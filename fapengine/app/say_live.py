@@ -44,7 +44,7 @@ class LiveOutput:
     """Number of the sound device, or a part of its name; None: the system's."""
     silent: bool = False
     sinks: tuple[str, ...] = ()
-    """URLs: see :mod:`fapengine.live.server.sinks`."""
+    """URLs: see :mod:`fapengine.live.server.sink_address`."""
 
 
 def open_face(manner: Manner, output: LiveOutput) -> Face:

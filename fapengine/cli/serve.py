@@ -36,8 +36,8 @@ def serve(
         typer.Option(
             "--sink",
             "-s",
-            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP), fba+tcp or rtp."
-            " May be given again.",
+            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP), fba+tcp or rtp;"
+            " or as video: camera://, rtmp://HOST/PATH, srt://HOST:PORT. May be given again.",
         ),
     ] = [],  # noqa: B006  typer copies it
     sound: Annotated[
@@ -117,7 +117,7 @@ def serve(
 
     from fapengine.errors import UsageError
     from fapengine.live.server.config import ServeConfig, load_config, overridden
-    from fapengine.live.server.sinks import parse_sink
+    from fapengine.live.server.sink_address import parse_sink
 
     for url in sink:
         parse_sink(url)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from fapengine._strict_toml import Between, Checked, parse_toml
 from fapengine.errors import UsageError
 from fapengine.live.engine.session import Limits
-from fapengine.live.server.sinks import parse_sink
+from fapengine.live.server.sink_address import FILMS, parse_sink
 from fapengine.live.wire.speech_osc.schema import check_session
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
@@ -214,7 +214,12 @@ class ServeConfig:
     limits: Caps = field(default_factory=Caps)
     log: Log = field(default_factory=Log)
     sinks: tuple[str, ...] = ()
-    """URLs; see :mod:`fapengine.live.server.sinks`."""
+    """URLs; see :mod:`fapengine.live.server.sink_address`."""
+
+    def __post_init__(self) -> None:
+        for url in self.sinks if self.listen.workers > 1 else ():
+            if parse_sink(url).kind in FILMS:
+                raise UsageError(f"sink {parse_sink(url)}: got workers = {self.listen.workers}, expected 1 with it")
 
 
 @dataclass(frozen=True, slots=True)

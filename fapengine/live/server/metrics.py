@@ -15,7 +15,7 @@ from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubCounts
 from fapengine.live.server.doors import Door
 from fapengine.live.server.ingress import Ingress
-from fapengine.live.server.sinks import Sink
+from fapengine.live.server.sink_address import Sink
 from fapengine.live.web.connection import WebCounts
 from fapengine.live.wire.speech_osc.counts import PeerCounts
 

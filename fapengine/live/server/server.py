@@ -41,7 +41,8 @@ from fapengine.live.server.listeners import Caller, Stream, TcpListener, UdpList
 from fapengine.live.server.load import Load
 from fapengine.live.server.metrics import CONTENT_TYPE, ServerMetrics, TextCounts
 from fapengine.live.server.placement import OwnSessions
-from fapengine.live.server.sinks import Sink, open_sink, parse_sink
+from fapengine.live.server.sink_address import FILMS, Sink, parse_sink
+from fapengine.live.server.sinks import open_sink
 from fapengine.live.server.voice_process import VoiceProcess
 from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.web.admission import harden, refusal
@@ -152,6 +153,8 @@ class Server:
             self.hub, self.ingress, self.receiver.counts, self.texts, self.hearing.counts, self._parts.sinks
         )
         self.metrics.doors = self.doors
+        if config.calls.on or any(parse_sink(url).kind in FILMS for url in config.sinks):
+            self.metrics.films = self.studio.counts
         self._head = head
         self._draining = False
         self._stop = asyncio.Event()
@@ -245,7 +248,7 @@ class Server:
         parts.datagrams, parts.streams = await self._doors(listen.host, listen.port)
         for url in self.config.sinks:
             epochs = self._own.epochs if self._own else None
-            parts.sinks.append(await open_sink(self.hub, parse_sink(url), epochs))
+            parts.sinks.append(await open_sink(self.hub, parse_sink(url), epochs, self.studio, self.config.face.head))
         if sound.session is not None:
             parts.speaker = Playback(
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
@@ -291,7 +294,7 @@ class Server:
         form = FilmForm(face.head, (chosen.size, chosen.size), min(chosen.rate_hz, face.rate_hz))
         calls = Calls(self.hub, self.studio, self.hearing, form=form, most=chosen.most, host=chosen.host)
         add_calls(app, calls, listen.token, listen.origins)
-        self.metrics.calls, self.metrics.films = calls.counts, self.studio.counts
+        self.metrics.calls = calls.counts
         return calls
 
     async def _doors(self, host: str, port: int) -> tuple[UdpListener, TcpListener]:

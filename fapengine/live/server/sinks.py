@@ -1,19 +1,4 @@
-"""Sinks: sockets that send frames on.
-
-Each is told as a URL::
-
-    osc://HOST:PORT[?session=NAME]                       /fap/1/frame of all sessions, or of one; UDP
-    named://HOST:PORT[?session=NAME]                     /fap/<n>, a message a FAP; UDP
-    vmc://HOST:PORT[?session=NAME&names=N]               VSeeFace, Warudo, ...: port 39539, or 39540 for shapes alone;
-                                                         names arkit, pascal, vrm0 or vrm1
-    vrchat://HOST:PORT[?session=NAME&prefix=P]           VRChat's parameters: port 9000
-    livelink://HOST:PORT[?session=NAME&name=N&device=U]  Unreal and other Live Link Face receivers: port 11111
-    fba://HOST:PORT[?session=NAME&intra=S]               MPEG-4 face stream, a plane a datagram; UDP
-    fba+tcp://HOST:PORT[?session=NAME&intra=S]           the same for all who connect here, each from an I plane on
-    rtp://HOST:PORT[?session=NAME&intra=S]               the same over RTP, in the MPEG-4 visual payload; UDP
-
-Without a session, one face shows the first that is open. A port may be left out where one is named here.
-"""
+"""Sinks: what sends frames on, to the addresses of :mod:`.sink_address`."""
 
 import asyncio
 import errno
@@ -21,25 +6,19 @@ import socket
 import struct
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from secrets import randbits
-from typing import Protocol
-from urllib.parse import parse_qsl, urlsplit
 from uuid import NAMESPACE_DNS, uuid5
 
 from fapengine.errors import ResourceError, UsageError
+from fapengine.live.film.film import Studio
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.messages import HubFrames
 from fapengine.live.server import frame_encoders
 from fapengine.live.server.frame_encoders import FrameEncoder, joined
 from fapengine.live.server.listeners import bound
-from fapengine.live.wire import livelink, vmc, vrchat
+from fapengine.live.server.sink_address import FILMS, Sink, SinkAddress, SinkCounts
+from fapengine.live.wire import vmc
 
-PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
-OPTIONS = {
-    "osc": (), "named": (), "vmc": ("names",), "vrchat": ("prefix",), "livelink": ("name", "device"),
-    "fba": ("intra",), "fba+tcp": ("intra",), "rtp": ("intra",),
-}  # fmt: skip
 UNREAD_BYTES = 64 << 10
 """Bytes of a face stream that a receiver may leave unread, some seconds; beyond them it begins again at an I plane."""
 STREAMS = 256
@@ -49,78 +28,6 @@ SEGMENTS, SEGMENTED_BYTES = 64, 60_000
 """Largest number of datagrams, and of their bytes, that the system takes in one call."""
 GSO_UNSUPPORTED_ERRNOS = (errno.EINVAL, errno.EIO, errno.EOPNOTSUPP, errno.EMSGSIZE, errno.ENOPROTOOPT)
 """Errors by which a system says that it has no generic segmentation offload; any other: nothing can be sent now."""
-
-
-@dataclass(frozen=True, slots=True)
-class SinkAddress:
-    """Where frames go, and what kind."""
-
-    kind: str
-    host: str
-    port: int
-    session: str | None = None
-    options: dict[str, str] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.kind}://{host}:{self.port}" + (f"?session={self.session}" if self.session else "")
-
-
-@dataclass(slots=True)
-class SinkCounts:
-    """Counts of a sink.
-
-    Stateful.
-    """
-
-    sent: int = 0
-    """Datagrams, or planes times streams."""
-    dropped: int = 0
-    """Datagrams or planes that the system, or a slow reader, did not take."""
-
-
-class Sink(Protocol):
-    """Sends frames until it is closed."""
-
-    address: SinkAddress
-    counts: SinkCounts
-
-    async def close(self) -> None:
-        """Send no more."""
-        ...
-
-
-def parse_sink(url: str) -> SinkAddress:
-    """Read a sink's URL.
-
-    Raises
-    ------
-    UsageError
-        If it is none of those above.
-
-    Examples
-    --------
-    >>> parse_sink("vmc://127.0.0.1")
-    SinkAddress(kind='vmc', host='127.0.0.1', port=39539, session=None, options={})
-    """
-    try:
-        parts = urlsplit(url)
-        port = parts.port
-        query = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
-    except ValueError as error:
-        raise UsageError(f"sink: got {url!r:.100}, expected KIND://HOST:PORT ({error})") from error
-    kinds = ", ".join(f"{kind}://" for kind in OPTIONS)
-    if parts.scheme not in OPTIONS or not parts.hostname or parts.path.strip("/") or parts.username:
-        raise UsageError(f"sink: got {url!r:.100}, expected KIND://HOST:PORT, KIND one of {kinds}")
-    port = PORTS.get(parts.scheme) if port is None else port
-    if port is None:
-        raise UsageError(f"sink: got {url!r:.100} without a port, expected {parts.scheme}://{parts.hostname}:PORT")
-    session = query.pop("session", None)
-    unknown = [name for name in query if name not in OPTIONS[parts.scheme]]
-    if unknown:
-        allowed = ", ".join(("session", *OPTIONS[parts.scheme]))
-        raise UsageError(f"sink {parts.scheme}: got {unknown[0]!r:.40}, expected one of {allowed}")
-    return SinkAddress(parts.scheme, parts.hostname, port, session, query)
 
 
 def encoder_of(address: SinkAddress, rate_hz: float, epochs: Mapping[str, int] | None = None) -> FrameEncoder:
@@ -169,8 +76,14 @@ def _intra_s(address: SinkAddress) -> float:
         raise UsageError(f"sink {address.kind}: intra: got {spelled!r:.40}, expected seconds") from error
 
 
-async def open_sink(hub: Hub, address: SinkAddress, epochs: Mapping[str, int] | None = None) -> Sink:
-    """Begin to send; see :func:`encoder_of` for the epochs.
+async def open_sink(
+    hub: Hub,
+    address: SinkAddress,
+    epochs: Mapping[str, int] | None = None,
+    studio: Studio | None = None,
+    head: str = "default",
+) -> Sink:
+    """Begin to send; see :func:`encoder_of` for the epochs. Pictures of a head are drawn by a studio.
 
     Raises
     ------
@@ -179,6 +92,12 @@ async def open_sink(hub: Hub, address: SinkAddress, epochs: Mapping[str, int] | 
     ResourceError
         If the host is unknown, or the port taken.
     """
+    if address.kind in FILMS:
+        if studio is None:
+            raise UsageError(f"sink {address}: nothing draws its pictures here")
+        from fapengine.live.server.film_sinks import open_film_sink  # PyAV is imported then
+
+        return await open_film_sink(studio, address, head)
     if address.kind == "fba+tcp":
         return await FaceStreams.open(hub, address)
     return DatagramSink(hub, address, epochs)

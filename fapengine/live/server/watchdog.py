@@ -25,7 +25,8 @@ import numpy as np
 from fapengine.errors import ResourceError
 from fapengine.live.hub.messages import HubFrames
 from fapengine.live.server.frame_encoders import OscFrameEncoder, continued
-from fapengine.live.server.sinks import Post, SinkAddress, encoder_of, parse_sink
+from fapengine.live.server.sink_address import FILMS, SinkAddress, parse_sink
+from fapengine.live.server.sinks import Post, encoder_of
 from fapengine.mpeg4 import fap
 
 RESTS, REST_S = 3, 0.02
@@ -97,7 +98,7 @@ def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
     UsageError
         If a sink's URL cannot be understood.
     """
-    addresses = [parse_sink(url) for url in sinks]
+    addresses = [address for address in map(parse_sink, sinks) if address.kind not in FILMS]
     if not hasattr(os, "fork"):
         return _start_program(sinks, rate_hz)
     reading, writing = os.pipe()
@@ -136,7 +137,7 @@ def _main(rate_hz: str, *sinks: str) -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    addresses = [parse_sink(url) for url in sinks]
+    addresses = [address for address in map(parse_sink, sinks) if address.kind not in FILMS]
     watch(sys.stdin.fileno(), lambda sessions: put_to_rest(addresses, sessions, float(rate_hz)))
 
 

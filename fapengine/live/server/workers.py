@@ -35,7 +35,7 @@ from fapengine.live.server.doors import Door, raise_file_limit, shared_out
 from fapengine.live.server.front import Front, FrontCounts
 from fapengine.live.server.metrics import CONTENT_TYPE
 from fapengine.live.server.placement import Home, Placement
-from fapengine.live.server.sinks import parse_sink
+from fapengine.live.server.sink_address import parse_sink
 from fapengine.live.server.watchdog import put_to_rest
 from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.server.worker_metrics import ParentFigures, page

@@ -7,10 +7,10 @@ import pytest
 
 from fapengine.agents.actor import AHEAD_S, Actor, ActorOptions
 from fapengine.agents.mark_timer import CHARACTER_S, MarkTimer
-from fapengine.live.film.painter import Painter
 from fapengine.agents.stage import StageEvent
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.live.engine.commands import Express, TurnHead
+from fapengine.live.film.painter import Painter
 from fapengine.mpeg4 import fap
 from tests.unit.agents.test_stage import noise, stage
 from tests.unit.agents.ticking_ear import TickingEar

@@ -23,7 +23,8 @@ from fapengine.live.hub.messages import HubFrames
 from fapengine.live.server import sinks
 from fapengine.live.server import watchdog as guards
 from fapengine.live.server.frame_encoders import FbaFrameEncoder, OscFrameEncoder, joined
-from fapengine.live.server.sinks import DatagramSink, FaceStreams, SinkAddress, open_sink, parse_sink
+from fapengine.live.server.sink_address import SinkAddress, parse_sink
+from fapengine.live.server.sinks import DatagramSink, FaceStreams, open_sink
 from fapengine.live.wire.fap_osc import decode_frame
 from fapengine.live.wire.rtp import RtpReceiver
 from fapengine.mpeg4 import fap
