@@ -77,10 +77,13 @@ class Call {
   async end() {
     this.over = true;
     clearInterval(this.watch);
-    this.peer.close();
-    if (!this.place) return "";
-    const response = await this.ask("DELETE", this.place);
-    return response.status === 410 ? response.text() : "";
+    try {
+      if (!this.place) return "";
+      const response = await this.ask("DELETE", this.place);
+      return response.status === 410 ? await response.text() : "";
+    } finally {
+      this.peer.close(); // not before: the server would see the connection end, and count it as lost
+    }
   }
 }
 

@@ -1,5 +1,6 @@
 """No server outlives its test."""
 
+import socket
 from collections.abc import Iterator
 
 import pytest
@@ -14,3 +15,11 @@ def _nothing_runs_on() -> Iterator[None]:
         process = STARTED.pop()
         process.kill()
         process.wait()
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A TCP port of the loopback at which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

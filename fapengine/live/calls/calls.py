@@ -57,14 +57,14 @@ class Call:
     """One call. Stateful."""
 
     name: str
-    """What is hard to guess, and ends it."""
+    """A word that is hard to guess; who knows it may end the call."""
     session: str
     peer: Any
     """The library's RTCPeerConnection."""
     leave: list[Callable[[], None]] = field(default_factory=list)
     tasks: list[asyncio.Task[None]] = field(default_factory=list)
     tracks: Any = None
-    """What a watcher is shown."""
+    """Tracks that a watcher is shown."""
 
 
 class Calls:

@@ -14,7 +14,7 @@ from fapengine.live.film.soundtrack import RATE_HZ, Samples
 
 VIDEO_HZ = 90_000
 MAX_PICTURES, MAX_BLOCKS = 2, 50
-"""What may wait for a caller whose encoder is behind; the oldest is dropped."""
+"""Pictures and blocks that may wait for a caller whose encoder is behind; the oldest is dropped."""
 
 
 class FilmTrack(MediaStreamTrack):

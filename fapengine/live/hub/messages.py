@@ -56,14 +56,14 @@ class HeardSound:
     """A piece of the sound that an ear was given, for those who play it."""
 
     key: Hashable
-    """Which sound it continues."""
+    """Name of the sound that it continues."""
     samples: NDArray[np.int16]
     """(N,) int16, mono."""
     rate_hz: int
     first_s: float
     """Time in the sound of its first sample."""
     place: Place
-    """Where the sound is, as the face follows it."""
+    """Place of the sound, as the face follows it."""
     is_endless: bool
     """True for a microphone's."""
 

@@ -1,0 +1,71 @@
+"""The page that calls: the face by WHEP, the microphone by WHIP, in a real browser with a microphone that is a file."""
+
+import numpy as np
+
+from tests.browser.conftest import Page
+
+FACE = "document.getElementById('face')"
+TROUBLE = "document.getElementById('trouble')"
+
+
+def dial(page: Page, session: str) -> None:
+    page.go(f"{page.server.url}call.html?session={session}")
+    page.until("document.body.dataset.watching === 'false'")
+
+
+def press(page: Page, name: str) -> None:
+    """By keyboard: the focus is moved there, and Enter pressed."""
+    page.run(f"document.getElementById('{name}').focus()")
+    page.key("Enter")
+
+
+def mouth(page: Page) -> np.ndarray:
+    """The middle of the mouth in the picture that is shown."""
+    page.run(
+        f"window.still = new OffscreenCanvas(256, 256);window.still.getContext('2d').drawImage({FACE}, 0, 0, 256, 256)"
+    )
+    pixels = page.run("[...window.still.getContext('2d').getImageData(116, 158, 24, 42).data]")
+    return np.array(pixels).reshape(42, 24, 4)[..., 1]
+
+
+def test_a_face_is_called_and_says_what_the_microphone_hears(page: Page) -> None:
+    dial(page, "paul")
+    page.key("Tab")
+    assert page.run("document.activeElement.id") == "call"
+    page.key("Enter")
+    page.until(f"{FACE}.videoWidth === 256")
+    assert page.run("document.getElementById('state').textContent") == "You see the face."
+    rest = int((mouth(page) < 110).sum())
+    press(page, "microphone")
+    page.until("document.body.dataset.speaking === 'true'")
+    page.until("document.getElementById('sound').textContent === 'Sound off'")
+    opened = 0
+    for _ in range(200):
+        opened = max(opened, int((mouth(page) < 110).sum()))
+        if opened > rest + 60:
+            break
+        page.sleep(0.05)
+    assert opened > rest + 60
+    press(page, "microphone")
+    page.until("document.body.dataset.speaking === 'false'")
+    press(page, "call")
+    page.until("document.body.dataset.watching === 'false'")
+    assert page.run(f"{TROUBLE}.hidden")
+
+
+def test_what_goes_wrong_is_told_in_words(page: Page) -> None:
+    dial(page, "quinn")
+    page.run("navigator.mediaDevices.getUserMedia = async () => { throw new DOMException('', 'NotAllowedError'); }")
+    press(page, "microphone")
+    page.until(f"{TROUBLE}.textContent === 'The microphone was not allowed.'")
+    assert not page.run(f"{TROUBLE}.hidden")
+    page.run("window.fetch = async () => new Response('calls: got one more than 4', { status: 503 })")
+    press(page, "call")
+    page.until(f"{TROUBLE}.textContent === 'calls: got one more than 4'")
+    page.run("window.fetch = async () => new Response('', { status: 404 })")
+    press(page, "call")
+    page.until(f"{TROUBLE}.textContent.includes('fapengine serve --webrtc')")
+    page.run("window.fetch = async () => { throw new TypeError(); }")
+    press(page, "call")
+    page.until(f"{TROUBLE}.textContent === 'The server does not answer.'")
+    assert page.run("document.body.dataset.watching") == "false"
