@@ -148,10 +148,10 @@ class CallChoice(Checked):
     on: bool = False
     host: str | None = None
     """Address of this machine at which callers reach it; None or "": the one by which they asked."""
-    most: Annotated[int, Meta(ge=1, le=1000)] = 8
-    size: Annotated[int, Meta(ge=64, le=2048)] = 512
+    most: Annotated[int, Between(1, 1000)] = 8
+    size: Annotated[int, Between(64, 2048)] = 512
     """Width and height of the picture, pixels; even."""
-    rate_hz: Annotated[float, Meta(ge=1.0, le=120.0)] = 30.0
+    rate_hz: Annotated[float, Between(1.0, 120.0)] = 30.0
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
