@@ -12,6 +12,7 @@ from fapengine.errors import ResourceError
 
 _EXTRAS = {
     **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
+    "aiohttp": '"fapengine[live]"',
     "usd-core": '"fapengine[usd]"',
 }
 """Extra of each package that is part of one, as pip is told it."""

@@ -111,7 +111,8 @@ VoiceName = Annotated[
     typer.Option(
         "--voice",
         "-v",
-        help="Language, such as en-gb, de or fr, in any spelling.",
+        help="Language, such as en-gb, de or fr, in any spelling; or a service's voice: elevenlabs:ID, cartesia:ID,"
+        " inworld:ID, fish:ID, with the key in ELEVENLABS_API_KEY and so on.",
         rich_help_panel=MANNER,
         autocompletion=_complete_voice,
     ),

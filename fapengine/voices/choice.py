@@ -7,14 +7,17 @@ from typing import Annotated
 from fapengine._strict_toml import Between, Checked
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM, EspeakVoice
 from fapengine.voices.protocol import Voice
+from fapengine.voices.streams.client import ServiceVoice
+from fapengine.voices.streams.services import SERVICES
 
 
 @dataclass(frozen=True, slots=True)
 class VoiceChoice(Checked):
-    """A voice of espeak-ng that is not loaded yet."""
+    """A voice that is not loaded yet: espeak-ng's, or a service's."""
 
     name: str = DEFAULT_VOICE
-    """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling."""
+    """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling. Or a service's
+    voice, such as cartesia:VOICE, with the key in CARTESIA_API_KEY."""
     rate_wpm: Annotated[int, Between(RATES_WPM[0], RATES_WPM[1])] = DEFAULT_RATE_WPM
     """Words a minute, 80..449."""
     ssml: bool = False
@@ -30,4 +33,6 @@ class VoiceChoice(Checked):
         ResourceError
             If espeak-ng is not installed.
         """
+        if self.name.partition(":")[0] in SERVICES:
+            return ServiceVoice.named(self.name, most_s=most_s)
         return EspeakVoice(self.name, self.rate_wpm, self.ssml, most_s=most_s)
