@@ -53,6 +53,7 @@ from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import PUSHED, WIDTH, extend, layer_faps
+from fapengine.trajectory.prior import lean_on_phonetics
 from fapengine.trajectory.targets import resolve
 
 ARRAYS = (
@@ -201,7 +202,8 @@ def learn_phones(learned: Learned, clips: Sequence[Clip], *, without: Set[str] =
     for clip, tokens, values in zip(clips, sentences, weights, strict=True):
         starts = {phone.start_s for phone in kept[clip.name]}
         values[[token.phone.start_s not in starts for token in tokens]] = np.nan
-    return replace(learned.profile, phones=known, context=fit_context(sentences, weights))
+    context = lean_on_phonetics(fit_context(sentences, weights), space, known)
+    return replace(learned.profile, phones=known, context=context)
 
 
 def word_at(clip: Clip, phone: Phone) -> str:

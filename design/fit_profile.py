@@ -22,6 +22,7 @@ from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context
 from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.prior import lean_on_phonetics
 from fapengine.trajectory.targets import resolve
 from fapengine.trajectory.tokens import tokens_of
 
@@ -205,7 +206,10 @@ def learn_context(space, points, speech, clips, known):
         mine = weights[start : start + length]
         sentences.append(tokens)
         captured.append(np.stack([sample_phones(mine, RATE_HZ, starts, ends, f) for f in FRACTIONS], axis=1))
-    return fit_context(sentences, captured)
+    phones = {
+        name: PhoneTarget(ipa=name, fractions=f, targets=w, contact=c, origin=o) for name, (w, f, c, o) in known.items()
+    }
+    return lean_on_phonetics(fit_context(sentences, captured), space, phones)
 
 
 def score_context(space, points, speech, clip_of_frame, kept, held_out, targets) -> str:
@@ -275,6 +279,8 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
             "uncertainty": "points come from a video tracker: about 0.7 mm on the lips; depth is inferred",
             "never_heard": "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in;"
             " in context, their articulation (fapengine/trajectory/unheard.py)",
+            "opening": "beside neighbours that they were not heard with, unrounded vowels, ɹ and l open as is usual"
+            " (fapengine/trajectory/prior.py)",
             "expressions": PROVENANCE,
             "attribution": "Cooke, Barker, Cunningham, Shao: An audio-visual corpus for speech perception and automatic"
             " speech recognition, JASA 120 (2006); freely available for research use. ICT-FaceKit: Copyright (c) 2020"

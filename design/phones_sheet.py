@@ -7,6 +7,7 @@ with the phonetic layer, without gestures.
 """
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,12 +41,17 @@ VIEWS = (
 TILE = (176, 240)
 
 
-def pose(label: str) -> NDArray[np.int32]:
-    """(68,) FAPU: the middle of one sound."""
-    track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), Phone(label, 0.3, 0.7), Phone(SILENCE, 0.7, 1.0)])
+def pose(*labels: str, at: int = 0) -> NDArray[np.int32]:
+    """(68,) FAPU: the middle of one sound, alone or in a word, in which each lasts 0.12 s."""
+    each_s = 0.4 if len(labels) == 1 else 0.12
+    edges = [0.3 + each_s * index for index in range(len(labels) + 1)]
+    spoken = [Phone(label, *span) for label, span in zip(labels, pairwise(edges), strict=True)]
+    track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
     profile = load_profile("grid_s1_en")
     rng = np.random.default_rng(0)
-    return plan(track, profile, rng=rng, rate_hz=100.0, style=Style.still()).track.values[50]
+    return plan(track, profile, rng=rng, rate_hz=100.0, style=Style.still()).track.values[
+        round(100 * (edges[at] + each_s / 2))
+    ]
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from fapengine.models.via_points import Reduction, reduction_curve, without_nois
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import ContextModel, Profile
+from fapengine.profiles import ContextModel, PhoneTarget, Profile
 from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.targets import resolve
 
@@ -191,7 +191,7 @@ def fit_session(
             origin=MappingProxyType(dict(birth)),
             fapu=fapu,
             space=shape,
-            phones=MappingProxyType({name: study.target for name, study in studies.items()}),
+            phones=MappingProxyType(_targets(studies)),
             expressions=MappingProxyType(dict(expressions)),
             context=context,
         )
@@ -200,7 +200,7 @@ def fit_session(
     prediction = None
     if held_out and any(take.phones for take in held_out):
         apart, _ = study_phones(training, prepared, judged.space)
-        neighbours = learn_context(training, prepared, judged.space, apart)
+        neighbours = learn_context(training, prepared, judged.space, _targets(apart))
         prediction = _predict(held_out, prepared, build(judged.space, apart, origin, None))
         if neighbours is not None:
             better = _predict(held_out, prepared, build(judged.space, apart, origin, neighbours))
@@ -213,7 +213,7 @@ def fit_session(
     on_step(STEPS[7])
     context = None
     if prediction is not None and prediction.context:
-        context = learn_context(prepared.takes, prepared, space.space, phones)
+        context = learn_context(prepared.takes, prepared, space.space, _targets(phones))
     birth = dict(origin) | _evidence(prepared, space, prediction, training, held_out)
     return Fitted(
         prepared=prepared, options=options, training=tuple(take.name for take in training),
@@ -282,6 +282,10 @@ def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
         return ()
     smooth = without_noise(frames, prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
     return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
+
+
+def _targets(studies: Mapping[str, PhoneStudy]) -> dict[str, PhoneTarget]:
+    return {name: study.target for name, study in studies.items()}
 
 
 def _evidence(

@@ -14,6 +14,7 @@ from fapengine.profiles import ContextModel, PhoneTarget
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context
+from fapengine.trajectory.prior import lean_on_phonetics
 from fapengine.trajectory.tokens import Token, tokens_of
 
 Array = NDArray[np.float64]
@@ -95,12 +96,12 @@ def study_phones(
 
 
 def learn_context(
-    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, object]
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, PhoneTarget]
 ) -> ContextModel | None:
-    """Learn what neighbours do to a phone; None where there are too few tokens to tell."""
+    """Learn what neighbours do to a phone, with what phonetics knows of it; None where there are too few tokens."""
     sentences, weights = captured_tokens(takes, prepared, space, known)
     count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
-    return fit_context(sentences, weights) if count >= MIN_CONTEXT else None
+    return lean_on_phonetics(fit_context(sentences, weights), space, known) if count >= MIN_CONTEXT else None
 
 
 def captured_tokens(

@@ -8,10 +8,11 @@ are corrected last, in FAPs, and so in shares of the face's own mouth-nose dista
 face's. Each contact has a *hold* with C2 ramps, a bump ``b`` between 0 and 1; with ``p`` for :func:`soft_positive`:
 
 0. ``jaw``: teeth are near each other in s and z; the jaw is down by at most :data:`SIBILANT_FAPU`.
-1. ``open``: an open vowel parts the lips by at least :data:`OPEN_FAPU`; ``b p(floor - opening)`` is added.
+1. ``open``: an open vowel, θ or ð parts the lips by at least :data:`OPEN_FAPU`; ``b p(floor - opening)`` is added.
 2. ``teeth``: the lower lip rises to the upper teeth, its height in the neutral face, and not far beyond:
    ``b (p(height - lower) - p(lower - top))`` is added to it.
-3. where the lips would pass through each other the opening is held at zero: ``p(opening)``, C2;
+3. lips that are near each other come nearer (:data:`NEAR_SHARE`), and where they would pass through each other the
+   opening is held at zero: ``p(opening)``, C2;
 4. ``lips``: over the hold of every p b m it is multiplied by ``1 - b``: zero through the hold;
 5. what the upper lip cannot carry the lower one takes, so that no contact is lost when values are clipped.
 
@@ -27,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.geometry.smooth import bump, soft_positive
+from fapengine.geometry.smooth import bump, smoothstep, soft_positive
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import limits
 from fapengine.speech.phone_track import Phone
@@ -62,6 +63,14 @@ closures shorter ones open by what the ramps leave (half of it at 60 ms)."""
 SIBILANT_FAPU = 240.0
 """Greatest open_jaw: 5 mm at the chin. Planned s and z have 4.3 on the average, so what is promised shapes only what an
 expression or a style adds."""
+NEAR_FAPU = 264.0
+"""5.5 mm: the opening below which lips come nearer to each other than a space's modes tell."""
+NEAR_SHARE = 0.5
+"""Share of ``1 - smoothstep(opening / NEAR_FAPU)`` by which they do. Lips that touch are pressed while the rest of
+the mouth goes on closing, which no sum of modes shows: where the captured markers' modes say 1.3, 2.5, 3.5, 4.5 mm
+the lips are 0.3, 0.8, 2.1, 3.8 mm apart, about what a share of 1 makes of it. A plan is a mean, which is rarely as
+extreme as what it is the mean of, so it gets half: no mean error grows, and of closing lips 59 % are found where 43 %
+were."""
 SIDE_OPENING = 0.6
 """Opening at the sides, as a share of the middle's."""
 
@@ -148,18 +157,19 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array)
     """
     settled = faps.copy(order="K")
     down = settled[..., fap.column(3)]
+    free = (1.0 - teeth) * (1.0 - vowels)
     down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
     for index, numbers in enumerate(PAIRS):
         wished = [settled[..., fap.column(number)].copy() for number in numbers[:2]]
         upper, lower = (np.clip(lip, *limits(number)) for lip, number in zip(wished, numbers, strict=False))
-        floor = OPEN_FAPU * (SIDE_OPENING if index else 1.0)
-        parted = vowels * soft_positive(floor + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
+        scale = SIDE_OPENING if index else 1.0
+        parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
         upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
         short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
         beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
         lower = lower + teeth * (short - beyond)
         opening = -(upper + lower)
-        change = opening - (1.0 - lips) * soft_positive(opening, SOFTNESS_FAPU)
+        change = opening - (1.0 - lips) * _nearer(soft_positive(opening, SOFTNESS_FAPU), free, scale)
         share = LOWER_SHARE * (1.0 - teeth)
         upper, lower = upper + (1.0 - share) * change, lower + share * change
         carried = np.clip(upper, *limits(numbers[0]))
@@ -168,3 +178,10 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array)
             for number in alike:
                 settled[..., fap.column(number)] += now - before
     return settled
+
+
+def _nearer(opening: Array, free: Array, scale: float) -> Array:
+    """Bring lips that are near each other nearer, as far as nothing holds them open: ``free``, 0..1. FAPU."""
+    near = NEAR_SHARE * free * (1.0 - smoothstep(opening / (scale * NEAR_FAPU)))
+    nearer: Array = (1.0 - near) * opening
+    return nearer

@@ -13,7 +13,7 @@ How fast the speech is needs no setting: phones too short to be reached undersho
 model knows (:mod:`.context`) and by the merging of keyframes that stand too near (:data:`.targets.APART_S`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.profiles import Profile
+from fapengine.models.viseme_space import VisemeSpace
+from fapengine.profiles import PhoneTarget, Profile
 
 Method = Literal["context", "paper", "minimum-jerk", "dominance"]
 METHOD_NAMES: tuple[Method, ...] = get_args(Method)
@@ -146,10 +147,20 @@ def parse_method(name: str) -> Method:
 
 def jaw_share(profile: Profile) -> NDArray[np.float64]:
     """Matrix (K, K) that keeps of a pose, a row of weights, what is the jaw's."""
-    space = profile.space
-    drop = -space.modes_mm[:, space.points.index("2.1"), 1]
-    targets = np.concatenate([phone.targets for phone in profile.phones.values()])
-    brought = (targets @ drop) @ targets
-    reach = brought @ drop
-    jaws: NDArray[np.float64] = np.outer(drop, brought / reach) if reach > 0 else np.zeros((len(drop), len(drop)))
+    jaws: NDArray[np.float64] = np.outer(_chin_drop(profile.space), jaw_pose(profile.space, profile.phones))
     return jaws
+
+
+def jaw_pose(space: VisemeSpace, phones: Mapping[str, PhoneTarget]) -> NDArray[np.float64]:
+    """(K,) weights that go with 1 mm of the chin's drop, on average over phones; 0 where they do not drop it."""
+    drop = _chin_drop(space)
+    targets = np.concatenate([phone.targets for phone in phones.values()])
+    brought: NDArray[np.float64] = (targets @ drop) @ targets
+    reach = brought @ drop
+    return brought / reach if reach > 0 else np.zeros_like(drop)
+
+
+def _chin_drop(space: VisemeSpace) -> NDArray[np.float64]:
+    """(K,) mm that each mode brings the chin down."""
+    drop: NDArray[np.float64] = -space.modes_mm[:, space.points.index("2.1"), 1]
+    return drop

@@ -26,6 +26,8 @@ from fapengine.trajectory.tokens import Part, Token, tokens_of
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
+INTERDENTAL = "θð"
+"""The tongue is seen between the teeth."""
 APART_S = 0.03
 """A phone too short for its keyframes to stand so far apart has one, their mean: fast speech undershoots. It costs
 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
@@ -46,7 +48,7 @@ class Resolved:
     targets: NDArray[np.float64]
     """(keyframes, K)."""
     contact: str
-    """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open, ``jaw`` for a sound that needs it high."""
+    """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it must be high."""
 
 
 def joined_track(phones: Iterable[Phone]) -> PhoneTrack:
@@ -159,6 +161,8 @@ def _opens(heard: tuple[str, ...]) -> bool:
 
 @cache
 def must_open(letter: str) -> bool:
-    """Whether this IPA letter is a vowel that cannot be said with the mouth nearly shut: open or near-open."""
+    """Whether this IPA letter cannot be said with the mouth nearly shut: open and near-open vowels, θ and ð."""
+    if letter in INTERDENTAL:
+        return True
     sound = ipa.SOUNDS.get(letter)
     return sound is not None and sound.vowel and sound.opening >= NEAR_OPEN

@@ -39,7 +39,7 @@ def add_unheard(model: ContextModel) -> ContextModel:
     """Add a row for every letter of IPA that the model has no row for and that a rule tells of."""
     heard = tuple(name.removeprefix("phone ") for name in model.features if name.startswith("phone "))
     heard = tuple(name for name in heard if " " not in name)
-    looks = {name: _look(model, name) for name in heard}
+    looks = {name: look_of(model, name) for name in heard}
     rows: dict[str, Array] = {}
     for letter in [*ipa.SOUNDS, *ipa.SOUNDS]:  # twice: a twin may itself be unheard
         if letter not in looks:
@@ -47,14 +47,14 @@ def add_unheard(model: ContextModel) -> ContextModel:
             look = _from_likes(letter, heard, looks) if look is None else look
             if look is not None:
                 looks[letter] = look
-                rows[f"phone {letter}"] = look - _look(model, letter)
+                rows[f"phone {letter}"] = look - look_of(model, letter)
     if not rows:
         return model
     coefficients = np.concatenate([model.coefficients, np.stack(list(rows.values()))])
     return replace(model, features=(*model.features, *rows), coefficients=coefficients)
 
 
-def _look(model: ContextModel, name: str) -> Array:
+def look_of(model: ContextModel, name: str) -> Array:
     """(keyframes, K): a phone by itself, of typical length."""
     named = alone(Part(name, ipa.letters(name)[0]))
     total = np.zeros(model.coefficients.shape[1:])

@@ -38,9 +38,9 @@ def head_without_tip() -> FaceMesh:
     return replace(whole, triangles=whole.triangles[~tip[whole.triangles].any(axis=1)])
 
 
-def tongue_pixels(label: str) -> int:
+def tongue_pixels(*labels: str, at: int = 0) -> int:
     """Number of pixels that the tip of the tongue changes by a sixth of the range and more."""
-    with_tip, without = (draw([pose(label)], FRONT, mesh)[0] for mesh in (head(), head_without_tip()))
+    with_tip, without = (draw([pose(*labels, at=at)], FRONT, mesh)[0] for mesh in (head(), head_without_tip()))
     return int((np.abs(with_tip - without)[..., :3].max(axis=-1) > 42).sum())
 
 
@@ -60,6 +60,12 @@ def test_the_tongue_of_th_is_seen_and_that_of_s_is_not_so() -> None:
     seen = tongue_pixels("θ")
     assert seen > 150  # of 40,000
     assert seen > 3 * tongue_pixels("s")
+
+
+@pytest.mark.parametrize("word", ["*θ ɹ i", "w ɪ *θ", "ə *ð ə", "*θ ɪ ŋ k"])
+def test_the_tongue_of_th_is_seen_in_words_too(word: str) -> None:
+    labels = word.replace("*", "").split()
+    assert tongue_pixels(*labels, at=word.split("*")[0].count(" ")) > 120
 
 
 @pytest.mark.parametrize("label", ["u", "y", "w", "ʃ"])

@@ -93,7 +93,7 @@ def test_a_mood_is_no_viseme() -> None:
     plain, merry = approximate_visemes(spoken()), approximate_visemes(spoken(Expression.JOY, 0.6))
     assert np.abs(plain - merry).mean() < 0.04  # 0.10 if what joy does to the mouth were not taken away
     for label in ("b", "m"):
-        assert OCULUS_NAMES[int(merry[at(label)].argmax())] == "PP", label
+        assert merry[at(label), OCULUS_NAMES.index("PP")] > 0.45, label  # what is missing is sil, shut as well
 
 
 def test_what_is_more_than_one_is_scaled_and_less_is_silence() -> None:

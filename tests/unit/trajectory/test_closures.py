@@ -15,6 +15,8 @@ from fapengine.trajectory.closures import (
     BITTEN_FAPU,
     HOLD,
     MIN_HOLD_S,
+    NEAR_FAPU,
+    NEAR_SHARE,
     OPEN_FAPU,
     PAIRS,
     RAMP_S,
@@ -147,12 +149,12 @@ def test_contacts_hold_in_every_style_that_is_accepted_and_values_at_the_end_of_
 
 @given(
     st.sampled_from(["p", "m", "f", "s", "w", "uː", "ʃ", "_"]),
-    st.sampled_from(["ɑ", "æ", "aɪ", "aʊ", "ɑː", "ɒ"]),
+    st.sampled_from(["ɑ", "æ", "aɪ", "aʊ", "ɑː", "ɒ", "θ", "ð"]),
     st.sampled_from(["p", "b", "v", "s", "w", "i", "n", "_"]),
     st.floats(0.08, 0.3),
     MOOD,
 )
-def test_vowels_that_must_open_do_open(
+def test_vowels_and_th_that_must_open_do_open(
     before: str, vowel: str, behind: str, each_s: float, mood: dict[Expression, float]
 ) -> None:
     phones = spoken([("n", each_s), (before, each_s), (vowel, each_s), (behind, each_s)], 1.0)
@@ -232,3 +234,27 @@ def test_contacts_do_not_disturb_each_other() -> None:
 
 def test_open_vowels_are_found_by_their_articulation() -> None:
     assert [letter for letter in "aæɑɒɐɛəiuph?" if must_open(letter)] == list("aæɑɒɐ")
+
+
+def parted(opening_fapu: float, **contacts: float) -> list[float]:
+    """Openings, FAPU, middle, left and right, of lips that were so far apart in the middle, 0.6 of it at the sides."""
+    faps = np.zeros((1, 68))
+    for index, (upper, lower, *_) in enumerate(PAIRS):
+        share = SIDE_OPENING if index else 1.0
+        faps[0, [fap.column(upper), fap.column(lower)]] = -0.5 * share * opening_fapu
+    held_by = {name: np.full(1, contacts.get(name, 0.0)) for name in ("lips", "teeth", "vowels", "jaw")}
+    settled = settle(faps, **held_by)[0]
+    return [-float(settled[fap.column(upper)] + settled[fap.column(lower)]) for upper, lower, *_ in PAIRS]
+
+
+def test_lips_that_are_near_each_other_come_nearer() -> None:
+    """As captured ones do, half as much; what a vowel or θ holds open does not."""
+    for opening, captured in ((60.0, 14.0), (120.0, 38.0), (165.0, 100.0)):  # 1.3, 2.5, 3.5 mm; 0.3, 0.8, 2.1
+        middle, left, right = parted(opening)
+        assert middle == pytest.approx(opening - NEAR_SHARE * (opening - captured), abs=12.0)
+        assert left == right == pytest.approx(SIDE_OPENING * middle, rel=0.2)
+    assert parted(120.0)[0] < 90.0
+    assert parted(1.1 * NEAR_FAPU)[0] == pytest.approx(1.1 * NEAR_FAPU, abs=12.0)
+    assert parted(160.0, vowels=1.0)[0] > 145.0 > 1.15 * parted(160.0)[0]
+    rising = [parted(opening)[0] for opening in np.linspace(0, 400, 200)]
+    assert (np.diff(rising) > 0).all()

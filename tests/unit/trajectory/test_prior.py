@@ -1,0 +1,99 @@
+"""Vowels open in the order of their height, but where the speaker was heard to say otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fapengine.mpeg4 import fap
+from fapengine.profiles import ContextModel
+from fapengine.speech.articulation import OPENINGS
+from fapengine.speech.ipa import SOUNDS
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.context import targets
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.prior import lean_on_phonetics
+from fapengine.trajectory.style import Style
+from fapengine.trajectory.tokens import tokens_of
+from tests.english import english
+from tests.unit.trajectory.test_context import track
+
+HEARD = {"phone i": 5.0, "phone i length": 0.0, "phone ɑ": 5.0, "phone ɑ length": 0.0, "pair -1 b i": 0.0,
+         "pair 1 t i": 0.0}  # fmt: skip
+"""A speaker whose i, heard between b and t, opens as far as his ɑ; mm of the jaw's drop."""
+
+
+def opening_mm(spelling: str, vowel: str, each_s: float) -> float:
+    """Way between the inner lips over the middle half of a vowel."""
+    labels = spelling.format(vowel).split()
+    edges = 0.3 + each_s * np.arange(len(labels) + 1)
+    spoken = [Phone(label, *span) for label, *span in zip(labels, edges[:-1], edges[1:], strict=True)]
+    phones = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
+    faps = plan(phones, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still()).track.values
+    at = 0.3 + each_s * (labels.index(vowel) + np.array([0.25, 0.75]))
+    mm = faps[round(100 * at[0]) : round(100 * at[1]) + 1] * english().fapu.steps()
+    return float(-(mm[:, fap.column(4)] + mm[:, fap.column(5)]).mean())
+
+
+@pytest.mark.parametrize(("frame", "each_s"), [("{}", 0.4), ("h {} d", 0.15)])
+def test_unrounded_vowels_open_in_the_order_of_their_height(frame: str, each_s: float) -> None:
+    found = {vowel: opening_mm(frame, vowel, each_s) for vowel in "iɪeɛæaɑɨɯ"}
+    assert max(found[vowel] for vowel in "iɪeɨɯ") < min(found[vowel] for vowel in "ɛæaɑ") - 1.5, found
+    assert found["i"] < found["ɑ"] - 2.5, "a stranger does not see ee gape as ah does"
+    assert found["i"] < min(found["ɪ"], found["e"]) + 0.5
+    assert found["ɛ"] < max(found["æ"], found["a"])
+
+
+def made(**changes: float) -> ContextModel:
+    """A model of HEARD alone, in English's space."""
+    values = {**HEARD, **changes}
+    drop = -english().space.modes_mm[:, english().space.points.index("2.1"), 1]
+    pose = drop / (drop @ drop)
+    rows = np.array(list(values.values()))[:, None, None] * np.ones((1, 2, 1)) * pose
+    return ContextModel(fractions=(0.2, 0.7), features=tuple(values), coefficients=rows)
+
+
+def moved(spelling: str, index: int) -> np.ndarray:
+    tokens, _ = tokens_of(track(spelling), english().phones)
+    before = made()
+    after = lean_on_phonetics(before, english().space, english().phones)
+    return np.asarray(targets(tokens, after)[index + 1] - targets(tokens, before)[index + 1])
+
+
+def test_what_was_heard_on_both_sides_stays_and_what_was_heard_on_one_goes_half_of_the_way() -> None:
+    whole = moved("s i m", 1)
+    assert np.abs(whole).max() > 0.1
+    np.testing.assert_allclose(moved("b i t", 1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(moved("b i m", 1), whole / 2)
+    np.testing.assert_allclose(moved("s i t", 1), whole / 2)
+    np.testing.assert_allclose(moved("i", 0), whole)
+    assert (moved("ɑ", 0) * whole < 0).any(), "the other way"
+
+
+def test_consonants_and_round_vowels_stay() -> None:
+    for label in "tsuoθ":
+        np.testing.assert_array_equal(moved(label, 0), 0.0)
+
+
+def test_an_unheard_vowel_gets_a_row_of_its_own() -> None:
+    found = lean_on_phonetics(made(), english().space, english().phones)
+    assert {f"phone {letter}" for letter in OPENINGS} <= set(found.features)
+    assert len(set(found.features)) == len(found.features)
+
+
+def test_without_vowels_or_a_jaw_nothing_is_said() -> None:
+    space, phones = english().space, english().phones
+    names = ("phone t", "phone t length")
+    silent = ContextModel(fractions=(0.2, 0.7), features=names, coefficients=np.zeros((2, 2, space.mode_count)))
+    assert lean_on_phonetics(silent, space, phones) is silent
+    still = {name: replace(phone, targets=np.zeros_like(phone.targets)) for name, phone in phones.items()}
+    model = made()
+    assert lean_on_phonetics(model, space, still) is model, "no pose drops the chin"
+
+
+def test_the_table_is_of_unrounded_vowels_and_rises_with_the_chart() -> None:
+    assert set(OPENINGS) - set("ɹl") == {
+        letter for letter, sound in SOUNDS.items() if sound.vowel and sound.rounding == 0
+    }
+    for one, other in (("i", "ɪ"), ("e", "ɛ"), ("ɛ", "æ"), ("æ", "a"), ("ɨ", "ə"), ("ə", "ɐ"), ("ʌ", "ɑ")):
+        assert OPENINGS[one] < OPENINGS[other]
