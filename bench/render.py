@@ -5,7 +5,8 @@
 Frames are drawn as they are for a video: all FAPs live, full shading, softened edges, read back into an array. Every
 case and every peer draws in each round, the default head before and after each of them, so that a neighbour on the same
 cores slows both sides of a ratio. Ratios are medians over the rounds, with the quarters of the rounds beside them;
-frames a second are of a case's best round, which is the one with the fewest neighbours. PYTHON is an interpreter with
+frames a second are of a case's best round, which is the one with the fewest neighbours. Processor time is that of all
+processes of a case, a browser's too. PYTHON is an interpreter with
 the group ``peers`` of pyproject.toml (by default this one); a peer that does not install or start is reported as
 absent. ``--page`` writes docs/render-speed.md and its plot.
 """
@@ -30,21 +31,27 @@ import numpy as np
 from bench.finer import finer, only_faps
 from bench.render_goals import (
     BROWSER_PEERS,
+    FILM,
+    FINE,
     GOALS_FPS,
     MAX_DEFORMING,
     MIN_PEER_RATIO,
     MIN_PEER_RATIOS,
     PEERS,
     REFERENCE,
+    SAME_QUALITY,
+    SOFT,
+    STAIRS,
 )
 from bench.render_page import write_page
 from bench.talking import talking_face
+from fapengine.files.video import write_video
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.render.context import create_context
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing
 from fapengine.render.renderer import FaceRenderer
 
 PEER_FILE = Path(__file__).with_name("render_peers.py")
@@ -52,10 +59,11 @@ START_LIMIT_S, ROUND_LIMIT_S, END_LIMIT_S = 90.0, 60.0, 5.0
 SLICE_S = 0.15
 """How long a contender draws in a round."""
 HD, FULL_HD = (1280, 720), (1920, 1080)
-REFERENCE_DRAWING = Drawing(size=(512, 512), samples=0)
+REFERENCE_DRAWING = DEFAULT_DRAWING
+"""How the verbs draw."""
 PARTS = {
     "without a painting": "its texture",
-    "light at pixels": "light at vertices (saved)",
+    SOFT: "light at vertices (saved)",
     "edges as they are": "softening edges",
     "multisampled": "softening in place of multisampling (saved)",
     "undeformed": "deforming",
@@ -84,6 +92,7 @@ class Peer:
         )
         if self._answer(START_LIMIT_S) != "ready":
             raise AbsentError("answered nonsense")
+        self.cpu_s, self.frames = 0.0, 0
         self._look()
 
     def _look(self) -> None:
@@ -96,9 +105,18 @@ class Peer:
     def draw(self, count: int) -> float:
         """Seconds for ``count`` frames, by the peer's own clock."""
         assert self._process.stdin is not None
+        before_s = processors_s(self._process.pid)
         self._process.stdin.write(f"{count}\n".encode())
         self._process.stdin.flush()
-        return float(self._answer(ROUND_LIMIT_S))
+        took_s = float(self._answer(ROUND_LIMIT_S))
+        self.cpu_s += processors_s(self._process.pid) - before_s
+        self.frames += count
+        return took_s
+
+    @property
+    def cpu_ms(self) -> float:
+        """Milliseconds of all cores for a frame, of the peer and of every process that it has started."""
+        return 1000 * self.cpu_s / max(self.frames, 1)
 
     def _answer(self, limit_s: float) -> str:
         assert self._process.stdout is not None
@@ -145,7 +163,9 @@ def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
         "71,000 vertices": Case(finer(fine, 71_000)),
         "720p": Case(head, replace(REFERENCE_DRAWING, size=HD)),
         "without a painting": Case(replace(head, texture=None)),
-        "light at pixels": Case(head, replace(REFERENCE_DRAWING, shading="pixels")),
+        SOFT: Case(head, replace(REFERENCE_DRAWING, shading="pixels")),
+        STAIRS: Case(head, replace(REFERENCE_DRAWING, samples=1, shading="pixels")),
+        FINE: Case(head, replace(REFERENCE_DRAWING, samples=4, shading="pixels")),
         "edges as they are": Case(head, replace(REFERENCE_DRAWING, samples=1)),
         "multisampled": Case(head, replace(REFERENCE_DRAWING, samples=4)),
         f"{len(coarse.vertices_mm):,} vertices": Case(coarse),
@@ -188,26 +208,48 @@ def growth(made: dict[str, Case], best_ms: dict[str, float]) -> dict[str, list]:
     }
 
 
+def processors_s(root: int) -> float:
+    """Processor time, s, that a process and its descendants have taken until now (Linux)."""
+    parents: dict[int, int] = {}
+    taken: dict[int, float] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has just ended
+            values = (folder / "stat").read_text().rpartition(")")[2].split()
+            parents[int(folder.name)] = int(values[1])
+            taken[int(folder.name)] = (int(values[11]) + int(values[12])) / os.sysconf("SC_CLK_TCK")
+
+    def is_below(process: int) -> bool:
+        while process in parents and process != root:
+            process = parents[process]
+        return process == root
+
+    return sum(seconds for process, seconds in taken.items() if is_below(process))
+
+
 class OurDraw:
     """Stateful: draws with one of our renderers; beside the seconds it keeps what the processors did."""
 
-    def __init__(self, renderer: FaceRenderer) -> None:
-        self._renderer = renderer
+    def __init__(self, renderer: FaceRenderer, film: Path | None = None) -> None:
+        self._renderer, self._film = renderer, film
         self.cpu_ms: list[float] = []
         """Milliseconds of all cores together for a frame, of each call."""
 
     def __call__(self, count: int) -> float:
         """Seconds for ``count`` frames."""
         cpu_s, started = time.process_time(), time.perf_counter()
-        for _ in self._renderer.frames(FRAMES[np.arange(count) % len(FRAMES)]):
-            pass
+        pictures = self._renderer.frames(FRAMES[np.arange(count) % len(FRAMES)])
+        if self._film is None:
+            for _ in pictures:
+                pass
+        else:
+            write_video(self._film, pictures, rate_hz=30.0)
         took_s = time.perf_counter() - started
         self.cpu_ms.append(1000 * (time.process_time() - cpu_s) / count)
         return took_s
 
 
 @contextlib.contextmanager
-def started_peers(python: str, head: FaceMesh) -> Iterator[tuple[dict[str, Draw], dict[str, str]]]:
+def started_peers(python: str, head: FaceMesh) -> Iterator[tuple[dict[str, Peer], dict[str, str]]]:
     """Those that take part, and why the others do not."""
     peers: dict[str, Peer] = {}
     absent: dict[str, str] = {}
@@ -227,7 +269,7 @@ def started_peers(python: str, head: FaceMesh) -> Iterator[tuple[dict[str, Draw]
                 stack.callback(peers[peer].close)
             except (AbsentError, OSError, ValueError) as error:
                 absent[peer] = str(error)
-        yield {name: peer.draw for name, peer in peers.items()}, absent
+        yield peers, absent
 
 
 def interleaved(contenders: dict[str, Draw], rounds: int) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
@@ -278,21 +320,34 @@ def measure(python: str, rounds: int) -> dict[str, object]:
         ours = {
             name: OurDraw(stack.enter_context(FaceRenderer(case.mesh, case.drawing))) for name, case in made.items()
         }
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        ours[FILM] = OurDraw(stack.enter_context(FaceRenderer(head)), folder / "film.mp4")
         theirs, absent = stack.enter_context(started_peers(python, head))
-        times, ratios = interleaved({**ours, **theirs}, rounds)
+        contenders: dict[str, Draw] = {**ours, **{name: peer.draw for name, peer in theirs.items()}}
+        times, ratios = interleaved(contenders, rounds)
     machine["load"].append(os.getloadavg()[0])
     best_ms = {name: min(times[name]) for name in ours}
+    cpu_ms = {name: float(np.median(draw.cpu_ms)) for name, draw in ours.items()}
+    cpu_ms |= {name: peer.cpu_ms for name, peer in theirs.items()}
     inverse = {name: spread([1 / ratio for ratio in ratios[name]]) for name in PARTS}
     return {
         "machine": machine,
         "vertices": len(head.vertices_mm),
         "triangles": len(head.triangles),
         "best_ms": best_ms,
-        "cpu_ms": {name: float(np.median(draw.cpu_ms)) for name, draw in ours.items()},
+        "cpu_ms": cpu_ms,
+        "ours": {name: spread(ratios[name]) for name in (FILM, STAIRS, SOFT, FINE)},
         "growth": growth(made, best_ms),
         "deforming": inverse["undeformed"]["ratio"],
         "parts": {PARTS[name]: found for name, found in inverse.items()},
-        "peers": {name: {"best_ms": min(times[name]), **spread(ratios[name])} for name in theirs},
+        "peers": {
+            name: {
+                "best_ms": min(times[name]),
+                **spread(ratios[name]),
+                "alike": cpu_ms[name] / cpu_ms[SAME_QUALITY[name]],
+            }
+            for name in theirs
+        },
         "absent": absent,
         "rounds": rounds,
     }
@@ -308,14 +363,20 @@ def print_result(result: dict) -> None:
         fps = 1000 / best[name]
         judged = f"(goal {goal}: {'met' if fps >= goal else 'MISSED'})"
         print(f"{name:>20} {best[name]:7.1f} ms {fps:5.0f} fps {judged}, {result['cpu_ms'][name]:.1f} ms of processors")
+    for name, found in result["ours"].items():
+        cpu_ms = result["cpu_ms"][name]
+        print(f"{name:>30} {best[name]:7.1f} ms, {found['ratio']:.2f} times, {cpu_ms:.1f} ms of processors")
     print(f"{'deforming':>20} {result['deforming']:7.2f} times undeformed (goal: at most {MAX_DEFORMING})")
     for what, found in result["parts"].items():
         print(f"{what:>44} {100 * (found['ratio'] - 1):+5.0f} % ({_percents(found)})")
     for name, peer in result["peers"].items():
         goal = MIN_PEER_RATIOS.get(name, MIN_PEER_RATIO)
-        judged = f" (goal {goal:g}: {'met' if peer['ratio'] >= goal else 'MISSED'})" if goal else ""
+        judged = f" (goal {goal:g}: {'met' if peer['alike'] >= goal else 'MISSED'})" if goal else ""
         quarters = f"{peer['low']:.1f}..{peer['high']:.1f}"
-        print(f"{name:>20} {peer['best_ms']:7.1f} ms, {peer['ratio']:.1f} times ours ({quarters}){judged}")
+        print(
+            f"{name:>20} {peer['best_ms']:7.1f} ms, {result['cpu_ms'][name]:.1f} ms of processors, {peer['ratio']:.1f}"
+            f" times ours ({quarters}), {peer['alike']:.1f} times our processors at the same quality{judged}"
+        )
     for name, why in result["absent"].items():
         print(f"{name:>20} absent: {why}")
 

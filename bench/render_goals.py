@@ -13,3 +13,13 @@ MIN_PEER_RATIO = 6.0
 """Time of a peer's frame to ours."""
 MIN_PEER_RATIOS = {"three.js": 2.0, "three.js, bare": None, "three.js, morphs": None, "our page": None}
 """Peer to such a ratio where it is not :data:`MIN_PEER_RATIO`; None: there is no goal."""
+STAIRS, SOFT, FINE = "stairs, light at pixels", "light at pixels", "multisampled, light at pixels"
+"""Our cases with light worked out at every pixel, as peers do it: without anti-aliasing, softened, four samples."""
+SAME_QUALITY = {
+    "PyVista": SOFT, "PyVista, bare": STAIRS, "pygfx": SOFT, "pygfx, as it comes": FINE, "pygfx, bare": STAIRS,
+    "vispy, bare": STAIRS, "pyrender": FINE, "three.js": FINE, "three.js, bare": STAIRS, "three.js, morphs": FINE,
+    "our page": REFERENCE,
+}  # fmt: skip
+"""Peer to our case with the same edges and light."""
+FILM = "default head into a film"
+"""Case that does what ``say`` and ``render`` do: draws with their defaults, and encodes as H.264."""
