@@ -154,7 +154,7 @@ class WindowScreen:
     """
 
     def __init__(self, head: str = DEFAULT_HEAD, *, drawing: Drawing, rate_hz: float) -> None:
-        finest, *coarser = load_levels(head)
+        finest, coarser = load_levels(head)
         self._window = FaceWindow(
             finest, drawing, coarser=coarser, title="fapengine say", panel=Panel(), hold_hz=rate_hz,
         )  # fmt: skip

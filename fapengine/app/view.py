@@ -11,6 +11,7 @@ from fapengine.errors import ResourceError
 from fapengine.files.pictures import save_png
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.drawing import Drawing
+from fapengine.render.live import LevelOfDetail
 from fapengine.render.panel import Panel, Said
 from fapengine.render.window import FaceWindow
 
@@ -50,13 +51,19 @@ class ViewReport:
     """Resolution and level of detail at the end."""
 
 
-def run_window(levels: Sequence[FaceMesh], open_source: Callable[[], Source], options: ViewOptions) -> ViewReport:
+def run_window(
+    head: FaceMesh,
+    coarser: Sequence[LevelOfDetail],
+    open_source: Callable[[], Source],
+    options: ViewOptions,
+) -> ViewReport:
     """Show a source until the window is closed.
 
     Parameters
     ----------
-    levels : sequence of FaceMesh
-        The head's levels of detail, the finest first.
+    head : FaceMesh
+    coarser : sequence of FaceMesh
+        Coarser levels of detail, or functions that load them when they are needed.
     open_source : callable
         Makes the source, when the window is open; it is closed with the window.
     options : ViewOptions
@@ -68,7 +75,7 @@ def run_window(levels: Sequence[FaceMesh], open_source: Callable[[], Source], op
     UsageError
         If the window is too small.
     """
-    with FaceWindow(levels[0], options.drawing, coarser=levels[1:], keys=KEYS, hold_hz=options.rate_hz) as window:
+    with FaceWindow(head, options.drawing, coarser=coarser, keys=KEYS, hold_hz=options.rate_hz) as window:
         source = open_source()
         try:
             begun_s = time.monotonic()

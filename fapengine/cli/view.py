@@ -68,7 +68,7 @@ def view(
     device, silent = live_output.device, live_output.silent
     if device is not None and not silent:
         open_output(CHECKED_HZ, device=device).close()  # a wrong one is an error now, not at the first sentence
-    levels = load_levels(head)
+    finest, coarser = load_levels(head)
 
     def open_source() -> "Source":
         from fapengine.app import view_sources
@@ -81,7 +81,7 @@ def view(
             return view_sources.open_url(source, session=session, voice=voice.voice, device=device, silent=silent)
         return view_sources.open_file(Path(source), audio, device=device, silent=silent)
 
-    report = run_window(levels, open_source, options)
+    report = run_window(finest, coarser, open_source, options)
     if as_json:
         import json
 

@@ -62,12 +62,12 @@ class Quality:
         return ", ".join(parts)
 
 
-def ladder(vertices: Sequence[int], *, lit_at_pixels: bool) -> tuple[Quality, ...]:
+def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, ...]:
     """Qualities from the best to the cheapest.
 
     Parameters
     ----------
-    vertices : sequence of int
+    vertices : sequence of float
         Number of vertices of each level of detail, the finest first.
     lit_at_pixels : bool
         Whether the finest is lit at pixels by its own choice; if so, light at vertices is given up first.
@@ -94,7 +94,7 @@ def ladder(vertices: Sequence[int], *, lit_at_pixels: bool) -> tuple[Quality, ..
 
 
 def _cost(
-    level: int, scale: float, shading: Shading, samples: int, vertices: Sequence[int], *, lit_at_pixels: bool
+    level: int, scale: float, shading: Shading, samples: int, vertices: Sequence[float], *, lit_at_pixels: bool
 ) -> float:
     """Estimate a frame, in frames of the finest head with softened edges."""
     saved = LIGHT_SHARE * (shading == "vertices" and lit_at_pixels) + SOFTENING_SHARE * (samples == 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from numpy.typing import ArrayLike
 
@@ -23,6 +23,12 @@ else:
     moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
+LevelOfDetail: TypeAlias = "FaceMesh | Callable[[], FaceMesh]"
+"""A head, or what loads it when it is first drawn."""
+COARSER = 0.5
+"""Share of the finest head's vertices that a level is taken to have before it is loaded."""
+
+
 class LiveRenderer(Renderer):
     """A face drawn as well as the rate allows. Use it as a context manager; it holds GPU memory.
 
@@ -31,7 +37,8 @@ class LiveRenderer(Renderer):
     Parameters
     ----------
     meshes : sequence of FaceMesh
-        The same head in levels of detail, the finest first; one is enough.
+        The same head in levels of detail, the finest first; one is enough. Coarser ones may be functions, which are
+        called when the rate first asks for that level.
     drawing : Drawing
         Size, camera, background and wire; samples, shading and scale follow from the rate.
     rate_hz : float
@@ -54,7 +61,7 @@ class LiveRenderer(Renderer):
 
     def __init__(
         self,
-        meshes: Sequence[FaceMesh],
+        meshes: Sequence[LevelOfDetail],
         drawing: Drawing = DEFAULT_DRAWING,
         *,
         rate_hz: float,
@@ -65,13 +72,11 @@ class LiveRenderer(Renderer):
         if not meshes:
             raise UsageError("live renderer: got no mesh, expected one or more")
         super().__init__(context)
-        self.drawing, self._meshes = drawing, tuple(meshes)
+        self.drawing, self._meshes = drawing, list(meshes)
         self._on_change, self._clock = on_change, clock
         self._renderers: dict[int, FaceRenderer] = {}
         lit_at_pixels = not self._renderer(0, self._drawing_at(Quality())).is_lit_at_vertices
-        self.budget = FrameBudget(
-            ladder([len(mesh.vertices_mm) for mesh in meshes], lit_at_pixels=lit_at_pixels), rate_hz
-        )
+        self.budget = FrameBudget(ladder(_vertex_counts(self._meshes), lit_at_pixels=lit_at_pixels), rate_hz)
 
     def release(self) -> None:
         """Give all GPU memory back."""
@@ -111,7 +116,10 @@ class LiveRenderer(Renderer):
 
     def _renderer(self, level: int, drawing: Drawing) -> FaceRenderer:
         if level not in self._renderers:
-            self._renderers[level] = FaceRenderer(self._meshes[level], drawing, context=self._context)
+            mesh = self._meshes[level]
+            if not isinstance(mesh, FaceMesh):
+                mesh = self._meshes[level] = mesh()
+            self._renderers[level] = FaceRenderer(mesh, drawing, context=self._context)
         self._renderers[level].drawing = drawing
         return self._renderers[level]
 
@@ -123,3 +131,11 @@ class LiveRenderer(Renderer):
                 f"{self.quality}: a frame took {1000 * change.cost_s:.1f} ms,"
                 f" {1000 * change.budget_s:.1f} ms are there ({self.budget.rate_hz:g} Hz)"
             )
+
+
+def _vertex_counts(meshes: Sequence[LevelOfDetail]) -> list[float]:
+    """Vertices of each level; of one that is not loaded, about how many it will have."""
+    counts: list[float] = []
+    for mesh in meshes:
+        counts.append(len(mesh.vertices_mm) if isinstance(mesh, FaceMesh) else COARSER * counts[-1])
+    return counts

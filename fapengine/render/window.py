@@ -29,7 +29,7 @@ from fapengine.render.camera import PRESETS, Camera, preset
 from fapengine.render.context import REQUIRED
 from fapengine.render.desktop import create_window, current, start_glfw
 from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, Drawing
-from fapengine.render.live import LiveRenderer
+from fapengine.render.live import LevelOfDetail, LiveRenderer
 from fapengine.render.panel import WIDTH, Event, Panel, Pressed
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import FaceRenderer
@@ -70,7 +70,7 @@ class FaceWindow:
     drawing : Drawing
         Way in which the face is drawn; the size is the window's at first, in points, panel included.
     coarser : sequence of FaceMesh
-        The same with fewer vertices, for a rate that could not be held otherwise.
+        The same with fewer vertices, for a rate that could not be held otherwise; or functions that load them then.
     title : str
     panel : Panel, optional
         The controls; cameras are added to its buttons.
@@ -94,7 +94,7 @@ class FaceWindow:
         mesh: FaceMesh,
         drawing: Drawing = WINDOW_DRAWING,
         *,
-        coarser: Sequence[FaceMesh] = (),
+        coarser: Sequence[LevelOfDetail] = (),
         title: str = "fapengine",
         panel: Panel | None = None,
         keys: Mapping[str, str] | None = None,
@@ -104,7 +104,8 @@ class FaceWindow:
         size = drawing.size
         if size[0] < MIN_SIZE_PT[0] or size[1] < MIN_SIZE_PT[1]:
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {MIN_SIZE_PT[0]}x{MIN_SIZE_PT[1]}")
-        self._meshes, self._drawing, self._keys = (mesh, *coarser), drawing, dict(keys or {})
+        self._mesh, self._coarser = mesh, tuple(coarser)
+        self._drawing, self._keys = drawing, dict(keys or {})
         self.camera = drawing.camera
         self.panel = panel or Panel()
         self.panel.buttons = (*map(_label, CAMERAS), *self.panel.buttons)
@@ -285,9 +286,11 @@ class FaceWindow:
                 self._renderer.release()
             drawing, context = replace(self._drawing, size=size, camera=self.camera), self._context
             if self._hold_hz is None:
-                self._renderer = FaceRenderer(self._meshes[0], drawing, context=context)
+                self._renderer = FaceRenderer(self._mesh, drawing, context=context)
             else:
-                self._renderer = LiveRenderer(self._meshes, drawing, rate_hz=self._hold_hz, context=context)
+                self._renderer = LiveRenderer(
+                    (self._mesh, *self._coarser), drawing, rate_hz=self._hold_hz, context=context
+                )
         return self._renderer
 
     def _panel_of(self, scale: float) -> moderngl.Texture:

@@ -1,15 +1,21 @@
 """Heads by name: our own, as any person, a head's folder, or the dense face of a profile's."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fapengine.errors import UsageError
 from fapengine.files.heads.built import OURS, load_built
-from fapengine.files.heads.dense import dense_info, is_profile, load_dense_head
 from fapengine.files.heads.folder import HeadInfo, load_folder, load_modes
-from fapengine.laboratory.dense_face import ModeRig
 from fapengine.mesh.default_head.people import parse_person
 from fapengine.mesh.default_head.style import LEVELS
 from fapengine.mesh.face_mesh import FaceMesh
+
+if TYPE_CHECKING:
+    from fapengine.laboratory.dense_face import ModeRig
 
 DEFAULT_HEAD = "default"
 
@@ -33,6 +39,8 @@ def load_head(name: str) -> FaceMesh:
     look, folder = parse_person(name), Path(name)
     if look:
         return load_built(*look)
+    from fapengine.files.heads.dense import is_profile, load_dense_head  # much of scipy, which our own do not need
+
     return load_dense_head(folder)[0].mesh if is_profile(folder) else load_folder(folder)[1]
 
 
@@ -41,6 +49,8 @@ def load_head_and_modes(name: str) -> tuple[FaceMesh, ModeRig | None]:
     folder = Path(name)
     if parse_person(name):
         return load_head(name), None
+    from fapengine.files.heads.dense import is_profile, load_dense_head
+
     if is_profile(folder):
         imported, rig, _ = load_dense_head(folder)
         return imported.mesh, rig
@@ -66,19 +76,20 @@ def load_head_of_modes(name: str) -> tuple[FaceMesh, ModeRig]:
     return mesh, rig
 
 
-def load_levels(name: str) -> list[FaceMesh]:
-    """Load a head and, if it is our own, its coarsest level of detail after it; a folder holds one level.
+def load_levels(name: str) -> tuple[FaceMesh, list[Callable[[], FaceMesh]]]:
+    """Load a head, and tell how to load its coarser levels of detail: one if it is our own; a folder holds none.
 
     Raises as :func:`load_head`.
     """
-    levels, look, coarsest = [load_head(name)], parse_person(name), next(iter(LEVELS))
-    if look and look[1] != coarsest:
-        levels.append(load_built(look[0], coarsest))
-    return levels
+    look, coarsest = parse_person(name), next(iter(LEVELS))
+    has_coarser = look is not None and look[1] != coarsest
+    return load_head(name), [partial(load_built, look[0], coarsest)] if look and has_coarser else []
 
 
 def load_head_info(name: str) -> HeadInfo:
     """Tell where a head comes from. Raises as :func:`load_head`."""
     if parse_person(name):
         return OURS
+    from fapengine.files.heads.dense import dense_info, is_profile
+
     return dense_info(Path(name)) if is_profile(Path(name)) else load_folder(Path(name))[0]

@@ -95,8 +95,8 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
     FakeWindow.made = []
     for place in ("fapengine.app.view", "fapengine.app.say_live"):
         monkeypatch.setattr(f"{place}.FaceWindow", FakeWindow)
-    monkeypatch.setattr("fapengine.files.heads.load.load_levels", lambda name: [None])
-    monkeypatch.setattr("fapengine.app.say_live.load_levels", lambda name: [None])
+    monkeypatch.setattr("fapengine.files.heads.load.load_levels", lambda name: (None, []))
+    monkeypatch.setattr("fapengine.app.say_live.load_levels", lambda name: (None, []))
     return FakeWindow.made
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import MIN_WAIT_S, Change, FrameBudget, Quality, ladder
 from fapengine.render.camera import preset
 from fapengine.render.drawing import Drawing
@@ -174,3 +175,24 @@ def test_levels_of_detail_are_used() -> None:
             live.draw(np.zeros(68))
         assert live.quality.level == 1
         assert set(live._renderers) == {0, 1}
+
+
+def test_a_coarser_level_is_loaded_when_the_rate_asks_for_it() -> None:
+    """By a clock that this test moves: frames take what it says."""
+    head, now, loaded = build_head(), [0.0], []
+
+    def clock() -> float:
+        now[0] += 0.02
+        return now[0]
+
+    def load() -> FaceMesh:
+        loaded.append(head)
+        return head
+
+    with LiveRenderer([head, load], Drawing(size=(16, 16)), rate_hz=60.0, clock=clock) as live:
+        live.draw(np.zeros(68))
+        assert not loaded
+        for _ in range(150):
+            live.draw(np.zeros(68))
+        assert live.quality.level == 1
+        assert loaded == [head]
