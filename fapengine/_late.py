@@ -14,6 +14,7 @@ _EXTRAS = {
     **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
     "aiohttp": '"fapengine[live]"',
     "usd-core": '"fapengine[usd]"',
+    "DracoPy": '"fapengine[draco]"',
 }
 """Extra of each package that is part of one, as pip is told it."""
 

@@ -114,7 +114,8 @@ def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
     transforms = bone_transforms(mesh, faps)
     vertex = np.repeat(np.arange(len(mesh.vertices_mm)), np.diff(basis.offsets))
     moved = np.broadcast_to(mesh.vertices_mm.astype(np.float64), (*weights.shape[:-1], *mesh.vertices_mm.shape)).copy()
-    flat, flat_weights = moved.reshape(-1, *mesh.vertices_mm.shape), weights.reshape(-1, weights.shape[-1])
+    flat = moved.reshape(-1, *mesh.vertices_mm.shape)
+    flat_weights = weights.reshape(len(flat), weights.shape[-1])  # of which a head of bones alone has none
     for frame, weight in zip(flat, flat_weights, strict=True):
         entries = weight[basis.entry_channels, None] * basis.entry_mm
         for axis in range(3):

@@ -37,7 +37,7 @@ ALIASES = {
 GAZE = re.compile(r"eyelook.*|look(up|down|left|right)|pupildilate.*")
 """Blendshapes that turn eyeballs or widen pupils: eyes turn about their balls here."""
 MIN_WITHOUT_VISEMES = 20
-"""Number of ARKit's blendshapes from which a file needs no visemes."""
+"""Number of ARKit's blendshapes from which a file needs no visemes, if one of them opens the jaw."""
 TONGUE_FAP, TONGUE_FAPU = 45, 1024.0
 """Meaning of ARKit's tongueOut: one mouth's width forwards."""
 UNUSED = "unused"
@@ -154,8 +154,10 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     blended += [*found[Role.SUBSTITUTE].values(), *found[Role.HALF].values()]
     blended += [name for left, name in found[Role.PAIR].items() if left not in arkit]
     both = tuple(found[Role.BLINK].values())
-    if len(blended) < MIN_WITHOUT_VISEMES:
+    few = len(blended) < MIN_WITHOUT_VISEMES
+    if few or "jawOpen" not in arkit:
         blended += [name for target, name in visemes.items() if target != "sil"]
+    if few:
         blended += [] if "eyeBlinkLeft" in arkit else both
     jaws = (arkit.get("jawOpen"), visemes.get("aa"), visemes.get("O"), visemes.get("oh"))
     return Choice(

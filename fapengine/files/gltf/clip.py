@@ -17,13 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from fapengine.errors import DataError, UnsupportedError
+from fapengine.errors import DataError, ResourceError, UnsupportedError
 from fapengine.files.gltf.curves import Curves, quaternions_of
 from fapengine.files.gltf.document import (
     BINARY_CHUNK,
-    COMPRESSED,
     JSON_CHUNK,
     MAGIC,
     Fetch,
@@ -258,14 +256,19 @@ def _shapes_turn(rig: _Rig, eye: int) -> bool:
             for name, target in targets:
                 if not plain(name).startswith("eyelookdown") or "POSITION" not in target:
                     continue
-                if any(extension in primitive.item("extensions") for extension in COMPRESSED):
-                    return True  # shapes are the usual way
+                try:
+                    rig.gltf.unpack_draco(primitive)
+                except (DataError, ResourceError):  # damaged, or without DracoPy: shapes are the usual way
+                    return True
                 try:
                     moves = rig.gltf.accessor(target.index("POSITION", len(rig.gltf.accessors)))
                     share = carrier(rig.gltf, node, primitive.item("attributes"), len(moves), rig.world, number).share(
                         below
                     )
-                except UnsupportedError:  # compressed: shapes are the usual way
+                except (
+                    UnsupportedError,
+                    ResourceError,
+                ):  # packed, and nothing here unpacks it: shapes are the usual way
                     return True
                 far = np.linalg.norm(moves, axis=1)
                 if far[share > 0.5].max(initial=0.0) > max(MOVED_SHARE * far.max(initial=0.0), MOVED):
@@ -280,6 +283,8 @@ def _take_apart(node: Row) -> None:
     matrix = np.array(node.pop("matrix")).reshape(4, 4).T
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     scale[0] *= np.sign(np.linalg.det(matrix[:3, :3])) or 1.0
+    from scipy.spatial.transform import Rotation
+
     turn = Rotation.from_matrix(matrix[:3, :3] / np.where(scale == 0, 1.0, scale))
     node |= {"translation": matrix[:3, 3].tolist(), "rotation": turn.as_quat().tolist(), "scale": scale.tolist()}
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.files.gltf.draco import DRACO, decode_draco
 from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item, parse_json
 from fapengine.files.gltf.meshopt import decode_meshopt
 
@@ -33,12 +34,11 @@ MAX_ELEMENTS_IN_ALL = 32_000_000
 """Elements that are read, those of an accessor as often as it is used."""
 UNDERSTOOD = (
     "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "KHR_texture_basisu",
-    "EXT_meshopt_compression", "VRM", "VRMC_vrm",
+    "EXT_meshopt_compression", DRACO, "VRM", "VRMC_vrm",
 )  # fmt: skip
 """Required extensions that change what is read here and are heeded; textures of Basis Universal are left out."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_pointer")
 """Beginnings of extensions that change nothing that is read here."""
-COMPRESSED = {"KHR_draco_mesh_compression": "Draco"}
 MESHOPT = "EXT_meshopt_compression"
 
 Fetch = Callable[[str], bytes]
@@ -79,6 +79,8 @@ class Gltf:
     buffers: tuple[bytes, ...]
     fetch: Fetch
     _views: dict[int, bytes] = field(default_factory=dict, repr=False)
+    _primitives: dict[int, NDArray[np.generic]] = field(default_factory=dict, repr=False)
+    """Numbers of accessors whose primitives were packed by Draco."""
     elements: Budget = field(default_factory=lambda: Budget("elements", MAX_ELEMENTS_IN_ALL))
 
     @property
@@ -96,7 +98,9 @@ class Gltf:
         item = _row(self.accessors, "accessors", index)
         count, width, kind = self._shape(item)
         values = np.zeros((count, width), kind)
-        if "bufferView" in item:
+        if index in self._primitives:
+            values = self._primitives[index]
+        elif "bufferView" in item:
             values = self._read(item, count, width, kind)
         if "sparse" in item:
             values = self._with_sparse(item.item("sparse"), values, kind)
@@ -116,7 +120,8 @@ class Gltf:
             raise DataError(
                 f"indices: got {item.string('type')} of {kind[1:]}, expected unsigned scalars", where=item.where
             )
-        values = np.array(self._read(item, count, 1, kind)[:, 0], np.int64)
+        read = self._primitives[index] if index in self._primitives else self._read(item, count, 1, kind)
+        values = np.array(read[:, 0], np.int64)
         if len(values) and values.max() >= below:
             raise DataError(f"indices: got {values.max()}, expected 0..{below - 1}", where=item.where)
         return values
@@ -127,6 +132,43 @@ class Gltf:
         if MESHOPT in item.item("extensions"):
             return self._unpacked(index, item.item("extensions").item(MESHOPT))
         return self._slice(item)
+
+    def unpack_draco(self, primitive: Item) -> None:
+        """Unpack a primitive that Draco has packed; its accessors then give what was in there.
+
+        Raises
+        ------
+        DataError
+            If it is damaged, or does not hold what the accessors say.
+        ResourceError
+            If DracoPy is not installed.
+        """
+        packed = primitive.item("extensions")
+        if DRACO not in packed:
+            return
+        item, attributes = packed.item(DRACO), primitive.item("attributes")
+        names = [name for name in item.item("attributes") if name in attributes]
+        accessors = {name: attributes.index(name, len(self.accessors)) for name in names}
+        corners = primitive.index("indices", len(self.accessors)) if "indices" in primitive else None
+        if all(index in self._primitives for index in [*accessors.values(), *([] if corners is None else [corners])]):
+            return
+        for index in accessors.values():
+            self._shape(self.accessors[index])  # which bounds what may be asked for
+        data = self.view(item.index("bufferView", len(self.views)))
+        wanted = {name: item.item("attributes").index(name, 1 << 16) for name in names}
+        numbers, triangles = decode_draco(data, wanted, item.where)
+        for name, index in accessors.items():
+            self._keep(index, numbers[name])
+        if corners is not None:
+            self._keep(corners, triangles[:, None])
+
+    def _keep(self, index: int, values: NDArray[np.generic]) -> None:
+        item = self.accessors[index]
+        count, width, kind = self._shape(item)
+        if values.shape != (count, width):
+            raise DataError(f"Draco: got shape {values.shape}, expected {(count, width)}", where=item.where)
+        with np.errstate(invalid="ignore"):
+            self._primitives[index] = values.astype(kind)
 
     def _unpacked(self, index: int, item: Item) -> bytes:
         """Bytes of a view that meshoptimizer has packed, unpacked once."""
@@ -201,14 +243,14 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     fetch : callable
         Reads the files that it names.
     every_extension : bool
-        Whether all that it requires must be understood; what is compressed is refused again where it is read.
+        Whether all that it requires must be understood.
 
     Raises
     ------
     TruncatedError
         If bytes are missing.
     UnsupportedError
-        If the document requires an extension that is not understood, such as Draco compression.
+        If the document requires an extension that is not understood.
     DataError
         If it is neither, or does not say what glTF 2.0 asks for; ``where`` is the place in the document.
     """
@@ -218,8 +260,6 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     if not version.startswith(f"{VERSION}."):
         raise DataError(f"asset.version: got {version!r}, expected {VERSION}.x", where="asset")
     for name in root.strings("extensionsRequired") if every_extension else ():
-        if name in COMPRESSED:
-            raise compressed(name, "extensionsRequired")
         if name not in UNDERSTOOD and not name.startswith(HARMLESS):
             raise UnsupportedError(f"extension: got {name}, which is not understood here", where="extensionsRequired")
     buffers = []
@@ -252,15 +292,6 @@ def fetch_uri(uri: str, fetch: Fetch, where: str) -> bytes:
         return base64.b64decode(body, validate=True)
     except (binascii.Error, ValueError) as error:
         raise DataError(f"uri: is not base64 ({error})", where=where) from error
-
-
-def compressed(name: str, where: str) -> UnsupportedError:
-    """Make the error for a compression that is not read."""
-    return UnsupportedError(
-        f"extension: got {name}; {COMPRESSED[name]} compression is not read, export without it"
-        " (or: npx @gltf-transform/cli copy IN.glb OUT.glb)",
-        where=where,
-    )
 
 
 def split_glb(data: bytes) -> list[tuple[int, bytes]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError
-from fapengine.files.gltf.document import Gltf, compressed
+from fapengine.files.gltf.document import Gltf
 from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item
 from fapengine.files.gltf.textures import Atlas, Look
 from fapengine.files.gltf.vrm import Binding, bindings, humanoid
@@ -176,8 +176,7 @@ def _add_mesh(
         mode = item.index("mode", 7, TRIANGLES)
         if mode < TRIANGLES:
             continue  # points and lines
-        if "KHR_draco_mesh_compression" in item.item("extensions"):
-            raise compressed("KHR_draco_mesh_compression", item.where)
+        gltf.unpack_draco(item)
         attributes = item.item("attributes")
         local = gltf.accessor(attributes.index("POSITION", len(gltf.accessors)))
         if local.shape[1] != 3:

@@ -24,6 +24,8 @@ MAX_PIXELS_IN_ALL = 1 << 29
 """Pixels of all images and tiles, as they are kept."""
 FORMATS = ("PNG", "JPEG", "WEBP")
 """Formats that glTF allows. Others are not tried: for some, such as EPS, Pillow starts a program."""
+BASIS = "KHR_texture_basisu"
+"""Extension for textures of Basis Universal, in KTX2 files."""
 MAX_REPEATS = 4
 BLANK_PX = 8
 """Side of the white tile of parts without a texture."""
@@ -105,7 +107,7 @@ class Atlas:
         texture = textures[info.index("index", len(textures))]
         webp = texture.item("extensions").item("EXT_texture_webp")
         if "source" not in texture and "source" not in webp:
-            self.notes.append(f"material {look.name!r}: its texture is of a kind that is not read; its colour is kept")
+            self.notes.append(f"material {look.name!r}: its texture is {_unread(texture)}; its colour is kept")
             return look
         image = (webp if "source" in webp else texture).index("source", len(images))
         if image not in self._images:
@@ -179,6 +181,14 @@ class Atlas:
         else:
             tile[..., 3] = np.round(alpha) if look.mode == "BLEND" else 255
         return tile
+
+
+def _unread(texture: Item) -> str:
+    """Name the kind of a texture that is not read, and what makes another of it."""
+    if BASIS in texture.item("extensions"):
+        mend = "npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb makes PNG of it"
+        return f"KTX2 ({BASIS}), which is not read ({mend})"
+    return f"of a kind that is not read ({', '.join(texture.item('extensions')) or 'it names no image'})"
 
 
 def _transform(item: Item) -> Array:

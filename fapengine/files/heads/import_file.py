@@ -1,9 +1,11 @@
 """Import of a head: a mesh file in, a head that FAPs move out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.cropped import crop_painting
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
 from fapengine.files.heads.tables import load_feature_points, load_mapping
@@ -11,6 +13,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.bone_head import can_follow_bones, head_of_bones
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import ImportedHead, import_head
 from fapengine.retarget.blendshape_names import Choice, choose_blendshapes
@@ -19,7 +22,7 @@ from fapengine.retarget.blendshape_names import Choice, choose_blendshapes
 def import_head_file(
     path: Path, points: Path | None = None, mapping: Path | None = None
 ) -> tuple[ImportedHead, HeadInfo]:
-    """Make a head of a file: by its blendshapes, where it has some with known names, else by feature points.
+    """Make a head of a file: by its blendshapes, where it has some with known names, else by feature points or bones.
 
     Parameters
     ----------
@@ -50,21 +53,30 @@ def import_head_file(
     standard = load_built(HeadStyle())
     marked = load_feature_points(points, mesh.vertices) if points else {}
     try:
-        vertices = _points(mesh, choice, marked, standard, needed=points is None)
-        imported = import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
+        imported = _imported(mesh, choice, marked, standard, by_points=points is not None)
     except DataError as error:
         raise type(error)(error.message, where=str(path)) from error
+    imported = replace(imported, mesh=crop_painting(imported.mesh))
     return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
 
 
+def _imported(
+    mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, by_points: bool
+) -> ImportedHead:
+    if not choice.blended and not choice.own_faps and not by_points:
+        return head_of_bones(mesh, standard)
+    vertices = _points(mesh, choice, marked, standard, needed=not by_points)
+    return import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
+
+
 def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path | None) -> Choice:
-    """Choose among a mesh's blendshapes; without any, feature points are needed."""
+    """Choose among a mesh's blendshapes; without any, feature points are needed, or a bone that carries the head."""
     names = [name for name, blendshape in mesh.blendshapes.items() if len(blendshape.vertices)]
     choice = choose_blendshapes(names, load_mapping(mapping) if mapping else None)
     absent = [name for name in choice.own_faps if name not in mesh.blendshapes]
     if absent:
         raise DataError(f"mapping: got blendshape {absent[0]!r}, which the mesh does not have", where=str(mapping))
-    if not choice.blended and not choice.own_faps and points is None:
+    if not choice.blended and not choice.own_faps and points is None and not can_follow_bones(mesh):
         some = ", ".join(list(mesh.blendshapes)[:8]) or "none"
         raise DataError(
             f"blendshapes: got {some}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"

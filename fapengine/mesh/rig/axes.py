@@ -1,6 +1,6 @@
 """The axes and the size of a face: eyes are where blendshapes shut lids, the mouth where they open the jaw."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ def face_axes(
             f"blendshapes: got none for {', '.join(lacking)}, expected some that close the lids of each eye and open"
             " the jaw (eyeBlinkLeft, eyeBlinkRight, jawOpen); name them in a mapping file, or give the feature points"
         )
-    return dict(moves), _axes(mesh, amounts, separation_mm), amounts
+    return dict(moves), _axes(mesh, amounts, separation_mm, [role for role in ROLES[:2] if role in moves]), amounts
 
 
 def _round_bones(mesh: BlendshapeMesh, moves: Mapping[str, Array]) -> dict[str, Array]:
@@ -69,8 +69,13 @@ def _round_bones(mesh: BlendshapeMesh, moves: Mapping[str, Array]) -> dict[str, 
     return {role: eye for role, eye in zip((LEFT, RIGHT), near, strict=True) if role not in moves and eye.any()}
 
 
-def _axes(mesh: BlendshapeMesh, amounts: Mapping[str, Array], separation_mm: float) -> tuple[Array, Array, float]:
-    """Middle between the eyes, rows of axes, and mm per unit."""
+def _axes(
+    mesh: BlendshapeMesh, amounts: Mapping[str, Array], separation_mm: float, lids: Sequence[str]
+) -> tuple[Array, Array, float]:
+    """Middle between the eyes, rows of axes, and mm per unit.
+
+    Sides of ``lids`` are known by their blendshapes, and checked by where these look; bones name theirs.
+    """
     left, right, jaw = (_centroid(mesh.vertices, amounts[role]) for role in ROLES)
     middle = (left + right) / 2
     across = left - right
@@ -82,7 +87,7 @@ def _axes(mesh: BlendshapeMesh, amounts: Mapping[str, Array], separation_mm: flo
     x, y = across / size, up / np.linalg.norm(up)
     axes = np.stack([x, y, np.cross(x, y)])
     normals = vertex_normals(mesh.vertices, mesh.triangles)
-    if sum(_facing(normals, amounts[role], axes[2]) for role in ROLES[:2]) < 0:
+    if sum(_facing(normals, amounts[role], axes[2]) for role in lids) < 0:
         raise DataError("blendshapes: left and right are exchanged, or triangles face inwards (left is the subject's)")
     return middle, axes, separation_mm / size
 

@@ -227,7 +227,7 @@ def test_eyes_turn_once(tmp_path: Any, lifted: tuple[str, ...], turned: bool) ->
 
 
 def test_eyes_of_a_compressed_mesh_are_left_to_its_shapes() -> None:
-    """What Draco packed is not unpacked, and its accessors have no bytes: nothing is read of them."""
+    """What Draco packed and nothing can unpack has accessors without bytes: nothing is read of them."""
     builder = Builder()
     shown = builder.node(shown=False, mesh=mesh(builder, ARKIT_NAMES, lifted=("eyeLookDownLeft",)))
     builder.node(name="LeftEye", children=[shown])
