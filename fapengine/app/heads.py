@@ -3,8 +3,6 @@
 from pathlib import Path
 
 from fapengine.files.heads.built import load_built
-from fapengine.files.heads.dense import is_profile, load_dense_head
-from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import DEFAULT_HEAD
 from fapengine.files.heads.load import load_head as load_by_name
 from fapengine.mesh.default_head.style import HeadStyle
@@ -47,8 +45,13 @@ def load_head(
     if isinstance(name, HeadStyle):
         return load_built(name)
     path = Path(name)
+    if points is not None:
+        from fapengine.files.heads.dense import is_profile, load_dense_head
+
     if points is not None and is_profile(path):
         return load_dense_head(path, Path(points))[0].mesh
     if path.is_file() or points is not None or mapping is not None:
+        from fapengine.files.heads.import_file import import_head_file  # much of scipy, for files alone
+
         return import_head_file(path, Path(points) if points else None, Path(mapping) if mapping else None)[0].mesh
     return load_by_name(str(name))

@@ -1,7 +1,10 @@
 """Face motion in files and pictures: load, save, draw."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +13,6 @@ from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
 from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene
-from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
 from fapengine.files.fap import save_fap
@@ -24,6 +26,9 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend_tracks import format_blend_csv
+
+if TYPE_CHECKING:
+    from fapengine.codec.encoder import EncoderOptions
 
 Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and how many of them a second."""
@@ -128,6 +133,8 @@ def save(
     elif path.suffix == ".fba":
         if kbit_s is not None and encoding is not None:
             raise UsageError("kbit_s and encoding: got both, expected one; EncoderOptions has a kbit_s of its own")
+        from fapengine.codec.encoder import EncoderOptions, encode  # with Numba, whose import takes 0.2 s
+
         write_bytes(path, encode(track, encoding or EncoderOptions(kbit_s=kbit_s)))
     elif path.suffix == ".csv":
         write_bytes(path, format_blend_csv(track, shapes or "arkit"))

@@ -1,8 +1,11 @@
 """Speech to a performance: text or phone timings in; FAPs, phones and sound out."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +14,9 @@ from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_exp
 from fapengine.app.motion import Sound, save
 from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
 from fapengine.app.scene_files import Into
-from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound
-from fapengine.files.timings import load_timings
 from fapengine.live.engine.commands import Express
 from fapengine.live.engine.marked import command_ramps, commands_of
 from fapengine.mesh.face_mesh import FaceMesh
@@ -29,6 +30,9 @@ from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Speech, Voice
+
+if TYPE_CHECKING:
+    from fapengine.codec.encoder import EncoderOptions
 
 LEAD_S, TAIL_S = 0.3, 0.5
 """Silence before and behind a spoken text, in which the face starts and ends at rest."""
@@ -287,6 +291,8 @@ def animate(
         raise UsageError(f"ear: got {str(ear)!r}, expected none with phone timings, for nothing is heard")
     if transcript is not None:
         raise UsageError("transcript: got one, expected none with phone timings, which say themselves what is spoken")
+    from fapengine.files.timings import load_timings  # all formats; whoever speaks a text needs none
+
     phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))
     heard = load_sound(Path(sound), channel=channel) if isinstance(sound, str | Path) else sound
     phones = pronounced(phones, voice)

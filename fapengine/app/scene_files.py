@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.dense_film import drive
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
@@ -14,8 +13,6 @@ from fapengine.files.gltf.head_file import ShapeClip, format_head
 from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
-from fapengine.files.heads.meshes import files_beside
-from fapengine.files.heads.tables import load_mapping
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import bone_transforms
@@ -109,6 +106,9 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
         return f"expressions of {chosen}, head and gaze"
     if is_usd(path):
         return _save_usd(path, track, str(into.avatar), name)
+    from fapengine.files.heads.meshes import files_beside  # much of scipy, for avatars' files alone
+    from fapengine.files.heads.tables import load_mapping
+
     meanings = load_mapping(into.mapping) if into.mapping else None
     is_file = into.avatar.suffix.lower() in SCENES
     data = read_bytes(into.avatar) if is_file else exported_head(str(into.avatar))
@@ -199,6 +199,8 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
         raise UsageError(
             f"path: got {path} for a recording of markers, expected .glb and a dense face (into=profiles/NAME)"
         )
+    from fapengine.app.dense_film import drive
+
     info = load_head_info(str(into.avatar))
     mesh, rig = load_head_of_modes(str(into.avatar))
     driven = drive(take, rig)

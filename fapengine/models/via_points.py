@@ -16,15 +16,20 @@ Noise needs points too: 0.15 mm of it at a bound of 0.75 mm made three of four f
 (:func:`without_noise`).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, make_interp_spline
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import low_pass
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 WINDOW = 12
 """Neighbours on each side that a removal is judged with: 0.43^12 is 4e-5; a cubic forgets by 0.27."""
@@ -158,6 +163,8 @@ def without_noise(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12
 
 def natural_spline(times: NDArray[np.float64], values: NDArray[np.float64], degree: int = 5) -> BSpline:
     """Lay the spline of degree 3 or 5 with free ends through values, (N, W), at times, (N,) rising, N >= 3."""
+    from scipy.interpolate import make_interp_spline
+
     zero = np.zeros(values.shape[1])
     free = [(order, zero) for order in range((degree + 1) // 2, degree)]
     return make_interp_spline(times, values, k=degree, bc_type=(free, free))  # type: ignore[arg-type]  # the stubs lack derivatives

@@ -21,8 +21,6 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve
-from scipy.sparse import csr_array
 
 from fapengine.errors import UsageError
 from fapengine.profiles import ContextModel
@@ -245,6 +243,9 @@ def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) 
             goals.append(captured[index])
     if not goals:
         raise UsageError("sentences: got no spoken phone, expected some")
+    from scipy.linalg import solve  # only fitting needs them: planning starts without
+    from scipy.sparse import csr_array
+
     goal = np.stack(goals)
     seen = np.bincount(columns, minlength=len(column_of))
     names = sorted(name for name, column in column_of.items() if seen[column] >= min(MIN_TOKENS, len(goals)))

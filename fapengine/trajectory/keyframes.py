@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory import hermite
@@ -49,6 +48,8 @@ class Keyframes:
             return np.zeros((len(t), self.weights.shape[1]))
         if not cubic:
             return hermite.sample(self.times_s, self.weights, t)
+        from scipy.interpolate import CubicSpline
+
         spline = CubicSpline(self.times_s, self.weights, bc_type="clamped")
         path: NDArray[np.float64] = spline(np.clip(t, self.times_s[0], self.times_s[-1]))
         return path

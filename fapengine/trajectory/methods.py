@@ -13,7 +13,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from fapengine.geometry.smooth import soft_positive
 from fapengine.trajectory import hermite
@@ -38,6 +37,8 @@ def _paper(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Arr
 
 
 def _minimum_jerk(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
+    from scipy.interpolate import make_interp_spline
+
     still = np.zeros(keys.weights.shape[1])
     at_rest = [(1, still), (2, still)]
     spline = make_interp_spline(keys.times_s, keys.weights, k=5, bc_type=(at_rest, at_rest))  # type: ignore[arg-type]  # the stubs lack derivatives

@@ -28,3 +28,12 @@ def test_core_needs_only_numpy_and_scipy() -> None:
     core = ("mpeg4.track", "codec", "capture", "mesh", "models", "speech", "trajectory", "profiles")
     loaded = modules_after("\n".join(f"import fapengine.{name}" for name in core))
     assert not loaded & (HEAVY - {"numpy", "scipy", "numba"})
+
+
+def test_saying_a_sentence_starts_without_what_it_does_not_use() -> None:
+    loaded = modules_after(
+        "import fapengine.app.performance, fapengine.app.talk, fapengine.voices.espeak\n"
+        "parts = {'linalg', 'spatial', 'interpolate', 'sparse', 'special', 'ndimage', 'signal', 'optimize'}\n"
+        "assert not {f'scipy.{part}' for part in parts} & set(sys.modules)"
+    )
+    assert not loaded & {"numba", "matplotlib"}

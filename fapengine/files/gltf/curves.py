@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fapengine.files.gltf.writing import Row, Writer
 from fapengine.models.keyed_curve import KeyedCurve, key_curve
@@ -15,6 +14,8 @@ WEIGHT_TOLERANCE, TURN_TOLERANCE = 0.01, 0.002
 
 def quaternions_of(matrices: Array) -> Array:
     """(T, 4) x y z w of rotations (T, 3, 3); of the two that mean a turn, the one near to that of the frame before."""
+    from scipy.spatial.transform import Rotation
+
     quaternions = Rotation.from_matrix(matrices).as_quat()
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     quaternions[1:] *= flips[:, None]

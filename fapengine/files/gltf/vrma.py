@@ -7,7 +7,6 @@ Sync" have. https://github.com/vrm-c/vrm-specification/tree/master/specification
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fapengine.files.gltf.clip import FaceMotion
 from fapengine.files.gltf.curves import Curves, quaternions_of
@@ -84,4 +83,6 @@ def gaze_of(faps: Array) -> Array:
     yaw, pitch = (
         faps[:, [fap.column(number) for number in numbers]].mean(axis=1) * AU_RAD for numbers in ((23, 24), (25, 26))
     )
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_euler("YX", np.stack([yaw, pitch], axis=1)).as_matrix())

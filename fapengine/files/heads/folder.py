@@ -23,13 +23,13 @@ from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, replacing_folder
-from fapengine.laboratory.dense_face import ModeRig
-from fapengine.laboratory.dense_file import format_rig, parse_rig
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4.fapu import Fapu
 
 if TYPE_CHECKING:
     from PIL import Image
+
+    from fapengine.laboratory.dense_face import ModeRig
 else:
     Image = Late("PIL.Image", "pillow", "pictures")
 
@@ -84,6 +84,8 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     if mesh.texture is not None:
         files[TEXTURE_NAME] = _png(mesh.texture)
     if rig is not None:
+        from fapengine.laboratory.dense_file import format_rig  # much of scipy, for dense faces alone
+
         files[MODES_NAME] = format_rig(rig)
     lines = [f"schema = {SCHEMA}", f"source = {quoted(info.source)}", f"licence = {quoted(info.licence)}"]
     lines += [f"{key} = [{', '.join(map(quoted, getattr(info, key)))}]" for key in ("used", "lacking")]
@@ -130,6 +132,8 @@ def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:
 
 def load_modes(folder: Path) -> ModeRig | None:
     """Load what drives a dense face's modes; None for a head that has none. Raises as :func:`load_folder`."""
+    from fapengine.laboratory.dense_file import parse_rig
+
     files = _read(folder)[1]
     return parse_rig(files[MODES_NAME], str(folder / MODES_NAME)) if MODES_NAME in files else None
 

@@ -9,7 +9,6 @@ from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.ict_facekit import load_ict_folder
 from fapengine.files.mesh_colours import find_paint
 from fapengine.files.paths import read_bytes
-from fapengine.files.recordings import MESHES, load_mesh
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 
@@ -78,6 +77,8 @@ def load_neutral(path: Path) -> BlendshapeMesh:
     ResourceError
         If trimesh is not installed.
     """
+    from fapengine.files.recordings import MESHES, load_mesh
+
     if path.suffix.lower() not in MESHES:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fapengine._strict_toml import parse_toml, spell_path
 from fapengine.errors import DataError
@@ -43,6 +42,8 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
     DataError
         For an unknown or repeated point, or a position away from the mesh; ``where`` is the line.
     """
+    from scipy.spatial import cKDTree
+
     data = read_bytes(path)
     if is_fdp(data):
         return _points_on_skin(data, str(path), len(vertices))

@@ -5,9 +5,9 @@ that 1.14.0 wrote), because some importers search the text. ``.dat`` is a switch
 ``MohoSwitch1``, frames count from 1, and the last line closes the mouth at the end.
 """
 
+import html
 import json
 from collections.abc import Sequence
-from xml.sax.saxutils import escape
 
 from fapengine.errors import UsageError
 from fapengine.speech.formats.mouth_cues import GRID_HZ, MouthCue
@@ -71,7 +71,7 @@ def _xml(cues: Sequence[MouthCue], sound_file: str) -> str:
     )
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n<rhubarbResult>\n  <metadata>\n'
-        f"    <soundFile>{escape(sound_file)}</soundFile>\n"
+        f"    <soundFile>{html.escape(sound_file, quote=False)}</soundFile>\n"
         f"    <duration>{_seconds(cues[-1].end_cs)}</duration>\n"
         f"  </metadata>\n  <mouthCues>\n{rows}  </mouthCues>\n</rhubarbResult>\n"
     )
