@@ -46,9 +46,10 @@ from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import read_bytes
 from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
 from fapengine.files.timings import load_timings
-from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
+from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 from fapengine.mpeg4.visemes import Expression
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import PhoneTrack
 
 SETUP_NAME = "session.toml"
@@ -180,10 +181,11 @@ class _Landmarks:
 
 @dataclass(frozen=True, slots=True)
 class _Pose:
-    expression: str
     take: str
     start_s: float
     end_s: float
+    expression: str | None = None
+    phone: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,10 +222,21 @@ def _setup(document: _Document, folder: Path) -> Setup:
         if point not in FEATURE_POINT_NAMES:
             raise wrong(f"got {point!r}, expected a feature point such as 8.2", "points", name)
     poses = []
+    held_phones = []
     for index, pose in enumerate(document.pose):
+        moment = Moment(pose.take, pose.start_s, pose.end_s)
+        if (pose.expression is None) == (pose.phone is None):
+            raise wrong("got both or none, expected an expression or a phone", "pose", index)
+        if pose.phone is not None:
+            letters = "".join(ipa.letters(pose.phone))
+            if not letters:
+                raise wrong(f"got {pose.phone!r}, expected a phone in IPA", "pose", index, "phone")
+            held_phones.append(HeldPhone(letters, moment))
+            continue
+        assert pose.expression is not None
         if pose.expression.upper() not in Expression.__members__ or pose.expression == "neutral":
             raise wrong(f"got {pose.expression!r}, expected one of the six expressions", "pose", index, "expression")
-        poses.append(Pose(Expression[pose.expression.upper()], Moment(pose.take, pose.start_s, pose.end_s)))
+        poses.append(Pose(Expression[pose.expression.upper()], moment))
     for index, scan in enumerate(document.scan):
         for name, place_mm in scan.landmarks.items():
             if not np.isfinite(place_mm).all():
@@ -234,6 +247,7 @@ def _setup(document: _Document, folder: Path) -> Setup:
         neutral=document.neutral,
         fapu_mm=document.fapu_mm,
         poses=tuple(poses),
+        held_phones=tuple(held_phones),
         scans=tuple(_scan(scan, folder) for scan in document.scan),
         language=document.language,
         licence=document.licence,

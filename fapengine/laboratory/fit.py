@@ -166,7 +166,7 @@ def fit_session(
             " ([fapu_mm] in session.toml gives them)"
         )
     on_step(STEPS[3])
-    phones, strange = study_phones(prepared.takes, prepared, space.space)
+    phones, strange = study_phones(prepared.takes, prepared, space.space, setup.held_phones)
     for label in strange:
         remarks.append(f"phone {label!r} is no IPA: left out")
     rare = [
@@ -199,7 +199,7 @@ def fit_session(
     on_step(STEPS[4])
     prediction = None
     if held_out and any(take.phones for take in held_out):
-        apart, _ = study_phones(training, prepared, judged.space)
+        apart, _ = study_phones(training, prepared, judged.space, setup.held_phones)
         neighbours = learn_context(training, prepared, judged.space, _targets(apart))
         prediction = _predict(held_out, prepared, build(judged.space, apart, origin, None))
         if neighbours is not None:

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
 from fapengine.laboratory.prepare import Displacements, Prepared
+from fapengine.laboratory.setup import HeldPhone
 from fapengine.laboratory.space import pick
 from fapengine.models.viseme_space import VisemeSpace, sample_phones
-from fapengine.profiles import ContextModel, PhoneTarget
+from fapengine.profiles import Contact, ContextModel, PhoneTarget
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import FRACTIONS, fit_context
@@ -25,7 +26,7 @@ RARE = 8
 """Tokens; below it a median is luck, and the tokens of the most similar frequent phone are taken in."""
 MIN_CONTEXT = 1000
 """Spoken tokens from which neighbours are learned; 1,000 are about 50 sentences."""
-CONTACTS = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
+CONTACTS: Mapping[Contact, tuple[str, ...]] = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
 MEDIAN_OF_MEAN = 1.2533 * 1.4826
 """Standard error of a median over MAD / sqrt(n), for normal data: sqrt(pi / 2), times 1.4826 from MAD to deviation."""
 
@@ -46,9 +47,9 @@ class PhoneStudy:
 
 
 def study_phones(
-    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace
+    takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, held: tuple[HeldPhone, ...] = ()
 ) -> tuple[Mapping[str, PhoneStudy], tuple[str, ...]]:
-    """Find every phone's median point.
+    """Find every phone's median point; of a phone said too seldom, the static shape that the subject held (section 3).
 
     Returns
     -------
@@ -78,13 +79,12 @@ def study_phones(
         values = values if len(ipa.letters(name)) > 1 else values[:, :1]
         target = np.median(values, axis=0)
         spread = np.median(np.abs(values - target), axis=0)
-        contact = next((kind for kind, members in CONTACTS.items() if name in members), "none")
         studies[name] = PhoneStudy(
             PhoneTarget(
                 ipa=name,
                 fractions=(KEY, LATE)[: len(target)],
                 targets=target,
-                contact=contact,
+                contact=_contact(name),
                 origin=f"median of {len(values)} tokens of {' '.join(used)}",
             ),
             len(tokens[name]),
@@ -92,7 +92,36 @@ def study_phones(
             len(values) < RARE,
             MEDIAN_OF_MEAN * spread / np.sqrt(len(values)) if len(values) > 1 else np.full_like(spread, np.nan),
         )
-    return studies, strange
+    return studies | _static(held, prepared, space, tokens), strange
+
+
+def _static(
+    held: tuple[HeldPhone, ...], prepared: Prepared, space: VisemeSpace, tokens: Mapping[str, Array]
+) -> dict[str, PhoneStudy]:
+    """Find the points of static shapes, for phones with less than :data:`RARE` tokens."""
+    frames: dict[str, list[Array]] = {}
+    for pose in held:
+        take = next(candidate for candidate in prepared.takes if candidate.name == pose.moment.take)
+        weights = space.to_space(pick((take,), prepared, space.points[: space.marker_count]))
+        first = round(pose.moment.start_s * prepared.rate_hz)
+        last = max(round(pose.moment.end_s * prepared.rate_hz), first + 1)
+        frames.setdefault(pose.ipa, []).append(weights[first:last])
+    studies = {}
+    for name, parts in frames.items():
+        said = len(tokens.get(name, ()))
+        if said >= RARE:
+            continue
+        values = np.concatenate(parts)
+        point = np.median(values, axis=0)[None]
+        target = PhoneTarget(
+            ipa=name, fractions=(KEY,), targets=point, contact=_contact(name), origin=f"held pose, {len(values)} frames"
+        )
+        studies[name] = PhoneStudy(target, said, (), False, np.full_like(point, np.nan))
+    return studies
+
+
+def _contact(name: str) -> Contact:
+    return next((kind for kind, members in CONTACTS.items() if name in members), "none")
 
 
 def learn_context(

@@ -168,7 +168,8 @@ def _check_names(session: Session, setup: Setup) -> None:
                 " them apart in the files",
                 where=session.subject,
             )
-    moments = [pose.moment for pose in setup.poses] + ([setup.neutral] if setup.neutral else [])
+    moments = [pose.moment for pose in setup.poses] + [held.moment for held in setup.held_phones]
+    moments += [setup.neutral] if setup.neutral else []
     for moment in moments:
         if moment.take not in takes:
             raise DataError(

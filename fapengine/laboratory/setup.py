@@ -28,6 +28,14 @@ class Pose:
     moment: Moment
 
 
+@dataclass(frozen=True, slots=True)
+class HeldPhone:
+    """The static shape of a phone: the subject held its mouth so."""
+
+    ipa: str
+    moment: Moment
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Paint:
     """Colours of a scan: a picture and the vertices' places in it, or a colour for each vertex."""
@@ -72,6 +80,8 @@ class Setup:
     fapu_mm: Mapping[str, float] = field(default_factory=dict)
     """Distances of the neutral face that the markers do not show: ``es0``, ``ens0`` ..."""
     poses: tuple[Pose, ...] = ()
+    held_phones: tuple[HeldPhone, ...] = ()
+    """Stand for phones that are said too seldom for a median."""
     scans: tuple[Scan, ...] = ()
     """The first is the reference whose vertices all others get; best the neutral pose."""
     language: str = "und"

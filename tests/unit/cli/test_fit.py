@@ -188,7 +188,9 @@ def copy(recorded: Path, folder: Path, toml: str = TOML, keep: int = 2) -> Path:
         ("head = \n", "is not TOML"),
         (TOML + "[[scan]]\nfile = 'none.ply'\nlandmarks = {}\n", "none.ply: cannot be read"),
         (TOML + "points = 3\n", "got 3, expected a table"),
-        (TOML + "[[pose]]\n[[pose]]\n", "'expression' is missing"),
+        (TOML + "[[pose]]\n[[pose]]\n", "'take' is missing"),
+        (TOML + "[[pose]]\ntake = 'take00'\nstart_s = 0\nend_s = 1\n", "expected an expression or a phone"),
+        (TOML + "[[pose]]\nphone = '7'\ntake = 'take00'\nstart_s = 0\nend_s = 1\n", "got '7', expected a phone in IPA"),
     ],
 )
 def test_session_toml_is_read_strictly(recorded, tmp_path, toml, message):

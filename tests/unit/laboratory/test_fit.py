@@ -11,7 +11,7 @@ from fapengine.laboratory import selection
 from fapengine.laboratory.fit import STEPS, FitOptions, fit_session
 from fapengine.laboratory.playback import captured_faps
 from fapengine.laboratory.prepare import prepare
-from fapengine.laboratory.setup import Moment, Pose, Scan, Setup
+from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
 from fapengine.models.viseme_space import MARKERS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
@@ -172,6 +172,31 @@ def test_poses_are_measured_and_the_others_borrowed(make, run, standard):
     points = found.space.space.to_points_mm(found.profile.expressions[Expression.JOY].target)
     corner = found.space.space.points.index("8.3")
     np.testing.assert_allclose(points[corner], joy[standard.space.points.index("8.3")], atol=0.8)
+
+
+def test_a_held_mouth_stands_for_a_phone_that_is_hardly_said(make, run, standard):
+    rounded = standard.space.to_points_mm(standard.phones["u"].targets[0])
+    made = make(6, head=False, room=False)
+    columns = [standard.space.points.index(name) for name in made.session.labels if name not in SKULL]
+
+    def hold(take):
+        positions = take.markers.positions_mm.copy()
+        if take.name == "take2":
+            positions[:, : len(columns)] = (
+                made.session.takes[2].markers.positions_mm[:1, : len(columns)] + rounded[columns]
+            )
+            positions[:, len(columns) :] = np.array([*SKULL.values()], float)
+        return replace(take.markers, positions_mm=positions)
+
+    session = edited(made.session, hold)
+    mute = tuple(replace(take, phones=() if take.name == "take2" else take.phones) for take in session.takes)
+    held = tuple(HeldPhone(name, Moment("take2", 0.5, 1.0)) for name in ("y", "ə"))
+    found = run(replace(session, takes=mute), replace(HEAD, held_phones=held))
+    assert found.phones["y"].target.origin.startswith("held pose")
+    moved = found.space.space.to_points_mm(found.phones["y"].target.targets[0])
+    corner = found.space.space.points.index("8.3")
+    np.testing.assert_allclose(moved[corner], rounded[standard.space.points.index("8.3")], atol=0.8)
+    assert found.phones["ə"].tokens < 8 or not found.phones["ə"].target.origin.startswith("held pose")
 
 
 def test_scans_become_a_dense_face(make, run, face, face_mm, standard):
