@@ -20,7 +20,9 @@ from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ContextModel, PhoneTarget, Profile
+from fapengine.trajectory.expression import EXPRESSIONS, Mood, mood_ramps
 from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.ramps import sample_ramps
 from fapengine.trajectory.targets import resolve
 
 Array = NDArray[np.float64]
@@ -42,6 +44,9 @@ STEPS = (
     "profile",
 )
 """Steps of :func:`fit_session`, in order."""
+
+MOOD = Mood(Expression.JOY, 0.6)
+"""Expression of the report's picture of components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +82,8 @@ class Prediction:
     opening_slope: float
     opening_mm: tuple[Array, Array]
     """Captured and predicted opening of the first take."""
+    components: tuple[Array, Array, Array]
+    """Weights of the space in the first take, (T, K) each: captured, predicted, predicted with :data:`MOOD`."""
     take: str
     context: bool = False
     """Targets depend on neighbours: that predicts better than one look for each phone."""
@@ -241,16 +248,26 @@ def _split(
     )
 
 
+def with_mood(weights: Array, profile: Profile, rate_hz: float) -> Array:
+    """Add :data:`MOOD` to weights of the space, (T, K), from beginning to end (paper 001, figures 6 and 7)."""
+    times_s = np.arange(len(weights)) / rate_hz
+    levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps([MOOD], profile, len(weights) / rate_hz), times_s)
+    level = levels[EXPRESSIONS.index(MOOD.expression)]
+    added: Array = level[:, None] * profile.expressions[MOOD.expression].target
+    return weights + added
+
+
 def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
     lips = tuple(point for point in LIPS if point in prepared.named)
     columns = [profile.space.points.index(point) for point in lips]
-    guesses, truths = [], []
+    guesses, truths, planned = [], [], []
     for take in takes:
         times = np.arange(len(take.moved_mm)) / prepared.rate_hz
         phones = spoken(take)
         resolved, _ = resolve(phones, profile)
         keys = place_keyframes(phones, resolved, profile.space.mode_count)
-        guesses.append(profile.space.to_points_mm(keys.sample(times))[:, columns])
+        planned.append(keys.sample(times))
+        guesses.append(profile.space.to_points_mm(planned[-1])[:, columns])
         truths.append(pick((take,), prepared, lips))
     guess, truth = np.concatenate(guesses), np.concatenate(truths)
     upper, lower = _opening_points(lips)
@@ -263,6 +280,11 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
         opening_r=float(np.corrcoef(captured, predicted)[0, 1]) if moves else 0.0,
         opening_slope=float(np.polyfit(captured, predicted, 1)[0]) if moves else 0.0,
         opening_mm=(captured[:first], predicted[:first]),
+        components=(
+            profile.space.to_space(pick(takes[:1], prepared, profile.space.points[: profile.space.marker_count])),
+            planned[0],
+            with_mood(planned[0], profile, prepared.rate_hz),
+        ),
         take=takes[0].name,
     )
 

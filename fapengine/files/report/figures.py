@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, new_figure, to_svg
 from fapengine.laboratory.densify import DenseStudy
-from fapengine.laboratory.fit import Fitted
+from fapengine.laboratory.fit import MOOD, Fitted
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.selection import Selection
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
+COMPONENTS = 4
+"""Components of a sentence that are drawn."""
 
 MODES_SHOWN, ARROW_MM = 8, 14.0
 """Components that get a picture, and the length of the longest arrow there."""
@@ -168,6 +170,23 @@ def prediction(fitted: Fitted) -> bytes:
             )  # fmt: skip
     axes.set(xlabel="s", ylabel="opening against rest, mm")
     axes.legend(frameon=False, fontsize=8)
+    return to_svg(figure)
+
+
+def sentence(fitted: Fitted) -> bytes:
+    """Draw the first components of one held-out take: captured, planned, and planned with an expression."""
+    assert fitted.prediction is not None
+    captured, planned, moody = fitted.prediction.components
+    shown = min(COMPONENTS, captured.shape[1])
+    figure, plots = new_figure(9.0, 1.5 * shown, rows=shown, sharex=True)
+    times = np.arange(len(captured)) / fitted.prepared.rate_hz
+    for number, axes in enumerate(plots):
+        axes.plot(times, captured[:, number], color=INK, label="captured")
+        axes.plot(times, planned[:, number], color=WARM, label="from its phones alone")
+        axes.plot(times, moody[:, number], color=COOL, label=f"with {MOOD.expression.name.lower()} {MOOD.strength:g}")
+        axes.set(ylabel=f"component {number + 1}")
+    plots[0].legend(frameon=False, fontsize=8, ncols=3)
+    plots[-1].set(xlabel="s")
     return to_svg(figure)
 
 

@@ -209,6 +209,7 @@ def _prediction(fitted: Fitted) -> list[str]:
                 ],
             ),
             picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
+            picture(figures.sentence(fitted), "The same take in the space; an expression is added to its path."),
         ]
     if fitted.reduction:
         rows = [

@@ -100,7 +100,7 @@ def test_a_session_becomes_a_profile_with_its_evidence(fitted):
 def test_the_report_holds_every_picture_and_nothing_from_outside(fitted):
     out, _ = fitted
     page = (out / "report.html").read_text()
-    assert page.count("<svg") == 9  # markers, gaps, subset, regions, space, components, phones, prediction, via points
+    assert page.count("<svg") == 10  # markers, gaps, subset, regions, space, components, phones, take twice, via
     for heading in (
         "Gaps",
         "Which markers matter",
