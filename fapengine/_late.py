@@ -5,6 +5,7 @@ reads pictures asks for its library when it is called.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -44,10 +45,34 @@ class Late(ModuleType):
             module = import_module(name)
             value = getattr(module, key) if hasattr(module, key) else import_module(f"{name}.{key}")
         except ImportError as error:
-            raise ResourceError(
-                f"{use}: {package} is not installed; mend it with: pip install {_EXTRAS.get(package, package)}"
-            ) from error
+            raise _missing(package, use) from error
         except OSError as error:
             raise ResourceError(f"{use}: {package} cannot be loaded ({error}); see fapengine doctor") from error
         self.__dict__[key] = value
         return value
+
+
+def require(use: str, **modules: str) -> None:
+    """Refuse long work whose last step would lack a library; none is imported.
+
+    Parameters
+    ----------
+    use : str
+        What it is for, for the message.
+    **modules : str
+        Name to install each by, by its module.
+
+    Raises
+    ------
+    ResourceError
+        For the first that is not installed, with the line that mends it.
+    """
+    for name, package in modules.items():
+        if find_spec(name) is None:
+            raise _missing(package, use)
+
+
+def _missing(package: str, use: str) -> ResourceError:
+    return ResourceError(
+        f"{use}: {package} is not installed; mend it with: pip install {_EXTRAS.get(package, package)}"
+    )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import require
 from fapengine.errors import UsageError
 from fapengine.files.animation import ENCODERS, GIF_MAX_HZ, is_sequence, write_animation, write_sequence
 from fapengine.files.paths import refuse_standard_output
@@ -35,6 +36,8 @@ def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bo
     ------
     UsageError
         For an unknown suffix, a rate that GIF cannot keep, odd sides of a video, or alpha where there is none.
+    ResourceError
+        If a library that writes it is not installed.
     """
     refuse_standard_output(path)
     if not is_moving(path):
@@ -45,6 +48,7 @@ def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bo
         raise UsageError(f"size: got {size[0]}x{size[1]}, expected even sides for video")
     if alpha and (path.suffix == ".gif" or (path.suffix in CODECS and path.suffix not in ALPHA_KINDS)):
         raise UsageError(f"background: got none, but {path.suffix} has no alpha; expected .webm, .mov, .webp or .png")
+    require("films and pictures", av="av", PIL="pillow")
 
 
 def write_moving(
