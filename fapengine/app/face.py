@@ -23,7 +23,7 @@ from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.gesture_methods import GestureMethods
 from fapengine.live.hub.hub import Hub
 from fapengine.live.hub.pacer import FramePacer
-from fapengine.live.server.sink_address import FILMS, SinkAddress, parse_sink
+from fapengine.live.server.sink_address import FILMS, SOCKETS, SinkAddress, parse_sink
 from fapengine.live.server.sinks import DatagramSink
 from fapengine.profiles import Profile
 from fapengine.speech.marks import read_marks
@@ -311,6 +311,6 @@ def has_display() -> bool:
 
 def _datagrams(url: str) -> SinkAddress:
     address = parse_sink(url)
-    if address.kind.endswith("+tcp") or address.kind in FILMS:
+    if address.kind.endswith("+tcp") or address.kind in FILMS + SOCKETS:
         raise UsageError(f"sinks: got {url!r}, expected one that sends datagrams; `fapengine serve` has streams")
     return address

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.live.hub.messages import HubFrames
-from fapengine.live.wire import fap_osc, livelink, rtp, vmc, vrchat
+from fapengine.live.wire import fap_osc, livelink, rtp, vmc, vrchat, vts, weights_json
 from fapengine.live.wire.fap_osc import FapFrame, SessionFrames
-from fapengine.live.wire.shapes import ArkitFollower, PresetFollower
+from fapengine.live.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import ARKIT_NAMES
 
@@ -54,6 +54,8 @@ class SingleFaceEncoder:
     def __init__(self, write: Callable[[int, float, Faps], list[bytes]], session: str | None = None) -> None:
         self._write = write
         self._wanted = session
+        self.session = session or ""
+        """Name of the face shown last."""
         self._shown: str | None = None
         self._rests = False
 
@@ -65,6 +67,7 @@ class SingleFaceEncoder:
         elif self._shown is None and frames.sessions:
             first = frames.sessions[0] if self._wanted is None else self._wanted
             self._shown = first if first in frames.sessions else None
+            self.session = self._shown or self.session
         if self._shown is not None:
             self._rests = False
             return self._write(frames.number, frames.time_s, frames.faps[frames.sessions.index(self._shown)])
@@ -200,6 +203,27 @@ def livelink_face(
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
         values = livelink.join_values(follower.follow(faps), faps)
         return [livelink.encode_face(subject, livelink.Face(number=number & 0x7FFFFFFF, rate=rate, values=values))]
+
+    return SingleFaceEncoder(write, session)
+
+
+def weights_face(session: str | None = None) -> SingleFaceEncoder:
+    """Write one face as JSON of weights (:mod:`fapengine.live.wire.weights_json`)."""
+    shapes, mouth = ArkitFollower(), VisemeFollower()
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        return [weights_json.encode_weights(face.session, time_s, shapes.follow(faps), mouth.follow(faps), faps)]
+
+    face = SingleFaceEncoder(write, session)
+    return face
+
+
+def vts_face(dialog: vts.VtsDialog, session: str | None = None) -> SingleFaceEncoder:
+    """Write one face as requests of VTube Studio's API."""
+    shapes, mouth = ArkitFollower(), VisemeFollower()
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        return [dialog.inject(vts.vts_values(shapes.follow(faps), mouth.follow(faps), faps)).encode()]
 
     return SingleFaceEncoder(write, session)
 

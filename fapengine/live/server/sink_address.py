@@ -11,6 +11,9 @@
     fba://HOST:PORT[?session=NAME&intra=S]               MPEG-4 face stream, a plane a datagram; UDP
     fba+tcp://HOST:PORT[?session=NAME&intra=S]           the same for all who connect here, each from an I plane on
     rtp://HOST:PORT[?session=NAME&intra=S]               the same over RTP, in the MPEG-4 visual payload; UDP
+    ws-json://[HOST]:PORT[?session=NAME]                 JSON of 52 shapes, 15 visemes and the head, over a WebSocket,
+                                                         for all who connect here
+    vts://HOST[?session=NAME&token_file=FILE]            VTube Studio: port 8001
     camera://[?session=NAME&size=N&fps=N&device=D]       pictures, for a virtual camera of this machine
     rtmp://HOST[:PORT]/PATH[?session=NAME&size=N&fps=N&kbit_s=N]   video and sound, H.264 and AAC, to a media server
     srt://HOST:PORT[?session=NAME&...&streamid=S&passphrase=P&latency=N&mode=M]   the same as MPEG-TS
@@ -24,17 +27,21 @@ from typing import Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from fapengine.errors import UsageError
-from fapengine.live.wire import livelink, vmc, vrchat
+from fapengine.live.wire import livelink, vmc, vrchat, vts
 
-PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT, "rtmp": 1935}
+PORTS = {"vmc": vmc.MARIONETTE_PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT, "vts": vts.PORT, "rtmp": 1935}
 OPTIONS = {
     "osc": (), "named": (), "vmc": ("names",), "vrchat": ("prefix",), "livelink": ("name", "device"),
     "fba": ("intra",), "fba+tcp": ("intra",), "rtp": ("intra",),
+    "ws-json": (), "vts": ("token_file",),
     "camera": ("size", "fps", "device"), "rtmp": ("size", "fps", "kbit_s"),
     "srt": ("size", "fps", "kbit_s", "streamid", "passphrase", "latency", "mode"),
 }  # fmt: skip
 FILMS = ("camera", "rtmp", "srt")
 """Kinds that are sent pictures instead of FAPs."""
+SOCKETS = ("ws-json", "vts")
+"""Kinds that hold WebSockets."""
+LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +109,8 @@ def parse_sink(url: str) -> SinkAddress:
     kinds = ", ".join(f"{kind}://" for kind in OPTIONS)
     is_camera = parts.scheme == "camera"
     has_path = bool(parts.path.strip("/")) != (parts.scheme == "rtmp")
-    if parts.scheme not in OPTIONS or bool(parts.hostname) == is_camera or has_path or parts.username:
+    host = parts.hostname or (LOOPBACK if parts.scheme == "ws-json" else "")
+    if parts.scheme not in OPTIONS or bool(host) == is_camera or has_path or parts.username:
         raise UsageError(
             f"sink: got {url!r:.100}, expected KIND://HOST:PORT, KIND one of {kinds}; rtmp has a path, too"
         )
@@ -116,4 +124,4 @@ def parse_sink(url: str) -> SinkAddress:
     if unknown:
         allowed = ", ".join(("session", *OPTIONS[parts.scheme]))
         raise UsageError(f"sink {parts.scheme}: got {unknown[0]!r:.40}, expected one of {allowed}")
-    return SinkAddress(parts.scheme, parts.hostname or "", port, session, query, parts.path)
+    return SinkAddress(parts.scheme, host, port, session, query, parts.path)

@@ -16,7 +16,7 @@ from fapengine.live.hub.messages import HubFrames
 from fapengine.live.server import frame_encoders
 from fapengine.live.server.frame_encoders import FrameEncoder, joined
 from fapengine.live.server.listeners import bound
-from fapengine.live.server.sink_address import FILMS, Sink, SinkAddress, SinkCounts
+from fapengine.live.server.sink_address import FILMS, SOCKETS, Sink, SinkAddress, SinkCounts
 from fapengine.live.wire import vmc
 
 UNREAD_BYTES = 64 << 10
@@ -98,6 +98,10 @@ async def open_sink(
         from fapengine.live.server.film_sinks import open_film_sink  # PyAV is imported then
 
         return await open_film_sink(studio, address, head)
+    if address.kind in SOCKETS:
+        from fapengine.live.server.socket_sinks import VtsSink, WeightStreams  # aiohttp is imported then
+
+        return VtsSink(hub, address) if address.kind == "vts" else await WeightStreams.open(hub, address)
     if address.kind == "fba+tcp":
         return await FaceStreams.open(hub, address)
     return DatagramSink(hub, address, epochs)

@@ -25,7 +25,7 @@ import numpy as np
 from fapengine.errors import ResourceError
 from fapengine.live.hub.messages import HubFrames
 from fapengine.live.server.frame_encoders import OscFrameEncoder, continued
-from fapengine.live.server.sink_address import FILMS, SinkAddress, parse_sink
+from fapengine.live.server.sink_address import FILMS, SOCKETS, SinkAddress, parse_sink
 from fapengine.live.server.sinks import Post, encoder_of
 from fapengine.mpeg4 import fap
 
@@ -33,7 +33,7 @@ RESTS, REST_S = 3, 0.02
 """Number of times that the last frame is sent, and seconds between them: datagrams get lost."""
 AHEAD_FRAMES = 120
 """Distance of the last frame's number from the number shown: no receiver may take it for a late frame."""
-CONNECTED = ("fba+tcp", "rtp")
+CONNECTED = ("fba+tcp", "rtp", *SOCKETS)
 """Sinks that the guard leaves alone: a connection that is gone, and a stream whose sender alone knows its numbers."""
 BYE = b"bye\n"
 

@@ -35,7 +35,7 @@ from fapengine.live.server.doors import Door, raise_file_limit, shared_out
 from fapengine.live.server.front import Front, FrontCounts
 from fapengine.live.server.metrics import CONTENT_TYPE
 from fapengine.live.server.placement import Home, Placement
-from fapengine.live.server.sink_address import parse_sink
+from fapengine.live.server.sink_address import SOCKETS, parse_sink
 from fapengine.live.server.watchdog import put_to_rest
 from fapengine.live.server.web_site import Site, open_site
 from fapengine.live.server.worker_metrics import ParentFigures, page
@@ -426,8 +426,10 @@ def check_workers(config: ServeConfig) -> None:
             )
     for url in config.sinks:
         sink = parse_sink(url)
-        if sink.kind == "fba+tcp":
-            raise UsageError(f"workers: got sink {url}, expected one to send to: receivers connect to one process")
+        if sink.kind == "fba+tcp" or sink.kind in SOCKETS:
+            raise UsageError(
+                f"workers: got sink {url}, expected one that sends datagrams: connections are to one process"
+            )
         if sink.kind != "osc" and sink.session is None:
             raise UsageError(f"workers: got sink {url}, expected {url}?session=NAME: each worker has a first session")
 

@@ -11,6 +11,7 @@ from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ask, join_shapes, speech_map, spoken_cost
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.moods import ALL_MOODS, MOODS, MoodHold, cost_share, mood_map, read_moods, without_moods
+from fapengine.retarget.oculus import oculus_map, shares
 from fapengine.retarget.vrm import SHOWN, join_presets, vowel_map
 
 Array = NDArray[np.float64]
@@ -78,6 +79,24 @@ class PresetFollower:
         moods, lids = self._hold.follow(read_moods(upper), values), upper[len(MOODS) : len(MOODS) + 2]
         self._vowels = vowel_map().solve_weights(without_moods(values, moods), self._vowels)
         return join_presets(values[None], moods[None], lids[None], self._vowels[None])[0, :SHOWN]
+
+
+class VisemeFollower:
+    """Oculus' visemes of one face, frame by frame.
+
+    Stateful.
+    """
+
+    def __init__(self) -> None:
+        self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
+        self._weights: Array | None = None
+
+    def follow(self, faps: ArrayLike) -> Array:
+        """Take the next frame, (68,) FAPU; return (15,) as a row of ``approximate_visemes``, only solved exactly."""
+        values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
+        moods = self._hold.follow(read_moods(self._upper.follow(values)), values)
+        self._weights = oculus_map().solve_weights(without_moods(values, moods), self._weights)
+        return shares(self._weights)
 
 
 def turns_rad(faps: ArrayLike) -> Array:
