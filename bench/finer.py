@@ -42,6 +42,7 @@ def only_faps(mesh: FaceMesh, numbers: set[int]) -> FaceMesh:
     counted = np.concatenate([[0], np.cumsum(kept)])
     return replace(
         mesh,
+        folds=None,
         basis=DeformationBasis(
             channels=basis.channels,
             offsets=counted[basis.offsets],
@@ -98,6 +99,7 @@ def _carried(mesh: FaceMesh, parents: NDArray[np.int32], triangles: NDArray[np.i
         bone_weight=carried(mesh.bone_weight),
         head_weight=carried(mesh.head_weight),
         triangles=triangles,
+        folds=None,
         basis=DeformationBasis(
             channels=basis.channels, offsets=moved.indptr, entry_channels=moved.indices, entry_mm=entry_mm
         ),

@@ -17,19 +17,30 @@ uniform vec3 u_eye_position;  // camera in world space, mm
 #endif
 
 #ifdef PAINTED
-uniform sampler2D u_skin;  // sRGB; alpha below one half is a hole
+uniform sampler2D u_skin;  // sRGB; alpha is the light of folds, or where CUT_OUT below one half a hole
+in float v_fold;  // share of the folds
 
-// Linear RGB. A square stands in for the power of 2.2, as in tone_map().
-vec3 painting(vec2 at) {
+const float FOLDS = 0.9;  // change of the light at the ends of alpha, by full folds
+const float PORES = 0.25;  // pores stay within this of alpha's middle, folds beyond it
+const float BREAK_UP = 1.4;  // change of the highlights by pores
+const float SKIN = 28.0;  // skin has a share of folds of 0.035 at least
+
+// Diffuse and specular light, linear RGB, as the painting tints it. A square stands in for the power of 2.2, as in
+// tone_map().
+vec3 painted(vec3 diffuse, vec3 specular, vec2 at) {
     vec4 paint = texture(u_skin, at);
 #ifdef CUT_OUT
     if (paint.a < 0.5) discard;
+    return paint.rgb * paint.rgb * diffuse + specular;
+#else
+    float relief = 2.0 * paint.a - 1.0;
+    float pores = clamp(relief, -PORES, PORES);
+    return paint.rgb * paint.rgb * diffuse * (1.0 + FOLDS * v_fold * (relief - pores))
+        + specular * (1.0 + BREAK_UP * min(SKIN * v_fold, 1.0) * pores);
 #endif
-    return paint.rgb * paint.rgb;
 }
 #else
-const vec3 NO_PAINT = vec3(1.0);
-#define painting(at) NO_PAINT
+#define painted(diffuse, specular, at) (diffuse + specular)
 #endif
 
 out vec4 o_colour;
@@ -46,11 +57,11 @@ float coverage(vec2 across) {
 void main() {
 #ifdef LIT_AT_VERTICES
     vec2 uv = vec2(v_diffuse.a, v_specular.a);
-    o_colour = tone_map(painting(uv) * v_diffuse.rgb + v_specular.rgb);
+    o_colour = tone_map(painted(v_diffuse.rgb, v_specular.rgb, uv));
 #else
     vec2 uv = v_uv;
     Light light = shade(v_position, v_normal, u_eye_position, v_albedo, v_surface, v_occlusion);
-    o_colour = tone_map(painting(uv) * light.diffuse + light.specular);
+    o_colour = tone_map(painted(light.diffuse, light.specular, uv));
 #endif
 #ifdef STRAND
     o_colour.a = coverage(uv);

@@ -21,32 +21,40 @@ class BasisCollector:
     def __init__(self, vertex_count: int) -> None:
         self._count = vertex_count
         self._channels: list[Channel] = []
-        self._entries: list[tuple[Indices, int, Array]] = []
+        self._entries: list[tuple[Indices, int, Array, Array]] = []
 
     def add(self, channel: Channel, vertices: Indices, displacement_mm: Array) -> None:
         """Add displacements (N, 3) mm per FAPU of vertices (N,) to a channel."""
         kept = np.abs(displacement_mm).max(axis=1) * 1000 > NEGLIGIBLE_MM
-        if channel not in self._channels:
-            self._channels.append(channel)
-        self._entries.append((vertices[kept], self._channels.index(channel), displacement_mm[kept]))
+        self._add(channel, vertices[kept], displacement_mm[kept], np.zeros(kept.sum()))
 
     def add_still(self, channel: Channel, vertices: Indices) -> None:
         """Give vertices (N,) an entry without displacement: how their normals turn is more than their bone says."""
-        self._channels.append(channel)
-        self._entries.append((vertices, len(self._channels) - 1, np.zeros((len(vertices), 3))))
+        self._add(channel, vertices, np.zeros((len(vertices), 3)), np.zeros(len(vertices)))
 
-    def basis(self) -> DeformationBasis:
-        """Sort what was added by vertex."""
+    def add_shade(self, channel: Channel, vertices: Indices, shade: Array) -> None:
+        """Add what a FAPU of a channel does to the shade, (N,), of vertices (N,); see :class:`Folds`."""
+        self._add(channel, vertices, np.zeros((len(vertices), 3)), shade)
+
+    def _add(self, channel: Channel, vertices: Indices, displacement_mm: Array, shade: Array) -> None:
+        if channel not in self._channels:
+            self._channels.append(channel)
+        self._entries.append((vertices, self._channels.index(channel), displacement_mm, shade))
+
+    def gathered(self) -> tuple[DeformationBasis, Array]:
+        """Sort what was added by vertex: the basis, and what each of its entries does to the shade, (N,)."""
         vertices = np.concatenate([entry[0] for entry in self._entries])
         channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
         moves = np.concatenate([entry[2] for entry in self._entries])
         # What was added twice, of the same channel to the same vertex, becomes one entry.
         keys, entry = np.unique(vertices * len(self._channels) + channels, return_inverse=True)
         summed = np.stack([np.bincount(entry, moves[:, axis], len(keys)) for axis in range(3)], axis=-1)
+        shades: Array = np.bincount(entry, np.concatenate([each[3] for each in self._entries]), len(keys)).astype(float)
         owners = keys // len(self._channels)
-        return DeformationBasis(
+        basis = DeformationBasis(
             channels=tuple(self._channels),
             offsets=np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=self._count))]),
             entry_channels=keys % len(self._channels),
             entry_mm=summed.astype(np.float32),
         )
+        return basis, shades

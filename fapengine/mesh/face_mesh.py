@@ -109,6 +109,28 @@ class DeformationBasis:
         return len(self.channels) if self.mix is None else len(self.mix)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Folds:
+    """Changes of the light on the skin that go with FAPs: furrows that come and go, and lids that come to light.
+
+    A vertex with a share of 0 and more has furrows: its share is ``rest`` plus what each entry of the basis adds for
+    every unit of its channel, held within 0..1. Of one with -1, a lid, entries change the occlusion instead.
+    """
+
+    map: NDArray[np.uint8]
+    """(H, W) uint8: light of full furrows at ``uv``, 127.5 as it is without, 255 the brightest. It goes with a texture
+    of its size and three components; with another one there are no furrows."""
+    rest: NDArray[np.float32]
+    """(V,) float32: -1, or 0..1."""
+    entries: NDArray[np.float32]
+    """(N,) float32: change for one FAPU of each entry of the basis."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "map", frozen(self.map, "folds.map", ("H", "W"), np.uint8))
+        for name in ("rest", "entries"):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"folds.{name}", ("N",), np.float32))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FaceMesh:
     """A head in its neutral pose. Arrays are read-only."""
@@ -152,6 +174,9 @@ class FaceMesh:
     a hole (a card of hair, a lash). Eyes (:attr:`Material.EYE`) are drawn without it.
     """
 
+    folds: Folds | None = None
+    """What FAPs do to the light besides; None: nothing."""
+
     def __post_init__(self) -> None:
         count = len(np.asarray(self.vertices_mm))
         for name, shape, dtype in (
@@ -175,6 +200,8 @@ class FaceMesh:
             object.__setattr__(self, "texture", frozen(self.texture, "texture", ("H", "W", "C"), np.uint8))
             if self.texture.size == 0 or self.texture.shape[2] not in (3, 4):
                 raise UsageError(f"texture: got shape {self.texture.shape}, expected (H, W, 3) or (H, W, 4)")
+        if self.folds is not None:
+            self._check_folds(self.folds, count)
         object.__setattr__(self, "feature_points", MappingProxyType(dict(self.feature_points)))
         unknown = set(self.feature_points) - set(FEATURE_POINT_NAMES)
         if unknown:
@@ -189,6 +216,11 @@ class FaceMesh:
         ):
             if indices.size and not 0 <= indices.min() <= indices.max() < limit:
                 raise UsageError(f"{name}: expected 0..{limit - 1}")
+
+    def _check_folds(self, folds: Folds, count: int) -> None:
+        sizes, expected = (len(folds.rest), len(folds.entries)), (count, len(self.basis.entry_mm))
+        if sizes != expected:
+            raise UsageError(f"folds: got {sizes} vertices and entries, expected {expected}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
         """(3,) float32, mm: position of a feature point in the neutral face.

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
-from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
 
@@ -65,16 +65,17 @@ class PackedMesh:
     """Arrays to upload as they are; read-only."""
 
     vertices: NDArray[np.float32]
-    """(V, 18) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
+    """(V, 19) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
     """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``, ``"strand"``; none that
     has no triangle. :data:`fapengine.render.programs.PARTS` says how each is drawn."""
     displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     normal_deltas: NDArray[np.float32]
-    """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and 0."""
+    """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and of the folds (:class:`.Folds`)."""
     skin: NDArray[np.uint8] | None
-    """(H, W, 4) uint8, sRGB and how much is there: ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
+    """(H, W, 4) uint8, sRGB and how much is there, or for the part ``"face"`` of a head with folds their light:
+    ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
     texels_per_mm: float
     """Resolution of the painting on the face; 0 without one."""
     edge_mm: float
@@ -132,6 +133,7 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         "a_surface": np.array([SURFACES[kind] for kind in Material])[mesh.material],
         "a_uv": mesh.uv,
         "a_occlusion": mesh.occlusion[:, None],
+        "a_fold": _resting_folds(mesh)[:, None],
         "a_bones": np.stack([mesh.bone, mesh.bone_weight, mesh.head_weight], axis=-1),
         "a_entries": np.stack([basis.offsets[:-1], np.diff(basis.offsets)], axis=-1),
     }
@@ -142,11 +144,16 @@ def pack(mesh: FaceMesh) -> PackedMesh:
     other = ~np.any(list(special.values()), axis=0)
     holed = other & _has_hole(mesh, skin)
     sorts = {"face": other & ~holed, "cutout": holed, **special}
+    deltas = normal_deltas(mesh)
+    if mesh.folds is not None:
+        deltas = np.concatenate([deltas, mesh.folds.entries[:, None]], axis=1)
+        if _is_folded(mesh):
+            skin = np.concatenate([np.asarray(mesh.texture), mesh.folds.map[..., None]], axis=2)
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
         parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},
         displacements=_in_rows(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1)),
-        normal_deltas=_in_rows(normal_deltas(mesh)),
+        normal_deltas=_in_rows(deltas),
         skin=skin,
         texels_per_mm=_texels_per_mm(mesh, skin),
         edge_mm=_edge_mm(mesh),
@@ -223,6 +230,18 @@ def _with_alpha(texture: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
     return np.concatenate([texture, np.full((*texture.shape[:2], 1), 255, dtype=np.uint8)], axis=2)
 
 
+def _is_folded(mesh: FaceMesh) -> bool:
+    """Tell whether the light of folds can lie beside the painting."""
+    return mesh.folds is not None and mesh.texture is not None and mesh.texture.shape == (*mesh.folds.map.shape, 3)
+
+
+def _resting_folds(mesh: FaceMesh) -> NDArray[np.float32]:
+    """(V,): as :attr:`.Folds.rest`; 0, where there is no painting with folds."""
+    if mesh.folds is None:
+        return np.zeros(len(mesh.vertices_mm), dtype=np.float32)
+    return mesh.folds.rest if _is_folded(mesh) else np.minimum(mesh.folds.rest, 0.0)
+
+
 def _has_hole(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
     """(F,): whether a hole of the painting lies in the box round a triangle's part of it."""
     if skin is None or (skin[..., 3] >= 128).all():
@@ -274,8 +293,9 @@ def _in_rows(entries: NDArray[np.floating]) -> NDArray[np.float32]:
 def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
     """(N, 3) float32: change of its vertex's normal that each entry of the basis brings, per FAPU.
 
-    Measured by moving one channel at a time by :data:`PROBE_FAPU`; the shader adds the changes up linearly. Vertices
-    that a seam of the texture splits change as one.
+    Measured by moving one channel at a time by :data:`PROBE_FAPU`, or from its start to its end if it ends, which for a
+    lid is a large turn; the shader adds the changes up linearly. Vertices that a seam of the texture splits change as
+    one.
     """
     basis, points_of = mesh.basis, _surface_points(mesh)
     vertex = np.repeat(np.arange(len(points_of)), np.diff(basis.offsets))
@@ -293,15 +313,39 @@ def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
         moved = np.zeros(count, dtype=bool)
         moved[point[mine]] = True
         around = triangles[moved[triangles].any(axis=1)]
-        points = rest.copy()
-        points[point[mine]] = rest[point[mine]] + PROBE_FAPU * basis.entry_mm[mine]
+        points, step, before = rest.copy(), PROBE_FAPU, at_rest[point[mine]]
+        for earlier in _earlier_pieces(basis, number):
+            its = by_channel[ends[earlier] : ends[earlier + 1]]
+            points[point[its]] += _length(basis.channels[earlier]) * basis.entry_mm[its]
+        if basis.mix is None and np.isfinite(_length(basis.channels[number])):
+            step = _length(basis.channels[number])
+            before = _unit(_summed_normals(points, around, count)[point[mine]])
+        points[point[mine]] += step * basis.entry_mm[mine]
         with_bone: NDArray[np.floating] | float = 0.0
         if basis.mix is None and basis.channels[number].fap == JAW_FAP:
             points[points_of], with_bone = _with_jaw(mesh, at_rest[point[mine]], vertex[mine])
         # Every triangle at a moved point is in ``around``, so its normal is whole; the others' are not asked for.
         normals = _unit(_summed_normals(points, around, count)[point[mine]])
-        deltas[mine] = (normals - at_rest[point[mine]] - with_bone) / PROBE_FAPU
+        deltas[mine] = (normals - before - with_bone) / step
     return deltas
+
+
+def _length(channel: Channel) -> float:
+    return abs(channel.stop - channel.start)
+
+
+def _earlier_pieces(basis: DeformationBasis, number: int) -> list[int]:
+    """Channels of the same FAP that have reached their ends when this one starts; none, if shapes are mixed."""
+    if basis.mix is not None:
+        return []
+    mine = basis.channels[number]
+    return [
+        other
+        for other, channel in enumerate(basis.channels)
+        if channel.fap == mine.fap
+        and other != number
+        and 0 < channel.stop * np.sign(mine.stop) <= mine.start * np.sign(mine.stop)
+    ]
 
 
 def _with_jaw(

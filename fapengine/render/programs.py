@@ -22,6 +22,7 @@ FACE_ATTRIBUTES = {
     "a_surface": "3f4",
     "a_uv": "2f4",
     "a_occlusion": "1f4",
+    "a_fold": "1f4",
     "a_bones": "3f4",
     "a_entries": "2f4",
 }

@@ -23,7 +23,7 @@ from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, replacing_folder
-from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
+from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Folds
 from fapengine.mpeg4.fapu import Fapu
 
 if TYPE_CHECKING:
@@ -39,7 +39,9 @@ TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME = "head.toml", "head.npz", "hea
 OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME)
 """Files of a head's folder."""
 ARRAYS = tuple(
-    field.name for field in fields(FaceMesh) if field.name not in ("feature_points", "fapu", "basis", "texture")
+    field.name
+    for field in fields(FaceMesh)
+    if field.name not in ("feature_points", "fapu", "basis", "texture", "folds")
 )
 MAX_BYTES = 1 << 30
 """Bytes of a head's arrays, unpacked; a small archive cannot ask for more."""
@@ -79,6 +81,8 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     }  # fmt: skip
     if basis.mix is not None:
         arrays["mix"] = basis.mix
+    if mesh.folds is not None:
+        arrays |= {f"folds_{field.name}": getattr(mesh.folds, field.name) for field in fields(Folds)}
     np.savez_compressed(buffer, **arrays)
     files = {ARRAYS_NAME: buffer.getvalue()}
     if mesh.texture is not None:
@@ -195,4 +199,5 @@ def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh
             mix=arrays.get("mix"),
         ),
         texture=texture,
+        folds=Folds(*(arrays[f"folds_{field.name}"] for field in fields(Folds))) if "folds_map" in arrays else None,
     )

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.basis_collector import BasisCollector
 from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
+from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.head_parts import HeadParts
 from fapengine.mesh.default_head.skin import skin_fields
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
@@ -52,11 +53,12 @@ SLIT_MM = 6.0
 
 
 def build_basis(
-    points: Array, places: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
-) -> tuple[Array, DeformationBasis]:
-    """Weight of the jaw bone on every vertex that is not all bone already, (V,), and the basis.
+    points: Array, template: Array, places: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
+) -> tuple[Array, DeformationBasis, Array]:
+    """Weight of the jaw bone on every vertex that is not all bone already, (V,), the basis, its entries' shades, (N,).
 
-    ``places``, (V, 2), are those of :mod:`.faces`.
+    ``template``, (V, 3) mm, are the vertices before the measured face moved them; ``places``, (V, 2), are those of
+    :mod:`.faces`.
     """
     collector = BasisCollector(len(points))
     skin = np.unique(
@@ -98,7 +100,9 @@ def build_basis(
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
     # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
     collector.add_still(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
-    return jaw_weight, collector.basis()
+    for number, chosen, share in fold_shares(template[skin], fapu):
+        collector.add_shade(Channel(number, -np.inf, np.inf), skin[chosen], share)
+    return jaw_weight, *collector.gathered()
 
 
 Linear = Callable[[int, Indices, Array], None]

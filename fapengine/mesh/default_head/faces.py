@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head import faces_table
 from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.surface import NAPE_MM
 from fapengine.mesh.default_head.surface import position as template_position
 
 Array = NDArray[np.float64]
@@ -76,7 +78,8 @@ def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
         Weights of the modes; those left out are 0.
     """
     angle, height = np.moveaxis(np.asarray(place, dtype=np.float64), -1, 0)
-    known = np.clip(height, faces_table.HEIGHTS_MM[0], faces_table.HEIGHTS_MM[-1])
+    lowest = faces_table.HEIGHTS_MM[0] + NAPE_MM * smoothstep((np.abs(angle) - np.pi / 4) / (np.pi / 4))
+    known = np.clip(height, lowest, faces_table.HEIGHTS_MM[-1])
     move: Array = np.stack([spline.ev(np.abs(angle), known) for spline in _splines(identity)], axis=-1)
     move[..., 0] *= np.sign(angle)
     return move
@@ -85,7 +88,7 @@ def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
 def position(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """(..., 3) mm: the skin at a place of the template without lips and lids."""
     a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    where: Array = template_position(a, h, style) + displacement(np.stack([a, h], axis=-1), style.identity)
+    where: Array = template_position(a, h, style) + displacement(np.stack([a, h], axis=-1), style.weights)
     return where
 
 

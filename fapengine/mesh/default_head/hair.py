@@ -40,7 +40,9 @@ EAR_MM = 15.0
 """Distance by which long hair lies out over an ear."""
 CURTAIN_MM = 4.0
 """Thickness of what hangs under the locks."""
-HAIRS_A_LOCK, HAIR_POINTS = 2, 3
+HAIRS_A_LOCK, HAIR_POINTS = 4, 3
+SPLIT_FROM = 0.3
+"""Share of a lock by the face from which it parts into single hairs."""
 FACE_Z_MM = 60.0
 """Locks that end before this depth frame the face."""
 GOLDEN = 0.6180339887498949
@@ -253,6 +255,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]
+    whole, framing = points.copy(), np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM)
+    slender = np.interp(shares, (SPLIT_FROM, 1.0), (1.0, 0.12))[:, None, None]
+    points[framing] = points[framing, :, 1:2] + slender * (points[framing] - points[framing, :, 1:2])
     strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
     uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * ((number * GOLDEN * 1.7) % 1)[:, None, None])
     body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR, uv=uv[:, :-1])
@@ -263,7 +268,7 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         builder.loose(np.stack([a, b, c], axis=-1).reshape(-1, 3))
         builder.loose(np.stack([a, c, d], axis=-1).reshape(-1, 3))
         builder.loose(np.stack([body[:, -1, left], body[:, -1, left + 1], tips], axis=-1))
-    hairs = _build_hairs(builder, points, np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM), palette)
+    hairs = _build_hairs(builder, whole, framing, palette)
     return np.concatenate([body.ravel(), tips, hairs])
 
 
@@ -274,7 +279,7 @@ def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: P
     """
     last = locks.shape[1] - 1
     rows = np.unique(np.linspace(1, last - 1, HAIR_POINTS - 1).round().astype(int))
-    across = np.linspace(-0.95, 0.95, HAIRS_A_LOCK)
+    across = np.linspace(-0.98, 0.98, HAIRS_A_LOCK)
     spines, asides, tints = [], [], []
     for lock in chosen:
         left, middle, right = (locks[lock, rows, side] for side in (0, 1, 2))
@@ -284,8 +289,8 @@ def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: P
             wild = np.sin(7.1 * number + 3.7 * lock)
             edge = right if share > 0 else left
             spine = middle + abs(share) * (1.0 + 0.15 * wild) * (edge - middle) + 0.35 * out
-            tip = spine[-1] + (0.75 + 0.35 * wild) * (locks[lock, last, 1] - middle[-1])
-            tip += 0.45 * share * (edge[-1] - middle[-1]) * np.sign(share)
+            tip = spine[-1] + (0.9 + 0.4 * wild) * (locks[lock, last, 1] - middle[-1])
+            tip += 0.35 * share * (edge[-1] - middle[-1]) * np.sign(share)
             spine = np.concatenate([spine, tip[None]])
             along = spine[-1] - spine[0]
             aside = np.cross(along, [0.0, 0.0, 1.0])
@@ -294,5 +299,5 @@ def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: P
             tints.append((0.75 + 0.5 * abs(wild)) * palette.hair)
     if not spines:
         return np.zeros(0, dtype=np.int64)
-    half = np.linspace(0.34, 0.10, len(rows) + 1)
+    half = np.linspace(0.75, 0.12, len(rows) + 1)
     return builder.strands(np.array(spines), half, np.array(asides), albedo=np.array(tints)).ravel()

@@ -19,6 +19,8 @@ from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
 from fapengine.mesh.default_head.brows import build_brow
 from fapengine.mesh.default_head.ears import build_ear
 from fapengine.mesh.default_head.eyes import build_lids
+from fapengine.mesh.default_head.folds import fold_map, resting_folds
+from fapengine.mesh.default_head.glasses import build_glasses
 from fapengine.mesh.default_head.hair import build_hair
 from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.head_parts import HeadParts
@@ -29,7 +31,7 @@ from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.rings import Block
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import position, radius
-from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
+from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mpeg4.fapu import Fapu
 
@@ -39,11 +41,14 @@ Indices = NDArray[np.int64]
 LIT_INSIDE = {Material.TEETH: 0.45, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
 """Least light, as a share, on what is inside of the mouth."""
 LID_FOLDS_AT = 1.46
+UPPER_LIDS = (19, 20)
+OPEN_LID, SHUT_LID = 0.65, 0.85
+"""Least light on a lid that is open, and on one that is shut."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
 ROWS: tuple[tuple[float, int], ...] = (  # upper end of a stretch, mm, and its rows
-    (-110.0, 2), (-92.0, 3), (-62.0, 10), (MOUTH_LINE_Y, 9), (-16.5, 7), (-12.0, 2), (6.0, 9), (17.5, 4),
+    (-116.0, 1), (-92.0, 3), (-62.0, 10), (MOUTH_LINE_Y, 9), (-16.5, 7), (-12.0, 2), (6.0, 9), (17.5, 4),
     (33.0, 5), (51.0, 6), (62.0, 3), (90.0, 5), (115.0, 3), (142.0, 3),
 )  # fmt: skip
 COLUMNS: tuple[tuple[float, int], ...] = (  # outer end of a stretch, degrees, and its columns
@@ -65,7 +70,7 @@ def _columns(detail: float) -> Array:
 
 
 def _rows(detail: float) -> Array:
-    return _spaced(-138.0, ROWS, detail)
+    return _spaced(-128.0, ROWS, detail)
 
 
 def _blocks(rows: Array, columns: Array) -> tuple[Block, Block, Block]:
@@ -141,7 +146,9 @@ def build_parts(style: HeadStyle, detail: float) -> tuple[MeshBuilder, HeadParts
         crown=crown,
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette_of(style).base)),
     )
-    parts.build_shirt(builder, detail)
+    parts.build_shirt(builder, style, detail)
+    if style.glasses:
+        build_glasses(builder, style, detail)
     return builder, head
 
 
@@ -153,7 +160,7 @@ def _build_skin(
     y, angle = np.meshgrid(rows, columns, indexing="ij")
     points = position(angle, y, style)
     # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
-    head_weight = np.maximum(smoothstep((y + 138.0) / 62.0), smoothstep((points[..., 2] - 55.0) / 25.0))
+    head_weight = np.maximum(smoothstep((y + 126.0) / 56.0), smoothstep((points[..., 2] - 55.0) / 25.0))
     albedo = palette.skin(points) * _nostril_shade(angle, y, style)
     grid = builder.add(
         points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)
@@ -215,11 +222,46 @@ def _on_face(template: Array, builder: MeshBuilder, head: HeadParts, style: Head
     points = template.copy()
     place = builder.column("place")
     on_skin = np.isfinite(place[:, 0])
-    points[on_skin] += faces.displacement(place[on_skin], style.identity)
-    mouth = faces.displacement(MIDDLE, style.identity) - faces.displacement(MIDDLE)
+    points[on_skin] += faces.displacement(place[on_skin], style.weights)
+    mouth = faces.displacement(MIDDLE, style.weights) - faces.displacement(MIDDLE)
     for part in (head.upper_teeth, head.lower_teeth, head.tongue):
         points[part] += mouth
     return points
+
+
+def _light_lids(
+    points: Array,
+    triangles: Indices,
+    head: HeadParts,
+    basis: DeformationBasis,
+    occlusion: Array,
+    shades: Array,
+    rest: Array,
+) -> None:
+    """Let the light on the lids change as they shut: set ``occlusion``, ``shades`` and ``rest`` where they are.
+
+    An open lid is folded away in the dark; when it is shut it lies on the ball in the light.
+    """
+    closing = np.array([channel.fap in UPPER_LIDS and channel.stop > channel.start for channel in basis.channels])
+    length = np.array(
+        [channel.stop - channel.start if mine else 0.0 for channel, mine in zip(basis.channels, closing, strict=True)]
+    )
+    owner = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
+    shut = points.copy()
+    moves = length[basis.entry_channels, None] * basis.entry_mm
+    for axis in range(3):
+        shut[:, axis] += np.bincount(owner, moves[:, axis], len(points))
+    lit = smooth_over_mesh(bake_occlusion(shut, vertex_normals(shut, triangles)), triangles, 2)
+    folded = np.concatenate([eye.lids.indices[eye.lids.level < LID_FOLDS_AT].ravel() for eye in head.eyes])
+    of_lid = closing[basis.entry_channels] & np.isin(owner, folded)
+    lids = np.zeros(len(points), dtype=bool)
+    lids[owner[of_lid]] = True
+    occlusion[folded] = np.maximum(occlusion[folded], np.where(lids[folded], OPEN_LID, SHUT_LID))
+    whole = sum(length[[channel.fap == UPPER_LIDS[0] for channel in basis.channels]])
+    change = (np.maximum(lit, SHUT_LID) - occlusion) / whole
+    shades[lids[owner]] = 0.0
+    shades[of_lid] = change[owner[of_lid]]
+    rest[lids] = -1.0
 
 
 def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float) -> FaceMesh:
@@ -234,14 +276,14 @@ def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: flo
     # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
-    for eye in head.eyes:  # a lid is folded away when it is open; what shows when it shuts is lit
-        lid = eye.lids.indices[eye.lids.level < LID_FOLDS_AT]
-        occlusion[lid] = np.maximum(occlusion[lid], 0.85)
     feature_points = locate(template, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
-    jaw_weight, basis = build_basis(points, builder.column("place"), head, feature_points, fapu)
+    jaw_weight, basis, shades = build_basis(points, template, builder.column("place"), head, feature_points, fapu)
     on_jaw = jaw_weight > 0
+    shades *= 0.45 + 0.55 * style.age  # a young skin folds less
+    rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
+    _light_lids(points, triangles, head, basis, occlusion, shades, rest)
 
     # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
     used = np.zeros(len(points), dtype=bool)
@@ -268,6 +310,7 @@ def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: flo
         fapu=fapu,
         iris_albedo=np.array(EYE_COLOURS[style.eye_colour], np.float32),
         texture=paint(style),
+        folds=Folds(fold_map(), rest[used].astype(np.float32), shades[kept].astype(np.float32)),
         basis=DeformationBasis(
             channels=basis.channels,
             offsets=np.concatenate([[0], np.cumsum(np.diff(basis.offsets)[used])]),

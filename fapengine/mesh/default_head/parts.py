@@ -5,8 +5,10 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
+from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.rings import resampled
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import Bone, Material
 
 Array = NDArray[np.float64]
@@ -98,23 +100,39 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     return np.append(grid.ravel(), tip)
 
 
-def build_shirt(builder: MeshBuilder, detail: float) -> Indices:
-    """Add collar and shoulders, (N,) indices, which stay where they are when the head turns."""
+def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
+    """Add collar and shoulders, (N,) indices, which stay where they are when the head turns.
+
+    The collar lies round the neck of this head.
+    """
     around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
     # fmt: off
-    rows = (  # height, half width, half depth, drop at the front
-        (-122, 44, 50, 12), (-112, 52, 58, 12), (-110, 56, 62, 12), (-113, 61, 67, 13), (-120, 66, 70, 14),
-        (-126, 84, 74, 16), (-134, 112, 78, 18), (-145, 142, 82, 18), (-160, 166, 86, 16), (-182, 182, 92, 12),
-        (-215, 190, 98, 8), (-300, 192, 102, 0),
+    rows = (  # height, half width, half depth, drop at the front; distance from the neck, share of the shoulders
+        (-112, 52, 58, 15, 1.5, 0.0), (-107.5, 56, 62, 15, 2.6, 0.0),
+        (-107, 58, 64, 15, 4.4, 0.0), (-109, 60, 66, 15, 5.8, 0.0), (-116, 64, 68, 15.5, 7.2, 0.05),
+        (-116.6, 66, 70, 16, 6.0, 0.1), (-121, 78, 74, 17, 9.0, 0.6), (-128, 100, 78, 18, 12, 1.0),
+        (-140, 132, 81, 18, 0, 1.0), (-160, 168, 86, 16, 0, 1.0),
+        (-195, 186, 95, 10, 0, 1.0), (-300, 192, 102, 0, 0, 1.0),
     )
     # fmt: on
     table = resampled(rows, max(1.0, detail))[:, :, None]
-    x = table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9
-    z = -8.0 + table[:, 2] * np.cos(around)
     y = table[:, 0] - table[:, 3] * np.maximum(np.cos(around), 0)
+    shoulders = np.stack(
+        [
+            table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9,
+            y,
+            -8.0 + table[:, 2] * np.cos(around),
+        ],
+        axis=-1,
+    )
+    angle = np.broadcast_to(around, y.shape)
+    outwards = faces.normal(angle, y, style) * [1.0, 0.0, 1.0]
+    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+    collar = faces.position(angle, y, style) + table[:, 4][..., None] * outwards
+    points = collar + table[:, 5][..., None] * (shoulders - collar)
     folds = 1 + 0.04 * np.sin(around * 9 + table[:, 0] * 0.08)
-    points = np.stack([x, y, z], axis=-1)
-    albedo = colours.CLOTH * (folds[..., None] * np.where(table[:, 1, 0] < 62.0, 0.72, 1.0)[:, None, None])
+    band = np.where(table[:, 0] > -116.3, 0.72 + 0.05 * np.cos(36 * around), 1.0)
+    albedo = colours.CLOTH * (folds * band)[..., None]
     grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
     builder.quads(grid[::-1], closed=True)
     return grid

@@ -4,6 +4,7 @@ Named looks are choices of ours. ``random:7`` draws a person: the shape from the
 (:mod:`fapengine.mesh.default_head.faces`), and the rest evenly within its bounds.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -42,6 +43,7 @@ PEOPLE: Mapping[str, HeadStyle] = MappingProxyType({
 })  # fmt: skip
 """Name to look."""
 RANDOM = "random"
+PERSON = re.compile(r"([^:,]*)[:,]?(.*)", re.DOTALL)
 USUAL = 2.0
 """Weight of a mode beyond which random people do not go."""
 
@@ -86,7 +88,7 @@ def somebody(seed: int) -> HeadStyle:
 
 
 def parse_person(name: str) -> tuple[HeadStyle, str] | None:
-    """Read ``"woman"``, ``"woman:hair_colour=red,level=fine"``, ``"random:7"`` or ``"random:7,age=0.9"``.
+    """Read ``"woman"``, ``"woman,glasses"``, ``"woman:hair_colour=red,level=fine"`` or ``"random:7,age=0.9"``.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def parse_person(name: str) -> tuple[HeadStyle, str] | None:
     UsageError
         If what follows the name cannot be read.
     """
-    person, _, changes = name.partition(":")
+    person, changes = PERSON.match(name).groups()  # type: ignore[union-attr]  # it matches every text
     if person == RANDOM:
         seed, _, changes = changes.partition(",")
         if not seed.isdecimal():

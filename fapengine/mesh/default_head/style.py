@@ -5,6 +5,7 @@ from typing import Any
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
+from fapengine.mesh.default_head.faces_axes import AXES, MIDDLE_AGE
 from fapengine.mesh.default_head.faces_table import MODES
 
 LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
@@ -15,7 +16,8 @@ MAX_WEIGHT = 2.5
 BOUNDS: dict[str, tuple[float, float]] = {
     "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),
     "nose_width": (0.75, 1.3), "eye_opening_mm": (8, 13), "lip_fullness": (0.5, 1.5), "mouth_width": (0.85, 1.15),
-    "brow_thickness": (0.4, 2), "age": (0, 1), "skin_tone": (0, 1), "freckles": (0, 3),
+    "brow_thickness": (0.4, 2), "age": (0, 1), "sex": (-2, 2), "build": (-2, 2),
+    "skin_tone": (0, 1), "freckles": (0, 3),
 }  # fmt: skip
 """Numbers of :class:`HeadStyle` to the least and the most that they may be."""
 
@@ -49,7 +51,11 @@ class HeadStyle:
     brow_thickness: float = 1.0
     """Thickness of the brows, 0.4..2."""
     age: float = 0.25
-    """Age, 0 young to 1 old: folds beside nose and mouth, grooves under the eyes."""
+    """Age, 0 young to 1 old: folds, grooves under the eyes, and what else goes with it in the measured faces."""
+    sex: float = 0.0
+    """Shape of the face, -2 very female to 2 very male; -1 and 1 are usual (:mod:`.faces_axes`)."""
+    build: float = 0.0
+    """Shape of the face, -2 very lean to 2 very heavy."""
     skin_tone: float = 0.2
     """Tone of the skin, 0 very light to 1 very dark."""
     freckles: float = 0.4
@@ -61,9 +67,21 @@ class HeadStyle:
     """One of :data:`HAIRCUTS`."""
     eye_colour: str = "brown"
     """One of :data:`EYE_COLOURS`."""
+    glasses: bool = False
     identity: tuple[float, ...] = ()
     """Weights of the measured differences between people, at most 16 numbers of -2.5..2.5: people are spread about 0
     with a standard deviation of 1 (:mod:`.faces`). The whole face follows but the eyes."""
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weights of the measured differences, sex, build and age among them; none if they are those of the mean."""
+        steps = {"sex": self.sex, "build": self.build, "age": (self.age - MIDDLE_AGE) / (1 - MIDDLE_AGE)}
+        if not any(steps.values()):
+            return self.identity
+        total = [*self.identity, *[0.0] * (MODES - len(self.identity))]
+        for name, step in steps.items():
+            total = [weight + step * one for weight, one in zip(total, AXES[name], strict=True)]
+        return tuple(min(max(weight, -MAX_WEIGHT), MAX_WEIGHT) for weight in total)
 
     def __post_init__(self) -> None:
         for name, (low, high) in BOUNDS.items():
@@ -104,7 +122,8 @@ def parse_look(text: str, usual: HeadStyle | None = None) -> tuple[HeadStyle, st
         name, equals, value = (part.strip() for part in item.partition("="))
         if name == "level" and equals:
             level = value
-        elif name in defaults and equals:
+        elif name in defaults and (equals or isinstance(defaults[name], bool)):  # "glasses" alone says true
+            value = value if equals else "true"
             changed: dict[str, Any] = {name: _as(defaults[name], name, value)}
             style = replace(style, **changed)
         else:

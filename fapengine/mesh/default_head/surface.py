@@ -23,6 +23,8 @@ BESIDE_NOSE_RAD = np.deg2rad(16.5)
 TOP_MM = 145.0
 """Crown of the head; towards it distances shrink with the root of the height left, as on a sphere."""
 CAP_FROM_MM = 127.0
+NAPE_MM = 26.0
+"""Height over the lowest section from which the neck is as thick downwards, at the sides and behind."""
 TABLE_RAD, TABLE_MM = np.linspace(0.0, np.pi, 721), np.linspace(-140.0, 145.0, 571)
 
 
@@ -45,7 +47,9 @@ def _spline() -> RectBivariateSpline:
 
 def _bare(angle: Array, y: Array) -> Array:
     heights, _, _ = section_arrays()
-    r = np.asarray(_spline().ev(np.clip(y, heights[0], CAP_FROM_MM), angle), dtype=np.float64)
+    # Below the nape the measured neck spreads into shoulders; ours goes on into its collar.
+    lowest = heights[0] + NAPE_MM * smoothstep((np.abs(angle) - np.pi / 4) / (np.pi / 4))
+    r = np.asarray(_spline().ev(np.clip(y, lowest, CAP_FROM_MM), angle), dtype=np.float64)
     cap: Array = r * np.sqrt(np.clip((TOP_MM - y) / (TOP_MM - CAP_FROM_MM), 0.0, 1.0))
     return cap
 

@@ -14,7 +14,7 @@ from fapengine.files.heads import built
 from fapengine.files.heads.built import load_built
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh
+from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Folds
 
 BALD = HeadStyle(hair=False)
 
@@ -42,8 +42,11 @@ def test_a_head_from_disk_is_the_head_that_was_built(folder: Path, monkeypatch: 
     assert kept is not made
     assert [path.parent.name for path in folder.rglob("head.toml")] == [path.name for path in folder.iterdir()]
     for field in fields(FaceMesh):
-        if field.name != "basis":
+        if field.name not in ("basis", "folds"):
             assert np.array_equal(getattr(kept, field.name), getattr(made, field.name)), field.name
+    assert made.folds is not None
+    for field in fields(Folds):
+        assert np.array_equal(getattr(kept.folds, field.name), getattr(made.folds, field.name)), field.name
     for field in fields(DeformationBasis):
         assert np.array_equal(getattr(kept.basis, field.name), getattr(made.basis, field.name)), field.name
 

@@ -29,6 +29,7 @@ def _only(head: FaceMesh, vertices: NDArray[np.int64]) -> FaceMesh:
         **{name: getattr(head, name)[kept] for name in columns},
         triangles=np.zeros((0, 3), dtype=np.int32),
         feature_points={"2.1": len(kept) - 1},
+        folds=None,
         basis=DeformationBasis(
             channels=basis.channels,
             offsets=np.concatenate([[0], np.cumsum(counts)]),

@@ -32,7 +32,9 @@ MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit 
 @pytest.fixture(autouse=True)
 def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Painting takes longer than a coarse head."""
-    monkeypatch.setattr("fapengine.mesh.default_head.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
+    white, flat = np.full((1, 1, 3), 255, dtype=np.uint8), np.full((1, 1), 128, dtype=np.uint8)
+    monkeypatch.setattr("fapengine.mesh.default_head.head.paint", lambda style: white)
+    monkeypatch.setattr("fapengine.mesh.default_head.head.fold_map", lambda: flat)
 
 
 def moves_its_points(head: FaceMesh, moved: Moved) -> bool:
@@ -51,7 +53,7 @@ def rims(head: FaceMesh, style: HeadStyle) -> tuple[Indices, Indices]:
     """Vertices of the line between the lips: of the upper and of the lower one."""
     builder, parts = build_parts(style, LEVELS["coarse"])
     rim = parts.mouth.indices[np.flatnonzero(parts.mouth.level == 0)[0]]
-    points = builder.column("points_mm")[rim] + displacement(builder.column("place")[rim], style.identity)
+    points = builder.column("points_mm")[rim] + displacement(builder.column("place")[rim], style.weights)
     away, vertices = cKDTree(head.vertices_mm[head.material == Material.LIP]).query(points)
     assert away.max() < 1e-3
     lips = np.flatnonzero(head.material == Material.LIP)[vertices]

@@ -97,7 +97,7 @@ def test_a_mesh_that_does_not_move_has_one_row_of_nothing(head: FaceMesh) -> Non
         entry_channels=np.zeros(0, dtype=np.int32),
         entry_mm=np.zeros((0, 3), dtype=np.float32),
     )
-    packed = pack(replace(head, basis=still))
+    packed = pack(replace(head, basis=still, folds=None))
     assert packed.displacements.shape == (1, packing.TEXTURE_WIDTH, 4)
     assert not packed.displacements.any()
     assert not attribute(packed, "a_entries").any()
@@ -124,6 +124,7 @@ def test_a_seam_turns_as_one(head: FaceMesh) -> None:
         head,
         **spread,
         triangles=triangles,
+        folds=None,
         basis=replace(
             basis,
             offsets=np.concatenate([[0], np.cumsum(np.concatenate([entries, entries[split]]))]).astype(np.int32),

@@ -1,0 +1,194 @@
+"""Folds of the skin that come and go with FAPs: where they lie, what they do to the light, and what draws them.
+
+Theory of operation
+-------------------
+Folds are furrows in a height map over the painting (:func:`fold_map`): lines of the forehead, between the brows, crow's
+feet, on the nose's sides, beside the nose, under the lower lid and on the chin. Kept is not the height but what its
+slope, a small turn of the normal, does to the light of the studio's key lamp, so that the shader need not work out
+normals at pixels. Every vertex says how deep the folds are about it: a share at rest, which grows with age, and a
+share for each FAP that draws them (:func:`fold_shares`). Outside of folds the map has pores, which break highlights up.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.default_head import atlas
+from fapengine.mesh.default_head.painting import grain
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.surface import radius
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+
+Array = NDArray[np.float64]
+
+KEY_FROM = np.array([-0.42, 0.52, 0.745])
+"""Direction of the key lamp, as in ``lights.glsl``."""
+RANGE = 0.9
+"""Change of the light, as a share, for one unit of the map beyond its pores; ``FOLDS`` in ``face.frag``."""
+PORES = 0.25
+"""Distance from the map's middle, of 1, that pores keep; folds are beyond it. Also in ``face.frag``."""
+AT_REST, OLD = 0.035, 0.42
+"""Share of the folds that a young and an old face has at rest."""
+
+FOREHEAD, BETWEEN_BROWS, CROWS_FEET, NOSE, BESIDE_NOSE, UNDER_EYE, CHIN = range(7)
+
+Drive = tuple[int, float, float]
+"""FAP of the left half or of the middle; share of the fold that it draws at most; mm that it takes, with a sign."""
+DRIVES: dict[int, tuple[Drive, ...]] = {
+    FOREHEAD: ((31, 0.5, 5.0), (33, 0.6, 6.0)),
+    BETWEEN_BROWS: ((37, 0.75, 4.0), (31, 0.4, -6.0)),
+    CROWS_FEET: ((41, 1.0, 6.0),),
+    UNDER_EYE: ((41, 1.0, 6.0),),
+    NOSE: ((63, 0.6, 3.0), (55, 0.5, -9.0)),
+    BESIDE_NOSE: ((59, 0.7, 6.5), (55, 0.5, -9.0)),
+    CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
+}
+"""What draws each fold; those of the right half have the FAP of the right."""
+MIDDLE = (18, 63)
+NEGLIGIBLE = 0.3
+"""Shares below this at 1000 FAPU are left out: every one costs time in the vertex shader."""
+
+
+def _wave(x: Array, number: int) -> Array:
+    """(...) mm: how a line of the skin strays."""
+    wave: Array = 0.8 * np.sin(0.13 * x + 1.7 * number) + 0.45 * np.sin(0.31 * x + 2.9 * number)
+    return wave
+
+
+def _lines(x: Array, y: Array) -> Iterator[tuple[int, Array, Array, float, float]]:
+    """Yield each furrow: its region, distance from it, mm, how much of it is here, its half width and depth, mm."""
+    across = np.abs(x)
+    for number, (height, reach, depth) in enumerate(
+        ((69.0, 38.0, 0.5), (77.5, 42.0, 0.62), (86.0, 38.0, 0.5), (94.0, 28.0, 0.36))
+    ):
+        middle = height + _wave(x, number) - 2.2 * np.exp(-((x / 13.0) ** 2)) + 0.0022 * x**2
+        yield (
+            FOREHEAD,
+            y - middle,
+            smoothstep((reach - across) / 16.0) * (0.8 + 0.2 * np.cos(0.21 * x + number)),
+            1.25,
+            depth,
+        )
+    for number, (foot, top, depth) in enumerate(((6.2, 8.6, 0.75), (11.5, 15.0, 0.35))):
+        middle = foot + (top - foot) * (y - 46.0) / 18.0 + 0.4 * np.sin(0.3 * y + np.sign(x) + number)
+        yield BETWEEN_BROWS, across - middle, smoothstep((y - 43.0) / 6.0) * smoothstep((66.0 - y) / 9.0), 1.15, depth
+    from_corner = np.hypot(across - 43.0, y - 34.5)
+    towards = np.rad2deg(np.arctan2(y - 34.5, across - 43.0))
+    for number, (angle, reach, depth) in enumerate(
+        ((27.0, 17.0, 0.45), (4.0, 20.0, 0.6), (-17.0, 20.0, 0.6), (-38.0, 17.0, 0.4))
+    ):
+        away = from_corner * np.deg2rad(towards - angle - 0.5 * (from_corner - 8.0) * (-1 if number > 1 else 1))
+        here = smoothstep((from_corner - 5.5) / 4.0) * smoothstep((reach - from_corner) / 8.0) * (across > 43.0)
+        yield CROWS_FEET, away, here, 0.95, depth
+    for number, (drop, depth) in enumerate(((9.5, 0.5), (13.0, 0.4))):
+        t = (across - 31.0) / 15.0
+        middle = 35.0 - drop + 3.2 * t**2 - 1.0 * t + 0.4 * np.sin(0.4 * across + number)
+        yield UNDER_EYE, y - middle, smoothstep((1.0 - np.abs(t)) / 0.35) * (t < 1.0), 1.1, depth
+    for number, at in enumerate((17.5, 22.0, 26.5)):
+        middle = at + 0.75 * (across - 9.0) + 0.3 * np.sin(0.7 * across + number)
+        yield NOSE, (y - middle) * 0.8, smoothstep((across - 3.5) / 3.0) * smoothstep((14.5 - across) / 4.5), 0.9, 0.42
+    middle = 17.5 + 0.44 * (-4.0 - y) + 2.0 * np.sin((y + 22.0) / 12.0)
+    yield BESIDE_NOSE, (across - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 2.4, 1.0
+    middle = -53.0 - 0.009 * x**2
+    yield CHIN, y - middle, smoothstep((17.0 - across) / 9.0), 1.8, 0.6
+
+
+def _dimples(x: Array, y: Array) -> Array:
+    """(...) mm: the skin of a chin that is drawn up, like orange peel."""
+    peel = gaussian_filter(grain(x.shape, 41), (4.2, 2.9), mode="nearest")
+    peel = np.clip(peel / peel.std(), -1.5, 2.0)
+    here: Array = np.exp(-((x / 13.0) ** 4) - ((y + 64.0) / 9.0) ** 4)
+    return np.asarray(0.15 * peel * here)
+
+
+@lru_cache(maxsize=1)
+def fold_map() -> NDArray[np.uint8]:
+    """Draw what full folds and pores do to the light, over the painting: the same for every head.
+
+    Returns
+    -------
+    (768, 1024) uint8
+        127.5 changes nothing, 255 is the brightest. Read-only.
+    """
+    angle, y = atlas.skin_places()
+    style = HeadStyle()
+    coarse = radius(angle[::8, ::8], y[::8, ::8], style)
+    away = np.repeat(np.repeat(coarse, 8, axis=0), 8, axis=1)[: y.shape[0], : y.shape[1]]
+    away = gaussian_filter(away, 4.0)
+    x = away * np.sin(angle)
+    front = np.cos(angle) > 0.2
+    height, region = np.zeros(y.shape), np.zeros(y.shape)
+    for _, distance, here, half, depth in _lines(x, y):
+        near = (distance / half) ** 2
+        height += depth * here * front * (0.35 * np.exp(-near / 6.0) - np.exp(-near))
+        region = np.maximum(region, here * front * np.exp(-near / 8.0))
+    dimples = _dimples(x, y) * front
+    height += dimples
+    per_row, per_column = y[1, 0] - y[0, 0], away * np.diff(angle[0]).max()
+    upwards = np.gradient(height, axis=0) / per_row
+    around = np.gradient(height, axis=1) / per_column
+    key_around = KEY_FROM[0] * np.cos(angle) - KEY_FROM[2] * np.sin(angle)
+    key_facing = KEY_FROM[0] * np.sin(angle) + KEY_FROM[2] * np.cos(angle)
+    change = -(around * key_around + upwards * KEY_FROM[1]) / np.clip(key_facing, 0.45, 1.0)
+    change = 0.9 * change + 0.28 * np.minimum(height, 0.0)
+    region = np.maximum(region, np.abs(dimples) > 0.02)
+    pores = gaussian_filter(grain(y.shape, 42), 0.75)
+    pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)
+    picture = np.full(atlas.SIZE, 127.5)
+    picture[:, : y.shape[1]] += 127.5 * np.clip(
+        change / RANGE + np.sign(change) * PORES * smoothstep(np.abs(change) / 0.02) + pores, -1, 1
+    )
+    drawn = np.round(picture).astype(np.uint8)
+    drawn.flags.writeable = False
+    return drawn
+
+
+def _share(region: int, x: Array, y: Array) -> Array:
+    """(N,): how much a vertex belongs to a region, either half."""
+    across = np.abs(x)
+    share: Array = {
+        FOREHEAD: smoothstep((y - 60.0) / 7.0) * smoothstep((106.0 - y) / 8.0) * smoothstep((58.0 - across) / 14.0),
+        BETWEEN_BROWS: smoothstep((y - 38.0) / 7.0) * smoothstep((68.0 - y) / 6.0) * smoothstep((22.0 - across) / 7.0),
+        CROWS_FEET: smoothstep((across - 43.0) / 5.0) * smoothstep((54.0 - y) / 8.0) * smoothstep((y - 12.0) / 8.0),
+        UNDER_EYE: smoothstep((y - 12.0) / 5.0) * smoothstep((34.0 - y) / 6.0) * smoothstep((across - 13.0) / 5.0)
+        * (1 - smoothstep((across - 43.0) / 5.0)),
+        NOSE: smoothstep((y - 10.0) / 5.0) * smoothstep((36.0 - y) / 5.0) * smoothstep((17.0 - across) / 4.0),
+        BESIDE_NOSE: smoothstep((9.0 - y) / 7.0) * smoothstep((y + 54.0) / 10.0) * smoothstep((across - 11.0) / 5.0)
+        * smoothstep((52.0 - across) / 10.0),
+        CHIN: smoothstep((-46.0 - y) / 5.0) * smoothstep((y + 82.0) / 8.0) * smoothstep((30.0 - across) / 10.0),
+    }[region]  # fmt: skip
+    return share
+
+
+def resting_folds(points: Array, age: float) -> Array:
+    """(N,): share of the folds that skin at places of the template, (N, 3) mm, has at rest; 0 behind."""
+    x, y, z = points.T
+    rest = np.full(len(points), AT_REST)
+    for region in (FOREHEAD, BETWEEN_BROWS, CROWS_FEET, UNDER_EYE, BESIDE_NOSE):
+        rest = np.maximum(rest, AT_REST + (OLD - AT_REST) * age**1.5 * _share(region, x, y))
+    front: Array = np.where(z > 10.0, rest, 0.0)
+    return front
+
+
+def fold_shares(points: Array, fapu: Fapu) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
+    """Yield for each FAP that draws folds: its number, which of the places, and the share for one FAPU there.
+
+    ``points`` is (N, 3) mm on the template.
+    """
+    x, y, z = points.T
+    left = smoothstep(x / 8.0 + 0.5)
+    shares: dict[int, Array] = {}
+    for region, drives in DRIVES.items():
+        here = _share(region, x, y) * (z > 10.0)
+        for number, most, full_mm in drives:
+            per_fapu = most / full_mm * fapu.unit(fap.spec(number).unit)
+            for mine, half in ((number, left), (number + 1, 1 - left)) if number not in MIDDLE else ((number, 1.0),):
+                shares[mine] = shares.get(mine, np.zeros(len(points))) + per_fapu * here * half
+    for number, share in shares.items():
+        chosen = np.flatnonzero(np.abs(share) * 1000 > NEGLIGIBLE)
+        yield number, chosen, share[chosen]
