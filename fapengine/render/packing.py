@@ -72,7 +72,7 @@ class PackedMesh:
     displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     normal_deltas: NDArray[np.float32]
-    """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and of the folds (:class:`.Folds`)."""
+    """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and of the folds (:class:`~fapengine.mesh.face_mesh.Folds`)."""
     skin: NDArray[np.uint8] | None
     """(H, W, 4) uint8, sRGB and how much is there, or for the part ``"face"`` of a head with folds their light:
     ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
@@ -236,7 +236,7 @@ def _is_folded(mesh: FaceMesh) -> bool:
 
 
 def _resting_folds(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(V,): as :attr:`.Folds.rest`; 0, where there is no painting with folds."""
+    """(V,): as :attr:`~fapengine.mesh.face_mesh.Folds.rest`; 0, where there is no painting with folds."""
     if mesh.folds is None:
         return np.zeros(len(mesh.vertices_mm), dtype=np.float32)
     return mesh.folds.rest if _is_folded(mesh) else np.minimum(mesh.folds.rest, 0.0)
