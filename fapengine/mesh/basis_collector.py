@@ -33,7 +33,7 @@ class BasisCollector:
         self._add(channel, vertices, np.zeros((len(vertices), 3)), np.zeros(len(vertices)))
 
     def add_shade(self, channel: Channel, vertices: Indices, shade: Array) -> None:
-        """Add what a FAPU of a channel does to the shade, (N,), of vertices (N,); see :class:`~fapengine.mesh.face_mesh.Folds`."""
+        """Add what a FAPU of a channel does to the shade, (N,), of vertices (N,): an entry of the folds."""
         self._add(channel, vertices, np.zeros((len(vertices), 3)), shade)
 
     def _add(self, channel: Channel, vertices: Indices, displacement_mm: Array, shade: Array) -> None:

@@ -72,7 +72,7 @@ class PackedMesh:
     displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     normal_deltas: NDArray[np.float32]
-    """(R, 1024, 4) float32: change of the normal per FAPU in x, y, z, and of the folds (:class:`~fapengine.mesh.face_mesh.Folds`)."""
+    """(R, 1024, 4) float32: change per FAPU of the normal in x, y, z, and of the folds or a lid's occlusion."""
     skin: NDArray[np.uint8] | None
     """(H, W, 4) uint8, sRGB and how much is there, or for the part ``"face"`` of a head with folds their light:
     ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
