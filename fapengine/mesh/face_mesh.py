@@ -175,7 +175,7 @@ class FaceMesh:
     """
 
     folds: Folds | None = None
-    """What FAPs do to the light besides; None: nothing."""
+    """Changes of the light that go with FAPs; None: there are none."""
 
     def __post_init__(self) -> None:
         count = len(np.asarray(self.vertices_mm))

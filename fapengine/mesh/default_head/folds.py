@@ -48,7 +48,7 @@ DRIVES: dict[int, tuple[Drive, ...]] = {
     BESIDE_NOSE: ((59, 0.7, 6.5), (55, 0.5, -9.0)),
     CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
 }
-"""What draws each fold; those of the right half have the FAP of the right."""
+"""FAPs that draw each fold; those of the right half have the FAP of the right."""
 MIDDLE = (18, 63)
 NEGLIGIBLE = 0.3
 """Shares below this at 1000 FAPU are left out: every one costs time in the vertex shader."""

@@ -24,7 +24,7 @@ WRAP_PER_MM = 0.0042
 """Bend of the front round the face."""
 CLEAR_MM, SIDE_CLEAR_MM = 2.6, 3.0
 EAR_Z_MM, EAR_Y_MM = 2.0, 36.0
-"""Where a temple rests on the ear, and bends."""
+"""Place where a temple rests on the ear, and bends."""
 
 
 def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
