@@ -14,6 +14,9 @@ from fapengine.errors import ResourceError
 _EXTRAS = {
     **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
     "aiohttp": '"fapengine[live]"',
+    "piper-tts": '"fapengine[piper]"',
+    "onnx": '"fapengine[piper]"',
+    "kokoro-onnx": '"fapengine[kokoro]"',
     "usd-core": '"fapengine[usd]"',
     "DracoPy": '"fapengine[draco]"',
 }

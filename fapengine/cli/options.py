@@ -112,7 +112,8 @@ VoiceName = Annotated[
         "--voice",
         "-v",
         help="Language, such as en-gb, de or fr, in any spelling; or a service's voice: elevenlabs:ID, cartesia:ID,"
-        " inworld:ID, fish:ID, with the key in ELEVENLABS_API_KEY and so on.",
+        " inworld:ID, fish:ID, with the key in ELEVENLABS_API_KEY and so on; or a model of your own:"
+        " piper:/path/voice.onnx, kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart.",
         rich_help_panel=MANNER,
         autocompletion=_complete_voice,
     ),

@@ -226,12 +226,19 @@ class Connection:
             case Say() | Words():
                 raise UsageError("text: still busy with what was asked before")
 
+    def _voice_of(self, request: Say | Words) -> str:
+        """Name of the wished voice; files and accounts of this machine are its owner's to choose."""
+        name = request.voice or self._voice.name
+        if ":" in name and name != self._voice.name:
+            raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
+        return name
+
     async def _say_words(self, request: Words) -> None:
         try:
             number = await self._hub.say_words(
                 self._view.session,
                 request.words,
-                voice=request.voice or self._voice.name,
+                voice=self._voice_of(request),
                 anchor=request.anchor,
                 at_s=request.at_s or 0.0,
                 utterance=request.utterance,
@@ -265,7 +272,7 @@ class Connection:
             said = await self._hub.speak(
                 self._view.session,
                 request.text,
-                voice=request.voice or self._voice.name,
+                voice=self._voice_of(request),
                 rate_wpm=request.rate_wpm or self._voice.rate_wpm,
                 ssml=self._voice.ssml,
             )

@@ -6,6 +6,8 @@ are timed, their phones spread evenly. With ``pred_dur`` the phones themselves a
 HeadTTS: parallel lists of Oculus visemes in ms.
 """
 
+from collections.abc import Iterable
+
 from fapengine.errors import DataError
 from fapengine.speech import ipa
 from fapengine.speech.formats.documents import parse_document, same_length
@@ -30,8 +32,10 @@ def parse_kokoro(data: bytes) -> PhoneTrack:
         counts, text = document["pred_dur"].numbers(), document["phonemes"].text()
         if len(counts) != len(text) + 2:
             raise DataError(f"pred_dur: got {len(counts)} counts, expected {len(text) + 2}", where="pred_dur")
-        return track_of(_letters(counts, text), "Kokoro", alphabet="misaki")
-    entries: list[Entry] = []
+        lengths = zip(["_", *text, "_"], (count * UNIT_S for count in counts), strict=True)
+        entries = entries_of((letter, length_s, f"pred_dur[{n}]") for n, (letter, length_s) in enumerate(lengths))
+        return track_of(entries, "Kokoro", alphabet="misaki")
+    entries = []
     for token in (document["tokens"] if document.has("tokens") else document).items():
         if not token.has("start_ts", "end_ts"):
             continue  # punctuation
@@ -41,19 +45,19 @@ def parse_kokoro(data: bytes) -> PhoneTrack:
     return track_of(entries, "Kokoro", alphabet="misaki", level="word")
 
 
-def _letters(counts: list[float], text: str) -> list[Entry]:
-    entries = [Entry(0.0, counts[0] * UNIT_S, "_", "pred_dur[0]")]
+def entries_of(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
+    """Put letters one behind the other, each (Misaki or IPA, length in s, where), and join those that only mark."""
+    entries: list[Entry] = []
     stress = ""
-    for index, (letter, count) in enumerate(zip(text, counts[1:], strict=False), start=1):
-        last = entries[-1]
-        end_s = last.end_s + count * UNIT_S
+    for letter, length_s, where in lengths:
+        last = entries[-1] if entries else Entry(0.0, 0.0, "_", "the begin")
+        end_s = last.end_s + length_s
         if letter in ipa.STRESS or letter in _MARKS.strip() or (letter == " " and last.label != "_"):
             stress = letter if letter in ipa.STRESS else stress
-            entries[-1] = Entry(last.start_s, end_s, last.label, last.where)
+            entries[-1:] = [Entry(last.start_s, end_s, last.label, last.where)]
         else:
-            entries.append(Entry(last.end_s, end_s, stress + letter, f"pred_dur[{index}]"))
+            entries.append(Entry(last.end_s, end_s, letter if letter == "_" else stress + letter, where))
             stress = ""
-    entries.append(Entry(entries[-1].end_s, entries[-1].end_s + counts[-1] * UNIT_S, "_", "pred_dur, the last"))
     return entries
 
 

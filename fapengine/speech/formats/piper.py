@@ -6,6 +6,7 @@ marks (stress, length, tie) belongs to its neighbour; blanks, punctuation, ``^``
 """
 
 import unicodedata
+from collections.abc import Iterable, Iterator
 
 from fapengine.errors import DataError
 from fapengine.speech import ipa
@@ -24,24 +25,33 @@ def parse_piper(data: bytes) -> PhoneTrack:
     DataError
         If keys lack, a length is negative, or samples come without a rate.
     """
+    chunks = _chunks(parse_document(data, "Piper alignments"))
+    return track_of(entries_of(_lengths(chunks)), "Piper alignments", alphabet="ipa")
+
+
+def entries_of(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
+    """Put code points one behind the other, each (label, length in s, where), and join those that only mark."""
     entries: list[Entry] = []
     now_s = 0.0
     stress = ""
-    for chunk in _chunks(parse_document(data, "Piper alignments")):
+    for label, length_s, where in lengths:
+        stress_mark, kind = label in ipa.STRESS, unicodedata.category(label[:1] or " ")
+        if stress_mark or (entries and kind in ("Mn", "Lm", "Sk", "Cf")):
+            stress = label if stress_mark else stress
+            _lengthen(entries, now_s + length_s, "" if stress_mark else label)
+        else:
+            silent = not label or kind[0] in "PZSC"
+            entries.append(Entry(now_s, now_s + length_s, "_" if silent else stress + label, where))
+            stress = stress if silent else ""
+        now_s += length_s
+    return entries
+
+
+def _lengths(chunks: Iterable[Node]) -> Iterator[tuple[str, float, str]]:
+    for chunk in chunks:
         rate_hz = chunk["sample_rate"].number() if chunk.has("sample_rate") else 0.0
         for item in (chunk.first(*LIST_KEYS) if not isinstance(chunk.value, list) else chunk).items():
-            length_s, label = _length_s(item, rate_hz), item["phoneme"].text()
-            stress_mark, kind = label in ipa.STRESS, unicodedata.category(label[:1] or " ")
-            if stress_mark or (entries and kind in ("Mn", "Lm", "Sk", "Cf")):
-                stress = label if stress_mark else stress
-                _lengthen(entries, now_s + length_s, "" if stress_mark else label)
-            else:
-                silent = not label or kind[0] in "PZSC"
-                spelling = "_" if silent else stress + label
-                stress = stress if silent else ""
-                entries.append(Entry(now_s, now_s + length_s, spelling, item.where))
-            now_s += length_s
-    return track_of(entries, "Piper alignments", alphabet="ipa")
+            yield item["phoneme"].text(), _length_s(item, rate_hz), item.where
 
 
 def _chunks(document: Node) -> list[Node]:

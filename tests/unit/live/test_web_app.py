@@ -316,6 +316,7 @@ def test_the_face_waits_for_the_sound_of_a_page_that_plays(head: FaceMesh) -> No
     [
         ({"type": "say", "text": "..."}, "expected something to speak"),
         ({"type": "say", "text": "Hello", "voice": "klingonish"}, "voice: got 'klingonish'"),
+        ({"type": "say", "text": "Hello", "voice": "piper:/x.onnx"}, "voice: got 'piper:/x.onnx', expected a language"),
         ({"type": "shout"}, "expected an object of type"),
     ],
 )
