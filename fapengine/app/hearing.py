@@ -1,6 +1,6 @@
 """A sound file to phones, with its text or without."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
 from fapengine.speech.formats.textgrid import decode_text
@@ -16,9 +16,11 @@ from fapengine.speech.formats.writing import WRITERS, check_writable, format_pho
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
+    from fapengine.ears.neighbours import Neighbours
     from fapengine.ears.recording import Mismatch
     from fapengine.ears.sphinx_aligner import SphinxAligner
     from fapengine.speech.prosody import Sounding
+    from fapengine.voices.protocol import Voice
 
 SOUND_SUFFIXES = frozenset({
     ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
@@ -111,7 +113,8 @@ def hear(
     if transcript is None:
         recording = listen(sound(), words=_is_english(language), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
-    aligner = _aligner(transcript, language)
+    pronouncer = _Pronouncer(language)
+    aligner = _aligner(transcript, pronouncer)
     recording = follow(sound(), aligner, on_heard=on_heard)
     notes = [str(mismatch) for mismatch in recording.mismatches]
     if recording.unheard > MAX_UNHEARD:
@@ -121,7 +124,7 @@ def hear(
         )
     if aligner.pronounced:
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
-        notes.insert(0, f"not in the dictionary, pronounced by espeak-ng: {listed}")
+        notes.insert(0, f"not in the dictionary, pronounced by {pronouncer.by}: {listed}")
     return Hearing(recording.phones, recording.soundings, tuple(notes), recording.mismatches)
 
 
@@ -165,33 +168,58 @@ def write_phones(hearing: Hearing, path: Path) -> None:
         write_bytes(path, WRITERS[path.suffix.lower()](hearing.phones))
 
 
-def _aligner(transcript: str, language: str) -> "SphinxAligner":
+def _aligner(transcript: str, pronouncer: "_Pronouncer") -> "SphinxAligner":
     from fapengine.ears.pronunciations import words_of
     from fapengine.ears.sphinx_aligner import SphinxAligner
 
     words = words_of(transcript)
     if not words:
         raise UsageError(f"transcript: got {transcript[:40]!r}, expected words")
-    return SphinxAligner(words, _pronouncer(language), dictionary=_is_english(language))
+    return SphinxAligner(words, pronouncer, dictionary=_is_english(pronouncer.language))
 
 
 def _is_english(language: str) -> bool:
     return language.lower().replace("_", "-").split("-")[0] == "en"
 
 
-def _pronouncer(language: str) -> Callable[[str], tuple[Phone, ...]]:
-    """Speak words with a voice that is loaded when the first word needs it."""
-    from fapengine.voices.choice import VoiceChoice
-    from fapengine.voices.protocol import Voice
+class _Pronouncer:
+    """Speaks words with a voice that is loaded when the first word needs it; English ones otherwise by the dictionary.
 
-    loaded: list[Voice] = []
+    Stateful.
+    """
 
-    def pronounce(word: str) -> tuple[Phone, ...]:
-        if not loaded:
-            loaded.append(VoiceChoice(language).load())
+    def __init__(self, language: str) -> None:
+        self.language = language
+        self.by = "espeak-ng"
+        """Who pronounces."""
+        self._voice: Voice | None = None
+        self._neighbours: Neighbours | None = None
+
+    def __call__(self, word: str) -> Sequence[Phone]:
+        """Speak a word; nothing where there is nothing to speak."""
+        if self._voice is None and self._neighbours is None:
+            self._load()
+        if self._neighbours is not None:
+            from fapengine.ears.sphinx import ipa_of
+
+            names = self._neighbours.pronounce(word)
+            return [Phone(ipa_of(name), 0.1 * n, 0.1 * (n + 1)) for n, name in enumerate(names)]
+        assert self._voice is not None
         try:
-            return loaded[0].speak(word).phones.phones
+            return self._voice.speak(word).phones.phones
         except UsageError:  # nothing to speak
             return ()
 
-    return pronounce
+    def _load(self) -> None:
+        from fapengine.voices.choice import VoiceChoice
+
+        try:
+            self._voice = VoiceChoice(self.language).load()
+        except ResourceError:
+            from fapengine.ears.neighbours import Neighbours
+            from fapengine.ears.sphinx import dictionary
+
+            if not _is_english(self.language):
+                raise
+            self._neighbours = Neighbours(dictionary())
+            self.by = "similar words of the dictionary (espeak-ng is not installed)"

@@ -5,7 +5,7 @@ PocketSphinx 5: Huggins-Daines and others, BSD; "Pocketsphinx: a free, real-time
 for hand-held devices", ICASSP 2006.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,15 @@ def new_word_decoder() -> Any:
     if not _installed():
         return new_decoder()
     return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=str(_folder() / "en-us.lm.bin"), **_WORDS)
+
+
+def dictionary() -> Iterator[tuple[str, list[str]]]:
+    """Words of the shipped dictionary, in small letters, with the model's phones. Raises as :func:`new_decoder`."""
+    if not _installed():
+        new_decoder()
+    for line in (_folder() / "cmudict-en-us.dict").read_text().splitlines():
+        word, *phones = line.split()
+        yield word, phones
 
 
 def pronounced(decoder: Any, word: str) -> list[str]:

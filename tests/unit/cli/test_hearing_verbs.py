@@ -10,10 +10,12 @@ import pytest
 import fapengine
 from fapengine.cli.main import app
 from fapengine.ears.protocol import RATE_HZ
-from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.files.fap import load_fap
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.video import load_video
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.protocol import Voice
 from tests.unit.ears.speech import BABY, FAPU_MM, POPPIES, closures, met, no_speech, spoken
 
 
@@ -69,6 +71,24 @@ def test_words_that_are_pronounced_are_told(talk: Path, tmp_path: Path, capsys: 
     assert told["heard"] == ["not in the dictionary, pronounced by espeak-ng: bayby"]
     assert told["mismatches"] == []
     assert told["phones"] > 20
+
+
+def test_without_espeak_words_are_pronounced_as_those_that_are_spelled_like_them(
+    talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def absent(self: VoiceChoice, most_s: float = 0.0) -> Voice:
+        raise ResourceError("voice: espeak-ng is not installed")
+
+    monkeypatch.setattr(VoiceChoice, "load", absent)
+    text = "My bayby brother bumped the big blue bowl"
+    run("align", talk, "--transcript", text, "-o", tmp_path / "a.TextGrid", "--json")
+    by = "similar words of the dictionary (espeak-ng is not installed)"
+    assert json.loads(capsys.readouterr().out)["heard"] == [f"not in the dictionary, pronounced by {by}: bayby"]
+    phones = fapengine.animate(tmp_path / "a.TextGrid", sound=talk).phones
+    truth = closures(spoken("slt", BABY).phones)
+    assert met(truth, closures(phones)) == len(truth)
+    with pytest.raises(ResourceError, match="espeak-ng is not installed"):  # the dictionary is English
+        fapengine.animate(talk, transcript=text, language="de")
 
 
 def test_one_channel_of_two_speakers(tmp_path: Path) -> None:
