@@ -53,12 +53,18 @@ SLIT_MM = 6.0
 
 
 def build_basis(
-    points: Array, template: Array, places: Array, head: HeadParts, feature_points: dict[str, int], fapu: Fapu
+    points: Array,
+    template: Array,
+    places: Array,
+    head: HeadParts,
+    feature_points: dict[str, int],
+    fapu: Fapu,
+    age: float,
 ) -> tuple[Array, DeformationBasis, Array]:
     """Weight of the jaw bone on every vertex that is not all bone already, (V,), the basis, its entries' shades, (N,).
 
     ``template``, (V, 3) mm, are the vertices before the measured face moved them; ``places``, (V, 2), are those of
-    :mod:`.faces`.
+    :mod:`.faces`. ``age`` is the style's.
     """
     collector = BasisCollector(len(points))
     skin = np.unique(
@@ -100,7 +106,7 @@ def build_basis(
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
     # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
     collector.add_still(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
-    for number, chosen, share in fold_shares(template[skin], fapu):
+    for number, chosen, share in fold_shares(template[skin], fapu, age):
         collector.add_shade(Channel(number, -np.inf, np.inf), skin[chosen], share)
     return jaw_weight, *collector.gathered()
 

@@ -34,6 +34,8 @@ PORES = 0.25
 """Distance from the map's middle, of 1, that pores keep; folds are beyond it. Also in ``face.frag``."""
 AT_REST, OLD = 0.035, 0.42
 """Share of the folds that a young and an old face has at rest."""
+YOUNG = 0.45
+"""Share of an old face's folds that FAPs draw on the youngest."""
 
 FOREHEAD, BETWEEN_BROWS, CROWS_FEET, NOSE, BESIDE_NOSE, UNDER_EYE, CHIN = range(7)
 
@@ -45,7 +47,7 @@ DRIVES: dict[int, tuple[Drive, ...]] = {
     CROWS_FEET: ((41, 1.0, 6.0),),
     UNDER_EYE: ((41, 1.0, 6.0),),
     NOSE: ((63, 0.6, 3.0), (55, 0.5, -9.0)),
-    BESIDE_NOSE: ((59, 0.7, 6.5), (55, 0.5, -9.0)),
+    BESIDE_NOSE: ((59, 0.45, 6.5), (55, 0.5, -9.0)),
     CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
 }
 """FAPs that draw each fold; those of the right half have the FAP of the right."""
@@ -175,18 +177,19 @@ def resting_folds(points: Array, age: float) -> Array:
     return front
 
 
-def fold_shares(points: Array, fapu: Fapu) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
+def fold_shares(points: Array, fapu: Fapu, age: float) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
     """Yield for each FAP that draws folds: its number, which of the places, and the share for one FAPU there.
 
-    ``points`` is (N, 3) mm on the template.
+    ``points`` is (N, 3) mm on the template; ``age`` 0..1: firm skin folds less.
     """
     x, y, z = points.T
+    firm = YOUNG + (1 - YOUNG) * age
     left = smoothstep(x / 8.0 + 0.5)
     shares: dict[int, Array] = {}
     for region, drives in DRIVES.items():
         here = _share(region, x, y) * (z > 10.0)
         for number, most, full_mm in drives:
-            per_fapu = most / full_mm * fapu.unit(fap.spec(number).unit)
+            per_fapu = firm * most / full_mm * fapu.unit(fap.spec(number).unit)
             for mine, half in ((number, left), (number + 1, 1 - left)) if number not in MIDDLE else ((number, 1.0),):
                 shares[mine] = shares.get(mine, np.zeros(len(points))) + per_fapu * here * half
     for number, share in shares.items():

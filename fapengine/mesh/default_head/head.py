@@ -279,7 +279,9 @@ def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: flo
     feature_points = locate(template, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
-    jaw_weight, basis, shades = build_basis(points, template, builder.column("place"), head, feature_points, fapu)
+    jaw_weight, basis, shades = build_basis(
+        points, template, builder.column("place"), head, feature_points, fapu, style.age
+    )
     on_jaw = jaw_weight > 0
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
