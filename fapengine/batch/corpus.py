@@ -2,6 +2,7 @@
 
 import glob
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -52,6 +53,14 @@ class Corpus:
             )
         path = Path(self.manifest)
         return parse_manifest(read_bytes(path), str(path), path.resolve().parent, self.kind, self.options)
+
+    def inputs(self, rows: Sequence[Row] = ()) -> set[Path]:
+        """Files that are read: the manifest, an avatar and its mapping, and those of rows."""
+        words = {Path(self.text.format(stem=row.id)) for row in rows} if self.text is not None else set()
+        named = (self.manifest, self.options.into, self.options.map)
+        return (
+            {Path(path) for path in named if path is not None} | words | {path for row in rows for path in row.inputs}
+        )
 
 
 def keep(folder: Path, corpus: Corpus) -> None:

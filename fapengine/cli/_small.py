@@ -141,7 +141,8 @@ def _check(chosen: Namespace) -> None:
     from fapengine.files.paths import standard_output
 
     chosen.output = standard_output(chosen.output, STANDARD[chosen.verb])
-    check_outputs([chosen.output], [chosen.source])
+    named = (getattr(chosen, name, None) for name in ("into", "profile"))
+    check_outputs([chosen.output], [chosen.source, *(Path(name) for name in named if name is not None)])
 
 
 def _written(chosen: Namespace, track: Any) -> dict[str, Any]:

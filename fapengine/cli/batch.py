@@ -100,15 +100,17 @@ def batch(
     journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
     is_new = not (output / RECORD).exists()
     own = [output / name for name in (RECORD, INDEX, PAGE)] + [journal]
-    check_outputs(own, [Path(corpus.manifest)], overwrite=not (no_overwrite and is_new))
+    check_outputs(own, corpus.inputs(), overwrite=not (no_overwrite and is_new))
     rows = corpus.rows()
-    keep(output, corpus)
     mine = rows[number - 1 :: count]
+    read = corpus.inputs(rows)
+    check_outputs([*own, *(row.output(output, corpus.kind) for row in mine)], read)
+    keep(output, corpus)
     cores = workers if workers is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     engine = on_dask(scheduler) if scheduler else on_this_machine(cores) if cores else serially
     plan = plan_run(mine, Job(output.resolve(), corpus.kind), retry_failed=retry_failed)
     outputs = [mine[place].output(output, corpus.kind) for place in plan.left]
-    check_outputs(outputs, {path for row in rows for path in row.inputs}, overwrite=not (no_overwrite and is_new))
+    check_outputs(outputs, overwrite=not (no_overwrite and is_new))
     with progress("rows", len(plan.left)) as advance:
         done = run(plan, engine, max(cores, 1), journal, on_rows=advance)
     write_report(output, rows, load_journals(output) if shard else done)

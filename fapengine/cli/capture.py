@@ -59,7 +59,9 @@ def capture(
         overlay=overlay, head=head, model=model,
     )  # fmt: skip
     camera = source.partition(":")[0] == CAMERA
-    writing.check([path for path in (output, overlay) if path is not None], [] if camera else [source, model])
+    writing.check(
+        [path for path in (output, overlay) if path is not None], [head, model, *([] if camera else [source])]
+    )
     if is_film(Path(source)) and Path(source).is_file():
         with progress("looking, frames", count_pictures(Path(source))) as advance:
             found = run_capture(job, on_frame=advance)

@@ -18,7 +18,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     outputs : iterable of Path
         Names that will be written; ``frame_%04d.png`` stands for all files of the sequence.
     inputs : iterable of Path
-        Files that are read, and folders whose files are.
+        Files that are read, with those that they name beside them, and folders whose files are read.
     overwrite : bool
         False to refuse to replace anything.
 
@@ -102,7 +102,10 @@ def _files_of(path: Path) -> Iterator[Path]:
     if path.is_dir():
         yield from (file for file in path.rglob("*") if file.is_file())
     elif path.exists():
+        from fapengine.files.named_files import files_named_in
+
         yield path
+        yield from (named for named in files_named_in(path) if os.path.isfile(named))  # noqa: PTH113  False for all names
 
 
 def _check_folder(output: Path) -> None:

@@ -2,11 +2,14 @@
 
 import os
 import resource
+import shlex
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +41,8 @@ VERBS = {
         f"say {option}": Verb(f"say Hello. {option} INPUT -o OUTPUT", "talk.mp4", tuple(f"talk.{end}" for end in TALK))
         for option in ("--background", "--head", "--profile")
     },
+    "say --into": Verb("say Hello. --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap", "talk.wav")),
+    "say --map": Verb("say Hello. --into OTHER.glb --map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
     **{
         f"animate {option or 'source'}": Verb(
             f"animate {SOURCES[option]} {option} INPUT -o OUTPUT", "talk.mp4",
@@ -47,8 +52,13 @@ VERBS = {
     },
     "animate pictures": Verb("animate INPUT -o OUTPUT", "talk", ("talk/frame_0003.png", "talk.fap", "talk.png")),
     "animate shapes": Verb("animate INPUT --shapes rhubarb -o OUTPUT", "talk.json", ("talk.json",)),
+    "animate --profile": Verb("animate OTHER.pho --profile INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
+    "animate --into": Verb("animate OTHER.pho --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap")),
+    "animate --map": Verb("animate OTHER.pho --into OTHER.vrm --map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
+    "animate --ear": Verb("animate OTHER.ogg --ear INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
     "animate --text": Verb("animate OTHER.ogg --text INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
     "align": Verb("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
+    "align --ear": Verb("align OTHER.wav --ear INPUT -o OUTPUT", "talk.json", ("talk.json",)),
     "align --text": Verb("align OTHER.wav --text INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)),
     **{
         f"render {option or 'track'}": Verb(
@@ -67,11 +77,24 @@ VERBS = {
     "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --into": Verb("batch OTHER.csv --into INPUT --to glb -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --map": Verb("batch OTHER.csv --into OTHER.glb --map INPUT --to glb -o OUTPUT", "c", ("c/index.html",)),
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
     "capture": Verb("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "capture --overlay": Verb("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
+    **{
+        f"capture {option}": Verb(
+            f"capture OTHER.mp4 {option} INPUT -o OUTPUT --overlay OTHER.webm", "a.fap", ("a.fap",)
+        )
+        for option in ("--head", "--model")
+    },
+    "capture --overlay --head": Verb(
+        "capture OTHER.webm --head INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)
+    ),
     "drive": Verb("drive INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
     "drive --take": Verb("drive OTHER.npz --take INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
+    "drive --film": Verb("drive INPUT --markers 3 -o OTHER.npz --film OUTPUT", "a.mp4", ("a.mp4",)),
+    "drive --background": Verb("drive OTHER.c3d --background INPUT -o OTHER.npz --film OUTPUT", "a.gif", ("a.gif",)),
     "reduce": Verb("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
     "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
@@ -91,6 +114,8 @@ VERBS = {
     "head check": Verb("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
     "view": Verb("view INPUT --shot OUTPUT", "a.png", ("a.png",)),
     "view --audio": Verb("view OTHER.fap --audio INPUT --shot OUTPUT", "a.png", ("a.png",)),
+    "view --head": Verb("view OTHER.fap --head INPUT --shot OUTPUT", "a.png", ("a.png",)),
+    "view --profile": Verb("view --profile INPUT --shot OUTPUT", "a.png", ("a.png",)),
 }  # fmt: skip
 Make = Callable[[Path, Path], object]
 NAMES: dict[str, Make] = {
@@ -157,15 +182,25 @@ def test_nothing_is_replaced_where_it_is_forbidden(
         there.unlink()
 
 
-def test_every_verb_that_writes_is_here() -> None:
-    """Those whose options name a file to write; each has --no-overwrite."""
+WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back"}
+NAMED = {"--head", "--profile", "--background"}
+"""Options that name a file or something else."""
+READ_LIVE = {("say", "--ear")}
+"""Inputs of what writes nothing."""
+
+
+def commands() -> dict[str, Any]:
     import typer
 
+    group: Any = typer.main.get_command(app)
+    alone = {name: command for name, command in group.commands.items() if name != "head"}
+    return alone | {f"head {name}": command for name, command in group.commands["head"].commands.items()}
+
+
+def test_every_verb_that_writes_is_here() -> None:
+    """Those whose options name a file to write; each has --no-overwrite."""
     writing = set()
-    group = typer.main.get_command(app)
-    commands = {name: command for name, command in group.commands.items() if name != "head"}  # type: ignore[attr-defined]
-    commands |= {f"head {name}": command for name, command in group.commands["head"].commands.items()}  # type: ignore[attr-defined]
-    for name, command in commands.items():
+    for name, command in commands().items():
         flags = {flag for parameter in command.params for flag in parameter.opts}
         if flags & {"--output", "--plot", "--shot"}:
             writing.add(name)
@@ -173,6 +208,88 @@ def test_every_verb_that_writes_is_here() -> None:
     assert writing == {
         next(name for name in sorted(writing, key=len, reverse=True) if verb.startswith(name)) for verb in VERBS
     }
+
+
+def test_every_option_that_names_an_input_is_here() -> None:
+    """And every option that names an output."""
+    lacking = []
+    for verb in {" ".join(one.command.split()[: 1 + one.command.startswith("head ")]) for one in VERBS.values()}:
+        for parameter in commands()[verb].params:
+            flag = max(parameter.opts, key=len)
+            is_path = parameter.type_descriptor.annotation is Path and flag.startswith("--")
+            if (is_path or flag in NAMED) and (verb, flag) not in READ_LIVE:
+                word = "OUTPUT" if flag in WRITTEN else "INPUT"
+                words = f"-o {word}" if flag == "--output" else f"{flag} {word}"
+                if not any(one.command.startswith(f"{verb} ") and words in one.command for one in VERBS.values()):
+                    lacking.append(f"{verb} {flag}")
+    assert not lacking
+
+
+def packed(text: str) -> bytes:
+    """A GLB without a binary chunk."""
+    data = text.encode() + b" " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(data), len(data), 0x4E4F534A) + data
+
+
+PICTURES = '{"asset": {"version": "2.0"}, "images": [{"uri": "b.png"}, {"uri": "the%20eye.png"}]}'
+BUFFER = '{"asset": {"version": "2.0"}, "buffers": [{"uri": "talk.fap", "byteLength": 1}]}'
+OBJ, PLY = "mtllib a.mtl\nv 0 0 0\n", "ply\ncomment TextureFile b.png\nend_header\n"
+BESIDE: dict[str, tuple[str, str, dict[str, str | bytes]]] = {
+    "buffer of --into": ("animate OTHER.pho --into in.gltf -o talk.glb", "talk.fap", {"in.gltf": BUFFER}),
+    "image": ("inspect in.gltf --plot b.png", "b.png", {"in.gltf": PICTURES}),
+    "image whose name is quoted": (
+        "render a.fap --head in.gltf -o 'the eye.png'",
+        "the eye.png",
+        {"in.gltf": PICTURES},
+    ),
+    "image of a GLB": ("inspect in.glb --plot b.png", "b.png", {"in.glb": packed(PICTURES)}),
+    "material": ("inspect in.obj --plot a.mtl", "a.mtl", {"in.obj": OBJ}),
+    "its texture": ("head import in.obj -o .", "head.png", {"in.obj": OBJ, "a.mtl": "newmtl a\nmap_Kd head.png\n"}),
+    "texture of PLY": ("inspect in.ply --plot b.png", "b.png", {"in.ply": PLY}),
+    "card of an ear": ("align OTHER.wav --ear in.onnx -o in.json", "in.json", {"in.onnx": "no ear"}),
+    "timings of a row": ("batch in.csv --to fba -o c", "c/a.fba", {"in.csv": "id,timings\na,c/a.fba\n"}),
+    "timings, index of rows": ("batch in.csv --to fba -o c", "c/index.csv", {"in.csv": "id,timings\na,c/index.csv\n"}),
+    "words": ("batch in*.wav --text c/{stem}.csv --to fap -o c", "c/index.csv", {"index.wav": "RIFF"}),
+}
+"""Words, the file that is read because another one names it, and the others."""
+
+
+@pytest.mark.parametrize("case", BESIDE)
+def test_no_output_falls_on_a_file_that_an_input_names(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words, read, files = BESIDE[case]
+    monkeypatch.chdir(tmp_path)
+    for name, content in {**files, read: "mine"}.items():
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    before = contents(tmp_path)
+    code, told = run(shlex.split(words), monkeypatch, capsys)
+    assert (code, told.count("\n")) == (2, 1), told
+    assert f"{Path(read).name}, which is read, and would be written over" in told
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "animate in.pho -o in.pho", "animate in.pho --profile mine -o mine/talk.fap",
+        "animate in.pho --into talk.glb -o talk.glb", "convert in.fap --into talk.glb -o talk.glb",
+    ],
+)  # fmt: skip
+def test_no_output_of_the_verbs_without_typer_falls_on_an_input(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fapengine.cli import _small
+    from fapengine.errors import UsageError
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("in.pho", "in.fap", "talk.glb", "mine/talk.fap"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text(VISEMES)
+    monkeypatch.setattr(sys, "argv", ["fapengine", *words.split()])
+    with pytest.raises(UsageError, match="is read, and would be written over"):
+        _small._run()
 
 
 def test_what_is_replaced_is_said(

@@ -275,6 +275,19 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     return Gltf(root, {kind: root.items(kind) for kind in KINDS}, tuple(buffers), fetch)
 
 
+def text_of_gltf(data: bytes) -> bytes:
+    """JSON of a GLB or a glTF document.
+
+    Raises
+    ------
+    TruncatedError
+        If bytes are missing.
+    DataError
+        If it is a GLB without any.
+    """
+    return _unpack(data)[0] if data[:4] == MAGIC else data
+
+
 def _row(rows: list[Item], kind: str, index: int) -> Item:
     if not 0 <= index < len(rows):
         raise DataError(f"got {kind}[{index}], expected an index 0..{len(rows) - 1}", where=kind)
