@@ -1,4 +1,4 @@
-"""What each FAP, phone and expression does to a head: poses for a contact sheet, and FAPs that move nothing."""
+"""What each FAP, phone and expression does to a head: poses for a contact sheet."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.errors import UsageError
 from fapengine.files.pictures import contact_sheet, save_png
 from fapengine.files.profiles import load_profile
-from fapengine.mesh.deform import deform
+from fapengine.mesh.deform import POSE_AU, POSE_FAPU, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
@@ -18,10 +18,6 @@ from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.faps import displacements_to_faps
 
-POSE_FAPU, POSE_AU = 350, 25_000
-"""Values to which each FAP is set."""
-SEEN_MM = 0.05
-"""Least displacement of a vertex that counts as motion."""
 PICTURE_PX = 384
 
 
@@ -45,15 +41,6 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     return len(pictures)
 
 
-def still_faps(mesh: FaceMesh) -> tuple[int, ...]:
-    """Return the numbers of FAPs that move no vertex."""
-    return tuple(
-        number
-        for number in range(3, fap.FAP_COUNT + 1)
-        if np.abs(deform(mesh, _single(number)) - mesh.vertices_mm).max() < SEEN_MM
-    )
-
-
 def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
     """Make rest, each FAP, each phone and each expression.
 
@@ -65,7 +52,7 @@ def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
     """
     rows, labels = [np.zeros(fap.FAP_COUNT)], [("rest", "")]
     for number in range(3, fap.FAP_COUNT + 1):
-        rows.append(_single(number))
+        rows.append(single_fap(number))
         labels.append((str(number), fap.spec(number).name))
     profile = load_profile(DEFAULT_PROFILE)
     spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # as the profile spells the table's phonemes, or comes nearest
@@ -81,10 +68,3 @@ def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
         rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap)
         labels.append((expression.name.lower(), "expression"))
     return np.stack(rows), labels
-
-
-def _single(number: int) -> NDArray[np.float64]:
-    """(68,): one FAP, as far as the sheet moves it."""
-    frame = np.zeros(fap.FAP_COUNT)
-    frame[fap.column(number)] = POSE_AU if fap.spec(number).unit is fap.FapUnit.AU else POSE_FAPU
-    return frame

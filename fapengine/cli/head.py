@@ -11,6 +11,7 @@ from fapengine.cli.options import WriteOptions
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
     from fapengine.mesh.rig.import_head import ImportedHead
+    from fapengine.models.adapted_head import Nearness
 
 head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args_is_help=True)
 
@@ -31,6 +32,9 @@ def import_head(
     mapping: Path | None = typer.Option(
         None, "--map", help="What shapes of other names mean (.toml): ARKit's names, visemes, or FAPs."
     ),
+    adapt: bool = typer.Option(
+        False, "--adapt", help="Put our own head, with its eyes, teeth and FAPs, on to the mesh: a scan needs no slits."
+    ),
     output: Path = typer.Option(..., "--output", "-o", help="Head to write, a folder: heads/NAME."),
     licence: str | None = typer.Option(
         None, "--licence", help="Whose work it is; kept with the head. By default a profile's own, or: not stated."
@@ -44,23 +48,29 @@ def import_head(
     Feature points are found by what the shapes move; --points corrects some, and gives all where there are no shapes:
     at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be slit, as in every face that can speak.
 
+    --adapt takes a scan's shape and colours for our own head: feature points, and contours through them, move it, and
+    its skin is laid onto the scan. The distances before and after are told. Its mouth may be closed.
+
     A dense face keeps its modes: recorded takes move it (fapengine render TAKE --head heads/s03), and FAPs do.
 
     Examples: fapengine head import avatar.glb -o heads/mine && fapengine head check heads/mine; fapengine head import
-    profiles/s03 -o heads/s03
+    profiles/s03 -o heads/s03; fapengine head import scan.ply --points face.csv --adapt -o heads/mine
     """
     import json
-    from dataclasses import replace
+    from dataclasses import asdict, replace
 
     from fapengine.errors import UsageError
+    from fapengine.files.heads.adapt_file import adapt_head_file
     from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import import_head_file
     from fapengine.files.outputs import files_in
 
     writing.check(files_in(output, OWNED), [mesh, points, mapping])
-    rig = None
-    if is_profile(mesh):
+    rig = nearness = None
+    if adapt:
+        imported, info, nearness = adapt_head_file(mesh, points, mapping)
+    elif is_profile(mesh):
         if mapping is not None:
             raise UsageError(f"--map: got {mapping}, but a profile's modes have no other names")
         imported, rig, info = load_dense_head(mesh, points)
@@ -68,7 +78,8 @@ def import_head(
         imported, info = import_head_file(mesh, points, mapping)
     save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
     if as_json:
-        typer.echo(json.dumps(_describe(imported, info, output), indent=2))
+        near = {"nearness": asdict(nearness)} if nearness else {}
+        typer.echo(json.dumps(_describe(imported, info, output) | near, indent=2))
         return
     for note in imported.notes:
         typer.echo(f"note: {note}", err=True)
@@ -80,6 +91,8 @@ def import_head(
     )
     if rig is not None:
         typer.echo(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
+    if nearness is not None:
+        typer.echo(_spell_nearness(nearness))
     if info.lacking and info.used:
         typer.echo(f"shapes of ARKit that it lacks: {', '.join(info.lacking)}")
     if imported.unused:
@@ -103,6 +116,15 @@ def _describe(imported: "ImportedHead", info: "HeadInfo", output: Path) -> dict[
         "faps": {"moving": list(imported.moved), "still": list(imported.missing)},
         "notes": list(imported.notes),
     }
+
+
+def _spell_nearness(nearness: "Nearness") -> str:
+    before, after = nearness.front_mm
+    said = f"front of the face to the scan: {before:.2f} mm before, {after:.2f} mm after"
+    if nearness.left_out_mm is None:
+        return f"{said}; too few feature points to leave some out"
+    before, after = nearness.left_out_mm
+    return f"{said}; {nearness.left_out} feature points, left out in turn: {before:.2f} mm before, {after:.2f} mm after"
 
 
 def _spell(numbers: tuple[int, ...]) -> str:
@@ -148,8 +170,9 @@ def check(
     """
     import json
 
-    from fapengine.app.head_check import draw_check, still_faps
+    from fapengine.app.head_check import draw_check
     from fapengine.files.heads.load import load_head, load_head_info
+    from fapengine.mesh.deform import still_faps
 
     writing.check([output], [name])
     mesh, info = load_head(name), load_head_info(name)

@@ -17,6 +17,10 @@ Array = NDArray[np.float64]
 BONE_COUNT = 5
 """Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
 HEAD = 4
+POSE_FAPU, POSE_AU = 350, 25_000
+"""Values to which :func:`single_fap` sets a FAP."""
+SEEN_MM = 0.05
+"""Least displacement of a vertex that counts as motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,3 +132,19 @@ def _follow(points: Array, transforms: Array, weight: NDArray[np.float32]) -> Ar
     transformed = np.einsum("...ij,...j->...i", transforms[..., :3, :3], points) + transforms[..., :3, 3]
     moved: Array = points + weight[:, None] * (transformed - points)
     return moved
+
+
+def single_fap(number: int) -> Array:
+    """(68,): one FAP at a value that is well seen, :data:`POSE_FAPU` or :data:`POSE_AU`."""
+    frame = np.zeros(fap.FAP_COUNT)
+    frame[fap.column(number)] = POSE_AU if fap.spec(number).unit is fap.FapUnit.AU else POSE_FAPU
+    return frame
+
+
+def still_faps(mesh: FaceMesh) -> tuple[int, ...]:
+    """Return the numbers of low-level FAPs that move no vertex."""
+    return tuple(
+        number
+        for number in range(3, fap.FAP_COUNT + 1)
+        if np.abs(deform(mesh, single_fap(number)) - mesh.vertices_mm).max() < SEEN_MM
+    )

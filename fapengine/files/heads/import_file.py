@@ -43,6 +43,22 @@ def import_head_file(
     ResourceError
         If trimesh is needed and not installed.
     """
+    mesh, choice, standard, marked = load_marked(path, points, mapping)
+    try:
+        imported = _imported(mesh, choice, marked, standard, by_points=points is not None)
+    except DataError as error:
+        raise type(error)(error.message, where=str(path)) from error
+    imported = replace(imported, mesh=crop_painting(imported.mesh))
+    return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+
+
+def load_marked(
+    path: Path, points: Path | None, mapping: Path | None = None
+) -> tuple[BlendshapeMesh, Choice, FaceMesh, dict[str, int]]:
+    """Read a mesh and what its blendshapes are for; give our head, and the points marked by hand.
+
+    Parameters and errors are those of :func:`import_head_file`.
+    """
     if is_rig(path):
         mesh = load_rig(path)
         choice = _choice(path, mesh, mapping, points)
@@ -52,12 +68,7 @@ def import_head_file(
         mesh, choice = load_neutral(path), choose_blendshapes(())
     standard = load_built(HeadStyle())
     marked = load_feature_points(points, mesh.vertices) if points else {}
-    try:
-        imported = _imported(mesh, choice, marked, standard, by_points=points is not None)
-    except DataError as error:
-        raise type(error)(error.message, where=str(path)) from error
-    imported = replace(imported, mesh=crop_painting(imported.mesh))
-    return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+    return mesh, choice, standard, marked
 
 
 def _imported(
@@ -65,7 +76,7 @@ def _imported(
 ) -> ImportedHead:
     if not choice.blended and not choice.own_faps and not by_points:
         return head_of_bones(mesh, standard)
-    vertices = _points(mesh, choice, marked, standard, needed=not by_points)
+    vertices = find_points(mesh, choice, marked, standard, needed=not by_points)
     return import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
 
 
@@ -86,7 +97,7 @@ def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path
     return choice
 
 
-def _points(
+def find_points(
     mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, needed: bool
 ) -> dict[str, int]:
     """Vertices of the feature points: those marked by hand, and those that blendshapes show, if any are ``needed``."""

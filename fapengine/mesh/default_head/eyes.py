@@ -8,7 +8,7 @@ and round its edge inwards (below 1). A lid moves by turning about the eyeball's
 that falls to zero at the crease, so skin folds there and slides over the ball below. Lashes turn with their root.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +162,23 @@ def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
         order = np.argsort(t[theirs])
         other[mine] = np.interp(t[mine], t[theirs][order], angles[theirs][order])
     return other
+
+
+def moved_eye(eye: Eye, centre: Array, before: Array, after: Array) -> Eye:
+    """Return an eye whose ball and lids stand elsewhere.
+
+    Parameters
+    ----------
+    eye : Eye
+    centre : (3,) mm
+        Where its ball's centre lies now.
+    before, after : (N, 3) mm
+        The lids' margin, as it was and as it is now.
+    """
+    was, now = before - eye.centre, after - centre
+    angles = eye.angles + np.arctan2(now[:, 1], now[:, 2]) - np.arctan2(was[:, 1], was[:, 2])
+    closed = _other_lid(eye.lids.t, eye.lids.upper, angles)
+    return replace(eye, centre=centre, angles=angles, closed=closed)
 
 
 def _build_lashes(

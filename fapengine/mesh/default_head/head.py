@@ -3,6 +3,7 @@
 Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -117,6 +118,24 @@ def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> Face
 def _built(style: HeadStyle, level: str) -> FaceMesh:
     builder, head = build_parts(style, LEVELS[level])
     return _finish(builder, head, style, LEVELS[level])
+
+
+Reshape = Callable[[Array, Indices, HeadParts, dict[str, int]], tuple[Array, HeadParts]]
+"""Takes vertices, (V, 3) mm, triangles, (F, 3), parts, and feature points; gives vertices, and parts whose eyes fit."""
+
+
+def build_reshaped(style: HeadStyle, reshape: Reshape) -> FaceMesh:
+    """Build the head of a style on another shape: its FAPs, units and shades are those of the shape.
+
+    Parameters
+    ----------
+    style : HeadStyle
+        Gives colours and hair.
+    reshape : callable
+        See :data:`Reshape`; called once.
+    """
+    builder, head = build_parts(style, LEVELS["normal"])
+    return _finish(builder, head, style, LEVELS["normal"], reshape)
 
 
 def build_parts(style: HeadStyle, detail: float) -> tuple[MeshBuilder, HeadParts]:
@@ -264,10 +283,15 @@ def _light_lids(
     rest[lids] = -1.0
 
 
-def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float) -> FaceMesh:
+def _finish(
+    builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float, reshape: Reshape | None = None
+) -> FaceMesh:
     triangles = builder.triangles()
     template = builder.column("points_mm")
     points = _soften(_on_face(template, builder, head, style), triangles, head, detail)
+    feature_points = locate(template, head)
+    if reshape is not None:
+        points, head = reshape(points, triangles, head, feature_points)
     normals = vertex_normals(points, triangles)
     seam = head.grid[:, [0, -1]]
     shared = normals[seam].sum(axis=1, keepdims=True)
@@ -276,7 +300,6 @@ def _finish(builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: flo
     # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
-    feature_points = locate(template, head)
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
     jaw_weight, basis, shades = build_basis(

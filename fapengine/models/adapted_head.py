@@ -1,0 +1,279 @@
+"""Our own head put on to a scan: paper 004, "Face and lip mesh adaptation", for a head that FAPs move.
+
+Theory of operation
+-------------------
+The scan lies on the standard's face already (:func:`fapengine.mesh.rig.placed_mesh.place_mesh`). Then
+
+1. feature points, and the contours of lips and eyes through them, move the head (:func:`.generic_mesh.adapt_mesh`); far
+   from all points the motion fades, so back of the head and shoulders stay;
+2. the skin is laid onto the scan where the scan has skin: each vertex is drawn to the nearest place whose normal
+   agrees, neighbours are held together (a biharmonic membrane, stiff at first), and what the scan lacks follows;
+3. eyeballs keep their size and go with their lids, which keep their height above the ball, so that they slide on it;
+   teeth and tongue go with the lips, brows, lashes, ears and hair with the skin below.
+
+The deformation basis is then built on the new shape, as for every head of ours: all FAPs move it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import Surface
+from fapengine.mesh.default_head.eyes import Eye, moved_eye
+from fapengine.mesh.default_head.head import build_reshaped
+from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.placed_mesh import PlacedMesh
+from fapengine.mesh.vertex_fields import vertex_normals
+from fapengine.models.generic_mesh import adapt_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LIPS = ("8.4", "8.6", "8.9", "8.1", "8.10", "8.5", "8.3", "8.7", "8.2", "8.8")
+LEFT_EYE, RIGHT_EYE = ("3.11", "3.1", "3.7", "3.3"), ("3.8", "3.2", "3.12", "3.4")
+CONTOURS = (LIPS, LEFT_EYE, RIGHT_EYE)
+"""Closed contours by their feature points, in order."""
+GROUPS = ("2.", "3.", "4.", "5.", "8.", "9.")
+BESIDE_SKIN = ("3.5", "3.6", "9.8", "9.9", "9.10", "9.11")
+"""Feature points of these groups that do not lie on the skin: pupils and teeth."""
+NEAR_MM, FAR_MM = 50.0, 150.0
+"""Distances from the nearest feature point between which the motion fades."""
+STIFFNESS = (30.0, 5.0, 1.0)
+"""How much neighbours hold together while the skin is laid, round by round."""
+REACHES_MM = (15.0, 10.0, 8.0)
+"""Distance to the scan within which a vertex is drawn to it, round by round."""
+LOOSE = 0.01
+"""Pull, as a share of that of the scan, that holds what the scan lacks."""
+MIN_COSINE = 0.5
+"""Cosine between normals of head and scan below which two surfaces do not belong together."""
+TOUCH_MM = 1.0
+"""Distance below which upper and lower lip touch, and move together."""
+SUNK_MM = 0.8
+"""Farthest that skin round an eye may come nearer to the ball's centre than it was."""
+NECK_MM = 30.0
+"""Distance below the chin from which skin is neck, and is not laid."""
+EAR_MM = 10.0
+"""Skin nearer to an ear follows its neighbours: ears are not laid."""
+PART_SHARE = 0.1
+"""Share of a scan's area that makes a part a large one."""
+FRONT_COSINE, MEASURED_MM = 0.3, 15.0
+"""The front of the face: normals that look forwards, within this distance of the scan before it is adapted."""
+PARTS, MIN_LEFT_OUT = 3, 6
+"""Points off the contours are left out in so many parts in turn, if there are so many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nearness:
+    """Distances before and after, mean, mm of the standard face."""
+
+    front_mm: tuple[float, float]
+    """From the front of the face's skin to the scan."""
+    left_out_mm: tuple[float, float] | None
+    """Of feature points that were left out, a third at a time, from where they are; None with too few points."""
+    left_out: int
+    """How many they were."""
+
+
+def on_large_parts(scan: PlacedMesh) -> NDArray[np.bool_]:
+    """(F,): triangles of the skin and of other large parts; eyeballs, lashes and teeth are none of these."""
+    a, b, c = np.moveaxis(scan.vertices_mm[scan.triangles], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    part = scan.part[scan.triangles[:, 0]]
+    areas = np.bincount(part, area)
+    return np.asarray((areas[part] >= PART_SHARE * area.sum()) | (part == scan.skin_part))
+
+
+def scan_surface(scan: PlacedMesh) -> Surface:
+    """Make a surface of a scan, joined where its file has one place twice, as along the seams of a picture."""
+    first = np.zeros(scan.node.max() + 1, np.int64)
+    first[scan.node] = np.arange(len(scan.node))
+    return Surface(scan.vertices_mm[first], scan.node[scan.triangles[on_large_parts(scan)]])
+
+
+def adapt_head(
+    scan: Surface, points_mm: Mapping[str, Array], style: HeadStyle | None = None
+) -> tuple[FaceMesh, Nearness]:
+    """Put our own head on to a scan.
+
+    Parameters
+    ----------
+    scan : Surface
+        In head space, laid onto the standard's face. The mouth may be closed, and holes do no harm.
+    points_mm : mapping of str to (3,), mm
+        Where feature points lie on it; those of eyeballs, teeth, tongue, ears and hair are not used.
+    style : HeadStyle, optional
+        Hair and colours of the head.
+
+    Raises
+    ------
+    DataError
+        If too few points are known, or they lie in one plane.
+    """
+    nearness: list[Nearness] = []
+
+    def reshape(
+        points: Array, triangles: Indices, head: HeadParts, feature_points: dict[str, int]
+    ) -> tuple[Array, HeadParts]:
+        names = [
+            name for name in feature_points
+            if name in points_mm and name.startswith(GROUPS) and name not in BESIDE_SKIN
+        ]  # fmt: skip
+        goals = {name: np.asarray(points_mm[name], np.float64) for name in names}
+        fit = _Fit(scan, points, triangles, head, {name: feature_points[name] for name in names})
+        moved = fit.laid(goals)
+        nearness.append(fit.measure(moved, goals))
+        return _with_parts(points, moved, head, fit.skin)
+
+    try:
+        mesh = build_reshaped(style or HeadStyle(), reshape)
+    except UsageError as error:
+        raise DataError(f"feature points: {error}") from error
+    return mesh, nearness[0]
+
+
+class _Fit:
+    """The head's skin on its way to the scan."""
+
+    def __init__(
+        self, scan: Surface, points: Array, triangles: Indices, head: HeadParts, feature_points: dict[str, int]
+    ) -> None:
+        self.scan, self.points, self.triangles, self.feature_points = scan, points, triangles, feature_points
+        rings = (head.mouth, *(eye.lids for eye in head.eyes))
+        self.skin = np.unique(np.concatenate([head.grid.ravel(), *(ring.indices.ravel() for ring in rings)]))
+        outside = np.zeros(len(points), bool)
+        outside[head.grid] = True
+        for ring, inner in zip(rings, (0.3, 1.0, 1.0), strict=True):
+            outside[ring.indices[ring.level < inner]] = False
+            outside[ring.indices[ring.level >= inner]] = True
+        shown = np.zeros(len(points), bool)
+        shown[triangles] = True
+        seen = (outside & shown)[self.skin]
+        ears = np.concatenate([ear.ravel() for ear in head.ears])
+        off_ears = cKDTree(points[ears]).query(points[self.skin])[0] > EAR_MM
+        lowest = min((points[at, 1] for at in feature_points.values()), default=0.0) - NECK_MM
+        self.laid_on = seen & off_ears & (points[self.skin, 1] > lowest)
+        number = np.full(len(points), -1)
+        number[self.skin] = np.arange(len(self.skin))
+        self.own_triangles = number[triangles[(number[triangles] >= 0).all(axis=1)]]
+        lips = number[head.mouth.indices[np.abs(head.mouth.level) < 0.6]]
+        upper, lower = lips[:, head.mouth.upper].ravel(), lips[:, ~head.mouth.upper].ravel()
+        self.bending = _bending(points[self.skin], self.own_triangles, upper, lower)
+
+    def laid(self, goals: Mapping[str, Array]) -> Array:
+        """(V, 3) mm: all vertices moved by feature points, the skin of them laid onto the scan."""
+        contours, markers = _anchors(goals)
+        ours = {name: self.points[self.feature_points[name]] for name in goals}
+        lines = [(_stack(ours, names), _stack(goals, names), True) for names in contours]
+        moved = adapt_mesh(self.points, lines, (_stack(ours, markers), _stack(goals, markers)))
+        far_mm = np.asarray(cKDTree(_stack(ours, goals)).query(self.points)[0])
+        fade = 1 - np.asarray(smoothstep((far_mm - NEAR_MM) / (FAR_MM - NEAR_MM)))
+        moved = self.points + fade[:, None] * (moved - self.points)
+        skin = moved[self.skin]
+        for stiffness, reach_mm in zip(STIFFNESS, REACHES_MM, strict=True):
+            places, theirs, on_rim = self.scan.closest(skin)
+            cosine = (vertex_normals(skin, self.own_triangles) * theirs).sum(axis=1)
+            near = self.laid_on & ~on_rim & (np.linalg.norm(places - skin, axis=1) <= reach_mm)
+            inside_out = cosine[near].sum() < 0  # a file whose triangles run clockwise
+            drawn = near & ((-cosine if inside_out else cosine) >= MIN_COSINE)
+            pull = np.where(drawn, 1.0, LOOSE)
+            wish = np.where(drawn[:, None], places - skin, 0.0)
+            solver = splu((diags_array(pull) + stiffness * self.bending).tocsc())
+            skin = skin + solver.solve(pull[:, None] * wish)
+        moved[self.skin] = skin
+        return np.asarray(moved, np.float64)
+
+    def measure(self, moved: Array, goals: Mapping[str, Array]) -> Nearness:
+        """Tell how near the head comes, and how near points that were left out come to where they are."""
+        before, after = self.points[self.skin], moved[self.skin]
+        places, _, on_rim = self.scan.closest(before)
+        far_mm = np.linalg.norm(places - before, axis=1)
+        normals = vertex_normals(before, self.own_triangles)
+        front = self.laid_on & ~on_rim & (far_mm <= MEASURED_MM) & (normals[:, 2] >= FRONT_COSINE)
+        if not front.any():
+            raise DataError("scan: lies nowhere within 15 mm of the face, expected a face where its points are")
+        after_mm = np.linalg.norm(self.scan.closest(after[front])[0] - after[front], axis=1).mean()
+        free = _anchors(goals)[1]
+        misses: list[tuple[float, float]] = []
+        for part in range(PARTS if len(free) >= MIN_LEFT_OUT else 0):
+            out = free[part::PARTS]
+            guess = self.laid({name: goal for name, goal in goals.items() if name not in out})
+            for name in out:
+                at = self.feature_points[name]
+                was, now = (float(np.linalg.norm(where[at] - goals[name])) for where in (self.points, guess))
+                misses.append((was, now))
+        left_out = np.mean(misses, axis=0) if misses else None
+        return Nearness(
+            (float(far_mm[front].mean()), float(after_mm)),
+            None if left_out is None else (float(left_out[0]), float(left_out[1])),
+            len(misses),
+        )
+
+
+def _anchors(goals: Mapping[str, Array]) -> tuple[list[list[str]], list[str]]:
+    """Contours with at least three known points, by name, and the points on none of them."""
+    contours = [[name for name in line if name in goals] for line in CONTOURS]
+    contours = [line for line in contours if len(line) >= 3]
+    on_contour = {name for line in contours for name in line}
+    return contours, [name for name in goals if name not in on_contour]
+
+
+def _stack(places: Mapping[str, Array], names: Sequence[str] | Mapping[str, Array]) -> Array:
+    return np.array([places[name] for name in names], np.float64).reshape(-1, 3)
+
+
+def _bending(points: Array, triangles: Indices, upper: Indices, lower: Indices) -> csr_array:
+    """(S, S): squared bending of a displacement over the skin; where the lips touch they count as one piece."""
+    distance, nearest = cKDTree(points[lower]).query(points[upper])
+    touching = np.stack([upper, lower[nearest]], axis=1)[distance < TOUCH_MM]
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]], touching])
+    edges = np.unique(np.sort(edges, axis=1), axis=0)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    size = len(points)
+    degree = np.bincount(rows, minlength=size).clip(min=1)
+    around = coo_array((1.0 / degree[rows], (rows, columns)), shape=(size, size)).tocsr()
+    bend = diags_array((np.bincount(rows, minlength=size) > 0).astype(float)) - around
+    return csr_array(bend.T @ bend)
+
+
+def _with_parts(before: Array, moved: Array, head: HeadParts, skin: Indices) -> tuple[Array, HeadParts]:
+    """Let everything that is not skin follow it, and lids slide on their balls."""
+    after = moved.copy()
+    rest = np.setdiff1d(np.arange(len(before)), skin)
+    distance, nearest = map(np.asarray, cKDTree(before[skin]).query(before[rest], k=8))
+    weight = 1.0 / (distance + 1.0) ** 2
+    shifts = (moved - before)[skin][nearest]
+    after[rest] = before[rest] + (weight[..., None] * shifts).sum(axis=1) / weight.sum(axis=1)[:, None]
+    lips = head.mouth.indices[np.abs(head.mouth.level - 1.0).argmin()]
+    for part in (head.upper_teeth, head.lower_teeth, head.tongue):
+        after[part] = before[part] + (moved - before)[lips].mean(axis=0)
+    left, right = (_with_eye(before, after, eye) for eye in head.eyes)
+    return after, replace(head, eyes=(left, right))
+
+
+def _with_eye(before: Array, after: Array, eye: Eye) -> Eye:
+    """Move the ball with its lids, and lay the lids round it; changes ``after``."""
+    rings, level = eye.lids.indices, eye.lids.level
+    rim = np.flatnonzero(level == 1.0)[0]
+    shift = (after - before)[rings[rim]].mean(axis=0)
+    centre = eye.centre + shift
+    inner = level < 1.0
+    after[rings[inner]] = before[rings[inner]] + (after - before)[rings[rim]]
+    height = np.linalg.norm(before[rings] - eye.centre, axis=-1)
+    arm = after[rings] - centre
+    reached = np.linalg.norm(arm, axis=-1)
+    on_ball = 1 - smoothstep((level - 1.1) / 0.4)[:, None]
+    wanted = height * on_ball + (1 - on_ball) * np.maximum(reached, height - SUNK_MM)
+    laid = centre + arm * (wanted / reached)[..., None]
+    after[rings[1:]] = laid[1:]  # the first ring is the border of the skin around
+    after[eye.ball] = before[eye.ball] + shift
+    after[eye.lashes] = before[eye.lashes] + (after - before)[rings[rim][eye.lash_roots]][:, None]
+    return moved_eye(eye, centre, before[rings[rim]], after[rings[rim]])
