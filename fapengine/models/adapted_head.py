@@ -48,7 +48,7 @@ BESIDE_SKIN = ("3.5", "3.6", "9.8", "9.9", "9.10", "9.11")
 NEAR_MM, FAR_MM = 50.0, 150.0
 """Distances from the nearest feature point between which the motion fades."""
 STIFFNESS = (30.0, 5.0, 1.0)
-"""How much neighbours hold together while the skin is laid, round by round."""
+"""Strength with which neighbours hold together while the skin is laid, round by round."""
 REACHES_MM = (15.0, 10.0, 8.0)
 """Distance to the scan within which a vertex is drawn to it, round by round."""
 LOOSE = 0.01
@@ -76,11 +76,11 @@ class Nearness:
     """Distances before and after, mean, mm of the standard face."""
 
     front_mm: tuple[float, float]
-    """From the front of the face's skin to the scan."""
+    """Distance from the front of the face's skin to the scan."""
     left_out_mm: tuple[float, float] | None
-    """Of feature points that were left out, a third at a time, from where they are; None with too few points."""
+    """Distance of feature points that were left out, a third at a time, from their places; None with too few points."""
     left_out: int
-    """How many they were."""
+    """Number of points that were left out."""
 
 
 def on_large_parts(scan: PlacedMesh) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ REACH_MM = 4.0
 MARGIN = 6
 """Texels beside the skin's part of the painting that go on in its last colour."""
 BLEND_TEXELS = 5.0
-"""Over how many coarse texels the scan's colours pass into the head's own."""
+"""Number of coarse texels over which the scan's colours pass into the head's own."""
 
 
 def has_colours(scan: PlacedMesh) -> bool:

@@ -46,7 +46,7 @@ def adapt_head_file(
         If trimesh is needed and not installed.
     """
     if is_profile(path):
-        raise UsageError(f"--adapt: got {path}, a profile, expected a scan's file")
+        raise UsageError(f"scan: got {path}, a profile, expected a file")
     mesh, choice, standard, marked = load_marked(path, points, mapping)
     try:
         vertices = find_points(mesh, choice, marked, standard, needed=points is None)
