@@ -137,7 +137,11 @@ def _browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture
 def page(_browser: Page) -> Iterator[Page]:
-    """The browser as the test before left it; no test may leave a complaint in the console."""
+    """The browser as the test before left it; no test may leave a complaint in the console.
+
+    A page that is left while it loads may complain of its own server, which is gone, in the middle of the next test.
+    """
     _browser.complaints.clear()
     yield _browser
-    assert _browser.complaints == []
+    origin = _browser.run("location.origin")
+    assert [said for said in _browser.complaints if "net::ERR_" not in said or origin in said] == []

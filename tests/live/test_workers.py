@@ -157,7 +157,7 @@ def _lives(process: int) -> bool:
     ("config", "why"),
     [
         (ServeConfig(sinks=("vmc://127.0.0.1",)), "session=NAME"),
-        (ServeConfig(sinks=("fba+tcp://127.0.0.1:9?session=anna",)), "one to send to"),
+        (ServeConfig(sinks=("fba+tcp://127.0.0.1:9?session=anna",)), "one that sends datagrams"),
         (ServeConfig(sound=SoundChoice(session="face")), "sound card"),
         (ServeConfig(sound=SoundChoice(microphone="default")), "sound card"),
     ],

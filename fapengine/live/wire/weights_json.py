@@ -43,8 +43,8 @@ def encode_weights(session: str, time_s: float, arkit: ArrayLike, visemes: Array
 
     Examples
     --------
-    >>> encode_weights("face", 1.5, [0.0] * 52, [1.0] + [0.0] * 14, [0] * 68)[-66:].decode()
-    '0.0, "E": 0.0, "ih": 0.0, "oh": 0.0, "ou": 0.0}, "head": [0, 0, 0]}'
+    >>> encode_weights("face", 1.5, [0.0] * 52, [1.0] + [0.0] * 14, [0] * 68)[-24:].decode()
+    '"head": [0.0, 0.0, 0.0]}'
     """
     shapes = frozen(arkit, "arkit", (len(ARKIT_NAMES),), np.float64)
     mouth = frozen(visemes, "visemes", (len(OCULUS_NAMES),), np.float64)

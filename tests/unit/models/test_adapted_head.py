@@ -177,7 +177,7 @@ def test_what_cannot_be_adapted_is_refused(scanned, tmp_path):
         with pytest.raises(kind, match=said):
             run("head", "import", folder / "scan.ply", *arguments, "--adapt", "-o", tmp_path / "head")
     (tmp_path / "profile.toml").touch()
-    with pytest.raises(UsageError, match=r"--adapt: got .*, a profile, expected a scan"):
+    with pytest.raises(UsageError, match=r"scan: got .*, a profile"):
         run("head", "import", tmp_path, "--adapt", "-o", tmp_path / "head")
     assert not (tmp_path / "head").exists()
 
