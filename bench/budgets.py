@@ -1,18 +1,21 @@
 """Time and memory against the length of the input, for every reader and every verb that reads.
 
-    python -m bench.budgets [--rows 2000] [--seconds 30] [--only readers verbs] [--table FILE.md]
+    python -m bench.budgets [--rows 2000] [--seconds 30] [--only readers verbs] [--verb NAME ...] [--table FILE.md]
 
 Each reader of :mod:`tests.fuzz.readers` gets an input of ROWS frames, phones, vertices or words, and one four times as
 long (:mod:`bench.growth`); each verb timings of SECONDS, and four times as long, or what it makes of them. A reader
 whose longer input no file of ours holds gets a good file again and again; "refused" stands beside what it does not
 take.
 
-*CPU*: processor time; of a verb that of its process, start and libraries included. *Memory*: what Python allocates at
-most; of a verb the process's peak. *Times*: the longer over the shorter one. Exits 1 where one takes more than
-:data:`MOST_TIMES` the time or memory of its quarter, beyond :data:`NOTHING_S` or :data:`NOTHING_MB`.
+*CPU*: processor time; of a verb that of its process. *Memory*: what Python allocates at most; of a verb the peak of
+its process. From both of a verb goes what it takes for :data:`LEAST_S` seconds, the least of :data:`LEAST_RUNS`
+processes: start and libraries, told in a column of their own. *Times*: the longer over the shorter one. Exits 1 where
+one takes more than :data:`MOST_TIMES` the time or memory of its quarter, beyond :data:`NOTHING_S` or
+:data:`NOTHING_MB`, of a verb :data:`START_S` and :data:`START_MB`.
 """
 
 import argparse
+import subprocess
 import sys
 import tempfile
 import time
@@ -23,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.growth import grown, markers
-from bench.hour import measured, write_inputs
+from bench.hour import write_inputs
 from fapengine.errors import FapEngineError
 from fapengine.files.recordings import save_markers
 from tests.fuzz.readers import Reader, clean, readers
@@ -31,6 +34,9 @@ from tests.fuzz.readers import Reader, clean, readers
 MOST_TIMES = 5.0
 """Work and memory that are linear take four times as much; the rest is what else the machine does."""
 NOTHING_S, NOTHING_MB = 0.05, 2.0
+START_S, START_MB = 0.5, 20.0
+"""By how much a process and its libraries differ from the same once more, on a busy machine."""
+LEAST_S, LEAST_RUNS = 1.0, 2
 
 
 @dataclass(frozen=True)
@@ -43,18 +49,24 @@ class Row:
     cpu_s: tuple[float, float]
     mb: tuple[float, float]
     is_read: bool = True
+    start: tuple[float, float] | None = None
+    """Of a verb: seconds and MB of its least input, which the others are without."""
 
     @property
     def is_linear(self) -> bool:
         """Whether the longer input took no more than it may."""
         (less_s, more_s), (less_mb, more_mb) = self.cpu_s, self.mb
-        return more_s <= MOST_TIMES * less_s + NOTHING_S and more_mb <= MOST_TIMES * less_mb + NOTHING_MB
+        least_s, least_mb = (NOTHING_S, NOTHING_MB) if self.start is None else (START_S, START_MB)
+        return more_s <= MOST_TIMES * less_s + least_s and more_mb <= MOST_TIMES * less_mb + least_mb
 
     def __str__(self) -> str:
         name = self.name if self.is_read else f"{self.name} (refused)"
-        cpu, mb = (f"{less:.3f} | {more:.3f}" for less, more in (self.cpu_s, self.mb))
-        times = f"{self.cpu_s[1] / max(self.cpu_s[0], 1e-9):.1f}"
-        return f"| {name} | {self.size[0] / 1000:.1f} | {self.size[1] / 1000:.1f} | {cpu} | {times} | {mb} |"
+        digits, least_s = (3, 1e-9) if self.start is None else (2, 0.1)
+        cpu, mb = (f"{less:.{digits}f} | {more:.{digits}f}" for less, more in (self.cpu_s, self.mb))
+        mb = mb if self.start is None else f"{self.mb[0]:.0f} | {self.mb[1]:.0f}"
+        times = f"{self.cpu_s[1] / self.cpu_s[0]:.1f}" if self.cpu_s[0] >= least_s else "-"
+        start = "" if self.start is None else f" {self.start[0]:.2f} | {self.start[1]:.0f} |"
+        return f"| {name} | {self.size[0] / 1000:.1f} | {self.size[1] / 1000:.1f} | {cpu} | {times} | {mb} |{start}"
 
 
 def read(reader: Reader, data: bytes) -> bool:
@@ -107,38 +119,53 @@ VERBS = {
     "score": ("talk.fap", "score talk.fap --phones talk.csv -o x.html"),
     "reduce": ("take.trc", "reduce take.trc --bound 0.5mm -o x.npz"),
     "batch": ("rows.csv", "batch rows.csv -o rows --to fap --workers 0"),
-    "align": ("said.wav", "align said.wav --text said.txt -o x.TextGrid"),
     "say": ("said.txt", "say - -o x.fap"),
 }
 """Input whose size is told, and the words; each may use what those before it wrote."""
+MEASURE = """
+import os, sys
+quiet = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_WRONLY, 0) for number in (1, 2)]
+_, status, usage = os.wait4(os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=quiet), 0)
+sys.stderr.write(f"{usage.ru_utime + usage.ru_stime} {usage.ru_maxrss / 1000}")
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""Run and measure words. A process's peak begins as that of the one that starts it, so this one is small."""
 SENTENCE = "Many people may bring big blue bowls. "
 
 
 def write_folder(folder: Path, seconds: float) -> None:
     """Write what the verbs read."""
-    from fapengine.files.sound import save_wav
-    from fapengine.voices.espeak import EspeakVoice
-
     write_inputs(folder, seconds)
     save_markers(folder / "take.trc", markers(round(100 * seconds)))
     text = SENTENCE * max(1, round(seconds / 3))
     (folder / "said.txt").write_text(text)
-    speech = EspeakVoice().speak(text)
-    save_wav(folder / "said.wav", speech.samples, speech.sample_rate_hz)
     (folder / "row.pho").write_text("_ 50\nm 100\na 200\n_ 50\n")
     (folder / "rows.csv").write_text("id,timings\n" + "".join(f"{n},row.pho\n" for n in range(round(seconds))))
 
 
-def of_verb(verb: str, folders: tuple[Path, Path]) -> Row:
-    """Measure a verb."""
+def of_verb(verb: str, least: Path, folders: tuple[Path, Path]) -> Row:
+    """Measure a verb, each length in a process of its own, without what the least one takes."""
     name, words = VERBS[verb]
     run = [sys.executable, "-m", "fapengine", *words.split()]
-    found = [
-        measured(["sh", "-c", 'cd "$0" && exec "$@" < said.txt 2> /dev/null', str(folder), *run]) for folder in folders
-    ]
+
+    def took(folder: Path) -> tuple[float, float]:
+        with (folder / "said.txt").open("rb") as said:
+            told = subprocess.run(
+                [sys.executable, "-S", "-c", MEASURE, *run], cwd=folder, stdin=said, check=True, capture_output=True
+            )
+        cpu_s, mb = map(float, told.stderr.split()[-2:])
+        return cpu_s, mb
+
+    starts = [took(least) for _ in range(LEAST_RUNS)]
+    start_s, start_mb = (min(column) for column in zip(*starts, strict=True))
+    (less_s, less_mb), (more_s, more_mb) = (took(folder) for folder in folders)
     sizes = [(folder / name).stat().st_size for folder in folders]
-    (less_s, less_mb), (more_s, more_mb) = found
-    return Row(verb, (sizes[0], sizes[1]), (less_s, more_s), (less_mb, more_mb))
+    return Row(
+        verb, (sizes[0], sizes[1]),
+        (max(less_s - start_s, 0.0), max(more_s - start_s, 0.0)),
+        (max(less_mb - start_mb, 0.0), max(more_mb - start_mb, 0.0)),
+        start=(start_s, start_mb),
+    )  # fmt: skip
 
 
 def main() -> int:
@@ -147,6 +174,7 @@ def main() -> int:
     parser.add_argument("--rows", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--only", nargs="+", choices=("readers", "verbs"), default=("readers", "verbs"))
+    parser.add_argument("--verb", nargs="+", choices=VERBS, default=tuple(VERBS), help="with those that it needs first")
     parser.add_argument("--table", type=Path)
     wanted = parser.parse_args()
     lines, bent = [], []
@@ -155,9 +183,10 @@ def main() -> int:
         lines.append(line)
         print(line, flush=True)
 
-    def head(what: str) -> None:
-        tell(f"\n| {what} | input, kB | 4 times | CPU, s | 4 times | times | memory, MB | 4 times |")
-        tell("|---|---|---|---|---|---|---|---|")
+    def head(what: str, *more: str) -> None:
+        columns = (what, "input, kB", "4 times", "CPU, s", "4 times", "times", "memory, MB", "4 times", *more)
+        tell(f"\n| {' | '.join(columns)} |")
+        tell("|---" * len(columns) + "|")
 
     if "readers" in wanted.only:
         head("reader")
@@ -167,13 +196,14 @@ def main() -> int:
             bent += [] if row.is_linear else [row.name]
         clean()
     if "verbs" in wanted.only:
-        head("verb")
-        with tempfile.TemporaryDirectory() as less, tempfile.TemporaryDirectory() as more:
-            folders = Path(less), Path(more)
-            for folder, seconds in zip(folders, (wanted.seconds, 4 * wanted.seconds), strict=True):
+        head("verb", "start, s", "start, MB")
+        with tempfile.TemporaryDirectory() as place:
+            least, *folders = (Path(place) / name for name in ("least", "less", "more"))
+            for folder, seconds in zip((least, *folders), (LEAST_S, wanted.seconds, 4 * wanted.seconds), strict=True):
+                folder.mkdir()
                 write_folder(folder, seconds)
-            for verb in VERBS:
-                row = of_verb(verb, folders)
+            for verb in wanted.verb:
+                row = of_verb(verb, least, (folders[0], folders[1]))
                 tell(str(row))
                 bent += [] if row.is_linear else [row.name]
     tell(f"\nmore than {MOST_TIMES:g} times a quarter: {', '.join(bent) or 'none'}")
