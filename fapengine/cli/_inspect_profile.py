@@ -16,8 +16,8 @@ from fapengine.trajectory.faps import displacements_to_faps
 PICTURE_PX = 384
 
 
-def inspect_profile(name: str, *, as_json: bool, plot: Path | None) -> None:
-    """Print the report of a profile.
+def inspect_profile(name: str, *, as_json: bool, plot: Path | None, sliders: Path | None = None) -> None:
+    """Print the report of a profile; draw it, and write a page with a slider for each component.
 
     Raises
     ------
@@ -28,6 +28,8 @@ def inspect_profile(name: str, *, as_json: bool, plot: Path | None) -> None:
     report = describe(profile)
     if plot is not None:
         _draw(profile, plot)
+    if sliders is not None:
+        _write_sliders(profile, sliders)
     if as_json:
         import json
 
@@ -36,6 +38,22 @@ def inspect_profile(name: str, *, as_json: bool, plot: Path | None) -> None:
         typer.echo(json.dumps(report, ensure_ascii=False))
     else:
         _print(report)
+
+
+def _write_sliders(profile: Profile, path: Path) -> None:
+    from fapengine.files.heads.load import load_head
+    from fapengine.files.paths import write_bytes
+    from fapengine.files.report.sliders import sliders_page
+
+    count = profile.space.marker_count
+    names = name_components(profile.space.modes_mm[:, :count], profile.space.points[:count])
+    face = load_head("default:level=coarse")
+    rest_mm = {
+        name: tuple(face.vertices_mm[face.feature_points[name]].tolist())
+        for name in profile.space.points
+        if name in face.feature_points
+    }
+    write_bytes(path, sliders_page(profile, [each.name for each in names], rest_mm))
 
 
 def describe(profile: Profile) -> dict[str, Any]:

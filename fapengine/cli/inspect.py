@@ -18,6 +18,9 @@ def inspect(
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
+    sliders: Path | None = typer.Option(
+        None, "--sliders", help="Of a profile: write a page with a slider for each component (.html)."
+    ),
     file_format: str | None = typer.Option(None, "--format", help="Timings: format, if the content does not tell."),
     tier: str | None = typer.Option(None, "--tier", help="Timings: TextGrid tier that holds the phones."),
     alphabet: str | None = typer.Option(None, "--alphabet", help="Timings: ipa, arpabet ..., if not to be guessed."),
@@ -28,24 +31,27 @@ def inspect(
     """Say what is in a file, a profile or a head; what a file is, its bytes decide.
 
     Example: fapengine inspect talk.fba; fapengine inspect talk.wav; fapengine inspect grid_s1_en --plot faces.png
+    --sliders components.html
     """
     from fapengine._resources import profile_ids
     from fapengine.app.hearing import SOUND_SUFFIXES
     from fapengine.cli._inspect_markers import inspect_markers
     from fapengine.cli._inspect_media import inspect_fap, inspect_head, inspect_recording
-    from fapengine.errors import UnsupportedError
+    from fapengine.errors import UnsupportedError, UsageError
     from fapengine.files.fba_film import is_mp4, read_fba_film
     from fapengine.files.paths import read_bytes
     from fapengine.files.recordings import is_table, mesh_files
     from fapengine.mesh.default_head.people import parse_person
     from fapengine.speech.formats.registry import guess_format
 
-    if plot is not None:
-        writing.check([plot], [path])
-    if (path / "profile.toml").is_file() or str(path) in profile_ids():
+    writing.check([output for output in (plot, sliders) if output is not None], [path])
+    is_profile = (path / "profile.toml").is_file() or str(path) in profile_ids()
+    if sliders is not None and not is_profile:
+        raise UsageError(f"--sliders: got {path}, expected a profile (folder or name)")
+    if is_profile:
         from fapengine.cli._inspect_profile import inspect_profile
 
-        inspect_profile(str(path), as_json=as_json, plot=plot)
+        inspect_profile(str(path), as_json=as_json, plot=plot, sliders=sliders)
         return
     if (path / "head.toml").is_file() or (not path.exists() and parse_person(str(path)) is not None):
         inspect_head(str(path), as_json=as_json, plot=plot)

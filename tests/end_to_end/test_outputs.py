@@ -98,6 +98,7 @@ VERBS = {
     "reduce": Verb("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
     "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
+    "inspect --sliders": Verb("inspect INPUT --sliders OUTPUT", "a.html", ("a.html",)),
     **{
         f"score {option or 'recording'}": Verb(
             f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
@@ -182,7 +183,7 @@ def test_nothing_is_replaced_where_it_is_forbidden(
         there.unlink()
 
 
-WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back"}
+WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back", "--sliders"}
 NAMED = {"--head", "--profile", "--background"}
 """Options that name a file or something else."""
 READ_LIVE = {("say", "--ear")}

@@ -1,0 +1,137 @@
+"""A page with a slider for each component of a profile's space: the interface for designers that paper 001 proposes.
+
+The page is one file without any reference outside of it. It draws lips, chin and cheeks from the front and from the
+side as the components move them; each phone and each expression of the profile is a place to begin at.
+"""
+
+import json
+from collections.abc import Mapping
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.files.report.parts import page
+from fapengine.profiles import Profile
+
+OUTER = ("8.4", "8.6", "8.1", "8.5", "8.3", "8.7", "8.2", "8.8")
+INNER = ("2.5", "2.7", "2.2", "2.6", "2.4", "2.8", "2.3", "2.9")
+"""Points of the lips' contours, in order, as far as a profile has them."""
+REACH = 1.3
+"""Range of a slider beyond the farthest phone or expression."""
+STYLE = """<style>
+.mouths { display: flex; flex-wrap: wrap; gap: 1rem }
+.mouths svg { width: 19rem; background: #fff; border: 1px solid #ddd }
+.row { display: grid; grid-template-columns: minmax(8rem, 16rem) 1fr 4rem; gap: .8rem; align-items: center }
+.row input { width: 100% } .row output { text-align: right; font-variant-numeric: tabular-nums }
+button { font: inherit; margin: .1rem; padding: .1rem .55rem }
+textarea { width: 100%; font: .85rem ui-monospace, monospace }
+</style>"""
+SCRIPT = """<script>
+"use strict";
+const data = JSON.parse(document.getElementById("data").textContent);
+const sliders = [...document.querySelectorAll(".row input")];
+const drawn = ["front", "side"].map((name) => document.getElementById(name));
+const weights = () => sliders.map((slider) => Number(slider.value));
+const place = (values) => data.rest.map((rest, point) => rest.map((mm, axis) =>
+  mm + values.reduce((sum, weight, mode) => sum + weight * data.modes[mode][point][axis], 0)));
+const curve = (points) => points.map((point, n) => { // a closed line without corners (Catmull and Rom)
+  const at = (offset) => points[(n + offset + points.length) % points.length];
+  const [a, b, c] = [at(-1), at(1), at(2)];
+  const one = point.map((mm, k) => mm + (b[k] - a[k]) / 6), two = b.map((mm, k) => mm - (c[k] - point[k]) / 6);
+  return `${n ? "" : "M" + point} C ${one} ${two} ${b}`;
+}).join(" ") + "Z";
+function draw() {
+  const points = place(weights());
+  const flat = [points.map(([x, y]) => [x, -y]), points.map(([, y, z]) => [z - data.rest[0][2], -y])];
+  flat.forEach((seen, view) => {
+    const ring = (indices) => indices.length > 3 ? curve(indices.map((index) => seen[index])) : "";
+    drawn[view].querySelector(".outer").setAttribute("d", ring(data.outer));
+    drawn[view].querySelector(".inner").setAttribute("d", ring(data.inner));
+    drawn[view].querySelectorAll("circle").forEach((dot, n) => {
+      dot.setAttribute("cx", seen[n][0]);
+      dot.setAttribute("cy", seen[n][1]);
+    });
+  });
+  for (const slider of sliders) slider.parentElement.querySelector("output").value = Number(slider.value).toFixed(1);
+  document.getElementById("weights").value = weights().map((weight) => weight.toFixed(2)).join(" ");
+}
+function show(values) {
+  sliders.forEach((slider, n) => { slider.value = values[n]; });
+  draw();
+}
+sliders.forEach((slider) => slider.addEventListener("input", draw));
+document.querySelectorAll("button").forEach((button) =>
+  button.addEventListener("click", () => show(data.looks[button.dataset.look])));
+draw();
+</script>"""
+
+
+def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple[float, float, float]]) -> bytes:
+    """Make the page.
+
+    Parameters
+    ----------
+    profile : Profile
+    names : list of str
+        What each component moves, in words.
+    rest_mm : mapping of str to (float, float, float)
+        Places of the space's points on a face at rest.
+
+    Returns
+    -------
+    bytes
+        HTML.
+    """
+    space = profile.space
+    looks = {"rest": np.zeros(space.mode_count)}
+    looks |= {phone: target.targets[0] for phone, target in profile.phones.items()}
+    looks |= {each.name.lower(): target.target for each, target in profile.expressions.items()}
+    reach = REACH * np.abs(np.stack(list(looks.values()))).max(axis=0)
+    points = [name for name in space.points if name in rest_mm]
+    columns = [space.points.index(name) for name in points]
+    modes = space.to_points_mm(np.eye(space.mode_count))[:, columns]
+    rest = [[round(float(mm), 2) for mm in rest_mm[name]] for name in points]
+    data = {
+        "points": points,
+        "rest": rest,
+        "modes": modes.round(4).tolist(),
+        "outer": [points.index(name) for name in OUTER if name in points],
+        "inner": [points.index(name) for name in INNER if name in points],
+        "looks": {name: [round(float(weight), 3) for weight in weights] for name, weights in looks.items()},
+    }
+    rows = "".join(
+        f'<div class="row"><label for="mode{n}">{n + 1}: {escape(name)}</label><input id="mode{n}" type="range"'
+        f' min="{-most:.2f}" max="{most:.2f}" step="0.01" value="0"><output for="mode{n}"></output></div>'
+        for n, (name, most) in enumerate(zip(names, reach, strict=True))
+    )
+    buttons = "".join(f'<button data-look="{escape(name)}">{escape(name)}</button>' for name in looks)
+    told = json.dumps(data, ensure_ascii=False).replace("<", "\\u003c")
+    parts = [
+        STYLE,
+        f"<h1>Components of {escape(profile.id)}</h1>",
+        f'<div class="mouths">{_view("front", _box(rest, (0, 1)), len(points))}',
+        f"{_view('side', _box(rest, (2, 1)), len(points))}</div>",
+        f"<p>{buttons}</p>{rows}",
+        '<p><label for="weights">Weights</label><textarea id="weights" readonly rows="2"></textarea></p>',
+        f'<script type="application/json" id="data">{told}</script>{SCRIPT}',
+    ]
+    return page(f"Components of {profile.id}", parts)
+
+
+def _box(rest: list[list[float]], axes: tuple[int, int]) -> tuple[float, float, float]:
+    """Left, top and side of the square that is seen, mm."""
+    places: NDArray[np.float64] = np.array(rest)[:, axes]
+    across, up = places[:, 0] - (rest[0][2] if axes[0] == 2 else 0.0), -places[:, 1]
+    side = float(max(np.ptp(across), np.ptp(up))) + 30.0
+    return float(across.mean() - side / 2), float(up.mean() - side / 2), side
+
+
+def _view(name: str, box: tuple[float, float, float], points: int) -> str:
+    dots = '<circle r="0.8" fill="#a9adb4"/>' * points
+    left, top, side = box
+    return (
+        f'<svg id="{name}" role="img" aria-label="Lips, {name} view"'
+        f' viewBox="{left:.1f} {top:.1f} {side:.1f} {side:.1f}"><path class="outer" fill="#d98c7f" stroke="#a3584b"'
+        f' stroke-width="0.6"/><path class="inner" fill="#4a2523"/>{dots}</svg>'
+    )
