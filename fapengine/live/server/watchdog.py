@@ -33,8 +33,8 @@ RESTS, REST_S = 3, 0.02
 """Number of times that the last frame is sent, and seconds between them: datagrams get lost."""
 AHEAD_FRAMES = 120
 """Distance of the last frame's number from the number shown: no receiver may take it for a late frame."""
-CONNECTED = ("fba+tcp", "rtp", *SOCKETS)
-"""Sinks that the guard leaves alone: a connection that is gone, and a stream whose sender alone knows its numbers."""
+CONNECTED = ("fba+tcp", *SOCKETS)
+"""Sinks that the guard leaves alone: their connection is gone. Over RTP a stream of another SSRC begins, at rest."""
 BYE = b"bye\n"
 
 

@@ -542,6 +542,22 @@ def test_a_guard_shuts_the_mouth_of_a_face_stream_in_datagrams(ear: Ear) -> None
     asyncio.run(sink.close())
 
 
+def test_a_guard_shuts_the_mouth_of_an_rtp_stream(ear: Ear) -> None:
+    stage, address = Stage("anna"), parse_sink(f"rtp://127.0.0.1:{ear.port}")
+    sink = DatagramSink(stage.hub, address)
+    stage.talk("anna")
+    stage.run(20)
+    receiver = RtpReceiver()
+    before = [frame for packet in ear.heard() for _, frame in receiver.packet(packet)]
+    assert before[-1].values[fap.column(3)] > 10
+    guards.put_to_rest([address], {"anna": time.monotonic()}, RATE_HZ)
+    datagrams = ear.heard()
+    assert len(datagrams) == guards.RESTS
+    after = [frame for packet in datagrams for _, frame in receiver.packet(packet)]
+    assert [frame.values.any() for frame in after] == [False]  # sent again they are the same packet
+    asyncio.run(sink.close())
+
+
 def test_a_guard_that_is_told_goodbye_does_nothing() -> None:
     reading, writing = os.pipe()
     guard = guards.Watchdog(0, writing)
