@@ -92,12 +92,13 @@ def attempt(reader: Reader, data: bytes, tally: Tally) -> str | None:
 def search(
     inputs: int, seconds: float, seed: int, *, folder: Path | None = None, only: str = "", turn_s: float = TURN_S
 ) -> dict[str, Tally]:
-    """Try so many inputs, or for so long; what is found is left in a folder."""
-    chance, tallies, until_s = random.Random(seed), {}, time.monotonic() + seconds
+    """Try so many inputs, or for so long, each reader at least once; what is found is left in a folder."""
+    chance = random.Random(seed)
     chosen = [reader for reader in readers() if only in reader.name]
     for reader in chosen:  # what is compiled or imported once is no cost of an input
         reader.read(reader.good[0])
     tallies = {reader.name: Tally() for reader in chosen}
+    turn_s, until_s = min(turn_s, seconds / max(len(chosen), 1)), time.monotonic() + seconds
     warnings.simplefilter("ignore")
     warnings.simplefilter("error", RuntimeWarning)
     last = 0
