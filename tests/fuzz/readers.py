@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import av
+import msgspec
 import numpy as np
 from PIL import Image
 
@@ -26,6 +27,7 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.table import format_table, parse_table
 from fapengine.capture.trc import format_trc, parse_trc
 from fapengine.codec.decoder import decode
+from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
 from fapengine.errors import DataError
@@ -41,6 +43,7 @@ from fapengine.live.server.config import EXAMPLE, parse_config
 from fapengine.live.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
 from fapengine.live.wire import fap_osc, livelink, osc
 from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
+from fapengine.live.wire.rtp import RtpReceiver, RtpSender
 from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.mesh.default_head.style import parse_look
 from fapengine.mesh.rig.fdp_files import parse_fdp
@@ -54,6 +57,7 @@ from fapengine.speech.formats.registry import ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.text.normal_form import decoded, speakable
 from fapengine.speech.text.ssml import check_ssml, find_tag
+from fapengine.voices.streams.services import SERVICES
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.files.test_gltf import vrm
 from tests.unit.mesh.rigs import own_rig
@@ -291,6 +295,20 @@ def _wire() -> Iterable[Reader]:
     subject = livelink.Subject("Zoë", "01234567-89ab-cdef-0123-456789abcdef")
     face = livelink.encode_face(subject, livelink.Face(number=1, values=np.linspace(-1, 1, 61)))
     yield Reader("Live Link", livelink.decode_packet, (face,))
+    planes = Encoder(rate_hz=25.0, options=EncoderOptions(plane_start_codes="all"))
+    packets = RtpSender(ssrc=1).plane(planes.frame([0, 0, *range(66)]), 0.0)
+    yield Reader("RTP", lambda data: RtpReceiver().packet(data), tuple(packets))
+    aligned = b'{"chars": ["a", "b", " "], "charStartTimesMs": [0, 9, 20], "charDurationsMs": [9, 11, 4]}'
+    stamps = b'{"words": ["ab"], "start": [0.1], "end": [0.2]}'
+    words = b'{"words": ["ab"], "wordStartTimeSeconds": [0.1], "wordEndTimeSeconds": [0.2]}'
+    spoken = {
+        "elevenlabs": b'{"audio": "AAAA", "isFinal": null, "normalizedAlignment": ' + aligned + b"}",
+        "cartesia": b'{"type": "timestamps", "word_timestamps": ' + stamps + b"}",
+        "inworld": b'{"result": {"audioContent": "AAAA", "timestampInfo": {"wordAlignment": ' + words + b"}}}",
+        "fish": msgspec.msgpack.encode({"event": "audio", "audio": b"\0\0", "alignment": {"segments": []}}),
+    }
+    for name, answer in spoken.items():
+        yield Reader(f"voice, {name}", lambda data, name=name: SERVICES[name]("v", "k").feed(data), (answer,))
     yield Reader("SLIP", lambda data: SlipDecoder().feed(data), (encode_slip(mixed) * 2,))
     yield Reader("length prefix", lambda data: LengthDecoder().feed(data), (encode_length(mixed) * 2,))
     asked = (

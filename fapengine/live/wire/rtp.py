@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from fapengine.codec.decoder import Decoder
 from fapengine.codec.elementary import LEVELS, visual_headers
 from fapengine.codec.frames import Frame
-from fapengine.codec.startcodes import OBJECT_START, PLANE_START, code
+from fapengine.codec.startcodes import OBJECT_START, PLANE_START, PREFIX, code
 from fapengine.errors import DataError
 
 CLOCK_HZ = 90_000
@@ -221,10 +221,11 @@ class RtpReceiver:
         return [] if torn else [(packet.time, frame) for frame in self._decoded(plane)]
 
     def _decoded(self, plane: bytes) -> list[Frame]:
-        begins = plane.find(code(OBJECT_START)) if plane[:3] == b"\0\0\1" and plane[3] != PLANE_START else -1
+        is_later = plane.startswith(code(PLANE_START))
+        begins = plane.find(code(OBJECT_START)) if plane.startswith(PREFIX) and not is_later else -1
         if begins >= 0:
             plane, self._decoder = plane[begins:], Decoder()
-        elif plane.startswith(code(PLANE_START)) and self._decoder is None and plane[4:5] >= b"\x80":
+        elif is_later and self._decoder is None and plane[4:5] >= b"\x80":
             plane, self._decoder = code(OBJECT_START) + plane[4:], Decoder()  # an I plane: where one can begin
         if self._decoder is None:
             self.counts.unused += 1

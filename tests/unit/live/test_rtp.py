@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fapengine.codec.encoder import Encoder, EncoderOptions
@@ -80,7 +80,7 @@ def test_order_does_not_matter_within_a_few_packets(planes: list[list[bytes]], w
     assert received(mixed) == whole
 
 
-@given(st.sets(st.integers(1, 179), max_size=40))
+@given(st.sets(st.integers(1, 179 - 2 * rtp.REORDERED), max_size=40))
 def test_a_loss_costs_the_frames_up_to_the_next_i_plane(
     planes: list[list[bytes]], whole: Frames, lost: set[int]
 ) -> None:
@@ -91,21 +91,17 @@ def test_a_loss_costs_the_frames_up_to_the_next_i_plane(
         follows = n not in lost and (follows or n % 60 == 0)
         if follows:
             expected.append(whole[n])
-    held = {n for n in range(180) if 180 - n <= rtp.REORDERED}
-    assert got == expected or [each for each in expected if each not in got] == expected[len(got) :]
-    assert len(expected) - len(got) <= len(held)
+    assert got == expected
+    assert receiver.counts.lost == sum(len(planes[n]) for n in lost)
 
 
-def test_one_in_twenty_lost(capsys: pytest.CaptureFixture[str]) -> None:
-    """Ten seconds with an I plane every half second; the figure is printed."""
+def test_one_in_twenty_lost() -> None:
+    """Ten seconds with an I plane every half second."""
     planes = sent(walk(600), intra_every=30)
     chance = np.random.default_rng(2)
     receiver = RtpReceiver()
     got = received([packet for plane in planes for packet in plane if chance.random() > 0.05], receiver)
-    with capsys.disabled():
-        print(f" {len(got)} of 600 frames shown with {receiver.counts.lost} packets lost", end="")
-    assert 15 < receiver.counts.lost < 50
-    assert 200 < len(got) < 500
+    assert (len(got), receiver.counts.lost) == (318, 29)  # as docs/live.md tells
 
 
 def test_a_sender_that_begins_anew_is_followed(whole: Frames) -> None:
@@ -115,7 +111,8 @@ def test_a_sender_that_begins_anew_is_followed(whole: Frames) -> None:
     assert received(again, receiver) == whole
 
 
-@given(st.binary(max_size=64))
+@given(st.one_of(st.binary(max_size=64), st.binary(max_size=8).map(lambda tail: b"\0\0\1" + tail)))
+@example(b"\0\0\1")
 def test_any_datagram_is_survived(data: bytes) -> None:
     receiver = RtpReceiver()
     receiver.packet(data)
