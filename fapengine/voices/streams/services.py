@@ -26,13 +26,15 @@ import binascii
 import json
 from dataclasses import dataclass, field
 from typing import Any, Protocol
+from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError
 from fapengine.speech.alphabets.convert import to_ipa
 from fapengine.speech.formats.characters import words_of
-from fapengine.speech.formats.documents import Node
+from fapengine.speech.formats.documents import Node, same_length
 from fapengine.speech.formats.entries import Entry
 from fapengine.voices.streams.pieces import Piece, check_text, entry, pcm
 
@@ -79,19 +81,33 @@ class Service(Protocol):
 
 
 @dataclass(slots=True)
-class ElevenLabs:
-    """ElevenLabs over WebSocket.
+class _OneUtterance:
+    """What every service has: whose voice, the key, and sound that may be cut within a sample.
 
     Stateful.
     """
 
     voice: str
     key: str
+    over: bool = field(default=False, kw_only=True)
+    _carried: bytes = field(default=b"", kw_only=True)
+
+    def _sound(self, data: bytes) -> NDArray[np.int16]:
+        """Read raw 16-bit sound, (N,) int16; an odd byte waits for the next."""
+        samples, self._carried = pcm(data, self._carried)
+        return samples
+
+
+@dataclass(slots=True)
+class ElevenLabs(_OneUtterance):
+    """ElevenLabs over WebSocket.
+
+    Stateful.
+    """
+
     model: str = "eleven_flash_v2_5"
     base: str = "wss://api.elevenlabs.io"
-    over: bool = False
     _samples: int = 0
-    _carried: bytes = b""
     _waiting: list[Entry] = field(default_factory=list)
     """Characters of a word that may go on in the next message."""
 
@@ -99,7 +115,7 @@ class ElevenLabs:
     def url(self) -> str:
         """Address with voice, model and the form of the sound."""
         query = f"model_id={self.model}&output_format=pcm_{RATE_HZ}&sync_alignment=true"
-        return f"{self.base}/v1/text-to-speech/{self.voice}/stream-input?{query}"
+        return f"{self.base}/v1/text-to-speech/{quote(self.voice, safe='')}/stream-input?{query}"
 
     @property
     def headers(self) -> dict[str, str]:
@@ -117,7 +133,7 @@ class ElevenLabs:
         if node.has("error"):
             raise ResourceError(f"ElevenLabs: {node.first('message', 'error').text()[:200]}")
         before_s = self._samples / RATE_HZ
-        samples, self._carried = pcm(_base64(node["audio"]) if node.has("audio") else b"", self._carried)
+        samples = self._sound(_base64(node["audio"]) if node.has("audio") else b"")
         self._samples += len(samples)
         characters = self._waiting
         for name in ("normalizedAlignment", "alignment"):
@@ -136,9 +152,7 @@ def _characters(node: Node, before_s: float) -> list[Entry]:
         node["charDurationsMs"].numbers(),
         node["chars"].texts(),
     )
-    if not len(starts) == len(lengths) == len(texts):
-        raise DataError(f"got lists of {len(texts)}, {len(starts)} and {len(lengths)}, expected one length",
-                        where=node.where)  # fmt: skip
+    same_length(starts, lengths, texts, where=node.where)
     return [
         entry(before_s + start / 1000, before_s + (start + length) / 1000, text, node.where)
         for start, length, text in zip(starts, lengths, texts, strict=True)
@@ -154,20 +168,16 @@ def _last_break(characters: list[Entry]) -> int:
 
 
 @dataclass(slots=True)
-class Cartesia:
+class Cartesia(_OneUtterance):
     """Cartesia over WebSocket.
 
     Stateful.
     """
 
-    voice: str
-    key: str
     model: str = "sonic-3"
     base: str = "wss://api.cartesia.ai"
     version: str = "2025-04-16"
     context: str = "fapengine"
-    over: bool = False
-    _carried: bytes = b""
 
     @property
     def url(self) -> str:
@@ -199,7 +209,7 @@ class Cartesia:
         if kind == "error":
             raise ResourceError(f"Cartesia: {node.first('error', 'message').text()[:200]}")
         self.over = self.over or kind == "done"
-        samples, self._carried = pcm(_base64(node["data"]) if kind == "chunk" else b"", self._carried)
+        samples = self._sound(_base64(node["data"]) if kind == "chunk" else b"")
         words = _timed(node["word_timestamps"], "words") if node.has("word_timestamps") else ()
         phones = _timed(node["phoneme_timestamps"], "phonemes") if node.has("phoneme_timestamps") else ()
         return Piece(samples, RATE_HZ, words, phones)
@@ -207,25 +217,19 @@ class Cartesia:
 
 def _timed(node: Node, texts: str, start: str = "start", end: str = "end") -> tuple[Entry, ...]:
     starts, ends, labels = node[start].numbers(), node[end].numbers(), node[texts].texts()
-    if not len(starts) == len(ends) == len(labels):
-        raise DataError(f"got lists of {len(labels)}, {len(starts)} and {len(ends)}, expected one length",
-                        where=node.where)  # fmt: skip
+    same_length(starts, ends, labels, where=node.where)
     return tuple(entry(*row, node.where) for row in zip(starts, ends, labels, strict=True) if row[2].strip())
 
 
 @dataclass(slots=True)
-class Inworld:
+class Inworld(_OneUtterance):
     """Inworld over HTTP, a line of JSON an answer.
 
     Stateful.
     """
 
-    voice: str
-    key: str
     model: str = "inworld-tts-1.5-max"
     base: str = "https://api.inworld.ai"
-    over: bool = False
-    _carried: bytes = b""
 
     @property
     def url(self) -> str:
@@ -251,7 +255,7 @@ class Inworld:
             raise ResourceError(f"Inworld: {node['error'].first('message', 'code').value!s:.200}")
         result = node["result"]
         data = _base64(result["audioContent"]) if result.has("audioContent") else b""
-        samples, self._carried = pcm(_without_wav_head(data), self._carried)
+        samples = self._sound(_without_wav_head(data))
         words: tuple[Entry, ...] = ()
         phones: list[Entry] = []
         if result.has("timestampInfo") and result["timestampInfo"].has("wordAlignment"):
@@ -271,18 +275,14 @@ def _without_wav_head(data: bytes) -> bytes:
 
 
 @dataclass(slots=True)
-class Fish:
+class Fish(_OneUtterance):
     """Fish Audio over WebSocket, in MessagePack.
 
     Stateful.
     """
 
-    voice: str
-    key: str
     model: str = "s1"
     base: str = "wss://api.fish.audio"
-    over: bool = False
-    _carried: bytes = b""
 
     @property
     def url(self) -> str:
@@ -326,7 +326,7 @@ class Fish:
         data = node["audio"].value if kind == "audio" and node.has("audio") else b""
         if not isinstance(data, bytes):
             raise DataError(f"Fish: got {ascii(data)[:40]}, expected bytes of sound", where="audio")
-        samples, self._carried = pcm(data, self._carried)
+        samples = self._sound(data)
         words: list[Entry] = []
         if node.has("alignment") and node["alignment"].has("segments"):
             offset_s = node["chunk_audio_offset_sec"].number() if node.has("chunk_audio_offset_sec") else 0.0
