@@ -35,13 +35,13 @@ MOST_TIMES = 5.0
 """Work and memory that are linear take four times as much; the rest is what else the machine does."""
 NOTHING_S, NOTHING_MB = 0.05, 2.0
 START_S, START_MB = 0.5, 20.0
-"""By how much a process and its libraries differ from the same once more, on a busy machine."""
+"""Difference of a process and its libraries from the same once more, on a busy machine."""
 LEAST_S, LEAST_RUNS = 1.0, 2
 
 
 @dataclass(frozen=True)
 class Row:
-    """What an input, and one four times as long, took."""
+    """Time and memory of an input, and of one four times as long."""
 
     name: str
     size: tuple[int, int]
@@ -50,7 +50,7 @@ class Row:
     mb: tuple[float, float]
     is_read: bool = True
     start: tuple[float, float] | None = None
-    """Of a verb: seconds and MB of its least input, which the others are without."""
+    """Seconds and MB of a verb's least input, taken off the others; None of a reader."""
 
     @property
     def is_linear(self) -> bool:

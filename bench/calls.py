@@ -37,7 +37,7 @@ LIMIT_S = 0.04
 
 @dataclass(eq=False)
 class Wire:
-    """What comes in on one receiver, before any buffer. Stateful."""
+    """Packets of one receiver, before any buffer. Stateful."""
 
     came_s: dict[int, float] = field(default_factory=dict)
     """Timestamp of RTP to the time at which its last packet came."""
@@ -104,7 +104,7 @@ def found(sent: np.ndarray, rate_hz: int, received: np.ndarray) -> int:
 
 @dataclass
 class Seen:
-    """What one call saw and heard."""
+    """Pictures and sound that one call received."""
 
     caller: Caller
     wires: dict[str, Wire]

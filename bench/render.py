@@ -60,7 +60,7 @@ SLICE_S = 0.15
 """How long a contender draws in a round."""
 HD, FULL_HD = (1280, 720), (1920, 1080)
 REFERENCE_DRAWING = DEFAULT_DRAWING
-"""How the verbs draw."""
+"""Drawing of the verbs, where nothing else is asked."""
 PARTS = {
     "without a painting": "its texture",
     SOFT: "light at vertices (saved)",

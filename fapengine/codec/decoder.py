@@ -312,7 +312,7 @@ class Decoder:
             state.begin_intra(header)
             status, end = self._decode_face(True, end, costs)
         if status == k.DONE and start.objects & BODY:
-            status, end = self._begin_body(end, final=final)
+            status, end = self._begin_body(end)
         if status == k.NEED_MORE:
             state.ranges = before
             if final:
@@ -324,7 +324,7 @@ class Decoder:
         self._keep(True, start.objects, header, end, start.skip, costs)
         return True
 
-    def _begin_body(self, at: int, *, final: bool) -> tuple[int, int]:
+    def _begin_body(self, at: int) -> tuple[int, int]:
         """Read the I data of a body; status and end as the loops give them."""
         reader = BitReader(self._bits, at, self._origin)
         try:
