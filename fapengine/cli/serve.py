@@ -192,7 +192,7 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
     from fapengine.live.server.server import serve as serve_until_stopped
 
     server = Server(config, profile, head)
-    server.hub.subscribe_all(lambda frames: guard.tell(frames.sessions))
+    server.hub.listeners.on_frames(lambda frames: guard.tell(frames.sessions))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         try:

@@ -67,7 +67,7 @@ def test_words_by_osc_move_the_lips_as_they_come_and_a_simple_sender_hears_of_th
                 sender.tell("/fap/1/words", "siiisii", "face", 7, index, 1, word, *times)
             sender.tell("/fap/1/utt/end", "sii", "face", 7, len(words))
             shown: list[str] = []
-            server.hub.on_command("face", lambda _, command, now_s: shown.extend(
+            server.hub.listeners.on_command("face", lambda _, command, now_s: shown.extend(
                 phone.label for phone in getattr(command, "phones", ())
             ))  # fmt: skip
 

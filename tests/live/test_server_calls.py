@@ -67,7 +67,7 @@ def test_sound_that_comes_in_moves_the_face_and_goes_out_with_it() -> None:
         async with serving() as (server, url, http):
             jaws = [0]
             server.hub.hold("anna")
-            server.hub.subscribe("anna", lambda frame: jaws.append(int(frame.faps[fap.column(3)])))
+            server.hub.listeners.on_frame("anna", lambda frame: jaws.append(int(frame.faps[fap.column(3)])))
             sees = await watch(http, f"{url}/whep?session=anna", np.mean)
             says = await speak(http, f"{url}/whip?session=anna", speech.samples, 16_000)
             await until(lambda: max(jaws) > 100)

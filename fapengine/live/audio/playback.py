@@ -93,9 +93,9 @@ class Playback:
         """The face was told to pause: it is not told that its sound still moves."""
         self._off_s: float | None = None
         self._unsubscribe = (
-            hub.on_speech(session, self._play, plays=True),
-            hub.on_event(session, self._event),
-            hub.on_command(session, self._command),
+            hub.listeners.on_speech(session, self._play, plays=True),
+            hub.listeners.on_event(session, self._event),
+            hub.listeners.on_command(session, self._command),
         )
 
     @property

@@ -22,7 +22,8 @@ from fapengine.errors import ResourceError
 from fapengine.live.film.painter import Painter
 from fapengine.live.film.soundtrack import BLOCK_S, Samples, Soundtrack
 from fapengine.live.hub.hearing import Hearing
-from fapengine.live.hub.hub import Hub, Unsubscribe
+from fapengine.live.hub.hub import Hub
+from fapengine.live.hub.listeners import Unsubscribe
 from fapengine.live.hub.messages import HeardSound, HubFrame, Spoken
 
 SHOW_AFTER_S = 0.1
@@ -96,8 +97,8 @@ class Film:
         self._track = Soundtrack()
         self._leave: list[Unsubscribe] = [
             release,
-            hub.subscribe(session, self._frame),
-            hub.on_speech(session, self._spoken, plays=False),
+            hub.listeners.on_frame(session, self._frame),
+            hub.listeners.on_speech(session, self._spoken, plays=False),
         ]
         if hearing is not None:
             self._leave.append(hearing.on_sound(session, self._heard))

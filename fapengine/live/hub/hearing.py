@@ -122,8 +122,8 @@ class Hearing:
     _takers: list[tuple[str, Callable[[HeardSound], None]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.hub.on_command(None, self._note_command)
-        self.hub.on_event(None, self._note_event)
+        self.hub.listeners.on_command(None, self._note_command)
+        self.hub.listeners.on_event(None, self._note_event)
 
     def hear(
         self,

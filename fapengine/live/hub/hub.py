@@ -16,33 +16,29 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.live.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End
 from fapengine.live.engine.marked import commands_of
 from fapengine.live.engine.port import EnginePort
-from fapengine.live.engine.session import Event
-from fapengine.live.hub.messages import HubCounts, HubFrame, HubFrames, Spoken
+from fapengine.live.hub.listeners import Listeners, Unsubscribe
+from fapengine.live.hub.messages import HubCounts, HubFrames, Spoken
 from fapengine.live.hub.observed_engine import ObservedEngine
 from fapengine.live.hub.pacer import FramePacer
+from fapengine.live.hub.pins import Pins
 from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
 from fapengine.live.hub.timed_words import TimedWords
-from fapengine.mpeg4 import fap
+from fapengine.live.hub.waiting import Waiting
 from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.voices.pronounce import WORDS_OVERLAP_S
 from fapengine.voices.protocol import Speech
-
-__all__ = ["Hub", "HubCounts", "HubFrame", "HubFrames", "Spoken"]
 
 RATE_HZ = 60.0
 IDLE_CLOSE_S = 120.0
@@ -51,48 +47,12 @@ DOZE_S = 0.1
 """Time between two frames of no session."""
 LOOK_EVERY_S = 1.0
 """Interval at which idle sessions are looked for."""
-SOUND_WAIT_S = 1.5
-"""An utterance whose sound should lead it, but is not heard of for so long, goes on by the clock."""
 MAX_TEXT, MAX_SOUND_S = 4000, 590.0
 """Letters that are spoken at once, and seconds of their sound: an utterance may have 600 (``Limits.queued_s``)."""
 LEAD_S, TAIL_S = 0.15, 0.25
 """Silence around a voice: the mouth opens out of rest and comes back to it."""
 
 log = logging.getLogger("fapengine.server")
-Unsubscribe = Callable[[], None]
-
-
-@dataclass(slots=True)
-class _Unheard:
-    """An utterance that waits for its sound."""
-
-    session: str
-    utterance: int
-    since_s: float
-
-
-@dataclass(slots=True)
-class _Cue:
-    """A command that waits for its time in an utterance."""
-
-    session: str
-    utterance: int
-    at_s: float
-    command: Command
-
-
-@dataclass(slots=True)
-class _Listeners:
-    """Subscribers by what they want; None stands for all sessions.
-
-    Stateful.
-    """
-
-    frames: dict[int, Callable[[HubFrames], None]] = field(default_factory=dict)
-    frame: dict[str, dict[int, Callable[[HubFrame], None]]] = field(default_factory=dict)
-    event: dict[int, tuple[str | None, Callable[[Event], None]]] = field(default_factory=dict)
-    command: dict[int, tuple[str | None, Callable[[str, Command, float], None]]] = field(default_factory=dict)
-    speech: dict[int, tuple[str | None, bool, Callable[[Spoken], None]]] = field(default_factory=dict)
 
 
 class Hub:
@@ -132,20 +92,18 @@ class Hub:
         self.pacer = FramePacer(rate_hz, clock())
         self._idle_close_s = idle_close_s
         self._look_s = -np.inf
-        self._listeners = _Listeners()
-        self._numbers = count()
+        self.listeners = Listeners(self.counts)
         self._utterances = count(VOICE_UTTERANCES)
         self._holders: dict[str, int] = {}
-        self._unheard: list[_Unheard] = []
-        self._cues: list[_Cue] = []
+        self._waiting = Waiting(self.engine, self.counts)
         self._asked: list[Asked] = []
         self._words = TimedWords(self._asked)
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
-        self._pins: dict[str, dict[int, int]] = {}
+        self._pins = Pins()
         self._stopped = False
         self._opened = asyncio.Event()
         self.engine.open_listeners.append(self._opened.set)
-        self.engine.event_listeners.append(self._tell_event)
+        self.engine.event_listeners.append(self.listeners.tell_event)
         self.engine.command_listeners.append(self._tell_command)
 
     # Sessions and commands
@@ -204,64 +162,11 @@ class Hub:
         """
         if session not in self.engine:
             raise UsageError(f"session: got {session!r}, expected one of {', '.join(self.engine.sessions) or 'none'}")
-        column = fap.column(number)
-        pins = self._pins.setdefault(session, {})
-        if value is None:
-            pins.pop(column, None)
-        else:
-            pins[column] = value
-        if not pins:
-            del self._pins[session]
+        self._pins.pin(session, number, value)
 
     def pinned(self, session: str) -> dict[int, int]:
         """FAP number to the value at which it is held."""
-        return {column + 1: value for column, value in self._pins.get(session, {}).items()}
-
-    # Listeners
-
-    def subscribe(self, session: str, on_frame: Callable[[HubFrame], None]) -> Unsubscribe:
-        """Have every frame of one session, as long as it is open."""
-        key = next(self._numbers)
-        self._listeners.frame.setdefault(session, {})[key] = on_frame
-
-        def stop() -> None:
-            listeners = self._listeners.frame.get(session, {})
-            listeners.pop(key, None)
-            if not listeners:
-                self._listeners.frame.pop(session, None)
-
-        return stop
-
-    def subscribe_all(self, on_frames: Callable[[HubFrames], None]) -> Unsubscribe:
-        """Have every frame of all sessions, in one call a tick."""
-        return self._add(self._listeners.frames, on_frames)
-
-    def on_event(self, session: str | None, listener: Callable[[Event], None]) -> Unsubscribe:
-        """Hear what becomes of the utterances of a session, or of all: ``fapengine.live.engine`` Events."""
-        return self._add(self._listeners.event, (session, listener))
-
-    def on_command(self, session: str | None, listener: Callable[[str, Command, float], None]) -> Unsubscribe:
-        """Hear what a session is told, or all: session, command, engine time. A phone ticker is made of it."""
-        return self._add(self._listeners.command, (session, listener))
-
-    def on_speech(self, session: str | None, listener: Callable[[Spoken], None], *, plays: bool) -> Unsubscribe:
-        """Have the sound of what a voice says.
-
-        Parameters
-        ----------
-        session : str or None
-            None: of all sessions.
-        listener : callable
-            Takes a :class:`Spoken`.
-        plays : bool
-            Whether it plays the sound and tells where it is, with :class:`Audio`. The face then waits for that.
-        """
-        return self._add(self._listeners.speech, (session, plays, listener))
-
-    def _add(self, listeners: dict[int, Any], listener: Any) -> Unsubscribe:
-        key = next(self._numbers)
-        listeners[key] = listener
-        return lambda: listeners.pop(key, None)
+        return self._pins.of(session)
 
     def begin(self, session: str, number: int, anchor: Anchor = "now", at_s: float = 0.0) -> None:
         """Begin an utterance, for an ``anchor`` of ``"at"`` at an engine time.
@@ -296,17 +201,15 @@ class Hub:
         UsageError
             If the session is not open, or has as many utterances as there may be.
         """
-        listeners = {key: entry for key, entry in self._listeners.speech.items() if entry[0] in (None, session)}
         if anchor is None:
-            anchor = "audio" if any(plays for _, plays, _ in listeners.values()) else "now"
+            anchor = "audio" if self.listeners.plays(session) else "now"
         spoken = Spoken(session, self.new_number(), text, speech, anchor)
         self.begin(session, spoken.utterance, anchor)
         self.tell_phones(session, spoken.utterance, speech.phones.phones, duration_s=speech.duration_s)
-        self._cues += [_Cue(session, spoken.utterance, *cue) for cue in commands_of(speech.marks)]
+        self._waiting.for_times(session, spoken.utterance, commands_of(speech.marks))
         if anchor == "audio":
-            self._unheard.append(_Unheard(session, spoken.utterance, self.clock()))
-        for key, (_, _, listener) in listeners.items():
-            self._call(self._listeners.speech, key, listener, spoken)
+            self._waiting.for_sound(session, spoken.utterance, self.clock())
+        self.listeners.tell_speech(spoken)
         return spoken
 
     async def speak(
@@ -442,9 +345,7 @@ class Hub:
 
     def tick(self, now_s: float, number: int | None = None) -> HubFrames:
         """Show one frame of every session to all who want it. Times rise from call to call."""
-        self._hurry_unheard(now_s)
-        if self._cues:
-            self._give_cues(now_s)
+        self._waiting.tick(now_s)
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_EVERY_S
             self._close_idle(now_s)
@@ -452,15 +353,12 @@ class Hub:
         self._tell_faults(now_s)
         self.engine.collect()
         sessions = tuple(shown.sessions)
-        faps = self._with_pins(sessions, shown.faps) if self._pins else shown.faps
+        faps = self._pins.hold(sessions, shown.faps) if self._pins else shown.faps
         if number is None:
             number = self.counts.frames + self.counts.skipped
         frames = HubFrames(number, now_s, sessions, faps)
         self.counts.frames += 1
-        for key, listener in tuple(self._listeners.frames.items()):
-            self._call(self._listeners.frames, key, listener, frames)
-        if self._listeners.frame:
-            self._tell_each(frames)
+        self.listeners.tell_frames(frames)
         return frames
 
     async def run(
@@ -516,29 +414,6 @@ class Hub:
             if fault.session in self._holders:
                 self.engine.open(fault.session, now_s)
 
-    def _give_cues(self, now_s: float) -> None:
-        """Give commands whose time in their utterance has come; those of an utterance that is over are dropped."""
-        waiting = []
-        for cue in self._cues:
-            utterance = self.engine.utterance(cue.session, cue.utterance) if cue.session in self.engine else None
-            if utterance is not None and utterance.position_s(now_s) < cue.at_s:
-                waiting.append(cue)
-            elif utterance is not None:
-                self.engine.apply(cue.session, cue.command, now_s)
-        self._cues = waiting
-
-    def _hurry_unheard(self, now_s: float) -> None:
-        """Let what waits for a sound that is not heard of go on by the clock, one behind the other."""
-        for entry in tuple(self._unheard):
-            if entry.session not in self.engine:
-                self._unheard.remove(entry)
-            elif self.engine.state(entry.session) in ("speaking", "paused"):
-                entry.since_s = now_s
-            elif now_s - entry.since_s > SOUND_WAIT_S:
-                self._unheard.remove(entry)
-                self.counts.unheard += 1
-                self.engine.apply(entry.session, Audio(entry.utterance, now_s, 0.0), now_s)
-
     def _close_idle(self, now_s: float) -> None:
         for session in self.engine.sessions:
             quiet_s = now_s - self.engine.touched_s.get(session, now_s)
@@ -547,54 +422,10 @@ class Hub:
                 self.counts.idle_closed += 1
                 self.engine.close(session, now_s)
 
-    def _with_pins(self, sessions: tuple[str, ...], faps: NDArray[np.int32]) -> NDArray[np.int32]:
-        held = faps.copy()
-        for session in tuple(self._pins):
-            if session in sessions:
-                pins = self._pins[session]
-                held[sessions.index(session), list(pins)] = list(pins.values())
-            else:
-                del self._pins[session]  # it is closed
-        return held
-
-    def _tell_each(self, frames: HubFrames) -> None:
-        rows = {session: row for row, session in enumerate(frames.sessions)}
-        for session, listeners in tuple(self._listeners.frame.items()):
-            row = rows.get(session)
-            if row is not None:
-                frame = HubFrame(session, frames.number, frames.time_s, frames.faps[row])
-                for key, listener in tuple(listeners.items()):
-                    self._call(listeners, key, listener, frame)
-
-    def _tell_event(self, event: Event) -> None:
-        for key, (session, listener) in tuple(self._listeners.event.items()):
-            if session in (None, event.session):
-                self._call(self._listeners.event, key, listener, event)
-
     def _tell_command(self, session: str, command: Command, now_s: float) -> None:
         if isinstance(command, Audio | Cancel):
-            self._hear(session, command, now_s)
-        for key, (wanted, listener) in tuple(self._listeners.command.items()):
-            if wanted in (None, session):
-                self._call(self._listeners.command, key, listener, session, command, now_s)
-
-    def _hear(self, session: str, command: Audio | Cancel, now_s: float) -> None:
-        """Strike off what is heard or cancelled; while a session's sound plays, what is queued behind it may wait."""
-        stops = command if isinstance(command, Cancel) else Cancel(command.utterance)
-        self._unheard = [
-            entry for entry in self._unheard if entry.session != session or not stops.means(entry.utterance)
-        ]
-        for entry in self._unheard:
-            if entry.session == session:
-                entry.since_s = now_s
+            self._waiting.hear(session, command, now_s)
         if isinstance(command, Cancel) and command.utterance is None:
             for request in self._asked:
                 request.is_cancelled |= request.session == session
-
-    def _call(self, listeners: dict[int, Any], key: int, listener: Callable[..., None], *arguments: object) -> None:
-        try:
-            listener(*arguments)
-        except Exception:  # one listener's fault must not stop the other faces
-            log.exception("a listener failed and is dropped", extra={"listener": repr(listener)})
-            listeners.pop(key, None)
-            self.counts.listeners_dropped += 1
+        self.listeners.tell_command(session, command, now_s)

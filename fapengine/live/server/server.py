@@ -158,7 +158,7 @@ class Server:
         self._head = head
         self._draining = False
         self._stop = asyncio.Event()
-        self.hub.on_event(None, self._log_event)
+        self.hub.listeners.on_event(None, self._log_event)
 
     @property
     def osc_address(self) -> tuple[str, int]:

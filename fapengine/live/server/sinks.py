@@ -179,7 +179,7 @@ class DatagramSink:
         self._encoder = encoder_of(address, hub.pacer.rate_hz, epochs)
         self._post = Post(address.host, address.port)
         self._waits_for = address.session if epochs is not None else None  # until then another worker may show it
-        self._stop = hub.subscribe_all(self._show)
+        self._stop = hub.listeners.on_frames(self._show)
 
     async def close(self) -> None:
         """Send no more."""
@@ -207,7 +207,7 @@ class FaceStreams:
         self._face = face
         self._server: asyncio.Server | None = None
         self.listeners: set[_FaceStream] = set()
-        self._stop = hub.subscribe_all(self._show)
+        self._stop = hub.listeners.on_frames(self._show)
 
     @classmethod
     async def open(cls, hub: Hub, address: SinkAddress) -> "FaceStreams":

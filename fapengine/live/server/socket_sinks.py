@@ -79,7 +79,7 @@ class WeightStreams:
         self._face = frame_encoders.weights_face(address.session)
         self._newest = ""
         self._site: Site | None = None
-        self._stop = hub.subscribe_all(self._show)
+        self._stop = hub.listeners.on_frames(self._show)
 
     @classmethod
     async def open(cls, hub: Hub, address: SinkAddress) -> "WeightStreams":
@@ -162,7 +162,7 @@ class VtsSink:
         self._outbox: _Outbox | None = None
         self._told = ""
         self._task = asyncio.create_task(self._keep())
-        self._stop = hub.subscribe_all(self._show)
+        self._stop = hub.listeners.on_frames(self._show)
 
     async def close(self) -> None:
         """Send no more."""

@@ -81,7 +81,7 @@ class Worker:
         return True
 
     def _begin(self) -> None:
-        self.server.hub.subscribe_all(self._tell)
+        self.server.hub.listeners.on_frames(self._tell)
         self.server.ingress.add_reader(self._read)
         asyncio.get_running_loop().add_reader(self._link.fileno(), self._read)
         sinks = [str(sink.address) for sink in self.server.sinks]

@@ -204,7 +204,9 @@ def make_app(
         "ear": hearing is not None and hearing.is_possible,
     }  # fmt: skip
     server = _Server(hub, token, hello, heard_here, voice, hearing, origins)
-    hub.on_speech(None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False)
+    hub.listeners.on_speech(
+        None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False
+    )
     app = web.Application()
     harden(app, origins)
     app[SERVER], app[COUNTS] = server, server.counts

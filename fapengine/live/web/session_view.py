@@ -67,9 +67,9 @@ class SessionView:
         self._hub, self.session, self.server_plays_audio = hub, session, server_plays_audio
         self._leave = [
             hub.hold(session),
-            hub.subscribe(session, self._frame),
-            hub.on_event(session, self._event),
-            hub.on_command(session, self._command),
+            hub.listeners.on_frame(session, self._frame),
+            hub.listeners.on_event(session, self._event),
+            hub.listeners.on_command(session, self._command),
         ]
         self._members: dict[Member, Callable[[], None]] = {}
         self._watching: set[Member] = set()
@@ -116,7 +116,7 @@ class SessionView:
     def plays(self, member: Member, *, on: bool) -> None:
         """Note whether a page plays sounds."""
         self._members[member]()
-        self._members[member] = self._hub.on_speech(
+        self._members[member] = self._hub.listeners.on_speech(
             self.session, lambda spoken: self._spoken(member, spoken), plays=on and not self.server_plays_audio
         )
 

@@ -88,7 +88,7 @@ class Stage:
         engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
         self.hub = Hub(engine, clock=self.clock)
         self.hub.hold("anna")
-        self.hub.on_command("anna", lambda _, command, at_s: self.told.append((at_s, command)))
+        self.hub.listeners.on_command("anna", lambda _, command, at_s: self.told.append((at_s, command)))
         self.hearing = Hearing(self.hub, max_ears=1, opens=self.open)
 
     def open(self, model: Path | None) -> EarHere:

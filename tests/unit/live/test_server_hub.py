@@ -81,9 +81,9 @@ def test_one_tick_reaches_every_listener() -> None:
     hub.open("a")
     hub.open("b")
     everything, mine, other = [], [], []
-    hub.subscribe_all(everything.append)
-    stop = hub.subscribe("b", mine.append)
-    hub.subscribe("absent", other.append)
+    hub.listeners.on_frames(everything.append)
+    stop = hub.listeners.on_frame("b", mine.append)
+    hub.listeners.on_frame("absent", other.append)
     hub.apply("b", Express(Expression.JOY))
     (first, second) = run(hub, clock, 0.04)
     assert everything == [first, second]
@@ -107,10 +107,10 @@ def test_a_listener_that_fails_is_dropped_and_the_others_go_on(caplog: pytest.Lo
     def fail(_: object) -> None:
         raise RuntimeError("broken page")
 
-    hub.subscribe_all(fail)
-    hub.subscribe("a", fail)
-    hub.on_command("a", lambda *_: fail(None))
-    hub.subscribe("a", seen.append)
+    hub.listeners.on_frames(fail)
+    hub.listeners.on_frame("a", fail)
+    hub.listeners.on_command("a", lambda *_: fail(None))
+    hub.listeners.on_frame("a", seen.append)
     with caplog.at_level(logging.ERROR):
         run(hub, clock, 0.04)
         hub.apply("a", Blink())
@@ -125,9 +125,9 @@ def test_events_and_commands_are_heard_by_those_who_asked() -> None:
     hub.open("a")
     hub.open("b")
     events, all_events, commands = [], [], []
-    hub.on_event("a", events.append)
-    hub.on_event(None, all_events.append)
-    stop = hub.on_command("a", lambda *told: commands.append(told))
+    hub.listeners.on_event("a", events.append)
+    hub.listeners.on_event(None, all_events.append)
+    stop = hub.listeners.on_command("a", lambda *told: commands.append(told))
     for session in ("a", "b"):
         hub.engine.apply(session, Begin(1), clock())
         hub.engine.apply(session, Append(1, 0, PHONES), clock())
@@ -204,8 +204,8 @@ def test_what_a_voice_said_moves_the_face_and_reaches_the_ears() -> None:
     hub.open("a")
     hub.open("b")
     heard, elsewhere = [], []
-    hub.on_speech("a", heard.append, plays=False)
-    hub.on_speech("b", elsewhere.append, plays=True)
+    hub.listeners.on_speech("a", heard.append, plays=False)
+    hub.listeners.on_speech("b", elsewhere.append, plays=True)
     said = hub.say("a", spoken(), text="mama")
     assert heard == [said]
     assert elsewhere == []
@@ -219,7 +219,7 @@ def test_a_face_whose_sound_is_played_waits_for_it_and_then_not_for_ever() -> No
     hub, clock = hub_of()
     hub.open("a")
     heard = []
-    hub.on_speech(None, heard.append, plays=True)
+    hub.listeners.on_speech(None, heard.append, plays=True)
     said = hub.say("a", spoken())
     assert said.anchor == "audio"
     assert not any(frame.faps.any() for frame in run(hub, clock, 1.0))
@@ -235,7 +235,7 @@ def test_a_face_whose_sound_is_played_waits_for_it_and_then_not_for_ever() -> No
 def test_a_queued_sound_may_wait_while_the_one_before_plays() -> None:
     hub, clock = hub_of()
     hub.open("a")
-    hub.on_speech(None, lambda _: None, plays=True)
+    hub.listeners.on_speech(None, lambda _: None, plays=True)
     first, _ = hub.say("a", spoken()), hub.say("a", spoken())
     for step in range(10):  # plays slowly
         hub.apply("a", Audio(first.utterance, clock(), 0.08 * step))
@@ -249,9 +249,9 @@ def test_a_queued_sound_may_wait_while_the_one_before_plays() -> None:
 def test_what_is_not_heard_of_goes_on_one_behind_the_other() -> None:
     hub, clock = hub_of()
     hub.open("a")
-    hub.on_speech(None, lambda _: None, plays=True)
+    hub.listeners.on_speech(None, lambda _: None, plays=True)
     events: list[tuple[str, int]] = []
-    hub.on_event("a", lambda event: events.append((event.kind, event.utterance - VOICE_UTTERANCES)))
+    hub.listeners.on_event("a", lambda event: events.append((event.kind, event.utterance - VOICE_UTTERANCES)))
     for _ in range(2):
         hub.say("a", spoken())
     run(hub, clock, 8.0)
@@ -274,7 +274,7 @@ def test_a_face_that_has_too_much_to_say_is_not_given_the_sound_of_more() -> Non
     hub, _ = hub_of(utterances=1)
     hub.open("a")
     heard: list[object] = []
-    hub.on_speech("a", heard.append, plays=False)
+    hub.listeners.on_speech("a", heard.append, plays=False)
     hub.say("a", spoken())
     with pytest.raises(UsageError, match="as many utterances"):
         hub.say("a", spoken())
@@ -288,7 +288,7 @@ def test_a_player_that_fails_is_dropped() -> None:
     def fail(said: object) -> None:
         raise RuntimeError("no")
 
-    hub.on_speech("a", fail, plays=False)
+    hub.listeners.on_speech("a", fail, plays=False)
     hub.say("a", spoken())
     assert hub.counts.listeners_dropped == 1
     hub.say("a", spoken())
@@ -300,7 +300,7 @@ def test_texts_of_a_session_are_said_in_the_order_in_which_they_came() -> None:
     hub, _ = hub_of(ReadVoice())
     hub.open("a")
     said: list[str] = []
-    hub.on_speech("a", lambda one: said.append(one.text), plays=False)
+    hub.listeners.on_speech("a", lambda one: said.append(one.text), plays=False)
 
     async def ask() -> None:
         await asyncio.gather(*(hub.speak("a", text) for text in ("a long one. " * 60, "short", "s")))
@@ -366,7 +366,7 @@ def test_a_session_may_have_few_texts_waiting() -> None:
 def test_a_sound_whose_session_is_gone_is_forgotten() -> None:
     hub, clock = hub_of()
     hub.open("a")
-    hub.on_speech(None, lambda _: None, plays=True)
+    hub.listeners.on_speech(None, lambda _: None, plays=True)
     hub.say("a", spoken())
     hub.close("a")
     run(hub, clock, 2.0)
@@ -426,7 +426,7 @@ def test_it_runs_at_its_rate_until_stopped() -> None:
         if len(numbers) == 20:
             hub.stop()
 
-    hub.subscribe_all(count)
+    hub.listeners.on_frames(count)
     asyncio.run(asyncio.wait_for(hub.run(lambda now_s, due_s: before.append((now_s, due_s)), after.append), timeout=20))
     assert len(numbers) == len(before) == len(after) == 20
     assert all(now_s >= due_s - 1e-5 for now_s, due_s in before)
@@ -468,7 +468,7 @@ def test_without_a_session_it_dozes_and_the_first_wakes_it() -> None:
         running = asyncio.create_task(hub.run())
         await asyncio.sleep(0.25)
         asleep, seen = hub.counts.frames, []
-        hub.subscribe("anna", seen.append)
+        hub.listeners.on_frame("anna", seen.append)
         hub.engine.open("anna", hub.clock())  # as OSC does
         async with asyncio.timeout(20.0):
             while len(seen) < 10:

@@ -238,7 +238,7 @@ def test_sound_is_offered_with_its_address(hub: Hub, clock: Clock) -> None:
 
 def test_one_page_leads_a_sound_and_another_takes_over_when_it_goes(hub: Hub) -> None:
     heard: list[Audio] = []
-    hub.on_command(
+    hub.listeners.on_command(
         "anna", lambda session, command, now_s: heard.append(command) if isinstance(command, Audio) else None
     )
     view, one, other = SessionView(hub, "anna"), Page(), Page()
@@ -258,7 +258,7 @@ def test_one_page_leads_a_sound_and_another_takes_over_when_it_goes(hub: Hub) ->
 
 def test_where_the_server_plays_the_sound_no_page_does(hub: Hub) -> None:
     heard: list[Command] = []
-    hub.on_command("anna", lambda session, command, now_s: heard.append(command))
+    hub.listeners.on_command("anna", lambda session, command, now_s: heard.append(command))
     view, page = SessionView(hub, "anna", server_plays_audio=True), Page()
     view.enter(page)
     view.plays(page, on=True)
