@@ -10,7 +10,7 @@ import pytest
 from fapengine.live.audio import clock as sound_clock
 from fapengine.live.audio import device, mixer, playback
 from fapengine.live.engine import session
-from fapengine.live.hub import hub
+from fapengine.live.hub import waiting
 from fapengine.live.server import server
 from fapengine.live.web import send_queue
 from fapengine.live.wire import livelink, vmc
@@ -58,8 +58,8 @@ PROMISES = (
     ("| `livelink` | {} |", livelink.PORT),
     # docs/live.md and docs/page.md
     ("SIGTERM or Ctrl-C | comes to rest in {} s", server.DRAIN_FADE_S),
-    ("goes on by the clock after {} s", hub.SOUND_WAIT_S),
-    ("then waits up to {} s for its `audio`", hub.SOUND_WAIT_S),
+    ("goes on by the clock after {} s", waiting.SOUND_WAIT_S),
+    ("then waits up to {} s for its `audio`", waiting.SOUND_WAIT_S),
     ("a page {} messages behind is closed", send_queue.MAX_TEXTS),
     # docs/sound-and-window.md
     ("the smallest distance of the last {} s", sound_clock.OFFSET_WINDOW_S),
