@@ -7,6 +7,7 @@ the user typed (``--without: got 'ears'``, ``name one with --tier NAME``).
 import functools
 import inspect
 import re
+import textwrap
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, fields, is_dataclass
@@ -51,10 +52,31 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
             raise _reworded(error, _flags(context)) from error
 
     functools.update_wrapper(run, function)
+    run.__doc__ = help_of(function.__doc__ or "")
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     vars(run).pop("__wrapped__")  # typer would read the function's own signature
     vars(run)["__signature__"] = inspect.Signature(parameters)
     return run
+
+
+def help_of(docstring: str) -> str:
+    r"""Make the help of a verb: paragraphs as wide as the terminal, indented ones (examples) line by line as they are.
+
+    Examples
+    --------
+    >>> print(help_of("Say it.\n\n    say 1\n    say [2]\n\nLong\nprose."))
+    Say it.
+    <BLANKLINE>
+    say 1
+    say \[2]
+    <BLANKLINE>
+    Long prose.
+    """
+    paragraphs = inspect.cleandoc(docstring).replace("[", "\\[").split("\n\n")
+    return "\n\n".join(
+        textwrap.dedent(paragraph) if paragraph.startswith((" ", "fapengine ")) else paragraph.replace("\n", " ")
+        for paragraph in paragraphs
+    )
 
 
 def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = True) -> str:

@@ -24,10 +24,11 @@ def align(
 ) -> None:
     """Find when each phone of a recording is said.
 
+        fapengine align talk.wav --text talk.txt -o talk.TextGrid
+        fapengine align talk.wav -o talk.json    # its words are not known
+
     With the words that are said (--text, --transcript) half of the phones lie within 10 ms of where they are; without
     them, one in ten of p b m is missed. A TextGrid can be mended by hand in Praat, and animated as any timings.
-
-    Example: fapengine align talk.wav --text talk.txt -o talk.TextGrid
     """
     import json
 

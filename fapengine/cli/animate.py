@@ -49,16 +49,15 @@ def animate(
 ) -> None:
     """Animate a recording, or phone timings that another tool made.
 
+        fapengine animate talk.wav --text talk.txt -o out/talk.mp4
+        fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
+        fapengine animate talk.wav --into avatar.glb -o out/spoken.glb
+        fapengine animate two.wav --channel each -o out/two.mp4    # two speakers
+
     Phones of a recording are heard: with its words (--text, --transcript) about as well as if they were timed by hand;
     without them the mouth still follows. Music and noise do not move it.
 
-    Examples: fapengine animate talk.wav --text talk.txt -o out/talk.mp4
-
-    fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
-
-    fapengine animate talk.wav --into avatar.glb -o out/spoken.glb
-
-    fapengine animate two.wav --channel each -o out/two.mp4    # out/two-1.mp4, out/two-2.mp4
+    Two speakers in two channels give two tracks: out/two-1.mp4 and out/two-2.mp4.
     """
     from fapengine.app.hearing import is_sound, with_loudness
     from fapengine.app.mouth_cues import RHUBARB

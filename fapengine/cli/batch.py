@@ -43,17 +43,14 @@ def batch(
 ) -> None:
     """Make a file of every utterance of a corpus; go on where an earlier run was ended.
 
+        fapengine batch corpus.csv -o out/corpus --to fba
+        fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
+        fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
+        fapengine batch out/corpus --retry-failed
+
     A row becomes what `say` (text), `animate` (timings, audio) and `encode` or `convert` make of it with the same
     options, to the byte. All mistakes of the manifest are told before anything is done; a row that fails is a line of
     the report (index.csv, index.html), and the exit code is 2.
-
-    Examples: fapengine batch corpus.csv -o out/corpus --to fba
-
-    fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
-
-    fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
-
-    fapengine batch out/corpus --retry-failed
     """
     import json
     import os

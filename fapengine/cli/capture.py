@@ -39,14 +39,15 @@ def capture(
 ) -> None:
     """Capture a performance: mouth, brows, lids, gaze and turns of the head as FAPs; no phones, no session.
 
+        fapengine capture talk.mp4 -o talk.fap --overlay out/beside.mp4
+        fapengine capture webcam -o talk.fba
+        fapengine capture openface.csv -o talk.fba
+        fapengine capture landmarks.json --size 1280x720 --fps 30 -o talk.csv
+        fapengine capture talk.mp4 -o S03/talk.npz    # a take for fapengine fit
+
     The face at rest is found by itself: the quietest frames with the lips together. Films and cameras need the face
-    detector (make detector); everything else needs nothing.
-
-    Example: fapengine capture talk.mp4 -o talk.fap --overlay out/beside.mp4 && fapengine render talk.fap -o again.mp4
-
-    fapengine capture openface.csv -o talk.fba; fapengine capture landmarks.json --size 1280x720 --fps 30 -o talk.csv
-
-    fapengine capture talk.mp4 -o S03/talk.npz    # a take for fapengine fit, with talk.TextGrid beside it
+    detector (make detector); everything else needs nothing. A take for fapengine fit wants its phones, talk.TextGrid,
+    beside it.
     """
     from fapengine.app.capture import CAMERA, CaptureJob, run_capture
     from fapengine.app.score import is_film

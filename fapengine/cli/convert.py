@@ -34,12 +34,14 @@ def convert(
 ) -> None:
     """Convert face motion: FAPs to blend shapes or visemes of avatars, and back; or into an avatar's own file.
 
-    Example: fapengine convert talk.fap -o talk.csv; fapengine convert talk.fap --shapes oculus -o visemes.csv;
-    fapengine convert livelink.csv -o take.fap; fapengine convert take.fap --shapes rhubarb -o take.json
+        fapengine convert talk.fap -o talk.csv                     # ARKit's 52
+        fapengine convert talk.fap --shapes oculus -o visemes.csv
+        fapengine convert livelink.csv -o take.fap
+        fapengine convert take.fap --shapes rhubarb -o take.json
+        fapengine convert take.fap --into avatar.glb -o spoken.glb
+        fapengine convert take.c3d --into profiles/s03 -o dense.glb
 
-    fapengine convert take.fap --into avatar.glb -o spoken.glb    # any tool opens it, and it speaks
-
-    fapengine convert take.c3d --into profiles/s03 -o dense.glb    # the dense face, its modes as morph targets
+    With --into any tool opens the file, and the avatar speaks in it; the modes of a dense face become morph targets.
     """
     from fapengine.app.dense_film import is_take
     from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion

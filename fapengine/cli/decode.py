@@ -25,7 +25,7 @@ def decode(
 ) -> None:
     """Decode an MPEG-4 FBA stream into FAPs.
 
-    Example: fapengine decode talk.fba -o talk.fap
+    fapengine decode talk.fba -o talk.fap
     """
     from dataclasses import asdict, replace
 

@@ -34,10 +34,11 @@ def drive(
 ) -> None:
     """Move a face by a few of its markers, and tell how far off the others are (paper 000).
 
+        fapengine drive talk.c3d --skull LFHD,RFHD,TOP --markers 9 -o driven.npz
+        fapengine drive talk.c3d --markers 9 -o driven.npz --film driven.mp4
+
     Each chosen marker moves every other by one weight, and each point of a surface between them by cubic interpolation.
     The rest position is the recording's first.
-
-    Example: fapengine drive talk.c3d --skull LFHD,RFHD,TOP --markers 9 -o driven.npz --film driven.mp4
     """
     from fapengine.app.drive_grid import DriveJob, run_drive
 

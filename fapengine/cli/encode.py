@@ -27,8 +27,10 @@ def encode(
 ) -> None:
     """Encode FAPs into an MPEG-4 FBA stream.
 
-    Examples: fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba; fapengine encode talk.fap --audio
-    talk.wav -o talk.mp4 (a voice and a face track in one file: decode, inspect and render read it)
+        fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba
+        fapengine encode talk.fap --audio talk.wav -o talk.mp4
+
+    An MP4 holds a voice and a face track in one file; decode, inspect and render read it.
     """
     from fapengine.cli._progress import working
     from fapengine.codec.encoder import EncoderOptions

@@ -30,11 +30,12 @@ def fit(
 ) -> None:
     """Learn a face model from motion capture: markers that matter, viseme space, phones, dense face.
 
+        fapengine fit recordings/S03 -o profiles/s03
+        fapengine say "Hello." --profile profiles/s03 -o hello.mp4
+
     SESSION holds recordings (C3D, TRC, CSV, TSV, NPZ, face landmarks, mesh sequences) and, for each, phone timings of
     the same name. Markers named as feature points of the standard (8.1, 2.10 ...) need nothing more; what the files
     do not say stands in session.toml.
-
-    Example: fapengine fit recordings/S03 -o profiles/s03 && fapengine say "Hello." --profile profiles/s03 -o hello.mp4
     """
     from fapengine.app.fit import OWNED, FitJob, check_folder, describe
     from fapengine.files.outputs import files_in

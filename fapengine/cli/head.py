@@ -44,6 +44,11 @@ def import_head(
 ) -> None:
     """Make a head of a mesh; say, animate, render and serve take it with --head.
 
+        fapengine head import avatar.glb -o heads/mine
+        fapengine head check heads/mine    # what each FAP does to it
+        fapengine head import profiles/s03 -o heads/s03
+        fapengine head import scan.ply --points face.csv --adapt -o heads/mine
+
     Shapes (morph targets) named as ARKit, Oculus or VRM name them are found by name; other names are told with --map.
     Feature points are found by what the shapes move; --points corrects some, and gives all where there are no shapes:
     at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be slit, as in every face that can speak.
@@ -52,9 +57,6 @@ def import_head(
     its skin is laid onto the scan. The distances before and after are told. Its mouth may be closed.
 
     A dense face keeps its modes: recorded takes move it (fapengine render TAKE --head heads/s03), and FAPs do.
-
-    Examples: fapengine head import avatar.glb -o heads/mine && fapengine head check heads/mine; fapengine head import
-    profiles/s03 -o heads/s03; fapengine head import scan.ply --points face.csv --adapt -o heads/mine
     """
     import json
     from dataclasses import asdict, replace
@@ -142,10 +144,11 @@ def export(
 ) -> None:
     """Write a head as an avatar that any tool opens: ARKit's 52 shapes, Oculus' 15 visemes, joints and textures.
 
+        fapengine head export woman -o woman.glb
+        fapengine head export woman -o woman.usdc
+
     Our own heads are free for any use under Apache-2.0; the file says so. An imported head keeps the licence that was
     stated when it was imported.
-
-    Example: fapengine head export woman -o woman.glb; fapengine head export woman -o woman.usdc
     """
     from fapengine.app.scene_files import export_head
     from fapengine.files.heads.load import load_head_info
@@ -166,7 +169,7 @@ def check(
 ) -> None:
     """Draw every FAP, phone and expression on a head, and say which FAPs do nothing and which shapes are missing.
 
-    Example: fapengine head check heads/mine -o out/mine.png
+    fapengine head check heads/mine -o out/mine.png
     """
     import json
 

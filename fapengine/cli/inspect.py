@@ -30,8 +30,9 @@ def inspect(
 ) -> None:
     """Say what is in a file, a profile or a head; what a file is, its bytes decide.
 
-    Example: fapengine inspect talk.fba; fapengine inspect talk.wav; fapengine inspect grid_s1_en --plot faces.png
-    --sliders components.html
+    fapengine inspect talk.fba
+    fapengine inspect take.c3d
+    fapengine inspect grid_s1_en --plot faces.png --sliders components.html
     """
     from fapengine._resources import profile_ids
     from fapengine.app.hearing import SOUND_SUFFIXES

@@ -18,7 +18,8 @@ def reduce(
 ) -> None:
     """Keep a motion as a few poses, between which it moves with the least jerk (paper 004).
 
-    Example: fapengine reduce take.c3d --bound 0.5mm -o via.npz --back take60.trc --fps 60
+    fapengine reduce take.c3d --bound 0.5mm -o via.npz
+    fapengine reduce take.c3d -o via.npz --back take60.trc --fps 60
     """
     from fapengine.app.reduce import ReduceJob, run_reduce
     from fapengine.errors import UsageError

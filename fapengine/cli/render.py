@@ -57,9 +57,11 @@ def render(
 ) -> None:
     """Draw FAPs that are there already, or a recorded take on the dense face that was learned from its session.
 
-    Examples: fapengine render talk.fba --audio talk.wav -o out/talk.mp4; fapengine render talk.fap --turntable 4
-    --wire -o out/turn.webp; fapengine render ours.fap theirs.fap -o out/both.mp4; fapengine render talk.fap --sheet 12
-    -o out/sheet.png; fapengine render take.c3d --head profiles/s03 -o out/dense.mp4
+    fapengine render talk.fba --audio talk.wav -o out/talk.mp4
+    fapengine render talk.fap --turntable 4 --wire -o out/turn.webp
+    fapengine render talk.fap --sheet 12 -o out/sheet.png
+    fapengine render ours.fap theirs.fap -o out/both.mp4
+    fapengine render take.c3d --head profiles/s03 -o out/dense.mp4
     """
     import numpy as np
 

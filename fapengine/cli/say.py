@@ -65,17 +65,17 @@ def say(
 ) -> None:
     """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
 
+        fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4
+        fapengine say "[laughs] Oh really? 🤔 Yes." -o out/marks.mp4
+        fapengine say "Hello there." --into avatar.glb -o out/hello.glb
+        fapengine say "Hello there." --live
+        fapengine say --live --mic --sink vmc://127.0.0.1
+
     Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet); so they do beside an animation, or a folder of
-    numbered pictures. With --live nothing is written: the sound is
-    played, and the face follows the sound card's clock. With --live --mic nobody need write a text: you say it.
+    numbered pictures. Marks in the text move the face and are not spoken.
 
-    Example: fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4; fapengine say "Hello there." --live
-
-    fapengine say "Hello there." --into avatar.glb -o out/hello.glb
-
-    fapengine say --live --mic --sink vmc://127.0.0.1
-
-    Marks in the text move the face and are not spoken: fapengine say "[laughs] Oh really? 🤔 <mark name='nod'/>Yes."
+    With --live nothing is written: the sound is played, and the face follows the sound card's clock. With --live --mic
+    nobody need write a text: you say it.
     """
     import sys
 

@@ -39,14 +39,13 @@ def score(
 ) -> None:
     """Score a lip sync, anybody's: closures, timing, likeness, loudness, head and blinks.
 
+        fapengine score theirs.csv --phones talk.TextGrid -o out/score.html
+        fapengine score theirs.csv --against mocap.fap --json
+        fapengine score talk.mp4 --phones talk.TextGrid    # any video
+
     Against phones it tells whether p b m close and f v meet the teeth, and how late; against a true recording also how
-    like its lips are. A recording of a tool that gives visemes only: fapengine animate makes a motion of it first.
-
-    Example: fapengine score theirs.csv --phones talk.TextGrid --audio talk.wav -o out/score.html
-
-    fapengine score theirs.csv --against mocap.fap --json
-
-    fapengine score talk.mp4 --phones talk.TextGrid    # any video; needs the face detector (docs/how-to/score.md)
+    like its lips are. A video needs the face detector (docs/how-to/score.md). A recording of a tool that gives visemes
+    only: fapengine animate makes a motion of it first.
     """
     from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
     from fapengine.cli._progress import progress

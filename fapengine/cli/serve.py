@@ -100,14 +100,17 @@ def serve(
 ) -> None:
     """Run the live engine: phones in over OSC, faces out, and a page that shows one.
 
+        fapengine serve
+        fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
+        fapengine serve --workers 8
+
     A sender of one line is enough (python-osc, Pure Data, anything that speaks OSC to port 9110):
 
-    /phoneme s "m" · /phoneme s "a" f 0.2 · /viseme s "O" · /tts/text s "Hello there." · /tts/stop
+        /phoneme s "m"      /phoneme s "a" f 0.2      /viseme s "O"
+        /tts/text s "Hello there."      /tts/stop
 
     The robust way, with repeats, acknowledgements and clocks: fapengine.live.clients.sender; docs/osc.md tells of both.
-    A face goes on to other programs through sinks:
-
-    fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
+    A face goes on to other programs through sinks.
 
     One process shows faces on one core; --workers 8 has eight behind the same ports. If one dies, others speak on.
 

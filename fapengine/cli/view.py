@@ -42,10 +42,12 @@ def view(
 ) -> None:
     """Open a window with a face: your own words, a file, or a live session.
 
+        fapengine view
+        fapengine view out/demo.fap --audio out/demo.wav
+        fapengine view http://127.0.0.1:8110/
+
     Pull the face to turn it, wheel to come nearer; 1 to 4 cameras, R front, space pause, B blink, S stop, Enter types,
     Tab hides the panel, Q closes.
-
-    Example: fapengine view; fapengine view out/demo.fap --audio out/demo.wav; fapengine view http://127.0.0.1:8110/
     """
     from fapengine.app.manner import Manner
     from fapengine.app.view import ViewOptions, run_window

@@ -239,4 +239,4 @@ def test_help_is_quick_and_teaches() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "\n"
     assert all(verb in text for verb in ("say", "animate", "doctor"))
-    assert "Example" in run("say", "--help").stdout
+    assert 'fapengine say "Hello there." --live' in run("say", "--help").stdout

@@ -7,8 +7,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from fapengine.cli import head
 from fapengine.cli._verb import verb, with_flags
-from fapengine.cli.main import app
+from fapengine.cli.main import VERBS, app
 from fapengine.errors import DataError, ResourceError, UsageError
 
 
@@ -69,3 +70,20 @@ def test_every_verb_is_one() -> None:
     """Even those that have no group of options reword their errors."""
     for command in (*app.registered_commands, *app.registered_groups[0].typer_instance.registered_commands):
         assert command.callback.__code__.co_filename.endswith("_verb.py"), command.callback
+
+
+COMMANDS = {function.__name__: function for function in VERBS if function.__name__ != "doctor"} | {
+    "head import": head.import_head,
+    "head export": head.export,
+    "head check": head.check,
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_shows_examples_that_can_be_copied(name: str) -> None:
+    """One a line, whole on a terminal of 80 columns, brackets and all."""
+    lines = [line.strip() for line in COMMANDS[name].__doc__.splitlines()]
+    examples = [line for line in lines if line.startswith("fapengine ")]
+    shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output.splitlines()
+    assert examples[0].startswith(f"fapengine {name}")
+    assert set(examples) <= {line.strip() for line in shown}
