@@ -9,6 +9,7 @@ A plug-in passes on what its framework tells (:meth:`Actor.sound`, :meth:`Actor.
 
 import asyncio
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.live.film.painter import Painter
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.pronounce import pronounce_words
+from fapengine.voices.pronounce import Pronouncer
 
 AHEAD_S = 0.2
 """Time by which frames with sound are made before they are due."""
@@ -199,10 +200,14 @@ class Actor:
         return await self.painter.picture(faps)
 
 
+@lru_cache(maxsize=8)
 def _pronouncer(voice: str) -> Pronounce | None:
-    """Pronounce words by espeak-ng; None where it is not installed, for the ear hears them, too."""
+    """Pronounce words by espeak-ng; None where it is not installed, for the ear hears them, too.
+
+    Faces of one process share it, and the words that it knows.
+    """
     try:
         loaded = VoiceChoice(voice).load()
     except ResourceError:
         return None
-    return lambda words: pronounce_words(words, loaded)
+    return Pronouncer(loaded).words

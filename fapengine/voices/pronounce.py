@@ -32,6 +32,8 @@ WORDS_OVERLAP_S = 0.05
 """Overlap of words that is taken for rounding."""
 MAX_WORDS = 30
 """Words that are spoken together at most; more are taken in portions."""
+MAX_KNOWN_WORDS = 5_000
+"""Words that a pronouncer remembers; then it begins anew. About 5 MB."""
 USUAL_SHARE = 0.5
 """Share of the usual length in that of a phone, 0..1. Against flite's times, any from 0.5 to 0.7 serves alike."""
 CONSONANTS_YIELD = 0.85
@@ -63,16 +65,7 @@ def pronounce(track: PhoneTrack, voice: Voice) -> PhoneTrack:
     """
     if not track.spelled:
         return track
-    reader = _Reader(voice)
-    phones: list[Phone] = []
-    for words in _portions(track.phones):
-        parts = iter(reader.read([word.label for word in words if _is_spoken(word)]))
-        for word in words:
-            if not _is_spoken(word):
-                phones.append(Phone(SILENCE, word.start_s, word.end_s))
-            else:
-                phones += _fitted(next(parts), word) or [word]
-    return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level)
+    return Pronouncer(voice).track(track)
 
 
 def pronounce_words(words: Sequence[tuple[str, float, float]], voice: Voice) -> list[Phone]:
@@ -94,10 +87,7 @@ def pronounce_words(words: Sequence[tuple[str, float, float]], voice: Voice) -> 
     UsageError
         If times are out of order, or no times.
     """
-    spelled = [Phone(label.strip() or SILENCE, start_s, end_s) for label, start_s, end_s in words if start_s != end_s]
-    track = PhoneTrack.of(spelled, tolerance_s=WORDS_OVERLAP_S, level="word", spelled=True)
-    first_s = spelled[0].start_s if spelled else 0.0
-    return [phone for phone in pronounce(track, voice).phones if phone.start_s >= first_s - MIN_PHONE_S]
+    return Pronouncer(voice).words(words)
 
 
 def _is_spoken(word: Phone) -> bool:
@@ -112,14 +102,52 @@ def _portions(words: Sequence[Phone]) -> Iterator[Sequence[Phone]]:
             yield stretch[first : first + MAX_WORDS]
 
 
-class _Reader:
-    """A voice that remembers the words that it has spoken alone."""
+class Pronouncer:
+    """A voice that remembers the words that it has spoken alone, for speech that comes little by little. Stateful.
+
+    What it says of words does not depend on those that came before. Several threads may use it if they may use the
+    voice.
+
+    Parameters
+    ----------
+    voice : Voice
+
+    Examples
+    --------
+    >>> from fapengine.voices.espeak import EspeakVoice
+    >>> pronouncer = Pronouncer(EspeakVoice("en-us"))
+    >>> [phone.label for phone in pronouncer.words([("my", 0.0, 0.2), ("mama", 0.2, 0.6)])]
+    ['m', 'aɪ', 'm', 'ɑː', 'm', 'ɐ']
+    """
 
     def __init__(self, voice: Voice) -> None:
         self._voice = voice
         self._alone: dict[str, list[Phone]] = {}
 
-    def read(self, words: Sequence[str]) -> list[list[Phone]]:
+    def track(self, track: PhoneTrack) -> PhoneTrack:
+        """Replace the words of a spelled track by their phones: see :func:`pronounce`."""
+        if not track.spelled:
+            return track
+        phones: list[Phone] = []
+        for words in _portions(track.phones):
+            parts = iter(self._read([word.label for word in words if _is_spoken(word)]))
+            for word in words:
+                if not _is_spoken(word):
+                    phones.append(Phone(SILENCE, word.start_s, word.end_s))
+                else:
+                    phones += _fitted(next(parts), word) or [word]
+        return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level)
+
+    def words(self, words: Sequence[tuple[str, float, float]]) -> list[Phone]:
+        """Turn words that have times into phones: see :func:`pronounce_words`."""
+        spelled = [
+            Phone(label.strip() or SILENCE, start_s, end_s) for label, start_s, end_s in words if start_s != end_s
+        ]
+        track = PhoneTrack.of(spelled, tolerance_s=WORDS_OVERLAP_S, level="word", spelled=True)
+        first_s = spelled[0].start_s if spelled else 0.0
+        return [phone for phone in self.track(track).phones if phone.start_s >= first_s - MIN_PHONE_S]
+
+    def _read(self, words: Sequence[str]) -> list[list[Phone]]:
         """Speak words together; return the phones of each, none where the voice finds nothing to speak."""
         alone = [self._word(word) for word in words]
         together = [index for index, phones in enumerate(alone) if phones and not _HUM.fullmatch(words[index])]
@@ -131,10 +159,14 @@ class _Reader:
         return alone
 
     def _word(self, word: str) -> list[Phone]:
-        if word not in self._alone:
+        known = self._alone.get(word)
+        if known is None:
             hum = _HUM.fullmatch(word)
-            self._alone[word] = _hum(breathed=bool(hum[1])) if hum else self._speak(word)
-        return self._alone[word]
+            known = _hum(breathed=bool(hum[1])) if hum else self._speak(word)
+            if len(self._alone) >= MAX_KNOWN_WORDS:
+                self._alone.clear()
+            self._alone[word] = known
+        return known
 
     def _speak(self, text: str) -> list[Phone]:
         try:

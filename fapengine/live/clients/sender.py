@@ -31,6 +31,7 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
     from fapengine.voices.choice import VoiceChoice
+    from fapengine.voices.pronounce import Pronouncer
     from fapengine.voices.protocol import Voice
 
 PORT = 9110
@@ -126,7 +127,7 @@ class Client(GestureMethods):
         self._changed = threading.Condition()
         self._events: deque[schema.Notice] = deque(maxlen=KEPT_EVENTS)
         self._over: dict[int, str] = {}
-        self._voices: dict[VoiceChoice, Voice] = {}
+        self._voices: dict[VoiceChoice, Pronouncer] = {}
         self._voices_lock = threading.Lock()
         self._fault: ResourceError | UsageError | None = None
         self._stops = False
@@ -241,16 +242,16 @@ class Client(GestureMethods):
         self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice"
     ) -> list[Phone]:  # fmt: skip
         from fapengine.voices.choice import VoiceChoice
-        from fapengine.voices.pronounce import pronounce_words
+        from fapengine.voices.pronounce import Pronouncer
 
         chosen = VoiceChoice(voice) if isinstance(voice, str) else voice
         if isinstance(chosen, VoiceChoice):
             with self._voices_lock:
-                loaded = self._voices.get(chosen) or chosen.load()
-                self._voices[chosen] = loaded
+                pronouncer = self._voices.get(chosen) or Pronouncer(chosen.load())
+                self._voices[chosen] = pronouncer
         else:
-            loaded = chosen
-        return pronounce_words(words, loaded)
+            pronouncer = Pronouncer(chosen)
+        return pronouncer.words(words)
 
     def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
         """Let the engine's ear find the phones of a sound, as it comes.

@@ -7,10 +7,12 @@ from weakref import WeakValueDictionary
 from fapengine.live.hub.speaker import Asked
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.pronounce import pronounce_words
+from fapengine.voices.pronounce import Pronouncer
 
 Words = Sequence[tuple[str, float, float]]
 """Word, start and end in s from the utterance's beginning."""
+MAX_VOICES = 8
+"""Voices that are remembered, with the words that they know; more begin anew."""
 
 
 class TimedWords:
@@ -26,6 +28,7 @@ class TimedWords:
 
     def __init__(self, asked: list[Asked]) -> None:
         self._asked = asked
+        self._pronouncers: dict[str, Pronouncer] = {}
         self._turns: WeakValueDictionary[tuple[str, int], asyncio.Lock] = WeakValueDictionary()
 
     async def pronounce(self, session: str, words: Words, voice: str) -> list[Phone] | None:
@@ -41,10 +44,20 @@ class TimedWords:
         request = Asked(session)
         self._asked.append(request)
         try:
-            spoken = await asyncio.to_thread(lambda: pronounce_words(words, VoiceChoice(voice).load()))
+            spoken = await asyncio.to_thread(lambda: self._pronouncer(voice).words(words))
         finally:
             self._asked.remove(request)
         return None if request.is_cancelled else spoken
+
+    def _pronouncer(self, voice: str) -> Pronouncer:
+        """Load a voice once; a name that no voice has is not remembered."""
+        pronouncer = self._pronouncers.get(voice)
+        if pronouncer is None:
+            pronouncer = Pronouncer(VoiceChoice(voice).load())
+            if len(self._pronouncers) >= MAX_VOICES:
+                self._pronouncers.clear()
+            self._pronouncers[voice] = pronouncer
+        return pronouncer
 
     async def go_on(
         self, session: str, utterance: int, words: Words, voice: str, tell: Callable[[list[Phone]], None]

@@ -8,7 +8,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from fapengine.voices.pronounce import MAX_WORDS, pronounce
+from fapengine.voices.pronounce import MAX_WORDS, Pronouncer, pronounce, pronounce_words
 from fapengine.voices.protocol import Speech
 
 
@@ -168,3 +168,30 @@ def test_a_track_of_phones_stays() -> None:
 def test_words_of_any_length(length_s: float) -> None:
     track = pronounce(PhoneTrack((Phone("mama", 0.0, length_s),), "word", True), Parrot())
     assert track.duration_s == pytest.approx(length_s)
+
+
+def test_what_was_spoken_before_changes_nothing_and_is_not_asked_again() -> None:
+    parrot = Parrot()
+    pronouncer = Pronouncer(parrot)
+    first = pronouncer.words([("ma", 0.0, 0.5), ("mo", 0.5, 1.0)])
+    pronouncer.words([("hm", 1.0, 1.5), ("li", 1.5, 2.0), ("%", 2.0, 2.2)])
+    assert parrot.asked == ["ma", "mo", "ma mo", "li"]
+    assert pronouncer.words([("ma", 0.0, 0.5), ("mo", 0.5, 1.0)]) == first
+    assert parrot.asked[4:] == ["ma mo"]
+    voice = EspeakVoice("en-us")
+    words = [("read", 0.0, 0.3), ("a", 0.3, 0.4), ("book", 0.4, 0.8)]
+    used = Pronouncer(voice)
+    used.words([("a", 0.0, 0.2), ("read", 0.2, 0.5), ("of", 0.5, 0.6), ("book", 0.6, 1.0)])
+    again, fresh = used.words(words), pronounce_words(words, voice)
+    assert [(phone.label, phone.word) for phone in again] == [(phone.label, phone.word) for phone in fresh]
+    ends_s = [[phone.end_s for phone in phones] for phones in (again, fresh)]
+    np.testing.assert_allclose(ends_s[0], ends_s[1], atol=1e-3)  # espeak-ng's own lengths vary by some µs
+
+
+def test_memory_of_words_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fapengine.voices.pronounce.MAX_KNOWN_WORDS", 3)
+    parrot = Parrot()
+    pronouncer = Pronouncer(parrot)
+    for word in ("ba", "da", "ga", "la", "ba"):
+        pronouncer.words([(word, 0.0, 0.5)])
+    assert parrot.asked == ["ba", "da", "ga", "la", "ba"]
