@@ -1,4 +1,4 @@
-"""Reports of ``fapengine inspect`` on FAP files, sounds, films and heads: text, JSON and plots."""
+"""Reports of ``fapengine inspect`` on face motion, sounds, films, pictures and heads: text, JSON and plots."""
 
 import json
 from pathlib import Path
@@ -19,8 +19,8 @@ PIECE_S, FLOOR_DB = 0.05, -60.0
 """Length of a piece of sound whose level is plotted, and the level below which nothing is drawn."""
 
 
-def inspect_fap(path: Path, *, as_json: bool, everything: bool, plot: Path | None) -> None:
-    """Print the report of a ``.fap`` file."""
+def inspect_motion(path: Path, kind: str, *, as_json: bool, everything: bool, plot: Path | None) -> None:
+    """Print the report of face motion, as FAPs; ``kind`` says what the file holds."""
     import typer
 
     from fapengine.files.pictures import save_png
@@ -33,7 +33,7 @@ def inspect_fap(path: Path, *, as_json: bool, everything: bool, plot: Path | Non
         typer.echo(json.dumps(report))
         return
     skipped = f", {report['skipped']} skipped" if report["skipped"] else ""
-    typer.echo(f"FAP file {report['name']!r}: {report['frames']} frames at {report['rate_hz']:g} Hz{skipped}")
+    typer.echo(f"{kind}: {report['frames']} frames at {report['rate_hz']:g} Hz{skipped}")
     typer.echo(f"{report['seconds']:.2f} s, {len(report['faps'])} FAPs move")
     moving = sorted(report["faps"].items(), key=lambda item: -_reach(item[1]))
     for name, row in moving if everything else moving[:FAPS_SHOWN]:
@@ -42,8 +42,8 @@ def inspect_fap(path: Path, *, as_json: bool, everything: bool, plot: Path | Non
         typer.echo(f"  ... and {len(moving) - FAPS_SHOWN} more (--all)")
 
 
-def describe_fap(path: Path) -> dict[str, Any]:
-    """Make the report of a ``.fap`` file as plain values.
+def describe_motion(path: Path) -> dict[str, Any]:
+    """Make the report of face motion as plain values.
 
     Raises
     ------
@@ -54,9 +54,9 @@ def describe_fap(path: Path) -> dict[str, Any]:
 
 
 def _frames_of(path: Path) -> FapTrack:
-    from fapengine.files.fap import load_fap
+    from fapengine.files.motion import load_motion
 
-    track = load_fap(path)
+    track = load_motion(path)
     if not len(track.frame_numbers):
         raise DataError(f"{path}: got no frame, expected one or more")
     return track
@@ -180,6 +180,47 @@ def describe_recording(path: Path, levels: list[float] | None = None) -> dict[st
 def _db(size: float) -> float:
     """Level against full scale, dB; -120 for silence."""
     return round(20 * float(np.log10(max(size / 32768, 1e-6))), 1)
+
+
+def inspect_picture(path: Path, *, as_json: bool, plot: Path | None) -> None:
+    """Print the size of a picture; of an animation its frames and length, too."""
+    import typer
+
+    if plot is not None:
+        raise UnsupportedError(f"{path}: is a picture itself, so there is nothing to plot")
+    report = describe_picture(path)
+    if as_json:
+        typer.echo(json.dumps(report))
+        return
+    moving = f", {report['frames']} frames, {report['seconds']:.2f} s" if report["frames"] > 1 else ""
+    typer.echo(f"{report['format']}: {report['width']}x{report['height']}{moving}")
+
+
+def describe_picture(path: Path) -> dict[str, Any]:
+    """Make the report of a picture or an animation as plain values.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read.
+    DataError
+        If it is damaged or too large.
+    ResourceError
+        If pillow is not installed.
+    """
+    from fapengine.files.gltf.images import opened
+    from fapengine.files.paths import read_bytes
+
+    with opened(read_bytes(path), ("GIF", "WEBP", "PNG", "JPEG"), str(path)) as image:
+        frames, duration_ms = getattr(image, "n_frames", 1), 0
+        for number in range(frames):
+            image.seek(number)
+            image.load()
+            duration_ms += image.info.get("duration", 0)
+        return {
+            "format": str(image.format), "width": image.width, "height": image.height, "frames": frames,
+            "seconds": duration_ms / 1000,
+        }  # fmt: skip
 
 
 def inspect_head(name: str, *, as_json: bool, plot: Path | None) -> None:

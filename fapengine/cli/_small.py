@@ -131,7 +131,7 @@ def _inspect(chosen: Namespace) -> dict[str, Any]:
     if (found := guess_format(data, ending=path.suffix)) is not None:
         return _inspect_timings.describe(load_timings(path), found.name, found.tool)
     if path.suffix.lower() == ".fap":
-        return _inspect_media.describe_fap(path)
+        return _inspect_media.describe_motion(path)
     raise ResourceError(f"{path}: got no FAPs, stream, phone timings or profile; to look into others, {MEND}")
 
 

@@ -6,6 +6,7 @@ import typer
 
 from fapengine.cli import options as shared
 
+PICTURES = (".gif", ".webp", ".png", ".jpg", ".jpeg")
 MARKERS = (".c3d", ".trc", ".npz")
 FBA_STARTS = (b"\x00\x00\x01",)
 
@@ -13,8 +14,8 @@ FBA_STARTS = (b"\x00\x00\x01",)
 def inspect(
     path: Path = typer.Argument(
         ...,
-        help="What to look into: .fba, .fap, phone timings, a sound, a film, a recording of markers (.c3d, .trc,"
-        " .csv, .npz, a folder of meshes), a profile or a head (folder or name).",
+        help="What to look into: .fba, .fap, a table of shapes, phone timings, a sound, a film, a picture, a recording"
+        " of markers (.c3d, .trc, .csv, .npz, a folder of meshes), an avatar or scan, a profile or a head.",
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
@@ -36,13 +37,16 @@ def inspect(
     """
     from fapengine._resources import profile_ids
     from fapengine.app.hearing import SOUND_SUFFIXES
+    from fapengine.cli._inspect_avatar import SCENE_ENDINGS, inspect_avatar
     from fapengine.cli._inspect_markers import inspect_markers
-    from fapengine.cli._inspect_media import inspect_fap, inspect_head, inspect_recording
+    from fapengine.cli._inspect_media import inspect_head, inspect_motion, inspect_picture, inspect_recording
     from fapengine.errors import UnsupportedError, UsageError
     from fapengine.files.fba_film import is_mp4, read_fba_film
     from fapengine.files.paths import read_bytes
-    from fapengine.files.recordings import is_table, mesh_files
+    from fapengine.files.recordings import MESHES, is_table, mesh_files
     from fapengine.mesh.default_head.people import parse_person
+    from fapengine.retarget.blend_tracks import is_blend_table
+    from fapengine.retarget.vmc_recording import is_vmc_recording
     from fapengine.speech.formats.registry import guess_format
 
     writing.check([output for output in (plot, sliders) if output is not None], [path])
@@ -60,12 +64,17 @@ def inspect(
     if path.suffix.lower() in MARKERS or (path.is_dir() and mesh_files(path)) or (not file_format and is_table(path)):
         inspect_markers(path, as_json=as_json, everything=everything, plot=plot)
         return
+    if path.suffix.lower() in (*SCENE_ENDINGS, *MESHES):
+        inspect_avatar(path, as_json=as_json, plot=plot)
+        return
     data = read_bytes(path)
     head = data[:4]
     if head.startswith(FBA_STARTS) or (is_mp4(data) and read_fba_film(path) is not None):
         from fapengine.cli._inspect_fba import inspect_fba
 
         inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
+    elif file_format is None and (is_blend_table(data) or is_vmc_recording(data)):
+        inspect_motion(path, "shapes, as FAPs", as_json=as_json, everything=everything, plot=plot)
     elif file_format is not None or guess_format(data, ending=path.suffix) is not None:
         from fapengine.cli._inspect_timings import inspect_timings
         from fapengine.files.timings import load_timings
@@ -73,16 +82,19 @@ def inspect(
         track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
         inspect_timings(path, track, as_json=as_json, everything=everything, plot=plot, file_format=file_format)
     elif path.suffix.lower() == ".fap":
-        inspect_fap(path, as_json=as_json, everything=everything, plot=plot)
+        inspect_motion(path, "FAPs", as_json=as_json, everything=everything, plot=plot)
     elif path.suffix.lower() in SOUND_SUFFIXES:
         inspect_recording(path, as_json=as_json, plot=plot)
+    elif path.suffix.lower() in PICTURES:
+        inspect_picture(path, as_json=as_json, plot=plot)
     elif path.suffix.lower() == ".bap":
         raise UnsupportedError(
             f"{path}: got body animation parameters (.bap), which move a body, expected what moves a face (.fap)"
         )
     else:
         raise UnsupportedError(
-            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), a .fap file, phone timings, a sound, a"
-            " film, a recording of markers (.c3d, .trc, .csv, .npz), or the folder of a profile or a head",
+            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), a .fap file, a table of shapes, phone"
+            " timings, a sound, a film, a picture, a recording of markers (.c3d, .trc, .csv, .npz), an avatar (.glb,"
+            " .vrm), or the folder of a profile or a head",
             where="byte 0",
         )

@@ -7,6 +7,7 @@ Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Turns of the head count 
 are; eyes that roll have no FAP.
 """
 
+import codecs
 import csv
 import io
 import json
@@ -57,6 +58,16 @@ def parse_blend_track(data: bytes) -> FapTrack:
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
     return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+
+
+def is_blend_table(data: bytes) -> bool:
+    """Whether data are a table (CSV) whose columns are blend shapes of one set."""
+    first, _, _ = data.removeprefix(codecs.BOM_UTF8).lstrip().partition(b"\n")
+    try:
+        find_set([_bare(cell) for cell in next(csv.reader([first.decode()]), [])], where="line 1")
+    except (DataError, csv.Error, UnicodeDecodeError):
+        return False
+    return True
 
 
 def _decode(data: bytes) -> str:

@@ -15,8 +15,10 @@ from fapengine._late import Late
 from fapengine.errors import DataError, UnsupportedError
 
 if TYPE_CHECKING:
+    import PIL
     from PIL import Image
 else:
+    PIL = Late("PIL", "pillow", "pictures")
     Image = Late("PIL.Image", "pillow", "pictures")
 
 
@@ -48,6 +50,8 @@ def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.
                 yield image
     except DataError:
         raise
+    except PIL.UnidentifiedImageError as error:
+        raise DataError(f"image: got no {' or '.join(formats)}", where=where) from error
     except Exception as error:  # whatever the library trips over, the file is at fault
         raise DataError(f"image: cannot be read ({type(error).__name__}: {error})", where=where) from error
 

@@ -1,4 +1,4 @@
-"""``inspect`` of the project's own files: .fap, sound, film, head."""
+"""``inspect`` of the project's own files: motion, sound, film, picture, avatar, head."""
 
 import json
 from pathlib import Path
@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
+from fapengine.errors import DataError, FapEngineError
 from fapengine.files.fap import save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.files.video import write_video
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend_tracks import format_blend_csv
+from tests.unit.files.glb import Builder, square
 
 RATE_HZ = 8000
 
@@ -27,6 +31,12 @@ def inspected(*words: object) -> str:
 
 def as_json(*words: object) -> dict[str, Any]:
     return dict(json.loads(inspected(*words, "--json")))
+
+
+def refused(*words: object, where: bool = False) -> str:
+    error = CliRunner().invoke(app, ["inspect", *map(str, words)]).exception
+    assert isinstance(error, FapEngineError)
+    return str(error) if where or not isinstance(error, DataError) else error.message
 
 
 @pytest.fixture
@@ -50,7 +60,7 @@ def test_a_fap_file(tmp_path: Path) -> None:
     assert report["faps"]["open_jaw"] == {"number": 3, "low": 0, "high": 450, "unit": "MNS"}
     assert set(report["faps"]) == {"open_jaw", "head_yaw"}
     told = inspected(path, "--plot", tmp_path / "plot.png")
-    assert "30 frames at 25 Hz" in told
+    assert "FAPs: 30 frames at 25 Hz" in told
     assert "2 FAPs move" in told
     assert load_picture(tmp_path / "plot.png").shape[2] == 3
 
@@ -80,6 +90,62 @@ def test_a_film_with_and_without_sound(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["inspect", str(silent), "--plot", str(tmp_path / "plot.png")])
     assert done.exit_code != 0
     assert not (tmp_path / "plot.png").exists()
+
+
+@pytest.mark.parametrize("shapes", ["arkit", "oculus"])
+def test_a_table_of_shapes(tmp_path: Path, shapes: str) -> None:
+    values = np.zeros((30, 68))
+    values[:, fap.column(3)] = np.arange(30) * 20
+    path = tmp_path / "talk.csv"
+    path.write_bytes(format_blend_csv(FapTrack.of(values, rate_hz=25.0), shapes))
+    report = as_json(path)
+    assert (report["frames"], report["rate_hz"]) == (30, 25.0)
+    assert "open_jaw" in report["faps"]
+    assert "shapes, as FAPs" in inspected(path, "--plot", tmp_path / "plot.png")
+
+
+def test_pictures_and_animations(tmp_path: Path) -> None:
+    frames = [Image.new("RGB", (48, 32), (8 * number, 0, 0)) for number in range(5)]
+    for name in ("a.gif", "a.webp"):
+        frames[0].save(tmp_path / name, save_all=True, append_images=frames[1:], duration=40)
+        report = as_json(tmp_path / name)
+        assert [report[key] for key in ("width", "height", "frames", "seconds")] == [48, 32, 5, 0.2]
+        assert "48x32, 5 frames, 0.20 s" in inspected(tmp_path / name)
+    frames[0].save(tmp_path / "a.png")
+    assert inspected(tmp_path / "a.png").strip() == "PNG: 48x32"
+    (tmp_path / "bad.png").write_text("not a picture")
+    assert refused(tmp_path / "bad.png") == "image: got no GIF or WEBP or PNG or JPEG"
+    assert "nothing to plot" in refused(tmp_path / "a.png", "--plot", tmp_path / "plot.png")
+
+
+def test_an_avatar(tmp_path: Path) -> None:
+    builder = Builder()
+    builder.node(mesh=square(builder, targets=("jawOpen", "eyeBlinkLeft", "hat")))
+    clip = {
+        "name": "hello",
+        "samplers": [{"input": builder.accessor([0.0, 1.5], max=[1.5], min=[0.0]), "output": 0}],
+        "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+    }
+    builder.row("animations", clip)
+    builder.doc["asset"]["copyright"] = "Anna; CC0"
+    path = tmp_path / "anna.glb"
+    path.write_bytes(builder.glb())
+    report = as_json(path)
+    assert (report["vertices"], report["triangles"], report["licence"]) == (4, 2, "Anna; CC0")
+    assert report["shapes"] == ["jawOpen", "eyeBlinkLeft", "hat"]
+    assert len(report["lacking"]) == 50
+    assert report["clips"] == [{"name": "hello", "seconds": 1.5, "channels": 1}]
+    assert f"head import {path} -o heads/anna" in inspected(path)
+    path.write_bytes(builder.glb()[:-9])
+    assert str(path) in refused(path, where=True)
+
+
+def test_a_scan_says_what_it_needs(tmp_path: Path) -> None:
+    path = tmp_path / "scan.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    told = inspected(path)
+    assert "3 vertices, 1 triangles" in told
+    assert "--points FILE" in told
 
 
 def test_a_head(tmp_path: Path) -> None:
