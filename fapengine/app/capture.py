@@ -25,6 +25,8 @@ from fapengine.laboratory.watched import openface_faps, watched_faps
 from fapengine.mpeg4.track import FapTrack
 
 CAMERA = "webcam"
+CAMERA_S = 10.0
+"""Time for which a camera is watched, if nobody says how long."""
 PUPILS_MM = 62.0
 """An adult's pupils are so far apart; sizes in mm are as true as that."""
 MARKERS = (".npz", ".c3d", ".trc")
@@ -43,7 +45,7 @@ class CaptureJob:
     """Width and height in pixels of the pictures that landmarks are shares of."""
     rate_hz: float | None = None
     """Frames a second of landmarks, whose file does not say."""
-    seconds: float = 10.0
+    seconds: float = CAMERA_S
     """Time for which the camera is watched."""
     overlay: Path | None = None
     """A film that shows our head beside the one that was watched."""
@@ -96,12 +98,9 @@ def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None)
 
 def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
     """Read FAPs off a source; raises as :func:`run_capture`."""
-    name, _, number = job.source.partition(":")
     path = Path(job.source)
-    if name == CAMERA:
-        if number and not number.isdigit():
-            raise UsageError(f"source: got {job.source!r}, expected {CAMERA}, or {CAMERA}:1 for the second one")
-        pictures = camera_pictures(int(number or 0), seconds=job.seconds)
+    if job.source.partition(":")[0] == CAMERA:
+        pictures = camera_pictures(camera_number(job.source), seconds=job.seconds)
         times_s, landmarks = landmarks_of_pictures(pictures, model=job.model, on_frame=on_frame)
         return _seen(times_s, landmarks, "camera")
     if _is_film(job.source):
@@ -129,6 +128,20 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
     except DataError as error:
         hint = "; landmarks (468 or 478 points a frame) need the size of their pictures"
         raise type(error)(error.message + hint, where=error.where) from error
+
+
+def camera_number(source: str) -> int:
+    """Read a camera's number: ``webcam:1`` is the second one.
+
+    Raises
+    ------
+    UsageError
+        If it has none.
+    """
+    _, _, number = source.partition(":")
+    if number and not (number.isascii() and number.isdigit()):
+        raise UsageError(f"source: got {source!r}, expected {CAMERA}, or {CAMERA}:1 for the second one")
+    return int(number or 0)
 
 
 def _is_film(source: str) -> bool:

@@ -156,7 +156,7 @@ class WindowScreen:
     def __init__(self, head: str = DEFAULT_HEAD, *, drawing: Drawing, rate_hz: float) -> None:
         finest, coarser = load_levels(head)
         self._window = FaceWindow(
-            finest, drawing, coarser=coarser, title="fapengine say", panel=Panel(), hold_hz=rate_hz,
+            finest, drawing, coarser=coarser, title="fapengine", panel=Panel(), hold_hz=rate_hz,
         )  # fmt: skip
         self._window.hide_panel()
 

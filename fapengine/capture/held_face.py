@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError
-from fapengine.geometry.rigid import fit_rigid, fit_template
+from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_template
 
 Array = NDArray[np.float64]
 
@@ -91,20 +91,64 @@ def hold_face(times_s: Array, landmarks: ArrayLike, *, pupils_mm: float, model: 
     seen = ~np.isnan(points).any(axis=(1, 2))
     if seen.sum() < 2 or seen.mean() < MIN_SEEN_SHARE:
         raise DataError(f"film: got a face in {int(seen.sum())} of {len(seen)} frames, expected one in most of them")
-    head = _filled(times_s, points, seen) * (1.0, -1.0, -1.0)  # to the subject's left, up, out of the face
+    head, fit = _steadied(_filled(times_s, points, seen), model)
+    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+    upright, scale = _upright(still, model), _scale(still, model, pupils_mm)
+    turns = np.swapaxes(fit.rotation @ np.linalg.inv(_mean_rotation(fit.rotation)), 1, 2)
+    poses = np.swapaxes(upright @ fit.rotation, 1, 2)
+    return HeldFace(scale * still @ upright.T, upright @ turns @ upright.T, poses, seen)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownHead:
+    """A head that was seen before: what :func:`hold_face` finds in a whole film, for frames that come one by one."""
+
+    model: FaceModel
+    steady: Array
+    """(K, 3): its points that no expression moves, of size 1."""
+    upright: Array
+    """(3, 3): turns those axes into the head's."""
+    scale: float
+    """Millimetres of size 1."""
+
+    def hold(self, landmarks: ArrayLike) -> tuple[Array, Array]:
+        """Hold frames still: (T, N, 3) landmarks as of :func:`hold_face`, a face in each.
+
+        Returns
+        -------
+        still_mm : (T, N, 3)
+        poses : (T, 3, 3)
+            Both as of :class:`HeldFace`.
+        """
+        points = frozen(landmarks, "landmarks", ("T", self.model.count, 3), np.float64)
+        head, fit = _steadied(points, self.model, self.steady)
+        still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+        return self.scale * still @ self.upright.T, np.swapaxes(self.upright @ fit.rotation, 1, 2)
+
+
+def learn_head(landmarks: ArrayLike, *, pupils_mm: float, model: FaceModel = FACE_MESH) -> KnownHead:
+    """Learn a head from frames that show it: (T, N, 3) landmarks as of :func:`hold_face`, a face in each."""
+    points = frozen(landmarks, "landmarks", ("T", model.count, 3), np.float64)
+    head, fit = _steadied(points, model)
+    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+    steady = still[:, model.steady].mean(axis=0)
+    return KnownHead(model, steady, _upright(still, model), _scale(still, model, pupils_mm))
+
+
+def _steadied(points: Array, model: FaceModel, template: Array | None = None) -> tuple[Array, RigidMotion]:
+    """Points to the left, up, out of the face, of size 1 about 0; and the motions that lay them on the template."""
+    head = points * (1.0, -1.0, -1.0)
     steady = head[:, model.steady]
     middle = steady.mean(axis=1, keepdims=True)
     size = np.sqrt(((steady - middle) ** 2).sum(axis=2).mean(axis=1))[:, None, None]
     head = (head - middle) / size
-    fit = fit_rigid(head[:, model.steady], fit_template(head[:, model.steady]))
-    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
-    scale = pupils_mm / np.median(
-        np.linalg.norm(np.subtract(*(still[:, eye].mean(axis=1) for eye in model.pupils)), axis=1)
-    )
-    upright = _upright(still, model)
-    turns = np.swapaxes(fit.rotation @ np.linalg.inv(_mean_rotation(fit.rotation)), 1, 2)
-    poses = np.swapaxes(upright @ fit.rotation, 1, 2)
-    return HeldFace(scale * still @ upright.T, upright @ turns @ upright.T, poses, seen)
+    steady = head[:, model.steady]
+    return head, fit_rigid(steady, fit_template(steady) if template is None else template)
+
+
+def _scale(still: Array, model: FaceModel, pupils_mm: float) -> float:
+    apart = np.linalg.norm(np.subtract(*(still[:, eye].mean(axis=1) for eye in model.pupils)), axis=1)
+    return float(pupils_mm / np.median(apart))
 
 
 def _filled(times_s: Array, points: Array, seen: NDArray[np.bool_]) -> Array:

@@ -20,13 +20,13 @@ WIDE_OPEN_FAPU = 500.0
 class TerminalScreen:
     """A line of the terminal; nothing where there is none. Stateful.
 
-    ``phones`` are those that will be said; None where nobody knows them.
+    ``phones`` are those that will be said; None where nobody knows them: ``doing`` then says what is done.
     """
 
     lead_s = 0.0
 
-    def __init__(self, phones: PhoneTrack | None) -> None:
-        self._phones = phones
+    def __init__(self, phones: PhoneTrack | None, doing: str = "listening") -> None:
+        self._phones, self._doing = phones, doing
         self._console = Console(stderr=True, highlight=False)
         self._live = Live(console=self._console, transient=True, refresh_per_second=15, auto_refresh=True)
 
@@ -46,7 +46,7 @@ class TerminalScreen:
         if self._console.is_terminal:
             line = Text(f"{_mouth(faps)}  {max(position_s, 0.0):5.2f} s  ")
             if self._phones is None:
-                line.append("listening; Ctrl-C ends it", style="dim")
+                line.append(f"{self._doing}; Ctrl-C ends it", style="dim")
             else:
                 before, now, after = ticker(self._phones, position_s)
                 line.append(before, style="dim").append(f" {now} ", style="bold black on yellow").append(after)

@@ -10,8 +10,10 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, cast
+from types import TracebackType
+from typing import BinaryIO, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,36 +94,82 @@ def landmarks_of_pictures(
 
     Returns and raises as :func:`landmarks_of`; without a picture, both arrays are empty.
     """
-    python = detector_python()
-    program = Path(__file__).with_name("detector_program.py")
     times_s: list[float] = []
     found: list[NDArray[np.float32]] = []
-    size = LANDMARKS * 3 * 4
-    command = [str(python), "-I", str(program), *([str(model)] if model else [])]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:  # fmt: skip
-        given, answers = _pipe(process.stdin), _pipe(process.stdout)
-        try:
-            for time_s, picture in pictures:
-                if not found:
-                    given.write(struct.pack("<II", picture.shape[1], picture.shape[0]))
-                given.write(picture.tobytes())
-                given.flush()
-                if not found and answers.read(1) != b"\1":
-                    raise BrokenPipeError
-                data = answers.read(size)
-                if len(data) < size:
-                    raise BrokenPipeError
-                times_s.append(time_s)
-                found.append(np.frombuffer(data, np.float32).reshape(LANDMARKS, 3))
-                on_frame()
-        except BrokenPipeError as error:
-            raise ResourceError(f"face detector: {python} has ended; does it have mediapipe?") from error
-        finally:
-            process.kill()
+    with Detector(model) as detector:
+        for time_s, picture in pictures:
+            times_s.append(time_s)
+            found.append(detector.find(picture))
+            on_frame()
     times = np.array(times_s)
     return times - times[:1], np.array(found, dtype=np.float64).reshape(-1, LANDMARKS, 3)
+
+
+class Detector:
+    """The detector's program, for pictures of one size as they come. Use it in ``with``.
+
+    Stateful.
+
+    Parameters
+    ----------
+    model : Path, optional
+        As of :func:`landmarks_of`.
+
+    Raises
+    ------
+    ResourceError
+        If it is not there.
+    """
+
+    def __init__(self, model: Path | None = None) -> None:
+        self._python = detector_python()
+        program = Path(__file__).with_name("detector_program.py")
+        command = [str(self._python), "-I", str(program), *([str(model)] if model else [])]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        self._given, self._answers = _pipe(self._process.stdin), _pipe(self._process.stdout)
+        self._is_begun = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def find(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Find the face in a picture, (H, W, 3) sRGB: (478, 3) px, NaN where there is none.
+
+        Raises
+        ------
+        ResourceError
+            If the detector has ended.
+        """
+        size = LANDMARKS * 3 * 4
+        try:
+            if not self._is_begun:
+                self._given.write(struct.pack("<II", picture.shape[1], picture.shape[0]))
+            self._given.write(picture.tobytes())
+            self._given.flush()
+            if not self._is_begun and self._answers.read(1) != b"\1":
+                raise BrokenPipeError
+            self._is_begun = True
+            data = self._answers.read(size)
+            if len(data) < size:
+                raise BrokenPipeError
+        except (BrokenPipeError, ValueError) as error:  # ended by itself, or closed
+            raise ResourceError(f"face detector: {self._python} has ended; does it have mediapipe?") from error
+        return np.frombuffer(data, np.float32).reshape(LANDMARKS, 3)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._given, self._answers):
+            with suppress(OSError):
+                pipe.close()
 
 
 def _pipe(pipe: object) -> BinaryIO:

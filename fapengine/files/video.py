@@ -238,8 +238,10 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArr
         raise DataError(f"{path}: cannot be decoded as video ({reason})") from error
 
 
-def camera_pictures(number: int, *, seconds: float) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+def camera_pictures(number: int, *, seconds: float, max_side: int = 640) -> Iterator[tuple[float, NDArray[np.uint8]]]:
     """Take pictures from a camera of this machine (Video4Linux) for so long: time in s and sRGB, as they come.
+
+    Larger ones are made smaller, so that the longer side has ``max_side`` pixels.
 
     Raises
     ------
@@ -255,7 +257,9 @@ def camera_pictures(number: int, *, seconds: float) -> Iterator[tuple[float, NDA
                 first_s = time_s if first_s is None else first_s
                 if time_s - first_s >= seconds:
                     return
-                yield time_s - first_s, frame.reformat(format="rgb24").to_ndarray().astype(np.uint8)
+                scale = min(max_side / max(frame.width, frame.height, 1), 1.0)
+                width, height = max(round(frame.width * scale), 1), max(round(frame.height * scale), 1)
+                yield time_s - first_s, frame.reformat(width, height, "rgb24").to_ndarray().astype(np.uint8)
     except (av.FFmpegError, ValueError, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ResourceError(f"camera: {device} gives no picture ({reason})") from error

@@ -15,6 +15,7 @@ straight ahead is.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,8 @@ EYE_RADIUS_ES = 12.0 / 62.0
 """Radius of an eyeball in distances of the pupils: those of an adult."""
 LIDS = {"3.1": 1.0, "3.2": 1.0, "3.3": -1.0, "3.4": -1.0}
 """Points of the lids, and which way each opens."""
+EYE_LIDS = (("3.1", "3.3"), ("3.2", "3.4"))
+"""Upper and lower lid of the left and the right eye."""
 EYES = {"3.5": (PUPILS[1], 263, 362), "3.6": (PUPILS[0], 33, 133)}
 """Iris and corners of the left and the right eye."""
 NEEDED = ("2.2", "2.3", "8.3", "8.4", "9.15", "3.5", "3.6")
@@ -62,16 +65,45 @@ def watched_faps(held: HeldFace, rate_hz: float) -> FapTrack:
     DataError
         If the face cannot be measured.
     """
-    points = {name: held.still_mm[:, index] for index, name in FEATURE_POINTS.items()}
-    if held.still_mm.shape[1] <= max(PUPILS):  # no irises
-        for name, (_, *corners) in EYES.items():
-            points[name] = held.still_mm[:, corners].mean(axis=1)
-        return faps_of_points(points, held.poses, rate_hz)
-    gaze = []
-    for name, (iris, *corners) in EYES.items():
-        points[name] = held.still_mm[:, iris]
-        gaze.append(held.still_mm[:, iris] - held.still_mm[:, corners].mean(axis=1))
-    return faps_of_points(points, held.poses, rate_hz, gaze=np.stack(gaze, axis=1))
+    points, gaze = points_of_face(held.still_mm)
+    return faps_of_points(points, held.poses, rate_hz, gaze=gaze)
+
+
+def points_of_face(still_mm: Array) -> tuple[dict[str, Array], Array | None]:
+    """Name the landmarks of a face mesh that is held still.
+
+    Parameters
+    ----------
+    still_mm : (T, 468 or 478, 3) float64
+
+    Returns
+    -------
+    points : dict of str to (T, 3)
+        By feature point; without irises, pupils lie half way between the corners of their eyes.
+    gaze : (T, 2, 3) or None
+        As of :func:`faps_of_points`; None without irises.
+    """
+    points = {name: still_mm[:, index] for index, name in FEATURE_POINTS.items()}
+    middles = {name: still_mm[:, corners].mean(axis=1) for name, (_, *corners) in EYES.items()}
+    if still_mm.shape[1] <= max(PUPILS):
+        return points | middles, None
+    irises = {name: still_mm[:, iris] for name, (iris, *_) in EYES.items()}
+    return points | irises, np.stack([irises[name] - middles[name] for name in EYES], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestingFace:
+    """A face at rest, from which FAPs count."""
+
+    points: Mapping[str, Array]
+    """(3,) by feature point."""
+    fapu: Fapu
+    gaze: Array
+    """(2, 3): irises of eyes that look straight ahead; 0 where none were seen."""
+    pitch_rad: float
+    """Nod of a head that is held straight."""
+    gaps: Array
+    """(2,): distance of the left and the right eye's open lids; 0 where they were not seen."""
 
 
 def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *, gaze: Array | None = None) -> FapTrack:
@@ -96,39 +128,72 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
     DataError
         If it measures no face.
     """
+    rest = resting_face(points, poses, rate_hz, gaze=gaze)
+    faps = faps_from_rest(rest, points, poses, gaze=gaze)
+    frames = np.arange(len(faps))
+    for number in (23, 24, 25, 26):  # as a line through the frames in which lids hide the iris
+        angles = faps[:, fap.column(number)]
+        shown = ~np.isnan(angles)
+        faps[:, fap.column(number)] = np.interp(frames, frames[shown], angles[shown]) if shown.any() else 0.0
+    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+
+
+def resting_face(
+    points: Mapping[str, Array], poses: Array, rate_hz: float, *, gaze: Array | None = None
+) -> RestingFace:
+    """Find the face at rest, in frames of a face that does anything.
+
+    Takes and raises what :func:`faps_of_points` does.
+    """
     missing = [name for name in NEEDED if name not in points]
     if missing:
         raise UsageError(f"points: lacks {', '.join(missing)}, expected at least {', '.join(NEEDED)}")
     quiet = quiet_frames(points, rate_hz)
     neutral = {name: np.median(place[quiet], axis=0) for name, place in points.items()}
-    for upper, lower in (("3.1", "3.3"), ("3.2", "3.4")):
+    gaps = np.zeros(2)
+    for eye, (upper, lower) in enumerate(EYE_LIDS):
         if upper in points and lower in points:
             gap = points[upper][:, 1] - points[lower][:, 1]
-            opened = np.abs(gap - np.quantile(gap, OPEN_LIDS)) <= np.ptp(gap) / 20
+            gaps[eye] = np.quantile(gap, OPEN_LIDS)
+            off = np.abs(gap - gaps[eye])
+            opened = off <= max(np.ptp(gap) / 20, off.min())
             neutral[upper], neutral[lower] = (np.median(points[name][opened], axis=0) for name in (upper, lower))
-    fapu = _measured(neutral)
+    pitch = Rotation.from_matrix(poses).as_euler("YXZ")[:, 1]
+    ahead = np.zeros((2, 3)) if gaze is None else np.median(gaze, axis=0)
+    return RestingFace(neutral, _measured(neutral), ahead, float(np.median(pitch)), gaps)
+
+
+def faps_from_rest(rest: RestingFace, points: Mapping[str, Array], poses: Array, *, gaze: Array | None = None) -> Array:
+    """Read FAPs off frames of a face that is known at rest; parameters as of :func:`faps_of_points`.
+
+    Returns
+    -------
+    (T, 68) float64, FAPU
+        NaN where lids hide an iris, in the FAPs of its gaze.
+    """
     faps = np.zeros((len(poses), fap.FAP_COUNT))
     for row in fap.FAPS:
         axis = fap.HEAD_AXES.get(row.positive)
         if axis is None or row.point not in points or row.unit is fap.FapUnit.AU:
             continue
-        moved = points[row.point] - neutral[row.point]
+        moved = points[row.point] - rest.points[row.point]
         if row.number == 18:  # the chin boss against the jaw, as in trajectory/faps.py
-            moved = moved - (points["2.1"] - neutral["2.1"])
-        faps[:, fap.column(row.number)] = moved @ np.array(axis) / fapu.unit(row.unit)
+            moved = moved - (points["2.1"] - rest.points["2.1"])
+        faps[:, fap.column(row.number)] = moved @ np.array(axis) / rest.fapu.unit(row.unit)
     if gaze is not None:
-        away = (gaze - np.median(gaze, axis=0)) / (EYE_RADIUS_ES * fapu.es0_mm)
+        away = (gaze - rest.gaze) / (EYE_RADIUS_ES * rest.fapu.es0_mm)
         angles = np.arcsin(np.clip(away[..., :2], -1.0, 1.0))
         angles[..., 1] = angles[..., 1].mean(axis=1, keepdims=True)  # both eyes look up and down together
-        for eye, (upper, lower) in enumerate((("3.1", "3.3"), ("3.2", "3.4"))):
+        for eye, (upper, lower) in enumerate(EYE_LIDS):
             if upper in points and lower in points:
-                angles[:, eye] = _through_blinks(angles[:, eye], points[upper][:, 1] - points[lower][:, 1])
+                hidden = points[upper][:, 1] - points[lower][:, 1] <= IRIS_SHOWN * rest.gaps[eye]
+                angles[hidden, eye] = np.nan
             faps[:, fap.column(23 + eye)] = angles[:, eye, 0] / AU_RAD
             faps[:, fap.column(25 + eye)] = -angles[:, eye, 1] / AU_RAD
     yaw, pitch, roll = Rotation.from_matrix(poses).as_euler("YXZ").T
-    for number, angle in ((49, yaw), (48, pitch - np.median(pitch)), (50, roll)):
+    for number, angle in ((49, yaw), (48, pitch - rest.pitch_rad), (50, roll)):
         faps[:, fap.column(number)] = angle / AU_RAD
-    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+    return faps
 
 
 def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp]:
@@ -142,21 +207,12 @@ def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp
     return shut[np.argsort(speed[shut], kind="stable")[:count]]
 
 
-def _through_blinks(angles: Array, gap: Array) -> Array:
-    """Gaze of one eye, (T, 2) rad, as a line through the frames in which its lids hide the iris."""
-    shown = gap > IRIS_SHOWN * np.quantile(gap, OPEN_LIDS)
-    if not shown.any():
-        return angles
-    frames = np.arange(len(gap))
-    return np.stack([np.interp(frames, frames[shown], column[shown]) for column in angles.T], axis=1)
-
-
 def _measured(neutral: Mapping[str, Array]) -> Fapu:
     """Units of a face; an iris is 11 of 62 mm that pupils are apart, where lids are not seen."""
     es0 = float(neutral["3.5"][0] - neutral["3.6"][0])
     lids = [
         float(neutral[upper][1] - neutral[lower][1])
-        for upper, lower in (("3.1", "3.3"), ("3.2", "3.4"))
+        for upper, lower in EYE_LIDS
         if upper in neutral and lower in neutral
     ]
     try:

@@ -1,20 +1,26 @@
 """``fapengine capture talk.mp4``: a film of our own head comes back as the FAPs that moved it."""
 
+import asyncio
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fapengine
+from fapengine.app.watch_live import WatchJob, watch_live
+from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.landmarks import detector_python
 from fapengine.files.video import inspect_film
+from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
+from tests.live.stage import Ear, config_of, running
 
 RATE_HZ = 25.0
 TEXT = "Bright sunshine shimmers on the ocean, and my baby moves a big yellow boat. We were away a year ago."
@@ -86,7 +92,7 @@ def test_a_film_becomes_a_take(film: Path) -> None:
     assert 50 < np.linalg.norm(np.ptp(markers.positions_mm[0], axis=0)) < 300
 
 
-def test_what_cannot_be_captured_is_told(tmp_path: Path) -> None:
+def test_what_cannot_be_captured_is_told(film: Path, tmp_path: Path) -> None:
     def refused(kind: type[Exception], message: str, *words: object) -> None:
         with pytest.raises(kind, match=message):
             app(["capture", *map(str, words)], standalone_mode=False)
@@ -97,5 +103,61 @@ def test_what_cannot_be_captured_is_told(tmp_path: Path) -> None:
     refused(UsageError, "expected both", tmp_path / "marks.json", "--size", "640x480", "-o", out)
     (tmp_path / "notes.txt").write_text("hello")
     refused(UsageError, "got ending '.txt'", tmp_path / "notes.txt", "-o", out)
+    refused(UsageError, "--output: got none", "webcam")
+    refused(UsageError, "expected none of a face that is moved now", "webcam", "--window", "--overlay", out)
+    refused(UsageError, "expected webcam, or a film", tmp_path / "marks.json", "--sink", "vmc://127.0.0.1")
+    refused(ResourceError, "nobody answers", film, "--to", "http://127.0.0.1:9/")
     refused(UsageError, "expected webcam, or webcam:1", "webcam:front", "-o", out)
     refused(UsageError, "expected a film", "webcam", "-o", out, "--overlay", tmp_path / "beside.mp4")
+
+
+def heard_opening(ear: Ear, session: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s, and openings of the inner lips, of the frames that a receiver was sent."""
+    ear.listen()
+    frames = ear.frames[session]
+    times_s = np.array([frame.time_us for frame in frames]) / 1e6
+    return times_s, np.array([-frame.values[fap.column(4)] - frame.values[fap.column(5)] for frame in frames])
+
+
+def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
+    film: Path, truth: FapTrack, tmp_path: Path
+) -> None:
+    """Webcam in, avatars move: an OSC sink of our own, and the session of a server with a sink of its own."""
+    own, served = Ear.open(), Ear.open()
+    kept = tmp_path / "kept.fap"
+
+    async def play() -> dict[str, object]:
+        config = config_of(f"osc://127.0.0.1:{served.port}")
+        config = replace(config, listen=replace(config.listen, web_port=0))
+        async with running(config, build_head()) as server:
+            job = WatchJob(
+                source=str(film), sinks=(f"osc://127.0.0.1:{own.port}",), output=kept,
+                server=f"http://127.0.0.1:{server.sites[0][1]}/?session=anna",
+            )  # fmt: skip
+            done = await asyncio.to_thread(watch_live, job, lambda: TerminalScreen(None))
+            await asyncio.sleep(0.8)
+            return done
+
+    done = asyncio.run(play())
+    wanted = -truth.values[:, fap.column(4)] - truth.values[:, fap.column(5)].astype(float)
+    length_s = len(wanted) / RATE_HZ
+    assert done["known"]
+    assert done["seen"] == 1.0
+    assert done["pictures"] + done["late"] == len(wanted)
+    assert done["pictures"] > 0.5 * len(wanted)  # all, where the machine has time
+    assert length_s < done["seconds"]
+    for ear, session in ((own, "face"), (served, "anna")):
+        times_s, opening = heard_opening(ear, session)
+
+        def alike(start_s: float, times_s: np.ndarray = times_s, opening: np.ndarray = opening) -> float:
+            at_s = times_s - start_s
+            inside = (at_s > 2.5) & (at_s < length_s)  # before, the face at rest is not known
+            there = np.interp(at_s[inside], np.arange(len(wanted)) / RATE_HZ, wanted)
+            moves = inside.sum() > 20 and np.ptp(opening[inside]) > 0
+            return float(np.corrcoef(opening[inside], there)[0, 1]) if moves else 0.0
+
+        starts_s = np.arange(times_s[0], times_s[-1] - length_s + 0.1, 0.02)  # the detector takes a while to begin
+        assert max(alike(start_s) for start_s in starts_s) >= 0.9  # 0.967
+        assert abs(opening[-1]) <= 1  # it eased to rest
+        ear.close()
+    assert len(fapengine.load(kept)) == done["frames"] + done["skipped"]

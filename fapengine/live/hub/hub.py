@@ -14,7 +14,7 @@ it is closed.
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import count
@@ -29,6 +29,7 @@ from fapengine.live.hub.listeners import Listeners, Unsubscribe
 from fapengine.live.hub.messages import HubCounts, HubFrames, Spoken
 from fapengine.live.hub.observed_engine import ObservedEngine
 from fapengine.live.hub.pacer import FramePacer
+from fapengine.live.hub.performers import Performers
 from fapengine.live.hub.pins import Pins
 from fapengine.live.hub.speaker import Asked, PieceVoice, Speaker, ThreadVoice
 from fapengine.live.hub.timed_words import TimedWords
@@ -100,6 +101,7 @@ class Hub:
         self._words = TimedWords(self._asked)
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._pins = Pins()
+        self._performers = Performers()
         self._stopped = False
         self._opened = asyncio.Event()
         self.engine.open_listeners.append(self._opened.set)
@@ -160,9 +162,25 @@ class Hub:
         UsageError
             If the session is not open, or there is no such FAP.
         """
+        self._check_open(session)
+        self._pins.pin(session, number, value)
+
+    def perform(self, session: str, values: Mapping[int, int]) -> None:
+        """Let somebody's FAPs move a face, as a camera sees them: FAP number to FAPU, over what the engine says.
+
+        They last until the next call; when none comes for 0.3 s, the face is let go within 0.3 s.
+
+        Raises
+        ------
+        UsageError
+            If the session is not open, or there is no such FAP.
+        """
+        self._check_open(session)
+        self._performers.perform(session, values, self.clock())
+
+    def _check_open(self, session: str) -> None:
         if session not in self.engine:
             raise UsageError(f"session: got {session!r}, expected one of {', '.join(self.engine.sessions) or 'none'}")
-        self._pins.pin(session, number, value)
 
     def pinned(self, session: str) -> dict[int, int]:
         """FAP number to the value at which it is held."""
@@ -353,7 +371,8 @@ class Hub:
         self._tell_faults(now_s)
         self.engine.collect()
         sessions = tuple(shown.sessions)
-        faps = self._pins.hold(sessions, shown.faps) if self._pins else shown.faps
+        faps = self._performers.move(sessions, shown.faps, now_s) if self._performers else shown.faps
+        faps = self._pins.hold(sessions, faps) if self._pins else faps
         if number is None:
             number = self.counts.frames + self.counts.skipped
         frames = HubFrames(number, now_s, sessions, faps)

@@ -11,6 +11,7 @@ from fapengine.errors import DataError, FapEngineError, ResourceError, UsageErro
 from fapengine.live.hub.hearing import Hearing
 from fapengine.live.hub.hub import Hub
 from fapengine.live.web.messages import (
+    Perform,
     Phones,
     Pin,
     Ping,
@@ -209,6 +210,8 @@ class Connection:
                 self._view.tell(self, command)
             case Pin(values):
                 self._view.pin(values)
+            case Perform(values):
+                self._hub.perform(self._view.session, values)
             case ReleaseAll():
                 self._view.release()
             case Ping(number):

@@ -104,6 +104,13 @@ class Pin(Struct, frozen=True, forbid_unknown_fields=True):
     """FAP number 3..68 to FAPU; in the message the numbers are text."""
 
 
+class Perform(Struct, frozen=True, forbid_unknown_fields=True):
+    """Move the face with FAPs, as a camera sees them: they last until the next such message, 0.3 s at most."""
+
+    values: dict[Any, Any]
+    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+
+
 class ReleaseAll(Struct, frozen=True, forbid_unknown_fields=True):
     """Let every FAP go."""
 
@@ -132,12 +139,13 @@ class Tell(Struct, frozen=True):
     command: Command
 
 
-Request = Say | Words | Phones | Pin | ReleaseAll | Ping | Plays | Watch | Tell
+Request = Say | Words | Phones | Pin | Perform | ReleaseAll | Ping | Plays | Watch | Tell
 _PAGE_MESSAGES: dict[str, type[Struct]] = {
     "say": Say,
     "words": Words,
     "phones": Phones,
     "pin": Pin,
+    "perform": Perform,
     "release": ReleaseAll,
     "ping": Ping,
     "plays": Plays,
@@ -199,7 +207,9 @@ def parse_request(text: str) -> Request:
     except msgspec.ValidationError as error:
         raise _complaint(str(error), message, kind) from error
     if isinstance(request, Pin):
-        return Pin(_pinned(request.values))
+        return Pin(_faps_of(request.values, kind))
+    if isinstance(request, Perform):
+        return Perform(_faps_of(request.values, kind))
     return Tell(_command(kind, request)) if kind not in _PAGE_MESSAGES else cast("Request", request)
 
 
@@ -239,12 +249,15 @@ def _command(kind: str, struct: Struct) -> Command:
     return make(**{name: spec.from_json(getattr(struct, spec.json)) for name, spec in specs.items()})
 
 
-def _pinned(values: dict[str, Any]) -> dict[int, int | None]:
+def _faps_of(values: dict[str, Any], kind: str) -> dict[int, int | None]:
+    where, may_be_none = f"message {kind!r}", kind == "pin"
     for name, value in values.items():
         if name not in PINNABLE:
-            raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where="message 'pin'")
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or abs(value) > MAX_FAP):
-            raise DataError(f"FAP {name}: got {_shown(value)}, expected whole FAPU or null", where="message 'pin'")
+            raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where=where)
+        is_number = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= MAX_FAP
+        if not is_number and not (value is None and may_be_none):
+            expected = "whole FAPU" + " or null" * may_be_none
+            raise DataError(f"FAP {name}: got {_shown(value)}, expected {expected}", where=where)
     return {PINNABLE[name]: value for name, value in values.items()}
 
 

@@ -11,7 +11,8 @@ from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.capture.openface import FEATURE_POINTS as OPENFACE_POINTS
 from fapengine.capture.openface import is_openface, parse_openface
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.laboratory.watched import faps_of_points, openface_faps, watched_faps
+from fapengine.laboratory.watched import faps_of_points, openface_faps, resting_face, watched_faps
+from fapengine.laboratory.watched_live import WatchedFace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend_tracks import parse_blend_track
@@ -194,3 +195,67 @@ def test_what_are_no_scores_is_told_in_words():
         parse_blend_track(b'[{"blendshapes": [1, 2]}]')
     with pytest.raises(DataError, match="names of arkit in the header"):
         parse_blend_track(b'[[{"categoryName": "jawOpen", "score": 1}]]')
+
+
+def watched_live(mesh, *, lost=()):
+    """FAPs at the time of each frame, and the face that gave them."""
+    face = WatchedFace()
+    shown = []
+    for number, points in enumerate(mesh):
+        face.see(number / RATE_HZ, np.full_like(points, np.nan) if number in lost else points)
+        shown.append(face.faps(number / RATE_HZ))
+    return face, np.array(shown)
+
+
+def test_a_face_that_is_watched_now_moves_like_one_in_a_film(mesh, motion):
+    face, shown = watched_live(mesh)
+    assert face.is_known
+    assert face.calibrations == 1 + int((FRAMES / RATE_HZ - 1.5) / 3.0)
+    assert not shown[: int(1.5 * RATE_HZ)].any()  # at rest until its neutral pose is known
+    film = watched_faps(hold_face(np.arange(FRAMES) / RATE_HZ, mesh, pupils_mm=62.0), RATE_HZ).values
+    settled = slice(75, None)  # 2.5 s: it is known, and has eased in
+    for number in (3, 5, 19, 20, 23, 24, 49):
+        one, other = (track[settled, fap.column(number)].astype(float) for track in (shown, film))
+        least = 0.9 if number in (23, 24) else 0.999  # straight ahead is the median of what was seen so far
+        assert np.corrcoef(one, other)[0, 1] > least, number
+    off = np.abs(shown - film)[settled]
+    assert off[:, [fap.column(number) for number in (3, 5)]].max() < 25  # of 300: the same places, another neutral pose
+    assert off[:, fap.column(49)].max() * AU_RAD < 0.01
+
+
+def test_a_face_that_begins_with_an_open_mouth_is_at_rest_later(mesh):
+    still = np.tile(mesh[:1], (240, 1, 1))
+    open_mouth = still[:60].copy()
+    open_mouth[:, list(FEATURE_POINTS)] += mesh[69, list(FEATURE_POINTS)] - mesh[0, list(FEATURE_POINTS)]
+    face, shown = watched_live(np.concatenate([open_mouth, still]))
+    opening = -shown[:, fap.column(5)]
+    assert opening[70:100].min() < -60  # the open mouth was taken for rest
+    assert face.calibrations >= 3
+    assert abs(opening[-60:]).max() < 12
+    assert np.abs(np.diff(opening[65:])).max() < 25  # and nothing jumps
+
+
+def test_a_face_that_is_lost_eases_to_rest_and_back(mesh):
+    whole = watched_live(mesh)[1]
+    lost = watched_live(mesh, lost=range(120, 180))[1]
+    missed = watched_live(mesh, lost=(120, 121))[1]
+    np.testing.assert_array_equal(missed[:120], whole[:120])
+    assert np.abs(missed[122:134] - whole[122:134]).max() <= 1  # two frames: nothing is seen of it
+    turned = fap.column(49)
+    np.testing.assert_array_equal(lost[121:125, turned], lost[120, turned])
+    assert not lost[120 + int(0.8 * RATE_HZ) : 180].any()
+    assert np.abs(np.diff(lost[118:, turned])).max() < 2.5 * np.abs(lost[120, turned]) / (0.5 * RATE_HZ)
+    settled = 180 + int(0.6 * RATE_HZ)
+    assert np.abs(lost[settled:, turned] - whole[settled:, turned]).max() * AU_RAD < 0.02
+    never = WatchedFace()
+    never.see(0.0, np.full((FACE_MESH.count, 3), np.nan))
+    assert not never.faps(10.0).any()
+    with pytest.raises(UsageError, match="landmarks"):
+        never.see(1.0, np.zeros((68, 3)))
+
+
+def test_two_frames_are_enough_for_lids(places):
+    few = {name: place[[0, 103]] for name, place in places.items()}  # one open, one shut: none near the quantile
+    rest = resting_face(few, np.tile(np.eye(3), (2, 1, 1)), RATE_HZ)
+    assert np.isfinite(rest.points["3.1"]).all()
+    assert rest.points["3.1"][1] > rest.points["3.3"][1]

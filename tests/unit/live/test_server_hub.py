@@ -480,3 +480,24 @@ def test_without_a_session_it_dozes_and_the_first_wakes_it() -> None:
     asleep, number = asyncio.run(main())
     assert asleep <= 5  # 25 at its rate
     assert number >= 25  # but they count on
+
+
+def test_somebody_who_moves_a_face_is_let_go_when_no_more_comes() -> None:
+    hub, clock = hub_of()
+    hub.open("anna")
+    hub.open("ben")
+    with pytest.raises(UsageError, match="got 'carl'"):
+        hub.perform("carl", {3: 1})
+    hub.perform("anna", {3: 400, 49: -200})
+    hub.pin("anna", 49, 7)
+    for after_s, opened in ((0.0, 400), (0.3, 400), (0.45, 200), (0.6, 0), (0.61, 0)):
+        clock.now_s = 1000.0 + after_s
+        frames = hub.tick(clock.now_s)
+        anna, ben = (frames.faps[frames.sessions.index(name)] for name in ("anna", "ben"))
+        assert anna[JAW] == pytest.approx(opened, abs=1)
+        assert anna[fap.column(49)] == 7  # a slider that is held is above all
+        assert not ben.any()
+    hub.perform("anna", {3: 300})
+    hub.close("anna")
+    hub.open("anna")
+    assert not hub.tick(clock.now_s + 0.1).faps[0, JAW]  # who is moved begins anew with the session

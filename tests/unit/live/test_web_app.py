@@ -238,6 +238,19 @@ def test_a_slider_holds_a_fap_and_lets_it_go(head: FaceMesh) -> None:
     serve(head, use)
 
 
+def test_a_camera_moves_a_face_while_it_sends(head: FaceMesh) -> None:
+    async def use(client: TestClient, hub: Hub) -> None:
+        async with client.ws_connect("/ws") as socket:
+            await socket.send_json({"type": "perform", "values": {"3": 512}})
+            while (await frame_from(socket))[2][fap.column(3)] != 512:
+                pass
+            while (await frame_from(socket))[2][fap.column(3)] != 0:  # nothing more comes, so it is let go
+                pass
+            assert hub.pinned("face") == {}
+
+    serve(head, use)
+
+
 def test_words_with_times_move_the_lips_and_a_cancel_empties_them(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws?session=anna") as socket:

@@ -14,6 +14,7 @@ from fapengine.errors import DataError
 from fapengine.live.engine import commands
 from fapengine.live.web import messages
 from fapengine.live.web.messages import (
+    Perform,
     Phones,
     Pin,
     Ping,
@@ -42,6 +43,7 @@ CASES = [
     ),
     ({"type": "say", "text": "Hallo", "voice": "de", "rate": 200}, Say("Hallo", "de", 200)),
     ({"type": "pin", "values": {"3": 400, "68": None}}, Pin({3: 400, 68: None})),
+    ({"type": "perform", "values": {"3": 400, "68": -1}}, Perform({3: 400, 68: -1})),
     ({"type": "release"}, ReleaseAll()),
     ({"type": "express", "name": "joy", "level": 0.5}, Tell(commands.Express(Expression.JOY, 0.5))),
     ({"type": "look", "yaw": 0.1, "pitch": -0.2}, Tell(commands.Look(0.1, -0.2, 0.1))),
@@ -82,6 +84,9 @@ REFUSED = [
     ('{"type": "express", "name": "neutral", "level": 1}', "name: got 'neutral', expected one of anger"),
     ('{"type": "express", "name": "joy", "level": true}', r"level: got True, expected a number in 0\.\.2"),
     ('{"type": "express", "name": "joy", "level": 1e400}', "expected JSON"),
+    ('{"type": "perform", "values": {"3": null}}', "FAP 3: got None, expected whole FAPU .at"),
+    ('{"type": "perform", "values": {"2": 1}}', r"got FAP '2', expected 3\.\.68"),
+    ('{"type": "perform"}', "values"),
     ('{"type": "pin", "values": [3]}', "values: got .*, expected an object"),
     ('{"type": "pin", "values": {"2": 1}}', r"got FAP '2', expected 3\.\.68"),
     ('{"type": "pin", "values": {"69": 1}}', r"got FAP '69', expected 3\.\.68"),

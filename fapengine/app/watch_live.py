@@ -1,0 +1,312 @@
+"""A camera that moves a face now: on a screen, in other programs, in a session of a server.
+
+Two threads stand between the camera and the face: one takes pictures, of which only the newest waits, so that none is
+late by more than one picture; the other has the face detector look at it. The face is shown by the clock, whatever
+they do.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.capture import CAMERA, camera_number
+from fapengine.app.face import SESSION, Face, Ticks
+from fapengine.app.motion import save
+from fapengine.app.say_live import Screen
+from fapengine.errors import ResourceError, UsageError
+from fapengine.files.landmarks import MAX_SIDE, Detector
+from fapengine.files.video import FILMS, camera_pictures, stream_pictures
+from fapengine.laboratory.watched_live import EASE_S, HOLD_S, WatchedFace
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+from fapengine.trajectory.style import Style
+
+Pictures = Iterable[tuple[float, NDArray[np.uint8]]]
+
+LIVE_HZ = 30.0
+"""Frames a second, unless somebody says how many."""
+NUMBERS = range(3, fap.FAP_COUNT + 1)
+"""FAPs that are sent: a camera sees no visemes and no expressions as such."""
+FOUND_S = 5.0
+"""Time in which a server must answer at first."""
+JOIN_S = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchJob:
+    """What to watch, and whom to move."""
+
+    source: str
+    """``webcam``, ``webcam:1``, or a film, which is played at its own rate in place of a camera."""
+    rate_hz: float = LIVE_HZ
+    """Frames a second that are shown and sent."""
+    seconds: float | None = None
+    """Time after which it ends; None: when the film or the viewer does."""
+    sinks: tuple[str, ...] = ()
+    """URLs: see :mod:`fapengine.live.server.sink_address`."""
+    server: str | None = None
+    """Page of ``fapengine serve``, with the session that is moved: ``http://127.0.0.1:8110/?session=anna``."""
+    output: Path | None = None
+    """File that keeps what was shown (.fap, .fba, .csv)."""
+    model: Path | None = None
+    """As of :class:`fapengine.app.capture.CaptureJob`."""
+
+
+def at_their_times(
+    pictures: Pictures, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Yield each picture when its time has come, counted from when the first one was taken."""
+    begun_s: float | None = None
+    for time_s, picture in pictures:
+        if begun_s is not None:
+            sleep(max(begun_s + time_s - clock(), 0.0))
+        yield time_s, picture
+        begun_s = clock() - time_s if begun_s is None else begun_s
+
+
+@dataclass(slots=True)
+class EyeCounts:
+    """Counts of a pair of eyes.
+
+    Stateful.
+    """
+
+    pictures: int = 0
+    """Pictures that were looked at."""
+    late: int = 0
+    """Pictures that a newer one took the place of before they were looked at."""
+    faces: int = 0
+    delays_s: list[float] = field(default_factory=list)
+    """Of the last pictures: time from the picture until its face was known."""
+
+
+class Eyes:
+    """Watches pictures in threads of its own. Use it in ``with``.
+
+    Stateful.
+
+    Parameters
+    ----------
+    pictures : iterable
+        Time in s, of no matter, and (H, W, 3) sRGB; each as soon as it is there.
+    open_detector : callable
+        Makes what finds 478 landmarks in a picture.
+    clock : callable
+        The monotonic clock.
+    """
+
+    def __init__(
+        self,
+        pictures: Pictures,
+        open_detector: Callable[[], Detector],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.counts = EyeCounts()
+        self.error: Exception | None = None
+        self._pictures, self._open_detector, self._clock = pictures, open_detector, clock
+        self._face = WatchedFace()
+        self._lock = threading.Condition()
+        self._newest: tuple[float, NDArray[np.uint8]] | None = None
+        self._left = False
+        self._is_over = self._is_looked_through = False
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(work,), name=f"fapengine-{name}", daemon=True)
+            for name, work in (("camera", self._take), ("eyes", self._look))
+        ]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._left = True
+            self._lock.notify_all()
+        self._threads[1].join(JOIN_S)  # a camera may keep the other one waiting
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there is no picture any more."""
+        return self._is_looked_through
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the face at rest is known."""
+        return self._face.is_known
+
+    def faps(self, now_s: float) -> NDArray[np.int32]:
+        """Return what is to be shown now, (68,) int32 FAPU.
+
+        Raises
+        ------
+        Exception
+            What went wrong with the camera or the detector: a FapEngineError, unless it is a bug.
+        """
+        if self.error is not None:
+            raise self.error
+        with self._lock:
+            return self._face.faps(now_s)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001  who asks for the face is told
+            self.error = error
+        finally:
+            with self._lock:
+                self._is_over = True
+                self._lock.notify_all()
+
+    def _take(self) -> None:
+        for _, picture in self._pictures:
+            with self._lock:
+                if self._left:
+                    return
+                self.counts.late += self._newest is not None
+                self._newest = self._clock(), picture
+                self._lock.notify_all()
+                self._lock.wait_for(
+                    lambda: self.counts.pictures > 0 or self._is_over or self._left
+                )  # it takes a second
+
+    def _look(self) -> None:
+        with self._open_detector() as detector:
+            while (taken := self._next()) is not None:
+                taken_s, picture = taken
+                points = detector.find(picture)
+                with self._lock:
+                    self._face.see(taken_s, points)
+                    self.counts.pictures += 1
+                    self._lock.notify_all()
+                self.counts.faces += bool(np.isfinite(points).all())
+                self.counts.delays_s = [*self.counts.delays_s[-299:], self._clock() - taken_s]
+        self._is_looked_through = True
+
+    def _next(self) -> tuple[float, NDArray[np.uint8]] | None:
+        with self._lock:
+            self._lock.wait_for(lambda: self._newest is not None or self._is_over or self._left)
+            taken, self._newest = self._newest, None
+            return None if self._left else taken
+
+
+def watch_live(job: WatchJob, open_screen: Callable[[], Screen]) -> dict[str, object]:
+    """Let a camera move a face until the viewer closes the screen, interrupts, or the film ends.
+
+    Parameters
+    ----------
+    job : WatchJob
+    open_screen : callable
+        Makes the screen, when camera and face are there.
+
+    Returns
+    -------
+    dict
+        Plain values: frames that were shown, pictures that were seen, how late they were.
+
+    Raises
+    ------
+    UsageError
+        If the source is no camera and no film, or a sink or the rate cannot be.
+    DataError
+        If the film is damaged.
+    ResourceError
+        If there is no camera, no detector or no server, or the screen cannot be opened.
+    """
+    pictures = _pictures(job.source)
+    rows: list[NDArray[np.int32]] = []
+    with ExitStack() as stack:
+        face = stack.enter_context(Face(style=Style.still(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks))
+        link = _Link(job.server) if job.server is not None else None
+        if link is not None:
+            stack.callback(link.close)
+        eyes = stack.enter_context(Eyes(pictures, lambda: Detector(job.model)))
+        screen = stack.enter_context(open_screen())
+        ticks = Ticks(job.rate_hz)
+        begun_s = face.hub.clock()
+        with suppress(KeyboardInterrupt):  # the way to end it
+            _run(job, face, eyes, screen, ticks, link, rows)
+        took_s = face.hub.clock() - begun_s
+    if job.output is not None and rows:
+        save(FapTrack.of(np.stack(rows), rate_hz=job.rate_hz), job.output)
+    counts = eyes.counts
+    delays_ms = 1e3 * np.array(counts.delays_s or [0.0])
+    return {
+        "source": job.source, "seconds": round(took_s, 2), "frames": ticks.frames, "skipped": ticks.skipped,
+        "rate_hz": job.rate_hz, "pictures": counts.pictures, "late": counts.late,
+        "seen": round(counts.faces / max(counts.pictures, 1), 4), "known": eyes.is_known,
+        "delay_ms": {"p50": float(np.median(delays_ms)), "p95": float(np.percentile(delays_ms, 95))},
+    }  # fmt: skip
+
+
+def _pictures(source: str) -> Pictures:
+    if source.partition(":")[0] == CAMERA:
+        return camera_pictures(camera_number(source), seconds=np.inf)
+    path = Path(source)
+    if path.suffix.lower() not in FILMS:
+        raise UsageError(f"source: got {source!r}, expected {CAMERA}, or a film in place of it, to move a face now")
+    if not path.is_file():
+        raise UsageError(f"{path}: cannot be read (no such file)")
+    return at_their_times(stream_pictures(path, max_side=MAX_SIDE))
+
+
+def _run(
+    job: WatchJob, face: Face, eyes: Eyes, screen: Screen, ticks: Ticks, link: "_Link | None",
+    rows: list[NDArray[np.int32]],
+) -> None:  # fmt: skip
+    begun_s, over_s, is_shown = face.hub.clock(), None, True
+    while is_shown:
+        ticks.wait()
+        now_s = face.hub.clock()
+        faps = eyes.faps(now_s)
+        values = {number: int(faps[fap.column(number)]) for number in NUMBERS}
+        face.hub.perform(SESSION, values)
+        if link is not None:
+            link.perform(values)
+        if job.output is not None:
+            rows += [faps] * (ticks.frames + ticks.skipped - len(rows))
+        is_shown = screen.show(face.frame(screen.lead_s), now_s - begun_s)
+        over_s = now_s if eyes.is_over and over_s is None else over_s
+        is_eased = over_s is not None and now_s > over_s + HOLD_S + EASE_S
+        if is_eased or (job.seconds is not None and now_s >= begun_s + job.seconds):
+            return
+
+
+class _Link:
+    """The way to a session of a server. Stateful.
+
+    Raises
+    ------
+    UsageError
+        If the address is none.
+    ResourceError
+        If nobody answers there, or aiohttp is missing.
+    """
+
+    def __init__(self, url: str) -> None:
+        from fapengine.live.clients.websocket_viewer import WebSocketViewer
+
+        self._viewer = WebSocketViewer(url)
+        until_s = time.monotonic() + FOUND_S
+        while self._viewer.state != "open":
+            if time.monotonic() > until_s:
+                self._viewer.close()
+                raise ResourceError(self._viewer.trouble or f"nobody answers at {url}")
+            time.sleep(0.02)
+        self._viewer.send("watch", on=False)
+
+    def perform(self, values: dict[int, int]) -> None:
+        self._viewer.send("perform", values={str(number): value for number, value in values.items()})
+
+    def close(self) -> None:
+        self._viewer.close()

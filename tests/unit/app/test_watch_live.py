@@ -1,0 +1,106 @@
+"""A camera that moves a face: pictures that come too fast, a detector that fails, a film in place of a camera."""
+
+import time
+from typing import Self
+
+import numpy as np
+import pytest
+
+from fapengine.app.watch_live import Eyes, WatchJob, at_their_times, watch_live
+from fapengine.errors import ResourceError, UsageError
+from fapengine.files.landmarks import LANDMARKS
+
+PICTURE = np.zeros((4, 4, 3), np.uint8)
+
+
+class SlowDetector:
+    """Takes its time for every picture; the picture's first byte is noted."""
+
+    def __init__(self, takes_s: float = 0.0, fails_at: int | None = None) -> None:
+        self.takes_s, self.fails_at, self.seen = takes_s, fails_at, []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def find(self, picture: np.ndarray) -> np.ndarray:
+        if len(self.seen) == self.fails_at:
+            raise ResourceError("face detector: has ended")
+        time.sleep(self.takes_s)
+        self.seen.append(int(picture[0, 0, 0]))
+        return np.full((LANDMARKS, 3), np.nan, np.float32)
+
+
+def numbered(count: int, apart_s: float) -> object:
+    for number in range(count):
+        yield number * apart_s, PICTURE + number
+        time.sleep(apart_s)
+
+
+def wait_for(eyes: Eyes) -> None:
+    until_s = time.monotonic() + 10
+    while not eyes.is_over:
+        assert time.monotonic() < until_s
+        eyes.faps(time.monotonic())
+        time.sleep(0.005)
+    eyes.faps(time.monotonic())
+
+
+def test_pictures_that_come_too_fast_are_left_out_and_none_waits() -> None:
+    detector = SlowDetector(takes_s=0.05)
+    with Eyes(numbered(60, 0.005), lambda: detector) as eyes:
+        wait_for(eyes)
+    assert detector.seen == sorted(detector.seen)
+    assert detector.seen[0] == 0
+    assert detector.seen[-1] == 59  # the newest is what is looked at
+    assert len(detector.seen) == eyes.counts.pictures < 20
+    assert eyes.counts.pictures + eyes.counts.late == 60
+    assert max(eyes.counts.delays_s) < 0.05 + 0.08  # never by more than the picture before
+    assert eyes.counts.faces == 0
+
+
+def test_none_is_left_out_where_the_detector_keeps_up() -> None:
+    detector = SlowDetector()
+    with Eyes(numbered(20, 0.02), lambda: detector) as eyes:
+        wait_for(eyes)
+    assert len(detector.seen) + eyes.counts.late == 20
+    assert eyes.counts.late <= 2  # a busy machine may be late once
+
+
+def test_what_fails_is_told_to_who_asks_for_the_face() -> None:
+    eyes = Eyes(numbered(20, 0.01), lambda: SlowDetector(fails_at=3))
+    with eyes, pytest.raises(ResourceError, match="has ended"):
+        wait_for(eyes)
+
+    def broken() -> object:
+        yield 0.0, PICTURE
+        raise ResourceError("camera: gives no picture")
+
+    with Eyes(broken(), SlowDetector) as eyes, pytest.raises(ResourceError, match="gives no picture"):
+        wait_for(eyes)
+
+
+def test_a_film_is_played_at_its_own_rate() -> None:
+    now_s, slept = [100.0], []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        now_s[0] += seconds
+
+    shown = []
+    for time_s, _ in at_their_times(((0.5 + n / 25, PICTURE) for n in range(6)), clock=lambda: now_s[0], sleep=sleep):
+        shown.append((round(time_s, 3), round(now_s[0], 3)))
+        now_s[0] += 0.3 if time_s == 0.5 else 0.1 if len(shown) == 3 else 0.01  # the first takes long, the third too
+    assert shown == [(0.5, 100.0), (0.54, 100.34), (0.58, 100.38), (0.62, 100.48), (0.66, 100.49), (0.7, 100.5)]
+    assert min(slept) == 0.0  # what is late is not waited for
+
+
+def test_what_cannot_move_a_face_is_told() -> None:
+    for source, message in (
+        ("talk.wav", "expected webcam, or a film"),
+        ("webcam:front", "webcam:1 for the second"),
+        ("none.mp4", "no such file"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            watch_live(WatchJob(source=source), lambda: pytest.fail("a screen was opened"))
