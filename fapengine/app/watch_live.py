@@ -57,7 +57,7 @@ class WatchJob:
     output: Path | None = None
     """File that keeps what was shown (.fap, .fba, .csv)."""
     model: Path | None = None
-    """As of :class:`fapengine.app.capture.CaptureJob`."""
+    """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
 
 
 def at_their_times(
@@ -85,7 +85,7 @@ class EyeCounts:
     """Pictures that a newer one took the place of before they were looked at."""
     faces: int = 0
     delays_s: list[float] = field(default_factory=list)
-    """Of the last pictures: time from the picture until its face was known."""
+    """Times from the last pictures until their faces were known."""
 
 
 class Eyes:
