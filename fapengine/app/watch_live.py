@@ -63,7 +63,7 @@ class WatchJob:
 def at_their_times(
     pictures: Pictures, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Yield each picture when its time has come, counted from when the first one was taken."""
+    """Yield each picture, (H, W, 3) sRGB, when its time in s has come, counted from when the first one was taken."""
     begun_s: float | None = None
     for time_s, picture in pictures:
         if begun_s is not None:

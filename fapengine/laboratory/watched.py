@@ -143,7 +143,7 @@ def resting_face(
 ) -> RestingFace:
     """Find the face at rest, in frames of a face that does anything.
 
-    Takes and raises what :func:`faps_of_points` does.
+    Takes points, (T, 3) each, and raises what :func:`faps_of_points` does.
     """
     missing = [name for name in NEEDED if name not in points]
     if missing:
