@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 A FAP moves its feature point by one FAPU step in its direction; the skin around follows with a weight that is 1 at the
-point and falls smoothly to 0. On the lips the weight is a product: *along* the contour a cosine between neighbouring
-feature points, *across* it a step between inner and outer contour, so that the contours stay smooth curves and neither
-lip moves the other. Round the lips, on cheeks and chin, the skin follows the feature points of the lower face as that
-of a real face does (:mod:`.skin`); what those fields say at another FAP's point is taken off, so that every point goes
-where its own FAP says. The jaw is a bone; its weight is 0 on the lips, whose own FAPs say where they are (Table C.1:
-open_jaw does not move them), and elsewhere the share that real skin has in the jaw's turn. Lids turn about the eye in
-piecewise-linear steps (the standard's FaceDefTables).
+point and falls smoothly to 0. On the lips the weight is a product: *along* the contour a curve between neighbouring
+feature points, nowhere negative, so that lips that do not cross at the points cross nowhere; *across* it a step between
+inner and outer contour, so that neither lip moves the other. Round the lips, on cheeks and chin, the skin follows the
+feature points of the lower face as that of a real face does (:mod:`.skin`); what those fields say at another FAP's
+point is taken off, so that every point goes where its own FAP says. The jaw is a bone; its weight is 0 on the lips,
+whose own FAPs say where they are (Table C.1: open_jaw does not move them), and elsewhere the share that real skin has
+in the jaw's turn. Lids turn about the eye in piecewise-linear steps (the standard's FaceDefTables).
 """
 
 from collections.abc import Callable
@@ -22,6 +22,7 @@ from fapengine.mesh.basis_collector import BasisCollector
 from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.skin import skin_fields
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mpeg4 import fap
@@ -30,11 +31,14 @@ from fapengine.mpeg4.fapu import AU_RAD, Fapu
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-LIP_KNOT = 0.55
-"""Place along the lip, 0 middle to 1 corner, of the points half way (2.6, 8.5, ...)."""
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 300.0, 600.0)
 WIDE_KNOTS = (0.0, -600.0)
+EASE, ROUND_TO_CORNER = 0.35, 0.35
+"""Share of the way from middle to half way that is a cosine, the rest being a parabola; share of the way on to the
+corner that is a parabola, the rest being a line. So the contours of recorded speech have no kink half way."""
+BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
+"""Millimetres by which a corner of the lips goes back for each that it goes outwards: lips slide round the teeth."""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Middle of the axis through the jaw's joints, mm."""
@@ -79,7 +83,7 @@ def build_basis(
         """One FAP, its weight scaled to be 1 at the feature point."""
         row = fap.spec(number)
         own = weight[np.flatnonzero(vertices == feature_points[row.point])[0]]
-        step = fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive])
+        step = fapu.unit(row.unit) * (np.array(fap.HEAD_AXES[row.positive]) - [0, 0, BACK_BY_STRETCH.get(number, 0.0)])
         collector.add(Channel(number, -np.inf, np.inf), vertices, (weight / own)[:, None] * step)
 
     def around(numbers: tuple[int, ...], vertices: Indices, size_mm: tuple[float, float, float]) -> None:
@@ -115,15 +119,22 @@ Linear = Callable[[int, Indices, Array], None]
 
 
 def _along(t: Array, at: float) -> Array:
-    """Cosine hat between neighbouring knots of a lip contour: 1 at ``at``, 0 at the next knots."""
-    knots = np.array([-1.0, -LIP_KNOT, 0.0, LIP_KNOT, 1.0])
-    index = int(np.abs(knots - at).argmin())
-    centre = knots[index]
-    left = centre - knots[index - 1] if index else 1.0
-    right = knots[index + 1] - centre if index < 4 else 1.0
-    share = np.where(t < centre, (centre - t) / left, (t - centre) / right)
-    hat: Array = 0.5 + 0.5 * np.cos(np.pi * np.clip(share, 0, 1))
-    return hat
+    """Weight along the lip of a knot: 1 at ``at``, 0 at the other knots, nowhere below 0; the weights sum to 1.
+
+    The lip is round in its middle, and falls ever more steeply from there to its corner.
+    """
+    across, end = np.abs(t), np.sign(at) * t >= 0
+    inside = np.clip(across / HALF_WAY, 0, 1)
+    to_side = (1 - EASE) * inside**2 + EASE * (0.5 - 0.5 * np.cos(np.pi * inside))
+    share = np.clip((across - HALF_WAY) / (1 - HALF_WAY), 0, 1)
+    to_corner = share + ROUND_TO_CORNER * share * (share - 1)
+    if at == 0:
+        weight: Array = 1 - to_side
+    elif abs(at) == 1:
+        weight = np.where(end, to_corner, 0.0)
+    else:
+        weight = np.where(end, to_side - to_corner, 0.0)
+    return weight
 
 
 def _lips(head: HeadParts, linear: Linear) -> None:
@@ -150,10 +161,10 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     ):
         add(middle_up, ring * _along(t, 0) * on_upper)
         add(middle_low, ring * _along(t, 0) * on_lower)
-        add(left_up, ring * _along(t, LIP_KNOT) * on_upper)
-        add(right_up, ring * _along(t, -LIP_KNOT) * on_upper)
-        add(left_low, ring * _along(t, LIP_KNOT) * on_lower)
-        add(right_low, ring * _along(t, -LIP_KNOT) * on_lower)
+        add(left_up, ring * _along(t, HALF_WAY) * on_upper)
+        add(right_up, ring * _along(t, -HALF_WAY) * on_upper)
+        add(left_low, ring * _along(t, HALF_WAY) * on_lower)
+        add(right_low, ring * _along(t, -HALF_WAY) * on_lower)
     for ring, numbers in ((inner, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
         for number, end in zip(numbers, (1, -1, 1, -1), strict=True):
             stretch = number in (6, 7, 53, 54)

@@ -22,6 +22,8 @@ LINE_Y = -34.0
 MIDDLE = (0.0, LINE_Y)
 """Place between the lips, on the bare head."""
 INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
+HALF_WAY = 0.55
+"""Place along the lip, 0 middle to 1 corner, of the feature points half way (2.6, 8.5, ...)."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
 INSIDE = (  # level, away from the mouth line, backwards, share of the width
@@ -32,6 +34,19 @@ INSIDE = (  # level, away from the mouth line, backwards, share of the width
     (-1.0, 15.0, 34.0, 1.05),
 )
 """The mouth bag. It widens behind the lips, so that the dental arch lies before its wall."""
+
+
+def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
+    """(N,): places along the lips, moved a little so that one of each lip, on each side, is :data:`HALF_WAY`.
+
+    Otherwise the feature points there would lie beside it, on upper and lower lip not alike.
+    """
+    moved = t.copy()
+    for lip in (upper, ~upper):
+        across = np.abs(t[lip])
+        nearest = across[np.abs(across - HALF_WAY).argmin()]
+        moved[lip] = np.sign(t[lip]) * np.interp(across, (0.0, nearest, 1.0), (0.0, HALF_WAY, 1.0))
+    return moved
 
 
 def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
@@ -74,6 +89,7 @@ def build_mouth(
 ) -> Rings:
     """Add lips and mouth bag inside a block whose border vertices exist already: (N,) indices."""
     t, upper = block.along()
+    t = with_half_way(t, upper)
     at_border = builder.column("points_mm")[border]
     palette = palette_of(style)
     outer = np.stack([style.mouth_width * OUTER_HALF_WIDTH * t, outer_contour(t, upper, style.lip_fullness)], axis=-1)

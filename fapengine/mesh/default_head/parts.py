@@ -52,7 +52,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         gap = 0.55 + 0.45 * round_off
         far = 1 - 0.38 * smoothstep((np.abs(share) - 0.40) / 0.6)
         # In speech the edges alone are seen, in the lips' shadow; a smile shows the light half above them.
-        shade = 1.6 - 0.68 * np.clip(height, 0, 1)
+        shade = 1.8 - 0.9 * np.clip(height, 0, 1)
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import TONGUE_TIP
 
 Array = NDArray[np.float64]
@@ -84,8 +85,8 @@ def _on_lips(head: HeadParts) -> dict[str, int]:
     vertices = {"2.2": at(inner, 0, True), "2.3": at(inner, 0, False), "8.1": at(outer, 0, True)}
     vertices |= {"8.2": at(outer, 0, False), "8.10": at(outer, 0.3, True), "8.9": at(outer, -0.3, True)}
     for name, ring, t, upper in (
-        ("2.4", inner, 1.0, True), ("2.6", inner, 0.55, True), ("2.8", inner, 0.55, False),
-        ("8.3", outer, 1.0, True), ("8.5", outer, 0.55, True), ("8.7", outer, 0.55, False),
+        ("2.4", inner, 1.0, True), ("2.6", inner, HALF_WAY, True), ("2.8", inner, HALF_WAY, False),
+        ("8.3", outer, 1.0, True), ("8.5", outer, HALF_WAY, True), ("8.7", outer, HALF_WAY, False),
     ):  # fmt: skip
         group, number = name.split(".")
         vertices[name] = at(ring, t, upper)
