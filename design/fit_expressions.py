@@ -22,6 +22,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ExpressionTarget
+from fapengine.trajectory.faps import displacements_to_faps
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 # fmt: off
@@ -39,9 +40,32 @@ EXPRESSIONS = {  # weights of fields of the dense face
     "surprise": {"browInnerUp": 1.0, "browOuterUp": 1.1, "eyeWide": 0.8, "jawOpen": 0.42},
 }
 # fmt: on
+BY_EYE = {  # FAPU in place of the fields' own; those of the right half are those of the left
+    "joy": {
+        "open_jaw": 60,
+        "lower_t_midlip": -140,
+        "lower_t_midlip_o": -80,
+        "raise_b_midlip": -120,
+        "raise_b_midlip_o": -130,
+        "lower_t_lip_lm": -200,
+        "lower_t_lip_lm_o": -135,
+        "raise_b_lip_lm": -40,
+        "raise_b_lip_lm_o": -45,
+        "stretch_l_cornerlip": 190,
+        "stretch_l_cornerlip_o": 190,
+        "raise_l_cornerlip": 330,
+        "raise_l_cornerlip_o": 360,
+        "lift_l_cheek": 215,
+        "close_t_l_eyelid": 90,
+        "close_b_l_eyelid": 300,
+    },
+}  # fmt: skip
+"""Corrections by eye: between the corners the lower lip of the fields' joy was a V, the upper as thick as at rest. A
+real smile's lower lip is a bow, its upper lip thins, and the lids narrow."""
 PROVENANCE = (
     "sums of expression fields of the ICT-FaceKit head, as the standard words them, large enough to be told from"
-    " neutral at 200 pixels with strength 0.6 (python -m design.fit_expressions); not acted"
+    " neutral at 200 pixels with strength 0.6, joy's lips, cheeks and lids corrected by eye"
+    " (python -m design.fit_expressions); not acted"
 )
 SPACE_FAPS = {*range(3, 19), *range(39, 43), *range(51, 61)}
 """FAPs that the markers determine (:mod:`fapengine.trajectory.faps`)."""
@@ -84,6 +108,11 @@ def measure_expressions(
                 beyond = beyond - (moved["2.1"] - carried["2.1"])
             value = float(beyond @ np.array(axis)) / fapu.unit(row.unit)
             faps[fap.column(row.number)] = value if abs(value) >= 1 else 0.0
+        in_space = displacements_to_faps(space.to_points_mm(target[None]), space.points, fapu)[0]
+        for left, value in BY_EYE.get(expression, {}).items():
+            for name in {left, left.replace("_l_", "_r_").replace("_lm", "_rm")}:
+                column = fap.column(fap.by_name(name).number)
+                faps[column] = value - in_space[column]
         found[Expression[expression.upper()]] = ExpressionTarget(target=target, fap=faps)
     return found
 
