@@ -21,14 +21,15 @@ const float CORNEA = 1.75;  // curvature of the cornea to that of the ball
 const float CORNERS = 0.965;  // the eye's corners lie so far aside, as a share of the ball's radius
 const vec2 CORNER_HEIGHT = vec2(-0.155, 0.085);  // their height, and its slope outwards
 
-vec3 iris_colour(vec2 at, float radius) {
+// soft: half of the width of an edge, at least a third of a pixel, or edges would flicker as the eye moves.
+vec3 iris_colour(vec2 at, float radius, float soft) {
     float share = radius / u_iris.x;
     float around = atan(at.y, at.x);
     float fibres = 0.5 + 0.5 * sin(around * 37.0 + 3.0 * sin(around * 11.0)) * sin(around * 23.0 + share * 9.0);
     vec3 colour = u_iris_albedo * mix(1.0, 0.32, smoothstep(0.35, 0.92, share)) * (0.72 + 0.56 * fibres);
     colour *= 1.0 + 0.85 * smoothstep(0.15, -0.9, at.y / u_iris.x);  // light gathers opposite the key
     colour *= 1.0 - 0.85 * smoothstep(0.74, 1.0, share);  // limbus
-    return mix(vec3(0.003), colour, smoothstep(u_iris.y - 0.02, u_iris.y + 0.02, radius));
+    return mix(vec3(0.003), colour, smoothstep(u_iris.y - soft, u_iris.y + soft, radius));
 }
 
 void main() {
@@ -36,8 +37,9 @@ void main() {
     vec3 view = normalize(u_eye_position - v_position);
     vec2 at = (v_uv - 0.5) * 2.0;
     float radius = length(at);
+    float soft = max(0.35 * fwidth(radius), 0.02);
     vec3 white = v_albedo * SCLERA * mix(vec3(1.0), VEINS, smoothstep(0.35, 0.95, abs(at.x)));
-    vec3 albedo = mix(iris_colour(at, radius), white, smoothstep(u_iris.x - 0.045, u_iris.x + 0.035, radius));
+    vec3 albedo = mix(iris_colour(at, radius, soft), white, smoothstep(u_iris.x - 0.025 - soft, u_iris.x + 0.015 + soft, radius));
 
     // The lids belong to the head, not to the ball: how far below the upper and above the lower one is this place?
     mat3 head = mat3(u_bones[4]);
@@ -59,7 +61,9 @@ void main() {
     float on_cornea = 1.0 - smoothstep(0.95 * u_iris.x, 1.3 * u_iris.x, radius);
     vec3 front = normalize(mix(normal, gaze + CORNEA * (normal - gaze), on_cornea));
     float facing = dot(front, view);
-    float catchlight = smoothstep(0.9905, 0.9960, half_way(KEY_FROM, view, dot(front, KEY_FROM) + facing));
+    float mirrored = half_way(KEY_FROM, view, dot(front, KEY_FROM) + facing);
+    float edge = 0.3 * fwidth(mirrored);
+    float catchlight = smoothstep(0.9905 - edge, 0.9960 + edge, mirrored);
     catchlight += 0.10 * smoothstep(0.985, 0.999, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
     colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
     // Tears stand on the lower lid.

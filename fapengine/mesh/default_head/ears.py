@@ -17,11 +17,11 @@ from fapengine.mesh.default_head.style import HeadStyle, palette_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MIDDLE = np.array([83.0, 12.0, -3.0])
+MIDDLE = np.array([82.0, 16.5, -4.0])
 UP_AXIS, BACK_AXIS = np.array([0.05, 0.975, -0.215]), np.array([0.21, -0.170, -0.963])
 ROOT = (np.deg2rad(93.0), 10.0)
 """Place on the bare head with which an ear goes."""
-HALF_LENGTH, HALF_WIDTH = 32.0, 17.5
+HALF_LENGTH, HALF_WIDTH = 29.5, 16.5
 JOIN_MM = 9.5
 """Depth by which the front of an ear lies in the head."""
 INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)

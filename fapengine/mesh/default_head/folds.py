@@ -32,6 +32,8 @@ RANGE = 0.9
 """Change of the light, as a share, for one unit of the map beyond its pores; ``FOLDS`` in ``face.frag``."""
 PORES = 0.25
 """Distance from the map's middle, of 1, that pores keep; folds are beyond it. Also in ``face.frag``."""
+LIT_SIDE = 0.5
+"""Share of the light on a furrow's lit side; light goes into skin, which evens it out, and shadow stays."""
 AT_REST, OLD = 0.035, 0.42
 """Share of the folds that a young and an old face has at rest."""
 YOUNG = 0.45
@@ -95,7 +97,7 @@ def _lines(x: Array, y: Array) -> Iterator[tuple[int, Array, Array, float, float
         middle = at + 0.75 * (across - 9.0) + 0.3 * np.sin(0.7 * across + number)
         yield NOSE, (y - middle) * 0.8, smoothstep((across - 3.5) / 3.0) * smoothstep((14.5 - across) / 4.5), 0.9, 0.42
     middle = 17.5 + 0.44 * (-4.0 - y) + 2.0 * np.sin((y + 22.0) / 12.0)
-    yield BESIDE_NOSE, (across - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 2.4, 1.0
+    yield BESIDE_NOSE, (across - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 4.2, 1.5
     middle = -53.0 - 0.009 * x**2
     yield CHIN, y - middle, smoothstep((17.0 - across) / 9.0), 1.8, 0.6
 
@@ -137,7 +139,7 @@ def fold_map() -> NDArray[np.uint8]:
     key_around = KEY_FROM[0] * np.cos(angle) - KEY_FROM[2] * np.sin(angle)
     key_facing = KEY_FROM[0] * np.sin(angle) + KEY_FROM[2] * np.cos(angle)
     change = -(around * key_around + upwards * KEY_FROM[1]) / np.clip(key_facing, 0.45, 1.0)
-    change = 0.9 * change + 0.28 * np.minimum(height, 0.0)
+    change = 0.9 * np.where(change > 0, LIT_SIDE * change, change) + 0.28 * np.minimum(height, 0.0)
     region = np.maximum(region, np.abs(dimples) > 0.02)
     pores = gaussian_filter(grain(y.shape, 42), 0.75)
     pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)

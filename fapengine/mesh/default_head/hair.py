@@ -26,7 +26,7 @@ from fapengine.mesh.face_mesh import Material
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.22, 0.42, 0.63, 0.82, 0.95)
+CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
 LONG_TAPER = (0.4, 0.9, 1.0, 1.1, 1.15, 1.2, 1.2, 1.15, 1.05, 0.8)
@@ -43,8 +43,12 @@ CURTAIN_MM = 4.0
 HAIRS_A_LOCK, HAIR_POINTS = 4, 3
 SPLIT_FROM = 0.3
 """Share of a lock by the face from which it parts into single hairs."""
+OPAQUE_TO = 0.75
+"""Share of such a lock's length after which single hairs go on alone."""
 FACE_Z_MM = 60.0
 """Locks that end before this depth frame the face."""
+CROWN_MM = 132.0
+"""Height above which no lock begins: it would stand up."""
 GOLDEN = 0.6180339887498949
 
 
@@ -91,7 +95,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
 
 def _build_curtain(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     """Add what hangs under the locks of long hair, from ear over the nape to ear: an outside and an inside."""
-    angle = np.deg2rad(np.linspace(58.0, 302.0, round(26 * detail)))
+    angle = np.deg2rad(np.linspace(62.0, 298.0, round(34 * detail)))
     angle, y = np.meshgrid(
         np.where(angle > np.pi, angle - 2 * np.pi, angle), np.linspace(-60.0, 66.0, round(9 * detail))
     )
@@ -137,16 +141,21 @@ def _hanging(points: Array, normals: Array, angle: Array, y: Array, end_mm: floa
     below = smoothstep((HANGS_BELOW_MM - y) / 30.0)[..., None]
     down = np.interp(y[:, 0], (y.min(), HANGS_BELOW_MM), (end_mm, HANGS_BELOW_MM))
     level = int(np.abs(y[:, 0] - HANGS_BELOW_MM).argmin())
-    curtain = np.repeat(points[level][None], len(points), axis=0) * [1.04, 1.0, 1.0]
-    curtain[..., 1] = np.where(y < HANGS_BELOW_MM, down[:, None], y)
+    drop = np.clip((HANGS_BELOW_MM - down) / 120.0, 0, 1)[:, None, None]
+    curtain = np.repeat(points[level][None], len(points), axis=0) * (
+        np.array([1.04, 1.0, 1.0]) - [0.09, 0.0, 0.0] * drop
+    )
+    ragged = 4.5 * np.sin(11.0 * angle) + 3.5 * np.sin(29.0 * angle + 1.0)
+    curtain[..., 1] = np.where(y < HANGS_BELOW_MM, down[:, None] + drop[..., 0] * ragged, y)
     out = normals[level] * [1.0, 0.0, 1.0]
     out = np.broadcast_to(out / np.linalg.norm(out, axis=-1, keepdims=True), normals.shape)
+    wave = 2.4 * np.sin(0.055 * curtain[..., 1] + 5.0 * angle) + 1.2 * np.sin(13.0 * angle + 0.02 * curtain[..., 1])
     hung = points + below * (curtain - points)
     turned = normals + below * (out - normals)
     turned = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
     degrees = np.rad2deg(np.abs(angle))
     ear = smoothstep((degrees - 62.0) / 20.0) * smoothstep((132.0 - degrees) / 24.0) * smoothstep((66.0 - y) / 30.0)
-    return hung + (EAR_MM * ear)[..., None] * turned, turned
+    return hung + (EAR_MM * ear + below[..., 0] * wave)[..., None] * turned, turned
 
 
 def _combed(points: Array, normals: Array, haircut: str) -> Array:
@@ -198,12 +207,12 @@ def _roots(scalp: _Scalp, count: int) -> Array:
     points, _ = scalp.under(np.array([0.0, 52.0, 2.0]) + 92.0 * towards)
     behind = points[:, 1] > hairline(np.arctan2(points[:, 0], points[:, 2] - 10.0)) + 3.0
     over_ear = (np.abs(points[:, 2] + 4) < 26) & (points[:, 1] < 72)
-    return points[behind & (points[:, 1] > -28) & ~over_ear]
+    return points[behind & (points[:, 1] > -28) & (points[:, 1] < CROWN_MM) & ~over_ear]
 
 
 def _clear_of_ears(points: Array) -> Array:
     """(N,): 1 where a lock may go on, 0 above an ear, through which it would hang."""
-    above_ear = smoothstep((56.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
+    above_ear = smoothstep((66.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
     clear: Array = 1 - above_ear
     return clear
 
@@ -217,6 +226,9 @@ def _front_roots(style: HeadStyle) -> Array:
 def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     scalp = _Scalp(style)
     at = np.concatenate([_roots(scalp, round(LOCKS * np.clip(detail, 0.6, 1.6))), _front_roots(style)])
+    is_long = style.haircut in HANGS_TO_MM
+    if not is_long:  # above an ear there is no way to go
+        at = at[_clear_of_ears(at) > 0.5]
     number = np.arange(len(at))
     vary, other = 2 * ((number * GOLDEN) % 1) - 1, 2 * ((number * GOLDEN * 5.77) % 1) - 1
     top = smoothstep((at[:, 1] - 70.0) / 45.0)
@@ -224,7 +236,6 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
     nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
     temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
-    is_long = style.haircut in HANGS_TO_MM
     if is_long:
         length = (at[:, 1] - HANGS_TO_MM[style.haircut] + 0.6 * np.abs(at[:, 1] - 60.0)) * (0.92 + 0.06 * vary)
     else:
@@ -240,11 +251,15 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         aside = np.cross(along, out)
         along = along + (0.16 * other)[:, None] * aside
         out_of = smoothstep((share + 0.02) / 0.3)
+        # Edges lie on the cap: one that stood off it would be seen as a row of dots against the light.
+        on_cap = smoothstep((foot[:, 1] - hairline(np.arctan2(foot[:, 0], foot[:, 2])) - 4.0) / 10.0)
+        if is_long:
+            on_cap *= smoothstep((foot[:, 1] - HANGS_BELOW_MM) / 40.0)
         high = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
         middle = foot + high[:, None] * out
         edge = (wide * half)[:, None] * aside
-        sunk = (0.24 * wide * half)[:, None] * out
-        tilt = (0.2 * vary * wide * half)[:, None] * out
+        sunk = (0.24 * wide * half + on_cap * (high - _thickness(foot[:, 1])).clip(0))[:, None] * out
+        tilt = ((0.2 - 0.17 * on_cap) * vary * wide * half)[:, None] * out
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
         shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
         tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
@@ -257,7 +272,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     points[:, -1] = points[:, -1, 1:2]
     whole, framing = points.copy(), np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM)
     slender = np.interp(shares, (SPLIT_FROM, 1.0), (1.0, 0.12))[:, None, None]
-    points[framing] = points[framing, :, 1:2] + slender * (points[framing] - points[framing, :, 1:2])
+    # What is opaque ends before the tips, where hairs alone go on: a tip narrower than a pixel would flicker.
+    middle = _shortened(points[framing, :, 1], OPAQUE_TO)
+    points[framing] = middle[:, :, None] + slender * (points[framing] - points[framing, :, 1:2])
     strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
     uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * ((number * GOLDEN * 1.7) % 1)[:, None, None])
     body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR, uv=uv[:, :-1])
@@ -270,6 +287,13 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         builder.loose(np.stack([body[:, -1, left], body[:, -1, left + 1], tips], axis=-1))
     hairs = _build_hairs(builder, whole, framing, palette)
     return np.concatenate([body.ravel(), tips, hairs])
+
+
+def _shortened(paths: Array, share: float) -> Array:
+    """(N, R, 3): paths, (N, R, 3), that end after a share of their rows, with as many rows."""
+    at = share * np.arange(paths.shape[1])
+    low = np.minimum(at.astype(np.int64), paths.shape[1] - 2)
+    return np.asarray(paths[:, low] + (at - low)[:, None] * (paths[:, low + 1] - paths[:, low]))
 
 
 def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: Palette) -> Indices:

@@ -20,7 +20,7 @@ from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
 from fapengine.mesh.default_head.brows import build_brow
 from fapengine.mesh.default_head.ears import build_ear
 from fapengine.mesh.default_head.eyes import build_lids
-from fapengine.mesh.default_head.folds import fold_map, resting_folds
+from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
 from fapengine.mesh.default_head.glasses import build_glasses
 from fapengine.mesh.default_head.hair import build_hair
 from fapengine.mesh.default_head.hairline import hairline
@@ -45,6 +45,8 @@ LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.65, 0.85
 """Least light on a lid that is open, and on one that is shut."""
+HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
+"""Distance of hair that shades skin; share of the light that hair and jaw take away."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
@@ -283,6 +285,24 @@ def _light_lids(
     rest[lids] = -1.0
 
 
+def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
+    """Let the key lamp's light be shaded on skin below hair and on the neck below the jaw: change ``occlusion``."""
+    skin = head.grid.ravel()
+    at = points[skin]
+    shade = np.zeros(len(skin))
+    if has_hair:
+        # Hair that a ray to the lamp passes near by.
+        hair = cKDTree(points[head.hair])
+        distance = hair.query(at + 6.0 * KEY_FROM, distance_upper_bound=HAIR_NEAR_MM)[0]
+        shade = HAIR_SHADE * smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
+    chin = points[head.mouth.indices[0], 1].min()
+    jaw = chin - 8.0 + 0.006 * at[:, 0] ** 2  # it rises towards the ears
+    below = smoothstep((jaw - at[:, 1]) / 22.0) * smoothstep((at[:, 2] + 30.0) / 60.0)
+    below *= 0.35 + 0.65 * smoothstep((at[:, 1] - chin + 58.0) / 40.0)
+    shade = np.maximum(shade, JAW_SHADE * below)
+    occlusion[skin] *= 1 - shade
+
+
 def _finish(
     builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float, reshape: Reshape | None = None
 ) -> FaceMesh:
@@ -297,6 +317,7 @@ def _finish(
     shared = normals[seam].sum(axis=1, keepdims=True)
     normals[seam] = shared / np.maximum(np.linalg.norm(shared, axis=-1, keepdims=True), 1e-9)
     occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
+    _cast_shadows(points, occlusion, head, bool(style.hair))
     # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
