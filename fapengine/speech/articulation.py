@@ -150,3 +150,5 @@ to 9.9 and the recorded 4.8, ɹ our own judgement: the recorded one, labial as i
 SIBILANTS = frozenset("szʃʒɕʑʂʐ")
 """Sounds that need the teeth near each other: of all consonants the jaw is highest and varies least (Mooshammer, Hoole
 and Geumann 2007, "Jaw and order", Language and Speech 50, 145)."""
+PUCKERED = frozenset("uyoøʉɵwʍɥ")
+"""Tense rounded vowels and their glides: lips that go on narrowing while the sound lasts."""

@@ -196,7 +196,10 @@ def _keys(row: _Row, profile: Profile, look_up: "_Labels") -> tuple[NDArray[np.i
     times_s = keys_s[kept]
     token = np.repeat(np.arange(len(told)), kept.sum(axis=1))
     letter = np.minimum(first[token] + np.floor((times_s - phone_s[token]) * letters_hz[token]), last[token])
-    layer = phonetics.in_context(np.array(row.letters), letter.astype(np.intp))
+    letters, at = np.array(row.letters), letter.astype(np.intp)
+    layer = phonetics.in_context(letters, at)
+    phone_lengths_s = (last - first + 1.0) / letters_hz
+    phonetics.hold_long(layer, letters[at], phone_lengths_s[token])
     return track_of[token], times_s, np.concatenate([targets[kept], layer], axis=1)
 
 

@@ -80,6 +80,21 @@ def test_round_sounds_in_words_come_forward(style: str, feeling: str) -> None:
     assert least[0] - most[0] >= CONTRAST_MM, (least, most)
 
 
+@pytest.mark.parametrize("style", ["still", "alive"])
+def test_round_sounds_that_last_are_narrow(style: str) -> None:
+    """A pucker of ICT-FaceKit is 9 mm narrower than rest; short sounds are as narrow as the recorded speaker's."""
+    rest, spread = 0.0, width(pose("i", 0, style, "neutral", 0.3))
+    for label in "uwyoø":
+        long = width(pose(label, 0, style, "neutral", 0.3))
+        assert long < rest - 8.5, label
+        assert long < spread - 11.0, label
+    in_words = {word: width(pose(*WORDS[word], style, "neutral", 0.17)) for word in ("boot", "wet", "goat")}
+    assert max(in_words.values()) < rest - 7.0, in_words
+    short = width(pose("b u t", 1, style, "neutral", 0.08))
+    assert -6.5 < short < rest - 4.0
+    assert width(pose("ʃ", 0, style, "neutral", 0.3)) > width(pose("ʃ", 0, style, "neutral", 0.08)) - 1.0
+
+
 @pytest.mark.parametrize("strength", [0.6, 1.0])
 @pytest.mark.parametrize("style", ["still", "alive", "mumbled"])
 def test_a_smile_does_not_widen_round_lips(style: str, strength: float) -> None:
