@@ -11,7 +11,8 @@ likes.
 How much each kind is shrunk was chosen by words left out, not by sentences left out: all that a user makes a face say
 is new words, while the words of a held-out sentence were heard in others (``bench/new_words``).
 
-Lips foresee by this: the same /s/ is round before /u/ and spread before /i/.
+Lips foresee by this: the same /s/ is round before /u/ and spread before /i/. What has no gesture of its own, h and its
+like, takes the shape of what follows (:data:`NEXT_FROM`).
 """
 
 from array import array
@@ -27,6 +28,7 @@ from fapengine.profiles import ContextModel
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE
 from fapengine.trajectory.context_features import (
+    GESTURELESS,
     LENGTHS,
     MAX_DURATION_S,
     MIN_DURATION_S,
@@ -60,6 +62,9 @@ within training sentences of one speaker; of those tried, none a third of it or 
 by more than 0.6 %."""
 MIN_TOKENS = 3
 """Tokens that a feature must be seen in; what is rarer is luck."""
+NEXT_FROM = 0.65
+"""Share of the next letter in the first keyframe of h and its like, which have no gesture of their own; the rest is how
+the one before ends. In the last keyframe it is all."""
 BLOCK = 256
 """Columns of the normal matrix that are computed at a time."""
 FIRST_PAIRS = 64
@@ -71,8 +76,8 @@ KIND_RADIX = 1 << 20
 def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing.
 
-    The sum of what :func:`.context_features.features` names, but summed beforehand for each kind of token: a stream
-    asks this whenever a phone comes.
+    The sum of what :func:`.context_features.features` names, but of h and its like, summed beforehand for each kind of
+    token: a stream asks this whenever a phone comes.
     """
     tables = tables_of(model)
     beyond = [tables.silence] * REACH
@@ -108,6 +113,8 @@ class ContextTables:
         """(kinds, steps, D): as the neighbour at each step, and in the middle as the token itself."""
         self._by_length = np.zeros((0, flat.shape[1]))
         """(kinds, D), per length of the token itself."""
+        self._idle = np.zeros(0, bool)
+        """(kinds,): which have no gesture of their own."""
         self._parts: list[tuple[Part, Part]] = []
         self._kinds: dict[tuple[str, ...], int] = {}
         self._pairs = np.full((FIRST_PAIRS, FIRST_PAIRS), -1)
@@ -143,12 +150,36 @@ class ContextTables:
         (N, keyframes, K) float64
         """
         lengths = np.log(np.clip(lengths_s, MIN_DURATION_S, MAX_DURATION_S) / TYPICAL_S)
+        found = self._sums(around, lengths, own, range(-REACH, REACH + 1))
+        idle = np.flatnonzero(self._idle[around[own]])
+        if len(idle):
+            found[idle] = self._between(found[idle], around, lengths, own[idle])
+        return found
+
+    def _sums(self, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp], steps: range) -> Array:
+        """(N, keyframes, K): what every feature adds, of neighbours at ``steps``; in place of the others is silence."""
         total = self._near(around, own)
         total += lengths[own, None] * self._by_length[around[own]]
         total += lengths[own[:, None] + _LENGTHS] @ self._lengths_beside
         for step in range(-REACH, REACH + 1):
-            total += self._by_step[around[own + step], step + REACH]
+            total += self._by_step[around[own + step] if step in steps else self.silence, step + REACH]
         return total.reshape(len(own), *self._shape)
+
+    def _between(self, alone: Array, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp]) -> Array:
+        """(N, keyframes, K): tokens without a gesture, which go from how the one before ends to how the next begins.
+
+        None sees more of the track than other tokens do. ``alone`` is taken where neither neighbour has a gesture.
+        """
+        shares = np.linspace(NEXT_FROM, 1.0, self._shape[0])[:, None]
+        goes = ~self._idle
+        goes[self.silence] = False
+        led, leads = goes[around[own - 1]][:, None, None], goes[around[own + 1]][:, None, None]
+        before = self._sums(around, lengths, own - 1, range(1 - REACH, REACH + 1))[:, -1:]
+        behind = self._sums(around, lengths, own + 1, range(-REACH, REACH))[:, :1]
+        both = (1.0 - shares) * before + shares * behind
+        either = np.where(led & leads, both, np.where(leads, behind, before))
+        found: Array = np.where(led | leads, either, alone)
+        return found
 
     def _near(self, kinds: NDArray[np.intp], own: NDArray[np.intp]) -> Array:
         """(N, D): what tokens at ``own`` get from who stands right beside them."""
@@ -190,6 +221,7 @@ class ContextTables:
             self._sum(beside(step, last if step < 0 else first) if step else alone(first))
             for step in range(-REACH, REACH + 1)
         ]
+        self._idle = np.append(self._idle, bool(heard) and GESTURELESS.issuperset(heard))
         self._by_step = np.concatenate([self._by_step, [steps]])
         self._by_length = np.concatenate([self._by_length, [self._sum(lengthened(first))]])
         return kind

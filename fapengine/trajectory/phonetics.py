@@ -56,8 +56,8 @@ LONG_S = 0.08, 0.2
 LONG_TIMES = 6.0
 """Greatest times ``round`` of a long puckered letter. Its corners come in by 3 mm each beside what was recorded, so
 that a u is 12 mm narrower than rest; a pucker of ICT-FaceKit is 9. Sounds that last reach what short ones only point
-at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. The recorded u last 0.1 s: it costs 1.7 % of the
-width's correlation in ``bench.fidelity``, and the judge of ``bench.intelligible`` errs no more on heard words."""
+at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. The recorded u last 0.1 s: it costs 1.7 % of
+the width's correlation in ``bench.fidelity``, and the judge of ``bench.intelligible`` errs no more on heard words."""
 HALF_GAIN = 0.4
 """Size of a style's lips at which the layer is half of its greatest: mumbled speech keeps its contrasts longer than its
 openings, shouted speech does not protrude for ever."""

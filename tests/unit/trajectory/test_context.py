@@ -143,6 +143,30 @@ def test_h_is_as_its_neighbours_make_it() -> None:
     assert width(look("h i", 0)) > width(look("h u", 0)) + 0.4
 
 
+def test_h_takes_the_shape_of_what_follows() -> None:
+    """And at a track's end of what went before; it used to open by 8.9 mm before w, where the speaker has 2.1."""
+    points = [english().space.points.index(name) for name in ("2.2", "2.3")]
+
+    def opening(weights: np.ndarray) -> float:
+        return float(np.subtract(*english().space.to_points_mm(weights)[points, 1]))
+
+    def keys(spelling: str) -> np.ndarray:
+        tokens, _ = tokens_of(track(spelling), english().phones)
+        return targets(tokens, english().context)[1:]
+
+    before_w = keys("h w aɪ t")
+    assert opening(before_w[0, -1]) < opening(before_w[1, 0]) + 0.5 < 5.0
+    between = keys("ɑ h i")
+    mixed = 0.35 * between[0, -1] + 0.65 * between[2, 0]
+    np.testing.assert_allclose(between[1, 0], mixed, atol=0.3 * np.abs(mixed).max())
+    last = keys("b ɑ h")
+    np.testing.assert_allclose(last[2, 0], last[2, -1])
+    assert abs(opening(last[2, 0]) - opening(last[1, -1])) < 2.0
+    alone = keys("h")
+    assert opening(alone[0, 0]) > 5.0
+    assert np.abs(keys("h ʔ")[0] - keys("h ɑ")[0]).max() > 0
+
+
 def test_nothing_said_is_nothing_learned() -> None:
     tokens, _ = tokens_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]), english().phones)
     with pytest.raises(UsageError, match="no spoken phone"):
