@@ -51,13 +51,13 @@ UPPER_SHARE, LOWER_SHARE = 0.87, 1.13
 NARROW_MM = 0.5
 """Each corner's way to the middle at ``round`` 1, beside what was recorded. The width's variation grows from 0.66 to
 0.78 of the captured one, and no figure of ``bench.fidelity`` loses 2 %; with 0.8 mm the width's correlation does."""
-LONG_S = 0.08, 0.2
+LONG_S = 0.1, 0.2
 """Length of a phone from which on, and at which wholly, letters of
 :data:`~fapengine.speech.articulation.PUCKERED` are held narrower."""
 LONG_TIMES = 6.0
 """Greatest times ``round`` of a long puckered letter. Its corners come in by 3 mm each beside what was recorded, so
 that a u is 12 mm narrower than rest; a pucker of ICT-FaceKit is 9. Sounds that last reach what short ones only point
-at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. The recorded u last 0.1 s: it costs 1.7 % of
+at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. The recorded u last 0.1 s: it costs 1.3 % of
 the width's correlation in ``bench.fidelity``, and the judge of ``bench.intelligible`` errs no more on heard words."""
 HALF_GAIN = 0.4
 """Size of a style's lips at which the layer is half of its greatest: mumbled speech keeps its contrasts longer than its
