@@ -10,11 +10,12 @@ import numpy as np
 from aiortc.mediastreams import MediaStreamError, MediaStreamTrack
 
 from fapengine.live.film.film import SHOW_AFTER_S
+from fapengine.live.film.latest import MAX_LATE_S, Latest
 from fapengine.live.film.soundtrack import RATE_HZ, Samples
 
 VIDEO_HZ = 90_000
-MAX_PICTURES, MAX_BLOCKS = 2, 50
-"""Pictures and blocks that may wait for a caller whose encoder is behind; the oldest is dropped."""
+MAX_BLOCKS = 50
+"""Blocks of sound that may wait for a caller whose encoder is behind; the oldest is dropped."""
 
 
 class FilmTrack(MediaStreamTrack):
@@ -29,38 +30,24 @@ class FilmTrack(MediaStreamTrack):
     ----------
     kind : str
         ``"audio"`` or ``"video"``.
-    most : int
-        What may wait.
     clock : callable
         The engine's.
     """
 
-    def __init__(self, kind: str, most: int, clock: Callable[[], float]) -> None:
+    def __init__(self, kind: str, clock: Callable[[], float]) -> None:
         self.kind = kind  # before the track is made: it looks
         super().__init__()
         self._clock = clock
-        self._queued: deque[tuple[float, av.VideoFrame | av.AudioFrame]] = deque(maxlen=most)
         self._came = asyncio.Event()
-        self.dropped = 0
         self.sent = 0
 
-    def put(self, time_s: float, frame: av.VideoFrame | av.AudioFrame) -> None:
-        """Add what is to be handed on."""
-        self.dropped += len(self._queued) == self._queued.maxlen
-        self._queued.append((time_s, frame))
-        self._came.set()
-
-    async def recv(self) -> av.VideoFrame | av.AudioFrame:
-        """Hand the next one on when its time has come; the library asks."""
-        while not self._queued:
+    async def _wait(self, is_there: Callable[[], bool]) -> None:
+        """Wait until something is there to be handed on."""
+        while not is_there():
             if self.readyState != "live":
                 raise MediaStreamError
             self._came.clear()
             await self._came.wait()
-        time_s, frame = self._queued.popleft()
-        await asyncio.sleep(max(0.0, time_s + SHOW_AFTER_S - self._clock()))
-        self.sent += 1
-        return frame
 
     def stop(self) -> None:
         """Hand nothing on any more."""
@@ -68,30 +55,90 @@ class FilmTrack(MediaStreamTrack):
         self._came.set()
 
 
+class SoundTrack(FilmTrack):
+    """Blocks of sound, each in its turn. Stateful."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__("audio", clock)
+        self._queued: deque[tuple[float, av.AudioFrame]] = deque(maxlen=MAX_BLOCKS)
+        self.dropped = 0
+
+    def put(self, time_s: float, frame: av.AudioFrame) -> None:
+        """Add a block that begins at an engine time."""
+        self.dropped += len(self._queued) == self._queued.maxlen
+        self._queued.append((time_s, frame))
+        self._came.set()
+
+    async def recv(self) -> av.AudioFrame:
+        """Hand the next one on when its time has come; the library asks."""
+        await self._wait(lambda: bool(self._queued))
+        time_s, frame = self._queued.popleft()
+        await asyncio.sleep(max(0.0, time_s + SHOW_AFTER_S - self._clock()))
+        self.sent += 1
+        return frame
+
+
+class PictureTrack(FilmTrack):
+    """Pictures, of which those that come too late are left out: :mod:`fapengine.live.film.latest`. Stateful.
+
+    One that is shown although it is late has the time at which it is shown: a browser that went by its own time would
+    have the sound wait for it.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__("video", clock)
+        self._stamp = -1
+        self._pictures = Latest[av.VideoFrame]()
+
+    @property
+    def dropped(self) -> int:
+        """Number of pictures that were left out."""
+        return self._pictures.dropped
+
+    def put(self, time_s: float, frame: av.VideoFrame) -> None:
+        """Add a picture of an engine time."""
+        self._pictures.put(time_s + SHOW_AFTER_S, frame)
+        self._came.set()
+
+    async def recv(self) -> av.VideoFrame:
+        """Hand on the newest one whose time has come; the library asks when it has sent the one before."""
+        while (taken := self._pictures.take(self._clock())) is None:
+            await self._wait(lambda: self._pictures.wait_s(0.0) is not None)
+            await asyncio.sleep(self._pictures.wait_s(self._clock()) or 0.0)
+        due_s, frame = taken
+        late_s = self._clock() - due_s
+        shift = round(late_s * VIDEO_HZ) if late_s > MAX_LATE_S else 0
+        frame.pts = self._stamp = max((frame.pts or 0) + shift, self._stamp + 1)
+        self.sent += 1
+        return frame
+
+
 class FilmTracks:
     """A watcher of a film (:class:`fapengine.live.film.film.Watcher`) with two tracks. Stateful."""
 
     def __init__(self, size: tuple[int, int], clock: Callable[[], float], over: Callable[[str], None]) -> None:
         self._size, self._zero_s, self.over = size, clock(), over
-        self.video = FilmTrack("video", MAX_PICTURES, clock)
-        self.audio = FilmTrack("audio", MAX_BLOCKS, clock)
+        self.video = PictureTrack(clock)
+        self.audio = SoundTrack(clock)
 
     def picture(self, time_s: float, pixels: bytes) -> None:
         """Take a picture."""
         width, height = self._size
         frame = av.VideoFrame.from_ndarray(np.frombuffer(pixels, np.uint8).reshape(height, width, 3), format="rgb24")
-        self._put(self.video, time_s, frame, VIDEO_HZ)
+        if self._stamp(frame, time_s, VIDEO_HZ):
+            self.video.put(time_s, frame)
 
     def sound(self, time_s: float, samples: Samples) -> None:
         """Take a block of sound."""
         frame = av.AudioFrame.from_ndarray(samples.reshape(1, -1), format="s16", layout="mono")
         frame.sample_rate = RATE_HZ
-        self._put(self.audio, time_s, frame, RATE_HZ)
+        if self._stamp(frame, time_s, RATE_HZ):
+            self.audio.put(time_s, frame)
 
-    def _put(self, track: FilmTrack, time_s: float, frame: av.VideoFrame | av.AudioFrame, rate_hz: int) -> None:
-        if time_s >= self._zero_s:  # a sound that began before the call did
-            frame.pts, frame.time_base = round((time_s - self._zero_s) * rate_hz), Fraction(1, rate_hz)
-            track.put(time_s, frame)
+    def _stamp(self, frame: av.VideoFrame | av.AudioFrame, time_s: float, rate_hz: int) -> bool:
+        """Give a frame its time in the call; False for one from before."""
+        frame.pts, frame.time_base = round((time_s - self._zero_s) * rate_hz), Fraction(1, rate_hz)
+        return time_s >= self._zero_s
 
 
 async def listen(track: MediaStreamTrack, take: Callable[[Samples], None]) -> None:

@@ -749,6 +749,25 @@ def test_words_are_handed_out_in_order_once_and_with_their_end():
     assert [request.utterance for request in one.receiver.words()] == [1]
 
 
+def test_words_are_acknowledged_to_who_asks_as_often_as_they_come():
+    one = Wire()
+    hi, you = schema.WireWord("Hi", 100_000, 200_000), schema.WireWord("you", 300_000, 100_000)
+    first, second = schema.WordTimes("anna", 7, 0, (hi,)), schema.WordTimes("anna", 7, 1, (you,))
+    one.send(Hello("anna", flags=schema.WANT_ACK), first)
+    acks = [told(one.tick(one.now_s + 0.03), Ack) for _ in range(2)]
+    assert [[(ack.utterance, ack.next_index, ack.is_ended) for ack in each] for each in acks] == [[(7, 1, 0)], []]
+    one.send(first)  # the acknowledgement was lost
+    assert [ack.next_index for ack in told(one.tick(one.now_s + 0.03), Ack)] == [1]
+    one.send(second, EndUtterance("anna", 7, 2))
+    assert [(ack.next_index, ack.is_ended) for ack in told(one.tick(one.now_s + 0.03), Ack)] == [(2, 1)]
+    one.send(second, EndUtterance("anna", 7, 2))
+    assert [(ack.next_index, ack.is_ended) for ack in told(one.tick(one.now_s + 0.03), Ack)] == [(2, 1)]
+    assert [request.is_last for request in one.receiver.words()] == [False, False, True]
+    silent = Wire()
+    silent.send(Hello("anna"), first)
+    assert told(silent.tick(0.1), Ack) == []
+
+
 def test_simple_senders_that_ask_are_told_of_events():
     one = Wire()
     one.say("/tts/events", "i", 1)

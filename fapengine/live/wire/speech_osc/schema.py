@@ -328,7 +328,7 @@ class Ack:
     session: str
     utterance: int
     next_index: int
-    """All phones below it are there."""
+    """All phones, or words, below it are there."""
     bitmap64: int
     """Bit n, counted from the least: phone ``next_index + 1 + n`` is there."""
     slack_us: int = 0

@@ -216,6 +216,8 @@ class WireSession:
         window = self._find(message.utterance)
         if window is None or window.is_stopped or window.end is not None or message.first_index < (window.words or 0):
             tally.add("repeated")
+            if window is not None and window.words is not None:  # its acknowledgement was lost
+                self._due_ack(message.utterance, window, peer, now_s)
             return None
         if window.sound is not None or window.phones:
             tally.add("refused")
@@ -228,13 +230,14 @@ class WireSession:
         words = tuple(
             (word.text, word.start_us / 1e6, (word.start_us + word.duration_us) / 1e6) for word in message.words
         )
+        self._due_ack(message.utterance, window, peer, now_s)
         return WordsRequest(self.name, window.engine_number, words, window.voice, peer)
 
     def end_words(self, message: schema.EndUtterance, peer: Hashable, now_s: float) -> WordsRequest | None:
         """Learn that no word follows; None for an utterance that has none, or was ended before."""
         window = self.windows.get(message.utterance)
         if window is None or window.words is None or window.is_stopped or not window.finish(message):
-            return None
+            return None  # end() acknowledges one that comes again
         self._due_ack(message.utterance, window, peer, now_s)
         length_s = max(message.duration_us, 0) / 1e6
         return WordsRequest(self.name, window.engine_number, (), window.voice, peer, is_last=True, duration_s=length_s)
@@ -468,9 +471,8 @@ class WireSession:
         slack_s = utterance.slack_s(now_s) if utterance is not None and utterance.phones else 0.0
         slack_us = int(min(max(slack_s * 1e6, -INT32), INT32))
         ended = int(window.end is not None)
-        return schema.Ack(
-            self.name, sender_number, window.next_index, window.bitmap64, slack_us, ended, window.revision
-        )
+        next_index = window.next_index if window.words is None else window.words
+        return schema.Ack(self.name, sender_number, next_index, window.bitmap64, slack_us, ended, window.revision)
 
     def _notice(self, sender_number: int, kind: str, now_s: float, reason: str) -> schema.Notice:
         return schema.Notice(self.name, sender_number, kind, engine_us=microseconds(now_s), reason=reason)

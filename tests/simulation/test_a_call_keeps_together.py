@@ -1,0 +1,128 @@
+"""Pictures and sound of a call on virtual time, on machines that have too much to do: the sound never waits."""
+
+import asyncio
+import selectors
+from collections.abc import Coroutine
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fapengine.live.calls.tracks import FilmTracks
+from fapengine.live.film.film import SHOW_AFTER_S
+from fapengine.live.film.latest import MAX_LATE_S, SEEN_S
+from fapengine.live.film.soundtrack import BLOCK_S
+
+SIZE = (16, 16)
+PIXELS = bytes(3 * SIZE[0] * SIZE[1])
+TALK_S = 20.0
+TICK_S = 1 / 60
+
+
+class LeapingLoop(asyncio.SelectorEventLoop):
+    """An event loop that does not wait: its time goes on to the next thing that is due. Stateful."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        super().__init__(_Leaping(self))
+
+    def time(self) -> float:
+        return self.now_s
+
+
+class _Leaping(selectors.SelectSelector):
+    def __init__(self, loop: LeapingLoop) -> None:
+        super().__init__()
+        self._loop = loop
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        self._loop.now_s += timeout or 0.0
+        return super().select(0)
+
+
+@dataclass
+class Seen:
+    """What left the tracks: of each the time that it is stamped with, and the time at which it left."""
+
+    pictures: list[tuple[float, float, float]] = field(default_factory=list)
+    """Third: the time of the engine that it shows."""
+    sounds: list[tuple[float, float]] = field(default_factory=list)
+    dropped: int = 0
+
+
+def run(work: Coroutine[Any, Any, Seen]) -> Seen:
+    loop = LeapingLoop()
+    try:
+        return loop.run_until_complete(work)
+    finally:
+        loop.close()
+
+
+async def talk(draw_s: float, encode_s: float, seed: int) -> Seen:
+    """One picture is drawn at a time and one encoded, each for a time of that mean; sound comes in time."""
+    clock, rng = asyncio.get_running_loop().time, np.random.default_rng(seed)
+    tracks, seen = FilmTracks(SIZE, clock, lambda _: None), Seen()
+
+    async def draw() -> None:
+        while True:
+            begun_s = TICK_S * ceil(clock() / TICK_S + 1e-6)
+            await asyncio.sleep(begun_s - clock())
+            await asyncio.sleep(rng.gamma(4.0, draw_s / 4.0))
+            tracks.picture(begun_s, round(60 * begun_s).to_bytes(3, "big") + PIXELS[3:])
+
+    async def speak() -> None:
+        for number in range(int(TALK_S / BLOCK_S)):
+            await asyncio.sleep(max(0.0, (number + 1) * BLOCK_S - clock()))
+            tracks.sound(number * BLOCK_S, np.zeros(960, np.int16))
+
+    async def show() -> None:
+        while True:
+            frame = await tracks.video.recv()
+            made_s = int.from_bytes(frame.to_ndarray(format="rgb24")[0, 0].tobytes(), "big") / 60
+            seen.pictures.append((float(frame.pts * frame.time_base), clock(), made_s))
+            await asyncio.sleep(rng.gamma(4.0, encode_s / 4.0))
+
+    async def play() -> None:
+        while True:
+            frame = await tracks.audio.recv()
+            seen.sounds.append((float(frame.pts * frame.time_base), clock()))
+
+    tasks = [asyncio.ensure_future(each) for each in (draw(), show(), play())]
+    await speak()
+    await asyncio.sleep(SHOW_AFTER_S)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    seen.dropped = tracks.video.dropped
+    return seen
+
+
+@pytest.mark.parametrize(("draw_s", "encode_s"), [(0.02, 0.005), (0.06, 0.04), (0.12, 0.12), (0.3, 0.1), (0.05, 0.4)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sound_never_waits_and_no_picture_is_late_but_one_in_half_a_second(
+    draw_s: float, encode_s: float, seed: int
+) -> None:
+    seen = run(talk(draw_s, encode_s, seed))
+    assert [of_s for of_s, _ in seen.sounds] == pytest.approx([BLOCK_S * number for number in range(1000)], abs=1e-4)
+    assert max(abs(at_s - of_s - SHOW_AFTER_S) for of_s, at_s in seen.sounds) < 1e-3
+    before_s = -SEEN_S
+    for of_s, at_s, made_s in seen.pictures:
+        assert -1e-3 < at_s - of_s - SHOW_AFTER_S <= MAX_LATE_S + 1e-3  # by its stamp none is late
+        late_s = at_s - made_s - SHOW_AFTER_S
+        assert late_s <= MAX_LATE_S + 1e-3 or at_s - before_s >= SEEN_S
+        before_s = at_s
+    of = [of_s for of_s, _, _ in seen.pictures]
+    assert of == sorted(set(of))
+    longest_s = max(later - at_s for (_, at_s, _), (_, later, _) in pairwise(seen.pictures))
+    assert longest_s < SEEN_S + 5 * (draw_s + encode_s)
+
+
+def test_what_is_in_time_is_shown() -> None:
+    seen = run(talk(0.02, 0.005, 1))
+    assert len(seen.pictures) > 25 * TALK_S
+    assert seen.dropped < 0.01 * len(seen.pictures)
+    late = run(talk(0.3, 0.1, 1))
+    assert 1.5 * TALK_S < len(late.pictures) < 4 * TALK_S
