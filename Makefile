@@ -119,7 +119,7 @@ oracles:
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
-	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py
+	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

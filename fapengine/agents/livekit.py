@@ -150,10 +150,14 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         self._actor.close()
 
     async def read(self, text: AsyncIterable[Any]) -> AsyncIterator[Any]:
-        """Pass a transcription on, and take the words that have times: for ``Agent.transcription_node``."""
+        """Pass a transcription on, and take the words that have times: for ``Agent.transcription_node``.
+
+        A TTS that does not stream has times of sentences only; of these the ear knows more.
+        """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
-            if isinstance(start_s, int | float):
+            is_word = len(str(piece).split()) == 1 or self._actor.ear is None
+            if isinstance(start_s, int | float) and is_word:
                 self._actor.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
             yield piece
 

@@ -14,7 +14,7 @@ A pipeline, with the transport's video switched on::
 
 Marks of the language model, such as ``[laughs]`` and emoji, are taken off before the TTS reads them, and shown::
 
-    tts = CartesiaTTSService(..., text_filters=[face.marks])
+    tts = CartesiaTTSService(..., text_transforms=[("*", face.marks)])
 """
 
 import asyncio
@@ -33,6 +33,7 @@ from pipecat.frames.frames import (
     StopFrame,
     SystemFrame,
     TTSAudioRawFrame,
+    TTSStartedFrame,
     TTSStoppedFrame,
     TTSTextFrame,
 )
@@ -69,6 +70,10 @@ class MarkFilter(BaseTextFilter):  # type: ignore[misc, unused-ignore]
         """Return the text for the voice."""
         return self._marks.expect(text)
 
+    async def __call__(self, text: str, kind: object = None) -> str:
+        """Return the text for the voice, as one of Pipecat's text transforms; its kind does not matter."""
+        return await self.filter(text)
+
 
 class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore]
     """Adds a face to the sound of the TTS before it.
@@ -88,8 +93,14 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         self._options = options or ActorOptions(**given)
         self._actor = actor or Actor.open(self._options)
         self.marks = MarkFilter(self._actor.marks)
-        """Give it to the TTS: ``text_filters=[face.marks]``."""
+        """Give it to the TTS: ``text_transforms=[("*", face.marks)]``."""
         self._loop: asyncio.Task[None] | None = None
+        self._cuts = 0
+        """Number of interruptions."""
+        self._is_silent = False
+        """True from ``TTSStartedFrame`` to the first sound."""
+        self._early: list[TTSTextFrame] = []
+        """Words that came before the first sound of their utterance: its time 0 is not known yet."""
         self._behind: deque[tuple[int, Frame]] = deque()
         """Frames that follow sound, each with the utterance that it follows."""
         self._over = 0
@@ -111,6 +122,11 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             self._loop = self.create_task(self._show())
         elif isinstance(frame, TTSAudioRawFrame):
             self._hear(frame)
+            early, self._early = self._early, []
+            for word in early:
+                await self._read(word)
+        elif isinstance(frame, TTSTextFrame) and frame.pts and self._is_silent:
+            self._early.append(frame)
         elif isinstance(frame, TTSTextFrame) and frame.pts:
             await self._read(frame)
         elif isinstance(frame, InterruptionFrame):
@@ -122,6 +138,12 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         else:
             if isinstance(frame, TTSStoppedFrame | EndFrame | StopFrame):
                 self._actor.end()
+                self._is_silent = False
+                early, self._early = self._early, []
+                for word in early:  # nothing sounded
+                    await self._follow(word)
+            elif isinstance(frame, TTSStartedFrame):
+                self._is_silent = True
             await self._follow(frame)
 
     async def cleanup(self) -> None:
@@ -132,6 +154,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
 
     def _hear(self, frame: TTSAudioRawFrame) -> None:
         self._actor.sound(frame.audio, frame.sample_rate, frame.num_channels)
+        self._is_silent = False
         self._first_ns.setdefault(self._actor.stage.newest, self.get_clock().get_time())
 
     async def _read(self, frame: TTSTextFrame) -> None:
@@ -152,8 +175,11 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 self._words.append((number, word))
 
     async def _interrupt(self, frame: InterruptionFrame) -> None:
+        self._cuts += 1
         self._actor.interrupt(time.monotonic())
         self._words.clear()
+        self._early.clear()
+        self._is_silent = False
         kept = [waiting for _, waiting in self._behind if not getattr(waiting, "interruptible", True)]
         self._behind.clear()
         await self.push_frame(frame)
@@ -174,9 +200,12 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             await actor.ready()
             while True:
                 await asyncio.sleep(actor.wait_s(time.monotonic()))
+                cuts = self._cuts
                 frame, events = actor.frame(time.monotonic())
                 await self._tell(events)
                 picture = OutputImageRawFrame(await actor.picture(frame.faps), self._options.size, "RGB")
+                if cuts != self._cuts:
+                    continue  # interrupted while it was drawn: nobody is to hear this any more
                 picture.sync_with_audio = bool(frame.sounds)
                 before, behind = halves(frame.sounds)
                 for each in (*before, picture, *behind):

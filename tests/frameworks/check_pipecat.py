@@ -30,6 +30,7 @@ from pipecat.workers.runner import WorkerRunner
 from fapengine.agents.actor import ActorOptions
 from fapengine.agents.pipecat import FapengineVideoService
 from fapengine.voices.espeak import EspeakVoice
+from tests.frameworks.clock import in_time
 
 TEXT = "My mama bought a big pumpkin, and Bob made plum jam for me."
 MAX_OFF_S = 0.04
@@ -103,9 +104,14 @@ def test_words_with_times_come_out_later_by_as_much_as_their_sound() -> None:
     assert isinstance(down[-1], TTSStoppedFrame | OutputImageRawFrame | EndFrame)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(240)
 def test_a_client_sees_lips_shut_on_the_m_that_it_hears() -> None:
     """Video and sound as an aiortc client gets them: each picture carries its number, beside the face."""
+    in_time(_called, lambda found: found[0] <= MAX_OFF_S and found[1] < 0.25)
+
+
+def _called() -> tuple[float, float]:
+    """Call once: how far pictures were from their sound, s (95 %), and how open m p b were, of open vowels."""
     speech = EspeakVoice("en-us").speak(TEXT)
     seen, heard = asyncio.run(_call(speech.samples, speech.sample_rate_hz))
     sound = np.concatenate([samples for _, _, samples in heard]).astype(float)
@@ -126,7 +132,6 @@ def test_a_client_sees_lips_shut_on_the_m_that_it_hears() -> None:
     p95_s = np.percentile(np.abs(off_s), 95)
     spread = ", ".join(f"{1e3 * off:.0f}" for off in np.percentile(off_s, [5, 25, 50, 75, 95]))
     print(f"sound ahead of video, ms (5, 25, 50, 75, 95 %): {spread}; {len(off_s)} pictures")
-    assert p95_s <= MAX_OFF_S
     at = {"shut": [], "open": []}
     for phone in speech.phones.phones:
         code = 1 + round(RATE_HZ * (phone.start_s + 0.4 * phone.duration_s))
@@ -134,7 +139,7 @@ def test_a_client_sees_lips_shut_on_the_m_that_it_hears() -> None:
             at["shut" if phone.label in "mpb" else "open"].append(dark_of[code])
     print("dark pixels of the mouth:", at)
     line = min(dark_of.values())  # the line between shut lips is as dark
-    assert np.median(at["shut"]) - line < 0.25 * (np.median(at["open"]) - line)
+    return float(p95_s), float((np.median(at["shut"]) - line) / (np.median(at["open"]) - line))
 
 
 def _played(received: list[tuple]) -> np.ndarray:  # type: ignore[type-arg]

@@ -76,7 +76,7 @@ async def watch(http: aiohttp.ClientSession, url: str, reads: Reads, token: str 
 
     @own.peer.on("track")
     def on_track(track: MediaStreamTrack) -> None:
-        own.readers.append(asyncio.ensure_future(_read(own, track, reads)))
+        own.readers.append(asyncio.ensure_future(read_track(own, track, reads)))
 
     own.peer.addTransceiver("audio", direction="recvonly")
     own.peer.addTransceiver("video", direction="recvonly")
@@ -115,7 +115,8 @@ class Mouth(MediaStreamTrack):
         return frame
 
 
-async def _read(own: Caller, track: MediaStreamTrack, reads: Reads) -> None:
+async def read_track(own: Caller, track: MediaStreamTrack, reads: Reads) -> None:
+    """Write down what comes of a track, until it ends."""
     with suppress(MediaStreamError):
         while True:
             frame = await track.recv()

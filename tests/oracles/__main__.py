@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tests.oracles.bare import check_bare_environment
 from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
+from tests.oracles.turn import check_with_turn
 
 
 def main(root: Path) -> None:
@@ -16,6 +17,7 @@ def main(root: Path) -> None:
     check_with_three(scenes, modules)
     check_with_blender(scenes)
     check_bare_environment(root)
+    check_with_turn()
 
 
 if __name__ == "__main__":
