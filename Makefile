@@ -32,7 +32,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, Blender; ears; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, Blender, Godot, coturn; Pipecat, LiveKit; axe-core, Firefox; needs Node"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -107,8 +107,8 @@ docs: $(VENV)/.ready-docs
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
-# are tried too, as far as they lie in out/oracles/avatars; Blender, where it is installed. axe-core, TypeScript and, where
-# it is installed, Firefox judge the page and the npm package.
+# are tried too, as far as they lie in out/oracles/avatars; Blender, coturn, godot3-server and mono-mcs of Debian, where they are
+# installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
 oracles:
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \

@@ -21,6 +21,7 @@ from fapengine.live.server.server import Server
 from fapengine.mesh.default_head.head import build_head
 from tests.english import english
 from tests.live.caller import Caller, read_track
+from tests.processes import start
 
 USER, PASSWORD = "anna", "secret"
 LIMIT_S = 60.0
@@ -33,7 +34,7 @@ def coturn() -> Iterator[int]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with tempfile.TemporaryDirectory() as folder:
-        process = subprocess.Popen(
+        process = start(
             [
                 "turnserver", "-n", "--listening-ip=127.0.0.1", "--relay-ip=127.0.0.1", f"--listening-port={port}",
                 "--lt-cred-mech", f"--user={USER}:{PASSWORD}", "--realm=here", "--allow-loopback-peers", "--no-tls",
