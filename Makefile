@@ -32,7 +32,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, Blender, Godot, coturn; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, Blender, Godot, coturn, NATS; Pipecat, LiveKit; axe-core, Firefox; needs Node"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -115,6 +115,8 @@ oracles:
 	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3
 	$(BIN)/python -m tests.oracles out/oracles
 	$(BIN)/python -m tests.browser.oracles
+	.ci/system-packages $(PYTHON) oracles
+	$(BIN)/python -m tests.oracles.bus
 	$(PYTHON) -m venv out/oracles/frameworks
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"
@@ -139,7 +141,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,ear,ear-learned,fast,lab,live,usd,webrtc,window]"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,nats,ear,ear-learned,fast,lab,live,usd,webrtc,window]"
 	@touch $@
 
 # Its tests are skipped, and counted, where it does not install.

@@ -2,17 +2,16 @@
 
     python -m design.many_machines [--sessions 10000 100000] [--machines 50] [--hours 168]
 
-What is simulated is the design between machines (docs/live.md, "Many machines, on paper"), which is not built: sessions
-belong to partitions by their names, partitions to machines by :class:`fapengine.live.server.placement.Placement`, which
-is the table that ``serve --workers`` uses. A machine holds a lease, which it renews in a store. It shows nothing more
-(it fences itself) when it could not renew for so long that, by the slowest clock, the lease may be over; the store
-gives its partitions to others when, by its own clock, it is.
+What is simulated is ``serve --bus`` (docs/live.md, "Many machines") over weeks, with its partitions and its times
+(:mod:`fapengine.live.server.partitions`); its protocol, message by message, is in tests/simulation/test_partitions.py.
+A machine holds a lease, which it renews in a store. It shows nothing more (it fences itself) when it could not renew
+for so long that, by the slowest clock, the lease may be over; its partitions go to others when, by the store's, it is.
 
 A machine fails in one of three ways, each at random moments (one failure in two days a machine, far more than machines
 do):
 
-- *process*: it ends, its guard puts the faces to rest, and it gives the lease back when it is started again, at once;
-- *power*: it is gone, and the store's watcher puts its faces to rest when the lease is over;
+- *process*: the parent is killed, and its workers put the faces to rest;
+- *power*: it is gone, and its faces stay as they were until another machine shows them;
 - *cut off*: it runs on and cannot reach the store for a while; senders and receivers still reach it.
 
 Every session speaks all the time. Its sender notices as :class:`fapengine.Client` does: a question twice a second, lost
@@ -22,24 +21,20 @@ after one without an answer for a second, then a hello a second until it is told
 import argparse
 from collections import Counter
 from dataclasses import dataclass, field
-from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.live.clients.sender import AWAY_PING_S, LOST_S
+from fapengine.live.server.partitions import FENCE_S, PARTITIONS, RENEW_S, TTL_S, partition_of
 from fapengine.live.server.placement import Placement
 
-PARTITIONS = 4096
-TTL_S, RENEW_S, FENCE_S = 3.0, 1.0, 2.5
-"""Life of a lease; time between renewals; time after the sending of the last renewal that was answered, at which a
-machine shows nothing more."""
 DRIFT = 200e-6
 """Share by which clocks may run fast or slow."""
 ROUND_S = (0.0005, 0.02)
 """Shortest and longest way of a renewal to the store; an answer takes as long."""
-GUARD_S = 0.05
-"""Time in which a guard puts faces to rest (docs/live.md)."""
+GUARD_S = 0.3
+"""Time in which workers without a parent put faces to rest (docs/live.md)."""
 HELLO_S = 1.0
 """Time from one hello to the next."""
 TOLD_S = 0.05
@@ -67,11 +62,6 @@ class Result:
     """Greatest number of sessions of a machine, over the mean."""
     misplaced: int = 0
     """Partitions that moved although their machine had not lost its lease."""
-
-
-def partition_of(session: str) -> int:
-    """Partition of a session, by its name."""
-    return int.from_bytes(blake2b(session.encode(), digest_size=4).digest()) % PARTITIONS
 
 
 class Cluster:
@@ -107,7 +97,7 @@ class Cluster:
         over_s = came_s + TTL_S * self.rates[-1]  # by the store
         fenced_s = asked_s + FENCE_S * self.rates[machine]  # by itself
         if kind == "process":
-            rest_s, free_s = at_s + GUARD_S, at_s + GUARD_S
+            rest_s, free_s = at_s + GUARD_S, over_s
         elif kind == "power":
             rest_s, free_s = over_s, over_s
         else:
@@ -127,9 +117,10 @@ class Cluster:
         noticed_s = silent_s + LOST_S + rng.uniform(0.0, AWAY_PING_S, moved)
         waits = np.maximum(np.ceil((free_s - noticed_s) / HELLO_S), 0.0)
         resume_s = noticed_s + waits * HELLO_S + TOLD_S
+        rests_s = resume_s if kind == "power" else np.full(moved, rest_s)
         shown_until_s = rest_s if kind == "cut off" else at_s
         result.doubled += int((resume_s < shown_until_s).sum()) + moved * (free_s < shown_until_s)
-        result.rest_s.setdefault(kind, []).append(np.full(moved, rest_s - at_s))
+        result.rest_s.setdefault(kind, []).append(rests_s - at_s)
         result.resume_s.setdefault(kind, []).append(resume_s - at_s)
         held = np.bincount(self.homes, weights=self.sizes, minlength=self.machines)
         alive = len(self.table.workers)

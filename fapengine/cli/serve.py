@@ -82,6 +82,14 @@ def serve(
             help="Processes that show faces: one for each core. One more gives them their sessions. [default: 1]",
         ),
     ] = None,
+    bus: Annotated[
+        str | None,
+        typer.Option(
+            "--bus",
+            metavar="nats://HOST:PORT",
+            help="Share the sessions with all machines that are given the same NATS server.",
+        ),
+    ] = None,
     metrics: Annotated[
         int | None,
         typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics; 0: any free one."),
@@ -113,6 +121,7 @@ def serve(
     A face goes on to other programs through sinks.
 
     One process shows faces on one core; --workers 8 has eight behind the same ports. If one dies, others speak on.
+    With --bus nats://HOST:4222 so do machines.
 
     Ctrl-C or SIGTERM: the faces come to rest, then the server ends.
     """
@@ -142,6 +151,7 @@ def serve(
         sound=speaker,
         calls=calls,
         limits=own.limits,
+        bus=overridden(own.bus, url=bus),
         log=overridden(own.log, format=log, level="debug" if verbose else None),
         sinks=(*own.sinks, *sink),
     )
@@ -164,7 +174,7 @@ def _start(config: "ServeConfig") -> None:
     begin_log(config.log.level, config.log.format)
     face = load_head(config.face.head) if config.listen.web_port is not None else None
     profile = load_profile(config.face.profile)
-    if config.listen.workers > 1:  # they load head and profile themselves: here it is seen that they can
+    if config.has_parent:  # workers load head and profile themselves: here it is seen that they can
         asyncio.run(_run_workers(config))
         return
     with start_watchdog(config.sinks, config.face.rate_hz) as watchdog:
@@ -243,6 +253,8 @@ def _announce(server: "Server | Workers") -> None:
     if isinstance(server, Server):
         lines += _sound_lines(server)
     else:
+        if config.bus.url is not None:
+            lines.append(("bus", f"{config.bus.name}: {server.bus.machines if server.bus else 0} machines"))
         lines.append(("workers", " ".join(f"{number}:{process}" for number, process in server.processes.items())))
     if config.listen.metrics_port is not None:
         lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))

@@ -10,7 +10,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
@@ -66,6 +66,9 @@ class Client(GestureMethods):
     port : int
     session : str
         Name of the face, 1..32 bytes.
+    others : sequence of (str, int)
+        Hosts and ports of other servers that share sessions with the first (``serve --bus``): asked in turn when that
+        does not answer.
     tcp : bool or ``"slip"`` or ``"length"``
         UDP by default. TCP with SLIP (OSC 1.1) or lengths before packets (OSC 1.0).
     phone_set, language : str
@@ -101,6 +104,7 @@ class Client(GestureMethods):
         port: int = PORT,
         *,
         session: str = "face",
+        others: Sequence[tuple[str, int]] = (),
         tcp: bool | TcpFraming = False,
         phone_set: str = "ipa",
         language: str = "",
@@ -120,7 +124,10 @@ class Client(GestureMethods):
         self.session = session
         self._clock, self._on_event = clock, on_event
         self._framing: TcpFraming | None = "slip" if tcp is True else tcp or None
-        self._home, self._has_answered = (host, port), False
+        self._homes, self._has_answered = deque([(host, port), *others]), False
+        """Known addresses, the one that is asked first."""
+        self._at = host, port
+        self._went_s = clock()
         self._is_away = False
         """Whether the server has sent us to another port than the one we know."""
         self._pipe = self._opened(host, port)
@@ -460,7 +467,10 @@ class Client(GestureMethods):
                 self._hear(self._pipe.receive(wait_s, self._wake_in))
                 if self._is_away and self._is_lost():
                     # where it has answered, it is gone; where it never has, that port cannot be reached from here
-                    self._go(*self._home, follows=self._has_answered, is_away=False)
+                    self._go(*self._homes[0], follows=self._has_answered, is_away=False)
+                elif len(self._homes) > 1 and self._clock() - self._went_s > LOST_S / 2 and self._is_lost():
+                    self._homes.rotate(-1)
+                    self._go(*self._homes[0], follows=True, is_away=False)
             self._send_due()
         except (OSError, DataError) as error:
             self._fail(ResourceError(f"engine at {self._pipe.name}: the connection is lost ({error})"))
@@ -495,8 +505,10 @@ class Client(GestureMethods):
         pipe = self._opened(host, port)
         self._pipe.close()
         self._pipe, self._is_away, self._has_answered = pipe, is_away, False
+        self._at, self._went_s = (host, port), self._clock()
+        often = is_away or len(self._homes) > 1
         with self._changed:
-            self._sender.move(self._clock(), follows=follows, ping_s=AWAY_PING_S if is_away else PING_S)
+            self._sender.move(self._clock(), follows=follows, ping_s=AWAY_PING_S if often else PING_S)
 
     def _hear(self, packets: list[bytes]) -> None:
         for packet in packets:
@@ -513,8 +525,8 @@ class Client(GestureMethods):
             for notice in notices:
                 self._call(notice)
             if moved is not None:
-                host = moved.host or self._home[0]
-                self._go(host, moved.port, follows=True, is_away=(host, moved.port) != self._home)
+                host = moved.host or self._at[0]
+                self._go(host, moved.port, follows=True, is_away=(host, moved.port) != self._homes[0])
                 return
 
     def _call(self, notice: schema.Notice) -> None:

@@ -41,6 +41,12 @@ class Own(Message):
     epoch: int
 
 
+class Until(Message):
+    """To a worker: your sessions are surely yours until this monotonic time, or until one that follows."""
+
+    time_s: float
+
+
 class Leave(Message):
     """To a worker: give a session back, if it is not open."""
 
@@ -105,7 +111,7 @@ class Metrics(Message):
     text: bytes
 
 
-ToWorker = Own | Leave | Packet | Connection | AskMetrics
+ToWorker = Own | Until | Leave | Packet | Connection | AskMetrics
 FromWorker = Ready | Failed | Sessions | Left | Alive | Metrics
 _encode = msgspec.msgpack.Encoder().encode
 _decode_to_worker = msgspec.msgpack.Decoder(ToWorker).decode

@@ -66,6 +66,12 @@ connections = 512       # connections of the page, and as many of the metrics
 connections_an_address = 128  # of any one of them, from one address
 ears = 4                # sessions that are moved by sound, each a process; 0: none
 
+[bus]
+url = ""                # of NATS, "nats://10.0.0.5:4222": machines share their sessions; "": this one is alone
+host = ""               # address at which others reach this machine; "": where it listens, or of its way to NATS
+name = "fapengine"      # machines that share have the same
+replicas = 1            # copies that a NATS of several servers keeps
+
 [log]
 level = "info"          # debug, info, warning, error
 format = "text"         # or "json": one object a line
@@ -194,6 +200,30 @@ class Caps(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class BusChoice(Checked):
+    """With whom the sessions are shared (:mod:`fapengine.live.server.bus`)."""
+
+    url: str | None = None
+    """Addresses of NATS, with ``,`` between them; None or "": this machine is alone."""
+    host: str | None = None
+    """Address at which other machines and senders reach this one; None or "": that at which it listens."""
+    name: str = "fapengine"
+    """Common name of the machines that share sessions."""
+    replicas: Annotated[int, Between(1, 5)] = 1
+    """Copies of what NATS keeps."""
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "url", self.url or None)
+        object.__setattr__(self, "host", self.host or None)
+        for one in self.url.split(",") if self.url else ():
+            if not re.fullmatch(r"(nats|tls|ws|wss)://[^/\s]+/?", one):
+                raise UsageError(f"bus: got {one.rpartition('@')[2]!r:.80}, expected nats://HOST:PORT")
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", self.name):
+            raise UsageError(f"bus name: got {self.name!r:.80}, expected letters, digits, - and _")
+
+
+@dataclass(frozen=True, slots=True)
 class Log(Checked):
     """What is told, and how."""
 
@@ -212,14 +242,21 @@ class ServeConfig:
     sound: SoundChoice = field(default_factory=SoundChoice)
     calls: CallChoice = field(default_factory=CallChoice)
     limits: Caps = field(default_factory=Caps)
+    bus: BusChoice = field(default_factory=BusChoice)
     log: Log = field(default_factory=Log)
     sinks: tuple[str, ...] = ()
     """URLs; see :mod:`fapengine.live.server.sink_address`."""
 
+    @property
+    def has_parent(self) -> bool:
+        """Whether workers show the faces, and a parent gives them their sessions."""
+        return self.listen.workers > 1 or self.bus.url is not None
+
     def __post_init__(self) -> None:
-        for url in self.sinks if self.listen.workers > 1 else ():
+        for url in self.sinks if self.has_parent else ():
             if parse_sink(url).kind in FILMS:
-                raise UsageError(f"sink {parse_sink(url)}: got workers = {self.listen.workers}, expected 1 with it")
+                given = "a bus" if self.bus.url else f"workers = {self.listen.workers}"
+                raise UsageError(f"sink {parse_sink(url)}: got {given}, expected a server of one process with it")
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +278,7 @@ class _Document:
     sound: SoundChoice = field(default_factory=SoundChoice)
     calls: CallChoice = field(default_factory=CallChoice)
     limits: Caps = field(default_factory=Caps)
+    bus: BusChoice = field(default_factory=BusChoice)
     log: Log = field(default_factory=Log)
     sink: tuple[_Sink, ...] = ()
 
@@ -274,7 +312,7 @@ def parse_config(data: bytes, name: str) -> ServeConfig:
     return ServeConfig(**parts, sinks=sinks)
 
 
-Part = TypeVar("Part", Listen, Face, VoiceChoice, SoundChoice, CallChoice, Caps, Log)
+Part = TypeVar("Part", Listen, Face, VoiceChoice, SoundChoice, CallChoice, Caps, BusChoice, Log)
 
 
 def load_config(path: Path) -> ServeConfig:

@@ -3,6 +3,9 @@
 A datagram is copied to the worker, which answers from the known port itself. A sender whose hello says that it follows
 is told the worker's port instead. A connection is handed over whole, before anything of it is read: the first request,
 or the first packet, is only looked at (MSG_PEEK).
+
+A session of another machine (:mod:`.bus`): a sender that follows is told that machine's known port. Of others, each
+datagram is sent on from a socket of the sender's own, and answers come back by it. Connections are copied both ways.
 """
 
 import asyncio
@@ -19,6 +22,8 @@ from fapengine.errors import DataError, ResourceError
 from fapengine.live.server import channel
 from fapengine.live.server.doors import Door
 from fapengine.live.server.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound
+from fapengine.live.server.partitions import Machine
+from fapengine.live.server.relay import Relays, copied
 from fapengine.live.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
 from fapengine.live.wire.speech_osc import schema
 from fapengine.live.wire.speech_osc.codec import encode
@@ -37,6 +42,8 @@ WITH_SESSION = ("/ws", "/sound.wav", "/whep", "/whip")
 
 log = logging.getLogger("fapengine.server")
 Found = TypeVar("Found", str, bytes)
+Take = Callable[[socket.socket], Awaitable[tuple[str, int] | None]]
+"""What looks at a connection, and hands it over; or gives host and port of another machine that it is for."""
 
 
 class Router(Protocol):
@@ -58,6 +65,14 @@ class Router(Protocol):
         """Give the port of a session's worker, which is told that the session is its own."""
         ...
 
+    def settle(self, session: str, again: Callable[[], None]) -> bool:
+        """Find out whose a session is, if that must be asked; then True, and what is given is called afterwards."""
+        ...
+
+    def elsewhere(self, session: str) -> Machine | None:
+        """Give the machine that a session is known to be at, if it is another one."""
+        ...
+
 
 @dataclass(slots=True)
 class FrontCounts:
@@ -76,6 +91,8 @@ class FrontCounts:
     """Senders that were told to speak to a worker."""
     handed: int = 0
     """Connections that were handed over."""
+    relayed: int = 0
+    """Datagrams and connections that were sent on to another machine."""
 
 
 class Front:
@@ -93,7 +110,8 @@ class Front:
 
     def __init__(self, router: Router, counts: FrontCounts, door: Door) -> None:
         self._router, self.counts, self._door = router, counts, door
-        self._callers: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._callers: OrderedDict[tuple[str, int], int | Machine] = OrderedDict()
+        self._relays = Relays(self._answer)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sockets: list[socket.socket] = []
         self.datagrams: socket.socket | None = None
@@ -141,6 +159,7 @@ class Front:
         """Let nothing more in."""
         for task in tuple(self._tasks):
             task.cancel()
+        self._relays.close()
         for one in self._sockets:
             asyncio.get_running_loop().remove_reader(one.fileno())
             one.close()
@@ -164,46 +183,65 @@ class Front:
                 continue
             self._route(data, address)
 
-    def _route(self, data: bytes, address: tuple[str, int]) -> None:
-        session, worker = session_of(data), self._callers.get(address)
+    def _route(self, data: bytes, address: tuple[str, int], *, is_settled: bool = False) -> None:
+        session, caller = session_of(data), self._callers.get(address)
         if session is None:
-            if worker is None:
+            if caller is None:
                 self.counts.strange += 1
+            elif isinstance(caller, Machine):
+                self._relay(caller, address, data)
             else:
-                self._count(self._router.send_to(worker, channel.Packet(address, data)))
+                self._count(self._router.send_to(caller, channel.Packet(address, data)))
             return
+        if not is_settled and self._router.settle(session, lambda: self._route(data, address, is_settled=True)):
+            return
+        machine = self._router.elsewhere(session)
         hello = hello_of(data)
         if hello is not None and hello.flags & schema.FOLLOWS:
-            self._tell_port(hello, address)
+            self._tell_where(hello, machine, address)
+            return
+        if machine is not None:
+            self._relay(machine, address, data)
+            self._remember(address, machine)
             return
         took = self._router.send(session, channel.Packet(address, data))
         self._count(took is not None)
         if took is not None:
-            self._callers[address] = took
-            self._callers.move_to_end(address)
-            if len(self._callers) > MAX_CALLERS:
-                self._callers.popitem(last=False)
+            self._remember(address, took)
+
+    def _remember(self, address: tuple[str, int], took: int | Machine) -> None:
+        self._callers[address] = took
+        self._callers.move_to_end(address)
+        if len(self._callers) > MAX_CALLERS:
+            self._callers.popitem(last=False)
+
+    def _relay(self, machine: Machine, address: tuple[str, int], data: bytes) -> None:
+        is_sent = self._relays.send(machine, address, data)
+        self.counts.relayed += is_sent
+        self.counts.lost += not is_sent
+
+    def _answer(self, data: bytes, address: tuple[str, int]) -> None:
+        """Answer from the known port."""
+        try:
+            self._sockets[0].sendto(data, address)
+        except OSError:
+            self.counts.lost += 1
 
     def _count(self, is_sent: bool) -> None:
         self.counts.forwarded += is_sent
         self.counts.lost += not is_sent
 
-    def _tell_port(self, hello: schema.Hello, address: tuple[str, int]) -> None:
-        port = self._router.port_of(hello.session)
+    def _tell_where(self, hello: schema.Hello, machine: Machine | None, address: tuple[str, int]) -> None:
+        host, port = (machine.host, machine.port) if machine is not None else ("", self._router.port_of(hello.session))
         if port is None:
             self.counts.lost += 1
             return
         self.counts.moved += 1
-        try:
-            self._sockets[0].sendto(encode(schema.Moved(hello.session, "", port, hello.instance)), address)
-        except OSError:
-            self.counts.lost += 1
+        self._answer(encode(schema.Moved(hello.session, host, port, hello.instance)), address)
 
     # Connections ----------------------------------------------------------------------------------------------------
 
-    async def _accept(
-        self, listening: socket.socket, take: Callable[[socket.socket], Awaitable[None]]
-    ) -> None:  # fmt: skip
+    async def _accept(self, listening: socket.socket, take: Take) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -218,12 +256,13 @@ class Front:
             else:
                 accepted.close()
 
-    async def _take(
-        self, accepted: socket.socket, address: str, take: Callable[[socket.socket], Awaitable[None]]
-    ) -> None:  # fmt: skip
+    async def _take(self, accepted: socket.socket, address: str, take: Take) -> None:
         try:
             async with asyncio.timeout(FIRST_S):
-                await take(accepted)
+                there = await take(accepted)
+            if there is not None:
+                self.counts.relayed += 1
+                await copied(accepted, there)
         except TimeoutError:
             self._door.counts.timed_out += 1
         except OSError:
@@ -232,30 +271,43 @@ class Front:
             self._door.leave(address)
             accepted.close()  # the worker has its own
 
-    async def _take_page(self, accepted: socket.socket) -> None:
+    async def _take_page(self, accepted: socket.socket) -> tuple[str, int] | None:
         target = await _peeked(accepted, _target_of)
         if target is None:
             self.counts.strange += 1
-            return
+            return None
         path, _, query = target.partition("?")
         session = dict(parse_qsl(query)).get("session", NAMELESS_SESSION)
         message = channel.Connection(is_page=True)
-        self.counts.handed += 1
         if (path in WITH_SESSION or path.startswith(CALLS)) and 1 <= len(
             session.encode(errors="replace")
         ) <= schema.SESSION_BYTES:
+            if (machine := await self._found(session)) is not None:
+                return machine.host, machine.page_port
             self._router.send(session, message, accepted.dup())
         else:
             self._router.send_any(message, accepted.dup())
+        self.counts.handed += 1
+        return None
 
-    async def _take_stream(self, accepted: socket.socket) -> None:
+    async def _take_stream(self, accepted: socket.socket) -> tuple[str, int] | None:
         packet = await _peeked(accepted, _first_packet)
         session = session_of(packet) if packet else None
         if session is None:
             self.counts.strange += 1
-            return
+            return None
+        if (machine := await self._found(session)) is not None:
+            return machine.host, machine.port
         self.counts.handed += 1
         self._router.send(session, channel.Connection(is_page=False), accepted.dup())
+        return None
+
+    async def _found(self, session: str) -> Machine | None:
+        """Find out whose a session is; None: this machine's, or nobody's."""
+        settled = asyncio.Event()
+        if self._router.settle(session, settled.set):
+            await settled.wait()
+        return self._router.elsewhere(session)
 
 
 async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]) -> Found | None:

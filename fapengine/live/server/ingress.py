@@ -101,6 +101,8 @@ class Ingress:
         self.held_back: dict[Hashable, Callable[[], None]] = {}
         """Streams that are not read on; each is told when a packet of it was understood."""
         self.closed = False
+        self.is_mute = False
+        """Whether senders are told nothing more: another server goes on with what they say."""
         self.is_busy = False
         """Many datagrams came for the last frame."""
         self._counted = 0
@@ -166,6 +168,8 @@ class Ingress:
             asyncio.get_running_loop().call_soon(self._work_on)
 
     def _send(self, replies: Replies) -> None:
+        if self.is_mute:
+            return
         for peer, data in replies:
             sent = cast("Peer", peer).send(data)
             self.counts.replies += sent

@@ -97,8 +97,15 @@ class Placement:
             del self.homes[session]
         return gone
 
-    def place(self, session: str, now_s: float) -> tuple[Home, bool] | None:
+    def place(self, session: str, now_s: float, epoch: int | None = None) -> tuple[Home, bool] | None:
         """Find a session's home, to send something there, or give it one.
+
+        Parameters
+        ----------
+        session : str
+        now_s : float
+        epoch : int, optional
+            Of a new home, where several machines count them together; by default the next.
 
         Returns
         -------
@@ -111,7 +118,7 @@ class Placement:
             return home, False
         if not self.workers or len(self.homes) >= MAX_PLACED:
             return None
-        self._epoch += 1
+        self._epoch = self._epoch + 1 if epoch is None else epoch
         home = self.homes[session] = Home(owner(session, self.workers), self._epoch, now_s)
         return home, True
 
@@ -160,6 +167,8 @@ class OwnSessions:
     """Reads what the parent has said meanwhile."""
     epochs: dict[str, int] = field(default_factory=dict)
     """Session to its epoch."""
+    until_s: float | None = None
+    """Monotonic time until which they are surely its own, where several machines share them."""
 
     def elsewhere(self, session: str) -> int | None:
         """Give the port to ask for a session that is not this worker's; None: it is."""

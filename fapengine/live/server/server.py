@@ -239,8 +239,15 @@ class Server:
         else:
             await taker.adopt(accepted)
 
-    def stop(self) -> None:
-        """Let :meth:`run` end; again changes nothing."""
+    def stop(self, *, is_quiet: bool = False) -> None:
+        """Let :meth:`run` end; again changes nothing.
+
+        Parameters
+        ----------
+        is_quiet : bool
+            Whether senders are told nothing, so that they go on at the server that has their sessions next.
+        """
+        self.ingress.is_mute |= is_quiet
         self._stop.set()
 
     async def _open(self) -> None:

@@ -11,6 +11,7 @@ import pickle
 import signal
 import socket
 import sys
+import time
 from typing import cast
 
 from fapengine.errors import FapEngineError
@@ -26,6 +27,8 @@ from fapengine.live.server.server import Server, serve
 
 ALIVE_S = 0.5
 """Time from one sign of life to the next."""
+LATE_S = 0.15
+"""Time behind the end of the lease after which faces do not fade to rest any more, but are closed."""
 METRICS_AT_ONCE = 64 << 10
 """Bytes of metrics in one message."""
 
@@ -58,7 +61,7 @@ class Worker:
     async def run(self) -> None:
         """Serve until told to stop."""
         loop = asyncio.get_running_loop()
-        loop.add_signal_handler(signal.SIGTERM, self.server.stop)
+        loop.add_signal_handler(signal.SIGTERM, self._stop)
         collecting = asyncio.create_task(collect_now_and_then())
         living = asyncio.create_task(self._live())
         try:
@@ -114,6 +117,8 @@ class Worker:
                     self.server.ingress.put(Caller(self, cast("tuple[str, int]", message.address)), message.data)
                 case channel.Own():
                     self._own.epochs[message.session] = message.epoch
+                case channel.Until():
+                    self._own.until_s = message.time_s
                 case channel.Leave():
                     self._leave(message.session)
                 case channel.Connection():
@@ -122,10 +127,24 @@ class Worker:
                 case channel.AskMetrics():
                     self._tell_metrics()
         self.server.ingress.counts.datagrams += packets
+        if self._own.until_s is not None and time.monotonic() >= self._own.until_s:
+            self._give_up(time.monotonic() - self._own.until_s)
         if self._link.is_broken:
-            self.server.stop()
+            self._stop()
             asyncio.get_running_loop().remove_reader(self._link.fileno())
         return packets
+
+    def _stop(self) -> None:
+        """End; senders whose sessions may go on at another machine are told nothing."""
+        self.server.stop(is_quiet=self._own.until_s is not None)
+
+    def _give_up(self, late_s: float) -> None:
+        """End: another machine may have the sessions soon; or already, if this process stood still."""
+        self._stop()
+        if late_s > LATE_S:
+            engine = self.server.hub.engine
+            for session in engine.sessions:
+                engine.close(session, self.server.hub.clock())
 
     def _leave(self, session: str) -> None:
         if session not in self.server.hub.engine:

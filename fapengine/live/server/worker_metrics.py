@@ -12,6 +12,18 @@ from fapengine.live.server.front import FrontCounts
 
 
 @dataclass(frozen=True, slots=True)
+class BusFigures:
+    """What the parent knows of other machines."""
+
+    machines: int
+    """Machines that live, this one included."""
+    owned: int
+    """Partitions that are this machine's."""
+    fences: int
+    """Times that its lease had run out."""
+
+
+@dataclass(frozen=True, slots=True)
 class ParentFigures:
     """What the parent knows."""
 
@@ -19,6 +31,8 @@ class ParentFigures:
     restarts: int
     placed: int
     front: FrontCounts
+    bus: BusFigures | None = None
+    """None: this machine is alone."""
 
 
 class _Page(Collector):
@@ -36,6 +50,11 @@ class _Page(Collector):
         for kind, value in asdict(figures.front).items():
             front.add_metric([kind], value)
         yield front
+        if figures.bus is not None:
+            bus = figures.bus
+            yield GaugeMetricFamily("fapengine_machines", "Machines that share the sessions.", value=bus.machines)
+            yield GaugeMetricFamily("fapengine_partitions", "Partitions of this machine.", value=bus.owned)
+            yield CounterMetricFamily("fapengine_fences", "Times that its lease had run out.", value=bus.fences)
         yield from labelled(self._texts).values()
 
 

@@ -9,6 +9,9 @@ channel that keeps its order (:mod:`.channel`).
 A worker that ends leaves open mouths; one of which nothing is heard any more (:data:`HUNG_TICKS`) is killed. The parent
 knows which sessions it had open, sends each datagram sink a face at rest, and only then gives the sessions to others,
 when somebody asks for them: senders greet again, pages connect again. The worker is started again meanwhile.
+
+Where several machines share their sessions (:mod:`.bus`), the parent first finds out whose a session is. Workers are
+told until when theirs are surely their own, and end when that time is over.
 """
 
 import asyncio
@@ -29,16 +32,18 @@ from aiohttp import web
 from fapengine import errors
 from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.live.server import channel
+from fapengine.live.server.bus import Bus
 from fapengine.live.server.channel import Channel
 from fapengine.live.server.config import ServeConfig
 from fapengine.live.server.doors import Door, raise_file_limit, shared_out
 from fapengine.live.server.front import Front, FrontCounts
 from fapengine.live.server.metrics import CONTENT_TYPE
+from fapengine.live.server.partitions import Here, Machine, There
 from fapengine.live.server.placement import Home, Placement
 from fapengine.live.server.sink_address import SOCKETS, parse_sink
 from fapengine.live.server.watchdog import put_to_rest
 from fapengine.live.server.web_site import Site, open_site
-from fapengine.live.server.worker_metrics import ParentFigures, page
+from fapengine.live.server.worker_metrics import BusFigures, ParentFigures, page
 from fapengine.live.web.admission import harden, refusal
 
 TICK_S = 0.5
@@ -99,6 +104,7 @@ class Workers:
         check_workers(config)
         self.config = config
         self.placement = Placement()
+        self.bus: Bus | None = None
         self.counts = FrontCounts()
         self.restarts = 0
         limits = config.limits
@@ -112,6 +118,9 @@ class Workers:
         self._keepers: list[asyncio.Task[None]] = []
         self._site: Site | None = None
         self._next = 0
+        self._until_s: float | None = None
+        if config.bus.url is not None:
+            self.bus = Bus(config.bus, config.listen.host, self._tell_lease, self._stop_all)
 
     @property
     def osc_address(self) -> tuple[str, int]:
@@ -155,6 +164,8 @@ class Workers:
                 app.router.add_get("/metrics", self._answer_metrics)
                 self._site = await open_site(app, listen.host, listen.metrics_port, self._metrics_door)
             await asyncio.gather(*(self._launch(slot) for slot in self._slots))
+            if self.bus is not None:
+                await self.bus.start(self.osc_address[1], self.front.page_address[1])
         except FapEngineError:
             await self._close()
             raise
@@ -205,12 +216,43 @@ class Workers:
         home = self._home(session)
         return None if home is None else self._slots[home.worker].port
 
+    def settle(self, session: str, again: Callable[[], None]) -> bool:
+        """Find out whose a session is, if that must be asked; then True, and what is given is called afterwards."""
+        return self.bus is not None and self.bus.settle(session, again)
+
+    def elsewhere(self, session: str) -> Machine | None:
+        """Give the machine that a session is known to be at, if it is another one."""
+        found = self.bus.find(session) if self.bus is not None else None
+        return found.machine if isinstance(found, There) else None
+
+    def _tell_lease(self, until_s: float) -> None:
+        self._until_s = until_s
+        for slot in self._slots:
+            if slot.link is not None:
+                slot.link.put(channel.Until(until_s))
+
+    def _stop_all(self) -> None:
+        """Have all workers end: this machine's lease has run out. Each is started again when it has."""
+        self._until_s = None
+        for slot in self._slots:
+            self.placement.pass_over(slot.number)
+            _signal(slot.process, signal.SIGTERM)
+            asyncio.get_running_loop().call_later(STOP_S, _signal, slot.process, signal.SIGKILL)
+
     def _home(self, session: str) -> Home | None:
-        placed = self.placement.place(session, time.monotonic())
+        epoch = None
+        if self.bus is not None:
+            found = self.bus.find(session)
+            if not isinstance(found, Here):
+                return None
+            epoch = found.epoch
+        placed = self.placement.place(session, time.monotonic(), epoch)
         if placed is None:
             return None
         home, is_new = placed
         slot = self._slots[home.worker]
+        if is_new and self.bus is not None:
+            self.bus.placed(session)
         if is_new and slot.link is not None:
             slot.epochs[session] = home.epoch
             slot.link.put(channel.Own(session, home.epoch))
@@ -243,6 +285,10 @@ class Workers:
                 raise ResourceError(f"worker {slot.number}: did not begin within {BEGIN_S:.0f} s") from error
             raise
         self.placement.join(slot.number)
+        if self.bus is not None:
+            if self._until_s is not None:
+                link.put(channel.Until(self._until_s))
+            self.bus.step_up()
 
     async def _keep(self, slot: _Slot) -> None:
         """Start a worker again whenever it has ended."""
@@ -275,7 +321,13 @@ class Workers:
             sinks, rate_hz = self._sinks, self.config.face.rate_hz
             await asyncio.to_thread(put_to_rest, sinks, slot.open_since_s.copy(), rate_hz, slot.epochs.copy())
         await self._end(slot)
-        self.placement.lose(slot.number)
+        gone = self.placement.lose(slot.number)
+        if self.bus is not None:
+            for session in gone:
+                self.bus.left(session)
+            if not self.placement.workers:
+                self._until_s = None
+                await self.bus.step_down()
         slot.open_since_s.clear()
         slot.epochs.clear()
 
@@ -312,6 +364,8 @@ class Workers:
                     self.placement.left(slot.number, message.session)
                     if message.session not in self.placement.homes:
                         slot.epochs.pop(message.session, None)
+                        if self.bus is not None:
+                            self.bus.left(message.session)
                 case channel.Metrics():
                     self._note_metrics(slot, message.text)
         if link.is_broken:
@@ -368,6 +422,8 @@ class Workers:
             await self._end(slot)
             if slot.process is not None and slot.process.returncode != 0:
                 await self._bury(slot)
+        if self.bus is not None:
+            await self.bus.close()
         if self._site is not None:
             await self._site.close()
 
@@ -383,7 +439,8 @@ class Workers:
         alive = [slot for slot in self._slots if slot.number in self.placement.workers]
         texts = await asyncio.gather(*map(self._scrape, alive))
         told = {slot.number: text for slot, text in zip(alive, texts, strict=True) if text}
-        return page(ParentFigures(len(alive), self.restarts, len(self.placement.homes), self.counts), told)
+        bus = BusFigures(self.bus.machines, self.bus.owned, self.bus.fences) if self.bus is not None else None
+        return page(ParentFigures(len(alive), self.restarts, len(self.placement.homes), self.counts, bus), told)
 
     async def _scrape(self, slot: _Slot) -> bytes:
         if slot.asked is None or slot.asked.done():
