@@ -67,7 +67,7 @@ class Client(GestureMethods):
     session : str
         Name of the face, 1..32 bytes.
     others : sequence of (str, int)
-        Hosts and ports of other servers that share sessions with the first (``serve --bus``): asked in turn when that
+        Hosts and ports of other servers that share the sessions of the first: asked in turn when that
         does not answer.
     tcp : bool or ``"slip"`` or ``"length"``
         UDP by default. TCP with SLIP (OSC 1.1) or lengths before packets (OSC 1.0).

@@ -43,7 +43,7 @@ WITH_SESSION = ("/ws", "/sound.wav", "/whep", "/whip")
 log = logging.getLogger("fapengine.server")
 Found = TypeVar("Found", str, bytes)
 Take = Callable[[socket.socket], Awaitable[tuple[str, int] | None]]
-"""What looks at a connection, and hands it over; or gives host and port of another machine that it is for."""
+"""Function that looks at a connection, and hands it over; or gives host and port of another machine that it is for."""
 
 
 class Router(Protocol):

@@ -160,7 +160,7 @@ class _Known:
     is_sure: bool = True
     """False: the record has changed since, or may have."""
     is_worn: bool = False
-    """Whether a session that was placed under this revision has left its worker."""
+    """True where a session that was placed under this revision has left its worker."""
     sessions: set[str] = field(default_factory=set)
     """Those that have a worker here."""
 
