@@ -17,7 +17,7 @@ import numpy as np
 
 from fapengine._resources import profile_files
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import VISEMES, Expression
+from fapengine.mpeg4.visemes import OF_FAP_2, VISEMES, Expression
 from fapengine.profiles import Profile, parse_profile
 from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
 from fapengine.retarget.blend import BlendMap, weights_mm
@@ -79,7 +79,7 @@ def main() -> None:
     names = [viseme.label for viseme in VISEMES[1:]]
     spoken_rows = np.array([viseme_row(profile, name) for name in names])
     rows = GAIN * leaning(spoken_rows, recipe_rows(names), names)
-    feelings = {one.name.lower(): expression_row(profile, one) for one in Expression if one}
+    feelings = {one.name.lower(): expression_row(profile, one) for one in OF_FAP_2 if one}
     write(dict(zip(names, rows, strict=True)), feelings)
     choices = {
         "ours": rows, "speaker's": spoken_rows, "speaker's * 1.25": GAIN * spoken_rows, "recipes": recipe_rows(names),

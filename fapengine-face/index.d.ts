@@ -1,7 +1,8 @@
 /** Values of FAP 1 to 68, FAPU; FAP n is at n - 1. */
 export type Faps = Float32Array;
 
-export type Expression = "joy" | "sadness" | "anger" | "fear" | "disgust" | "surprise";
+export type Expression =
+  "joy" | "sadness" | "anger" | "fear" | "disgust" | "surprise" | "smile_left" | "smile_right" | "contempt";
 
 /** A label or word, its start and end in s from the utterance's beginning. */
 export type Timed = [text: string, start: number, end: number];

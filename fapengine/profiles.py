@@ -23,7 +23,7 @@ from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
-from fapengine.mpeg4.visemes import Expression
+from fapengine.mpeg4.visemes import OF_FAP_2, Expression
 from fapengine.speech import ipa
 
 SCHEMA = 1
@@ -356,7 +356,7 @@ def _phones(rows: tuple[_Phone, ...], count: int) -> dict[str, PhoneTarget]:
 def _expressions(rows: tuple[_Expression, ...], count: int) -> dict[Expression, ExpressionTarget]:
     expressions: dict[Expression, ExpressionTarget] = {}
     for index, row in enumerate(rows):
-        if row.name.upper() not in Expression.__members__ or row.name == "neutral":
+        if row.name not in [one.name.lower() for one in OF_FAP_2 if one]:
             raise _wrong(f"got {row.name!r}, expected one of the six expressions", "expression", index, "name")
         beyond = np.zeros(fap.FAP_COUNT)
         for name, value in row.fap.items():

@@ -72,7 +72,7 @@ export class Panel {
     this.levels = new Map();
     for (const name of names) {
       const tell = throttled((level) => this.send("express", { name, level }));
-      const made = row(`expression-${name}`, name, { low: 0, high: 1.5, step: 0.05, value: 0 }, tell);
+      const made = row(`expression-${name}`, name.replace("_", " "), { low: 0, high: 1.5, step: 0.05, value: 0 }, tell);
       this.levels.set(name, made);
       byId("expressions").append(made.element);
     }

@@ -89,7 +89,10 @@ class Source(Protocol):
 def face_sliders() -> list[Slider]:
     """Make the sliders for expressions, the eyes and articulation."""
     return [
-        *(Slider(expression.name.lower(), expression.name.capitalize()) for expression in EXPRESSIONS),
+        *(
+            Slider(expression.name.lower(), expression.name.replace("_", " ").capitalize())
+            for expression in EXPRESSIONS
+        ),
         Slider("yaw", "Look (left +)", 0.0, -LOOK_RAD, LOOK_RAD),
         Slider("pitch", "Look (down +)", 0.0, -LOOK_RAD, LOOK_RAD),
         Slider("articulation", "Articulation", 1.0, 0.0, 2.0),

@@ -133,8 +133,8 @@ class MannerOptions:
         typer.Option(
             "--expression",
             "-e",
-            help="joy, sadness, anger, fear, disgust or surprise, with a strength, and when: joy:0.4, joy:0.4@1.5-3"
-            " (s), joy:0.4@word.",
+            help="joy, sadness, anger, fear, disgust, surprise, smile_left, smile_right or contempt, with a strength,"
+            " and when: joy:0.4, joy:0.4@1.5-3 (s), joy:0.4@word.",
             rich_help_panel=MANNER,
         ),
     ] = field(default_factory=list)

@@ -9,9 +9,9 @@ from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, LOW_LEVEL_FIE
 from fapengine.codec.header import IntraHeader
 from fapengine.codec.ranges import apply_sent, default_ranges
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import VISEMES, Expression
+from fapengine.mpeg4.visemes import OF_FAP_2, VISEMES
 
-VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(Expression) - 1
+VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(OF_FAP_2) - 1
 BLEND_TOP = 63
 INT32_TOP = 2**31 - 1
 STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)

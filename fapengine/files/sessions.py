@@ -48,7 +48,7 @@ from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, m
 from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
-from fapengine.mpeg4.visemes import Expression
+from fapengine.mpeg4.visemes import OF_FAP_2, Expression
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -234,7 +234,7 @@ def _setup(document: _Document, folder: Path) -> Setup:
             held_phones.append(HeldPhone(letters, moment))
             continue
         assert pose.expression is not None
-        if pose.expression.upper() not in Expression.__members__ or pose.expression == "neutral":
+        if pose.expression not in [one.name.lower() for one in OF_FAP_2 if one]:
             raise wrong(f"got {pose.expression!r}, expected one of the six expressions", "pose", index, "expression")
         poses.append(Pose(Expression[pose.expression.upper()], moment))
     for index, scan in enumerate(document.scan):

@@ -38,7 +38,7 @@ VISEMES: tuple[Viseme, ...] = (
 
 
 class Expression(IntEnum):
-    """The six expressions of FAP 2; 0 is none."""
+    """The six expressions of FAP 2; 0 is none. From 7 on they are ours: FAP 2 does not say them."""
 
     NEUTRAL = 0
     JOY = 1
@@ -47,3 +47,10 @@ class Expression(IntEnum):
     FEAR = 4
     DISGUST = 5
     SURPRISE = 6
+    SMILE_LEFT = 7
+    SMILE_RIGHT = 8
+    CONTEMPT = 9
+
+
+OF_FAP_2 = tuple(Expression)[: Expression.SURPRISE + 1]
+"""Expressions that the standard knows, each at its number."""

@@ -33,7 +33,7 @@ MAX_LEVEL = 2.0
 
 # fmt: off
 _FEELINGS: tuple[tuple[str, Expression, float], ...] = (  # stems of English words, those that decide first
-    ("sarcas", Expression.DISGUST, 0.3), ("disgust", Expression.DISGUST, 0.9), ("contempt", Expression.DISGUST, 0.7),
+    ("sarcas", Expression.CONTEMPT, 0.5), ("disgust", Expression.DISGUST, 0.9), ("contempt", Expression.CONTEMPT, 1.0),
     ("apolog", Expression.SADNESS, 0.4), ("sheepish", Expression.SADNESS, 0.3), ("regret", Expression.SADNESS, 0.5),
     ("empath", Expression.SADNESS, 0.3), ("sympath", Expression.SADNESS, 0.35), ("concern", Expression.FEAR, 0.3),
     ("sorry", Expression.SADNESS, 0.45), ("sad", Expression.SADNESS, 0.7), ("cry", Expression.SADNESS, 0.9),
@@ -50,7 +50,7 @@ _FEELINGS: tuple[tuple[str, Expression, float], ...] = (  # stems of English wor
     ("laugh", Expression.JOY, 1.0), ("chuckl", Expression.JOY, 0.7), ("giggl", Expression.JOY, 0.8),
     ("excit", Expression.JOY, 0.8), ("delight", Expression.JOY, 0.9), ("happ", Expression.JOY, 0.7),
     ("joy", Expression.JOY, 0.8), ("cheer", Expression.JOY, 0.7), ("playful", Expression.JOY, 0.6),
-    ("mischiev", Expression.JOY, 0.5), ("smil", Expression.JOY, 0.6), ("smirk", Expression.JOY, 0.3),
+    ("mischiev", Expression.JOY, 0.5), ("smil", Expression.JOY, 0.6), ("smirk", Expression.SMILE_LEFT, 0.8),
     ("grin", Expression.JOY, 0.7), ("warm", Expression.JOY, 0.4), ("welcom", Expression.JOY, 0.45),
     ("friendl", Expression.JOY, 0.4), ("amiabl", Expression.JOY, 0.4), ("bright", Expression.JOY, 0.5),
     ("hopeful", Expression.JOY, 0.3), ("proud", Expression.JOY, 0.4), ("enthusias", Expression.JOY, 0.7),
@@ -67,10 +67,11 @@ _LOUDNESS_DB = (("whisper", -9.0), ("x-soft", -9.0), ("soft", -5.0), ("quiet", -
 _EMOJI: dict[str, tuple[Expression, float]] = {
     **dict.fromkeys("😀😃😄😁😊☺🙂😺🥰😍🤗😎", (Expression.JOY, 0.7)),
     **dict.fromkeys("😂🤣😆😹", (Expression.JOY, 1.0)),
-    **dict.fromkeys("😉😏😜😛🤪", (Expression.JOY, 0.5)), **dict.fromkeys("😢🙁☹😞😔😟🥺😕", (Expression.SADNESS, 0.6)),
+    **dict.fromkeys("😉😜😛🤪", (Expression.JOY, 0.5)), "😏": (Expression.SMILE_LEFT, 1.0),
+    **dict.fromkeys("😢🙁☹😞😔😟🥺😕", (Expression.SADNESS, 0.6)),
     **dict.fromkeys("😭", (Expression.SADNESS, 1.0)), **dict.fromkeys("😠😡🤬👿", (Expression.ANGER, 0.8)),
     **dict.fromkeys("😨😰😱", (Expression.FEAR, 0.9)), **dict.fromkeys("😬", (Expression.FEAR, 0.4)),
-    **dict.fromkeys("🤢🤮", (Expression.DISGUST, 0.9)), **dict.fromkeys("🙄😒", (Expression.DISGUST, 0.3)),
+    **dict.fromkeys("🤢🤮", (Expression.DISGUST, 0.9)), **dict.fromkeys("🙄😒", (Expression.CONTEMPT, 0.8)),
     **dict.fromkeys("😮😲😯😳🤯", (Expression.SURPRISE, 0.8)), **dict.fromkeys("🤔🤨", (Expression.SURPRISE, 0.25)),
     **dict.fromkeys("😐😶😑", (Expression.NEUTRAL, 0.0)),
 }

@@ -26,6 +26,37 @@ MAX_WEIGHT = 2.0
 
 
 @dataclass(frozen=True, slots=True)
+class Mix:
+    """A part of joy on one half of the face, with shut lips."""
+
+    is_left: bool
+    corner: float
+    """Share of joy by which the corner of the lips is raised."""
+    stretch: float
+    """Share of joy by which the corner is drawn aside."""
+    cheek: float
+    """Share of joy by which cheek and lids of that half are raised."""
+    lids: float = 0.0
+    """How far both upper lids sink, FAPU."""
+
+
+MIXES = {
+    Expression.SMILE_LEFT: Mix(is_left=True, corner=1.0, stretch=0.9, cheek=0.8),
+    Expression.SMILE_RIGHT: Mix(is_left=False, corner=1.0, stretch=0.9, cheek=0.8),
+    Expression.CONTEMPT: Mix(is_left=True, corner=0.6, stretch=0.25, cheek=0.35, lids=170.0),
+}
+"""Expressions that FAP 2 does not say, mixed from the profile's joy: a smile of one half, and contempt, a corner that
+is tightened and raised (Ekman's unilateral one) below heavy lids."""
+RAISED, STRETCHED, WITH_CHEEK, UPPER_LIDS = (12, 59), (6, 53), (41, 39, 21, 61), (19, 20)
+"""FAPs of the left half; those of the right are one more."""
+WITH_CORNER = {  # FAPs of the lips: share of the corner's height by which they go up with it; inner lips stay shut
+    False: {8: -0.45, 10: 0.45, 4: -0.12, 5: 0.12},
+    True: {55: -0.45, 57: 0.45, 51: -0.12, 52: 0.12},
+}
+IN_THE_MIDDLE = (4, 5, 51, 52)
+
+
+@dataclass(frozen=True, slots=True)
 class Mood:
     """An expression that comes, holds and goes."""
 
@@ -113,7 +144,7 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
     ramps: list[Ramp] = []
     by_expression: dict[Expression, list[tuple[float, float, Mood]]] = {}
     for mood in moods:
-        if mood.expression not in profile.expressions:
+        if not has_expression(profile, mood.expression):
             name = mood.expression.name.lower()
             raise UsageError(f"expression: got {name}, profile {profile.id!r} does not have it")
         release_s = max(min(mood.stop_s, end_s) - mood.release_s, mood.start_s + mood.attack_s)
@@ -127,12 +158,32 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
     return sorted(ramps, key=lambda ramp: ramp.at_s)
 
 
+def has_expression(profile: Profile, expression: Expression) -> bool:
+    """Whether a profile has an expression, or the joy that it is mixed from."""
+    return expression in profile.expressions or (expression in MIXES and Expression.JOY in profile.expressions)
+
+
+def _mixed(mix: Mix, joy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(68,) FAPU of a mix, from those of joy, (68,)."""
+    faps = np.zeros(fap.FAP_COUNT)
+    side = 0 if mix.is_left else 1
+    for numbers, share in ((RAISED, mix.corner), (STRETCHED, mix.stretch), (WITH_CHEEK, mix.cheek)):
+        columns = [fap.column(number + side) for number in numbers]
+        faps[columns] = share * joy[columns]
+    for number, is_outer in zip(RAISED, WITH_CORNER, strict=True):
+        height = faps[fap.column(number + side)]
+        for lip, share in WITH_CORNER[is_outer].items():
+            faps[fap.column(lip if lip in IN_THE_MIDDLE else lip + side)] = share * height
+    faps[[fap.column(number) for number in UPPER_LIDS]] += mix.lids
+    return faps
+
+
 @lru_cache(maxsize=16)
 def expression_faps(profile: Profile) -> NDArray[np.float64]:
-    """(68, 6) FAPU: every one of :data:`EXPRESSIONS` at full level; what a profile lacks is 0. Read-only.
+    """(68, 9) FAPU: every one of :data:`EXPRESSIONS` at full level; what a profile lacks is 0. Read-only.
 
     An expression is a pose in the viseme space (paper 001, section 5.2) and FAPs beyond it. FAPs are linear in the
-    space, so adding these is adding there.
+    space, so adding these is adding there. Those of :data:`MIXES` are made of its joy.
     """
     faps = np.zeros((fap.FAP_COUNT, len(EXPRESSIONS)))
     for column, expression in enumerate(EXPRESSIONS):
@@ -140,5 +191,7 @@ def expression_faps(profile: Profile) -> NDArray[np.float64]:
             face = profile.expressions[expression]
             moved_mm = profile.space.to_points_mm(face.target[None])
             faps[:, column] = displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap
+        elif has_expression(profile, expression):
+            faps[:, column] = _mixed(MIXES[expression], faps[:, EXPRESSIONS.index(Expression.JOY)])
     faps.setflags(write=False)
     return faps

@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 
 class Channel(IntEnum):
-    """One ramp each, of every face; the first six are :data:`.expression.EXPRESSIONS`, at their levels."""
+    """One ramp each, of every face; the first are :data:`.expression.EXPRESSIONS`, at their levels."""
 
     JOY = 0
     SADNESS = 1
@@ -50,23 +50,26 @@ class Channel(IntEnum):
     FEAR = 3
     DISGUST = 4
     SURPRISE = 5
-    LOOK_YAW = 6
-    LOOK_PITCH = 7
-    GLANCE_YAW = 8
-    GLANCE_PITCH = 9
-    PITCH = 10
-    YAW = 11
-    ROLL = 12
-    BLINK = 13
-    NOD = 14
-    JAW = 15
-    LIPS = 16
-    HEAD_MOTION = 17
-    IDLE = 18
-    GAZE = 19
-    STANCE_PITCH = 20
-    STANCE_YAW = 21
-    STANCE_ROLL = 22
+    SMILE_LEFT = 6
+    SMILE_RIGHT = 7
+    CONTEMPT = 8
+    LOOK_YAW = 9
+    LOOK_PITCH = 10
+    GLANCE_YAW = 11
+    GLANCE_PITCH = 12
+    PITCH = 13
+    YAW = 14
+    ROLL = 15
+    BLINK = 16
+    NOD = 17
+    JAW = 18
+    LIPS = 19
+    HEAD_MOTION = 20
+    IDLE = 21
+    GAZE = 22
+    STANCE_PITCH = 23
+    STANCE_YAW = 24
+    STANCE_ROLL = 25
 
 
 FIRST_BLINK_S = (0.6, 1.8)

@@ -15,11 +15,14 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.expression import EXPRESSIONS as ALL_EXPRESSIONS
+from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import plan
 from fapengine.voices.espeak import EspeakVoice
@@ -36,6 +39,7 @@ SMALL = (200, 200)
 TURNS_DEG = tuple((yaw, pitch) for yaw in (-6.0, 0.0, 6.0) for pitch in (-3.0, 0.0, 3.0))
 """Turns of a head that speaks; what they do to landmarks is what an expression must exceed."""
 EXPRESSIONS = ("joy", "sadness", "anger", "fear", "disgust", "surprise")
+ON_ONE_SIDE = ("smile_left", "smile_right", "contempt")
 # Landmarks of MediaPipe's face mesh, by the feature points that they lie on.
 LANDMARKS = {
     "8.4": 61, "8.3": 291, "2.2": 13, "2.3": 14, "3.7": 263, "3.12": 33, "3.11": 362, "3.8": 133, "9.3": 4, "2.1": 152,
@@ -73,6 +77,8 @@ def _expressions(profile: Profile, strength: float = 1.0) -> dict[str, Array]:
         moved = profile.space.to_points_mm(pose.target[None])
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu) + pose.fap
         poses[name.name.lower()] = close_lips(strength * faps, np.zeros(1), [])[0]
+    for name in ON_ONE_SIDE:
+        poses[name] = strength * expression_faps(profile)[:, ALL_EXPRESSIONS.index(Expression[name.upper()])]
     return poses
 
 
@@ -123,7 +129,7 @@ def test_it_finds_the_face_in_speech(sight: Sight) -> None:
     assert found.mean() >= 0.99
 
 
-@pytest.mark.parametrize("name", ["neutral", *EXPRESSIONS, "blink"])
+@pytest.mark.parametrize("name", ["neutral", *EXPRESSIONS, *ON_ONE_SIDE, "blink"])
 def test_it_finds_every_expression_from_every_side(sight: Sight, name: str) -> None:
     assert not np.isnan(sight.poses[name][..., 0]).any()
 
@@ -172,7 +178,7 @@ def test_it_sees_a_blink(sight: Sight) -> None:
 
 
 def above(landmarks: Array, upper: tuple[int, int], lower: tuple[int, int]) -> Array:
-    """Height of landmarks over others, both sides, as a share of the distance of the outer eye corners."""
+    """Height of landmarks over others, both sides, as a share of that of the outer eye corners."""
     eyes = np.linalg.norm(landmarks[:, 263, :2] - landmarks[:, 33, :2], axis=-1)
     return (landmarks[:, lower, 1] - landmarks[:, upper, 1]).mean(axis=-1) / eyes
 
@@ -208,3 +214,19 @@ def test_it_tells_an_expression_of_six_tenths_from_neutral_at_200_pixels(
     assert not np.isnan(felt).any()
     shift = (felt.mean() - neutral.mean()) / neutral.std()
     assert shift / deviations > 1.0, shift
+
+
+def raised_left(landmarks: Array) -> Array:
+    """How much higher the lips' left corner lies than the right, as a share of that of the outer eye corners."""
+    left, right, one, other = (landmarks[..., LANDMARKS[name], :2] for name in ("8.3", "8.4", "3.7", "3.12"))
+    eyes, lips = one - other, left - right  # y goes down
+    return (eyes[..., 1] * lips[..., 0] - eyes[..., 0] * lips[..., 1]) / (eyes**2).sum(axis=-1)
+
+
+def test_it_sees_which_half_smiles_and_a_faint_contempt(sight: Sight) -> None:
+    for seen, least in ((sight.poses, 0.04), (sight.faint, 0.02)):
+        level = raised_left(seen["neutral"])
+        left, right, contempt = (raised_left(seen[name]) - level for name in ON_ONE_SIDE)
+        assert left.min() > least
+        assert right.max() < -least
+        assert np.all((contempt > 0.4 * least) & (contempt < 0.85 * left))

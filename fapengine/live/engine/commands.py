@@ -38,7 +38,7 @@ EXPRESSION_SYNONYMS = {
     "happy": Expression.JOY, "happiness": Expression.JOY, "smile": Expression.JOY, "sad": Expression.SADNESS,
     "angry": Expression.ANGER, "afraid": Expression.FEAR, "scared": Expression.FEAR, "fearful": Expression.FEAR,
     "disgusted": Expression.DISGUST, "surprised": Expression.SURPRISE, "neutral": Expression.NEUTRAL,
-    "none": Expression.NEUTRAL,
+    "none": Expression.NEUTRAL, "smirk": Expression.SMILE_LEFT,
 }  # fmt: skip
 """Other names of expressions that senders use."""
 
@@ -51,7 +51,7 @@ _EXPRESSION = Choice(
     json="name",
     values=EXPRESSIONS,
     synonyms=EXPRESSION_SYNONYMS,
-    doc="joy, sadness, anger, fear, disgust, surprise or neutral",
+    doc="joy, sadness, anger, fear, disgust, surprise, smile_left, smile_right, contempt or neutral",
 )
 _PARAMETER = Choice(what="parameter", osc="key", json="setting", values={name: name for name in PARAMETERS})
 _AT = FieldSpec(low=-MAX_TIME_S, high=MAX_TIME_S)

@@ -15,7 +15,7 @@ from fapengine.live.engine.marked import command_ramps
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.batch import Overlay
-from fapengine.trajectory.expression import EXPRESSIONS, expression_faps
+from fapengine.trajectory.expression import EXPRESSIONS, expression_faps, has_expression
 from fapengine.trajectory.gestures import Channel, GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.ramps import Ramp, Ramps
 from fapengine.trajectory.style import Style
@@ -43,7 +43,7 @@ class BatchGestures:
         self._style = style
         self._ramps = Ramps(start_levels(style))
         self._expression_faps = expression_faps(profile)
-        self._expressions = frozenset(profile.expressions)
+        self._expressions = frozenset(one for one in EXPRESSIONS if has_expression(profile, one))
         self._generators: list[GestureGenerator] = []
         self._due_s = np.zeros(0)
         self._begun_s = np.zeros(0)
@@ -76,7 +76,7 @@ class BatchGestures:
         UsageError
             If the profile does not have it.
         """
-        if request.expression not in EXPRESSIONS or request.expression not in self._expressions:
+        if request.expression not in self._expressions:
             name = request.expression.name.lower()
             raise UsageError(f"expression: got {name}, which the profile does not have")
         at_s, channel = max(now_s if request.at_s is None else request.at_s, now_s), Channel[request.expression.name]

@@ -9,7 +9,7 @@ normals at pixels. Every vertex says how deep the folds are about it: a share at
 share for each FAP that draws them (:func:`fold_shares`). Outside of folds the map has pores, which break highlights up.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -64,23 +64,27 @@ def _wave(x: Array, number: int) -> Array:
     return wave
 
 
-def _lines(x: Array, y: Array) -> Iterator[tuple[int, Array, Array, float, float]]:
-    """Yield each furrow: its region, distance from it, mm, how much of it is here, its half width and depth, mm."""
-    across = np.abs(x)
+Furrow = tuple[Array, Array, float, float]
+"""Distance from it, mm; how much of it is here, 0..1; its half width and its depth, mm."""
+
+
+def _forehead(x: Array, y: Array) -> Iterator[Furrow]:
     for number, (height, reach, depth) in enumerate(
         ((69.0, 38.0, 0.5), (77.5, 42.0, 0.62), (86.0, 38.0, 0.5), (94.0, 28.0, 0.36))
     ):
         middle = height + _wave(x, number) - 2.2 * np.exp(-((x / 13.0) ** 2)) + 0.0022 * x**2
-        yield (
-            FOREHEAD,
-            y - middle,
-            smoothstep((reach - across) / 16.0) * (0.8 + 0.2 * np.cos(0.21 * x + number)),
-            1.25,
-            depth,
-        )
+        here = smoothstep((reach - np.abs(x)) / 16.0) * (0.8 + 0.2 * np.cos(0.21 * x + number))
+        yield y - middle, here, 1.25, depth
+
+
+def _between_brows(x: Array, y: Array) -> Iterator[Furrow]:
     for number, (foot, top, depth) in enumerate(((6.2, 8.6, 0.75), (11.5, 15.0, 0.35))):
         middle = foot + (top - foot) * (y - 46.0) / 18.0 + 0.4 * np.sin(0.3 * y + np.sign(x) + number)
-        yield BETWEEN_BROWS, across - middle, smoothstep((y - 43.0) / 6.0) * smoothstep((66.0 - y) / 9.0), 1.15, depth
+        yield np.abs(x) - middle, smoothstep((y - 43.0) / 6.0) * smoothstep((66.0 - y) / 9.0), 1.15, depth
+
+
+def _crows_feet(x: Array, y: Array) -> Iterator[Furrow]:
+    across = np.abs(x)
     from_corner = np.hypot(across - 43.0, y - 34.5)
     towards = np.rad2deg(np.arctan2(y - 34.5, across - 43.0))
     for number, (angle, reach, depth) in enumerate(
@@ -88,18 +92,38 @@ def _lines(x: Array, y: Array) -> Iterator[tuple[int, Array, Array, float, float
     ):
         away = from_corner * np.deg2rad(towards - angle - 0.5 * (from_corner - 8.0) * (-1 if number > 1 else 1))
         here = smoothstep((from_corner - 5.5) / 4.0) * smoothstep((reach - from_corner) / 8.0) * (across > 43.0)
-        yield CROWS_FEET, away, here, 0.95, depth
+        yield away, here, 0.95, depth
+
+
+def _under_eye(x: Array, y: Array) -> Iterator[Furrow]:
+    across = np.abs(x)
+    t = (across - 31.0) / 15.0
     for number, (drop, depth) in enumerate(((9.5, 0.5), (13.0, 0.4))):
-        t = (across - 31.0) / 15.0
         middle = 35.0 - drop + 3.2 * t**2 - 1.0 * t + 0.4 * np.sin(0.4 * across + number)
-        yield UNDER_EYE, y - middle, smoothstep((1.0 - np.abs(t)) / 0.35) * (t < 1.0), 1.1, depth
+        yield y - middle, smoothstep((1.0 - np.abs(t)) / 0.35) * (t < 1.0), 1.1, depth
+
+
+def _on_nose(x: Array, y: Array) -> Iterator[Furrow]:
+    across = np.abs(x)
     for number, at in enumerate((17.5, 22.0, 26.5)):
         middle = at + 0.75 * (across - 9.0) + 0.3 * np.sin(0.7 * across + number)
-        yield NOSE, (y - middle) * 0.8, smoothstep((across - 3.5) / 3.0) * smoothstep((14.5 - across) / 4.5), 0.9, 0.42
+        yield (y - middle) * 0.8, smoothstep((across - 3.5) / 3.0) * smoothstep((14.5 - across) / 4.5), 0.9, 0.42
+
+
+def _beside_nose(x: Array, y: Array) -> Iterator[Furrow]:
     middle = 17.5 + 0.44 * (-4.0 - y) + 2.0 * np.sin((y + 22.0) / 12.0)
-    yield BESIDE_NOSE, (across - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 4.2, 1.5
-    middle = -53.0 - 0.009 * x**2
-    yield CHIN, y - middle, smoothstep((17.0 - across) / 9.0), 1.8, 0.6
+    yield (np.abs(x) - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 4.2, 1.5
+
+
+def _on_chin(x: Array, y: Array) -> Iterator[Furrow]:
+    yield y + 53.0 + 0.009 * x**2, smoothstep((17.0 - np.abs(x)) / 9.0), 1.8, 0.6
+
+
+FURROWS: tuple[tuple[float, float, Callable[[Array, Array], Iterator[Furrow]]], ...] = (
+    (52.0, 114.0, _forehead), (42.0, 67.0, _between_brows), (13.0, 56.0, _crows_feet), (8.0, 48.0, _under_eye),
+    (2.0, 42.0, _on_nose), (-51.0, 4.0, _beside_nose), (-73.0, -36.0, _on_chin),
+)  # fmt: skip
+"""Heights between which the furrows of a region lie, mm, and the furrows there."""
 
 
 def _dimples(x: Array, y: Array) -> Array:
@@ -127,10 +151,14 @@ def fold_map() -> NDArray[np.uint8]:
     x = away * np.sin(angle)
     front = np.cos(angle) > 0.2
     height, region = np.zeros(y.shape), np.zeros(y.shape)
-    for _, distance, here, half, depth in _lines(x, y):
-        near = (distance / half) ** 2
-        height += depth * here * front * (0.35 * np.exp(-near / 6.0) - np.exp(-near))
-        region = np.maximum(region, here * front * np.exp(-near / 8.0))
+    before = np.flatnonzero(front.any(axis=0))  # columns; a furrow is worked out where it can be and no farther
+    for low, high, furrows in FURROWS:
+        rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
+        at = slice(rows[0], rows[-1] + 1), slice(before[0], before[-1] + 1)
+        for distance, here, half, depth in furrows(x[at], y[at]):
+            near = (distance / half) ** 2
+            height[at] += depth * here * front[at] * (0.35 * np.exp(-near / 6.0) - np.exp(-near))
+            region[at] = np.maximum(region[at], here * front[at] * np.exp(-near / 8.0))
     dimples = _dimples(x, y) * front
     height += dimples
     per_row, per_column = y[1, 0] - y[0, 0], away * np.diff(angle[0]).max()

@@ -1,9 +1,12 @@
 """Expressions with times of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import (
@@ -30,7 +33,7 @@ PHONES = PhoneTrack.of(
 
 
 def levels(moods: list[Mood], end_s: float = 4.0, times: np.ndarray = TIMES) -> np.ndarray:
-    """(6, T): of every expression."""
+    """(9, T): of every expression."""
     return sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, english(), end_s), times)
 
 
@@ -55,6 +58,32 @@ def test_an_expression_is_over_in_time_however_short(start_s: float, stop_s: flo
     assert joy[times < start_s] == pytest.approx(0)
     assert joy.max() <= 1 + 1e-12
     assert joy[times > max(min(stop_s, end_s), start_s + ATTACK_S + RELEASE_S)] == pytest.approx(0)
+
+
+def test_a_half_smile_lifts_one_corner_and_leaves_lips_shut() -> None:
+    faps = dict(zip(EXPRESSIONS, expression_faps(english()).T, strict=True))
+
+    def of(mood: Expression, *numbers: int) -> np.ndarray:
+        return faps[mood][[fap.column(number) for number in numbers]]
+
+    left, right, joy = Expression.SMILE_LEFT, Expression.SMILE_RIGHT, Expression.JOY
+    assert of(left, 12, 59) == pytest.approx(of(joy, 12, 59))
+    assert of(left, 12, 59).min() > 200
+    assert of(left, 13, 60, 7, 54, 42, 22) == pytest.approx(0)
+    assert of(right, 13, 60, 7, 54, 42, 22, 9, 11, 4, 5) == pytest.approx(
+        of(left, 12, 59, 6, 53, 41, 21, 8, 10, 4, 5), rel=0.05
+    )
+    for mood in (left, right, Expression.CONTEMPT):  # what opens the lips is the sum of both
+        assert of(mood, 4, 8, 9) + of(mood, 5, 10, 11) == pytest.approx(0)
+    assert 0.4 * of(left, 12)[0] < of(Expression.CONTEMPT, 12)[0] < 0.8 * of(left, 12)[0]
+    assert of(Expression.CONTEMPT, 20)[0] > 100
+
+
+def test_a_profile_without_joy_has_no_half_smile() -> None:
+    bare = replace(english(), expressions={})
+    assert not expression_faps(bare).any()
+    with pytest.raises(UsageError, match="smile_left"):
+        mood_ramps([Mood(Expression.SMILE_LEFT)], bare, 1.0)
 
 
 def test_different_expressions_add_up() -> None:
