@@ -37,7 +37,7 @@ class Mix:
     cheek: float
     """Share of joy by which cheek and lids of that half are raised."""
     lids: float = 0.0
-    """How far both upper lids sink, FAPU."""
+    """Way by which both upper lids sink, FAPU."""
 
 
 MIXES = {
