@@ -2,32 +2,38 @@
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.app.performance import pronounced
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.dense import ADAPTED
+from fapengine.files.heads.folder import OWNED as HEAD_FILES
+from fapengine.files.heads.folder import save_head
 from fapengine.files.paths import replacing_folder
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import load_session
 from fapengine.laboratory.dense_file import ARRAYS_NAME as DENSE_ARRAYS
 from fapengine.laboratory.dense_file import TOML_NAME as DENSE_TOML
 from fapengine.laboratory.dense_file import format_dense
+from fapengine.laboratory.densify import MIN_SCANS
 from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
 from fapengine.laboratory.playback import captured_faps
 from fapengine.laboratory.prepare import Prepared, prepare
 from fapengine.laboratory.setup import Setup
 from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.models.adapted_head import Nearness
 from fapengine.profiles import TOML_NAME
 
 DENSE_FILES = (DENSE_TOML, DENSE_ARRAYS)
 REPORT_NAME = "report.html"
-OWNED = (*PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap")
+OWNED = (*PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap", *(f"{ADAPTED}/{name}" for name in HEAD_FILES))
 """Files of a fitted profile's folder."""
 STANDARD = DEFAULT_PROFILE
 """Profile that lends the expressions which a session lacks."""
@@ -54,6 +60,8 @@ class FitJob:
     """True to write report.html."""
     faps: bool = False
     """True to write every take as captured FAPs."""
+    adapt: bool = False
+    """True to put our own head on to the dense face: ``head/``, which FAPs move."""
 
 
 def run_fit(
@@ -61,8 +69,8 @@ def run_fit(
     *,
     on_take: Callable[[str, int], None] = lambda name, count: None,
     on_step: Callable[[str], None] = lambda step: None,
-) -> Fitted:
-    """Learn from a session and write the profile.
+) -> tuple[Fitted, Nearness | None]:
+    """Learn from a session and write the profile; tell how near an adapted head comes to the dense face.
 
     Parameters
     ----------
@@ -99,8 +107,9 @@ def run_fit(
         on_step=on_step,
         warnings=warnings,
     )
-    _write(output, fitted, report=job.report, faps=job.faps)
-    return fitted
+    adapted = _adapt(fitted, job) if job.adapt else None
+    _write(output, fitted, adapted, report=job.report, faps=job.faps)
+    return fitted, None if adapted is None else adapted[1]
 
 
 def _read(
@@ -133,7 +142,21 @@ def _command(session: Path, output: Path, seed: int) -> str:
     return f"fapengine fit {session.resolve().name} -o {output.name} --seed {seed}"
 
 
-def _write(output: Path, fitted: Fitted, *, report: bool, faps: bool) -> None:
+def _adapt(fitted: Fitted, job: FitJob) -> tuple[FaceMesh, Nearness]:
+    """Put our own head on to the dense face."""
+    from fapengine.files.heads.adapt_file import adapt_dense_face  # much of scipy
+
+    if fitted.dense is None:
+        raise DataError(
+            f"adapt: the session has no dense face, expected {MIN_SCANS} [[scan]] or more", where=str(job.session)
+        )
+    imported, nearness = adapt_dense_face(fitted.dense.face)
+    return imported.mesh, nearness
+
+
+def _write(
+    output: Path, fitted: Fitted, adapted: tuple[FaceMesh, Nearness] | None, *, report: bool, faps: bool
+) -> None:
     page = None
     if report:  # before anything is written: it may lack its library
         from fapengine.files.report.page import write_report
@@ -146,13 +169,17 @@ def _write(output: Path, fitted: Fitted, *, report: bool, faps: bool) -> None:
         if fitted.dense is not None:
             for name, data in format_dense(fitted.dense.face).items():
                 (folder / name).write_bytes(data)
+        if fitted.dense is not None and adapted is not None:
+            from fapengine.files.heads.adapt_file import adapted_info
+
+            save_head(folder / ADAPTED, adapted[0], adapted_info(fitted.dense.face))
         if faps:
             for take in fitted.prepared.takes:
                 save_fap(folder / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
 
 
-def describe(fitted: Fitted) -> dict[str, object]:
-    """Return the figures of a fit as plain values, for JSON."""
+def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, object]:
+    """Return the figures of a fit, and of a head that was adapted, as plain values for JSON."""
     space, selection, prediction = fitted.space, fitted.selection, fitted.prediction
     kept = space.space.mode_count
     return {
@@ -174,5 +201,6 @@ def describe(fitted: Fitted) -> dict[str, object]:
         "lips_mm": None if prediction is None else round(prediction.lips_mm, 3),
         "opening_r": None if prediction is None else round(prediction.opening_r, 3),
         "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.left_out_mm[0], 3),
+        "adapted": None if nearness is None else asdict(nearness),
         "warnings": list(fitted.warnings),
     }

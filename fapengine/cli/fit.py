@@ -10,6 +10,7 @@ from fapengine.cli.options import AsJson, WriteOptions
 if TYPE_CHECKING:
     from fapengine.app.fit import FitJob
     from fapengine.laboratory.fit import Fitted
+    from fapengine.models.adapted_head import Nearness
 
 
 def fit(
@@ -25,6 +26,11 @@ def fit(
     voice: str = typer.Option("en-us", "--voice", "-v", help="Who pronounces timings that have words only."),
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html beside the profile."),
     faps: bool = typer.Option(False, "--faps", help="Write every take as captured FAPs too: takes/TAKE.fap."),
+    adapt: bool = typer.Option(
+        False,
+        "--adapt",
+        help="Put our own head, with its eyes and teeth, on to the dense face: --head takes the profile.",
+    ),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
@@ -47,18 +53,22 @@ def fit(
     options = FitOptions(modes=modes, k=subset, tolerance_mm=tolerance, held_out=held_out)
     job = FitJob(
         session=session, output=output, options=options, units=units, up=up, seed=seed, voice=voice, report=report,
-        faps=faps,
+        faps=faps, adapt=adapt,
     )  # fmt: skip
-    fitted = _run(job)
+    fitted, nearness = _run(job)
     if as_json:
         import json
 
-        typer.echo(json.dumps(describe(fitted) | {"output": str(output)}))
+        typer.echo(json.dumps(describe(fitted, nearness) | {"output": str(output)}))
     else:
         _print(output, fitted, report=report)
+        if nearness is not None:
+            from fapengine.cli._nearness import spell_nearness
+
+            typer.echo(f"{output / 'head'}: our own head on the dense face; {spell_nearness(nearness)}")
 
 
-def _run(job: "FitJob") -> "Fitted":
+def _run(job: "FitJob") -> "tuple[Fitted, Nearness | None]":
     """Run the job under a progress bar, on a terminal only."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

@@ -11,7 +11,6 @@ from fapengine.cli.options import WriteOptions
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
     from fapengine.mesh.rig.import_head import ImportedHead
-    from fapengine.models.adapted_head import Nearness
 
 head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args_is_help=True)
 
@@ -54,13 +53,15 @@ def import_head(
     at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be slit, as in every face that can speak.
 
     --adapt takes a scan's shape and colours for our own head: feature points, and contours through them, move it, and
-    its skin is laid onto the scan. The distances before and after are told. Its mouth may be closed.
+    its skin is laid onto the scan. The distances before and after are told. Its mouth may be closed. A profile with a
+    dense face is such a scan, too.
 
     A dense face keeps its modes: recorded takes move it (fapengine render TAKE --head heads/s03), and FAPs do.
     """
     import json
     from dataclasses import asdict, replace
 
+    from fapengine.cli._nearness import spell_nearness
     from fapengine.errors import UsageError
     from fapengine.files.heads.adapt_file import adapt_head_file
     from fapengine.files.heads.dense import is_profile, load_dense_head
@@ -94,7 +95,7 @@ def import_head(
     if rig is not None:
         typer.echo(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
     if nearness is not None:
-        typer.echo(_spell_nearness(nearness))
+        typer.echo(spell_nearness(nearness))
     if info.lacking and info.used:
         typer.echo(f"shapes of ARKit that it lacks: {', '.join(info.lacking)}")
     if imported.unused:
@@ -118,15 +119,6 @@ def _describe(imported: "ImportedHead", info: "HeadInfo", output: Path) -> dict[
         "faps": {"moving": list(imported.moved), "still": list(imported.missing)},
         "notes": list(imported.notes),
     }
-
-
-def _spell_nearness(nearness: "Nearness") -> str:
-    before, after = nearness.front_mm
-    said = f"front of the face to the scan: {before:.2f} mm before, {after:.2f} mm after"
-    if nearness.left_out_mm is None:
-        return f"{said}; too few feature points to leave some out"
-    before, after = nearness.left_out_mm
-    return f"{said}; {nearness.left_out} feature points, left out in turn: {before:.2f} mm before, {after:.2f} mm after"
 
 
 def _spell(numbers: tuple[int, ...]) -> str:

@@ -33,12 +33,17 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.vertex_fields import vertex_normals
-from fapengine.models.generic_mesh import adapt_mesh
+from fapengine.models.generic_mesh import adapt_mesh, lip_nodes, spline_contour
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LIPS = ("8.4", "8.6", "8.9", "8.1", "8.10", "8.5", "8.3", "8.7", "8.2", "8.8")
+INNER_LIPS = ("2.5", "2.7", "2.2", "2.6", "2.4", "2.8", "2.3", "2.9")
+LIP_SAMPLES, LIP_ROWS = 400, 15
+"""Places along a contour of the lips that are tried for a column of nodes; rows of nodes, as in the paper."""
+LIP_BORDER = 1.6
+"""Level of the rings round the mouth at which the skin no longer follows the lip mesh."""
 LEFT_EYE, RIGHT_EYE = ("3.11", "3.1", "3.7", "3.3"), ("3.8", "3.2", "3.12", "3.4")
 CONTOURS = (LIPS, LEFT_EYE, RIGHT_EYE)
 """Closed contours by their feature points, in order."""
@@ -128,7 +133,8 @@ def adapt_head(
             if name in points_mm and name.startswith(GROUPS) and name not in BESIDE_SKIN
         ]  # fmt: skip
         goals = {name: np.asarray(points_mm[name], np.float64) for name in names}
-        fit = _Fit(scan, points, triangles, head, {name: feature_points[name] for name in names})
+        lips = {name: feature_points[name] for name in (*LIPS, *INNER_LIPS)}
+        fit = _Fit(scan, points, triangles, head, {name: feature_points[name] for name in names}, lips)
         moved = fit.laid(goals)
         nearness.append(fit.measure(moved, goals))
         return _with_parts(points, moved, head, fit.skin)
@@ -144,9 +150,16 @@ class _Fit:
     """The head's skin on its way to the scan."""
 
     def __init__(
-        self, scan: Surface, points: Array, triangles: Indices, head: HeadParts, feature_points: dict[str, int]
+        self,
+        scan: Surface,
+        points: Array,
+        triangles: Indices,
+        head: HeadParts,
+        feature_points: dict[str, int],
+        lips: dict[str, int],
     ) -> None:
-        self.scan, self.points, self.triangles, self.feature_points = scan, points, triangles, feature_points
+        self.scan, self.points, self.triangles = scan, points, triangles
+        self.feature_points, self.lips = feature_points, lips
         rings = (head.mouth, *(eye.lids for eye in head.eyes))
         self.skin = np.unique(np.concatenate([head.grid.ravel(), *(ring.indices.ravel() for ring in rings)]))
         outside = np.zeros(len(points), bool)
@@ -166,6 +179,7 @@ class _Fit:
         self.own_triangles = number[triangles[(number[triangles] >= 0).all(axis=1)]]
         lips = number[head.mouth.indices[np.abs(head.mouth.level) < 0.6]]
         upper, lower = lips[:, head.mouth.upper].ravel(), lips[:, ~head.mouth.upper].ravel()
+        self.mouth, self.skin_surface = head.mouth, Surface(points[self.skin], self.own_triangles)
         self.bending = _bending(points[self.skin], self.own_triangles, upper, lower)
 
     def laid(self, goals: Mapping[str, Array]) -> Array:
@@ -176,7 +190,7 @@ class _Fit:
         moved = adapt_mesh(self.points, lines, (_stack(ours, markers), _stack(goals, markers)))
         far_mm = np.asarray(cKDTree(_stack(ours, goals)).query(self.points)[0])
         fade = 1 - np.asarray(smoothstep((far_mm - NEAR_MM) / (FAR_MM - NEAR_MM)))
-        moved = self.points + fade[:, None] * (moved - self.points)
+        moved = self._with_lips(self.points + fade[:, None] * (moved - self.points), goals)
         skin = moved[self.skin]
         for stiffness, reach_mm in zip(STIFFNESS, REACHES_MM, strict=True):
             places, theirs, on_rim = self.scan.closest(skin)
@@ -190,6 +204,39 @@ class _Fit:
             skin = skin + solver.solve(pull[:, None] * wish)
         moved[self.skin] = skin
         return np.asarray(moved, np.float64)
+
+    def _with_lips(self, moved: Array, goals: Mapping[str, Array]) -> Array:
+        """Carry the lips by a mesh of splines, which lies on our lips and on the scan's: paper 004's lip mesh.
+
+        A place between two feature points then goes where the contour goes, not only where the points go.
+        """
+        rings, level, mouth = self.mouth.indices, self.mouth.level, self.mouth
+        ours, theirs = [], []
+        for names, corner, row in ((LIPS, 6, 1.0), (INNER_LIPS, 4, 0.0)):
+            own = np.stack([self.points[self.lips[name]] for name in names])
+            goal = np.stack([goals.get(name, moved[self.lips[name]]) for name in names])
+            at = np.linspace(0.0, len(names), LIP_SAMPLES + 1)
+            ring = self.points[rings[np.abs(level - row).argmin()]]
+            place = np.empty(len(ring))
+            for side, half in ((mouth.upper, at <= corner), (~mouth.upper, at >= corner)):
+                nearest = cKDTree(spline_contour(own, corner, at[half])).query(ring[side])[1]
+                place[side] = at[half][nearest]
+            ours.append(spline_contour(own, corner, place))
+            theirs.append(spline_contour(goal, corner, place))
+        shift = lip_nodes(*theirs, self.scan, rows=LIP_ROWS) - lip_nodes(*ours, self.skin_surface, rows=LIP_ROWS)
+        lips = (level >= 0.0) & (level <= 1.0)
+        row_of = (1.0 - level[lips]) * (LIP_ROWS - 1)
+        low = np.minimum(row_of.astype(int), LIP_ROWS - 2)
+        part = (row_of - low)[:, None, None]
+        off = np.zeros((*rings.shape, 3))
+        off[lips] = self.points[rings[lips]] + (1 - part) * shift[low] + part * shift[low + 1] - moved[rings[lips]]
+        border, rim = np.flatnonzero(lips)[[0, -1]]
+        share = 1 - np.asarray(smoothstep((level - 1.0) / (LIP_BORDER - 1.0)))
+        off[level > 1.0] = share[level > 1.0, None, None] * off[border]
+        off[level < 0.0] = off[rim]
+        carried = moved.copy()
+        carried[rings] += off
+        return carried
 
     def measure(self, moved: Array, goals: Mapping[str, Array]) -> Nearness:
         """Tell how near the head comes, and how near points that were left out come to where they are."""

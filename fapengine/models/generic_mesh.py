@@ -200,14 +200,73 @@ def lip_mesh(
     """
     if count < 3 or rows < 3:
         raise UsageError(f"count, rows: got {count} and {rows}, expected at least 3")
-    outer = sample_contour(outer_mm, count, closed=True)
-    inner = sample_contour(inner_mm, count, closed=True)
+    nodes = lip_nodes(
+        sample_contour(outer_mm, count, closed=True), sample_contour(inner_mm, count, closed=True), scan, rows=rows
+    )
+    at = np.arange(rows * count).reshape(rows, count)
+    here, ahead = at, np.roll(at, -1, axis=1)
+    quads = np.stack([here[:-1], ahead[:-1], ahead[1:], here[1:]], axis=-1).reshape(-1, 4)
+    return nodes.reshape(-1, 3), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def lip_nodes(
+    outer_mm: ArrayLike, inner_mm: ArrayLike, scan: Surface | None = None, *, rows: int = 15
+) -> NDArray[np.float64]:
+    """Put rows of nodes on cubic splines from an outer over a middle to an inner contour.
+
+    Parameters
+    ----------
+    outer_mm, inner_mm : (N, 3) array_like, mm
+        Samples that belong to each other.
+    scan : Surface, optional
+        The middle contour is laid onto it.
+    rows : int
+        At least 2.
+
+    Returns
+    -------
+    (rows, N, 3) float64
+    """
+    outer = frozen(outer_mm, "outer_mm", ("N", 3), np.float64)
+    inner = frozen(inner_mm, "inner_mm", (len(outer), 3), np.float64)
     middle = (outer + inner) / 2
     if scan is not None:
         middle = scan.closest(middle)[0]
     across = CubicSpline([0.0, 0.5, 1.0], np.stack([outer, middle, inner]), axis=0, bc_type="natural")
-    vertices = across(np.linspace(0.0, 1.0, rows)).reshape(-1, 3)
-    at = np.arange(rows * count).reshape(rows, count)
-    here, ahead = at, np.roll(at, -1, axis=1)
-    quads = np.stack([here[:-1], ahead[:-1], ahead[1:], here[1:]], axis=-1).reshape(-1, 4)
-    return vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return np.asarray(across(np.linspace(0.0, 1.0, rows)))
+
+
+def spline_contour(points_mm: ArrayLike, corner: int, at: ArrayLike) -> NDArray[np.float64]:
+    """Draw a closed contour with two corners through points, as two cubic splines.
+
+    Parameters
+    ----------
+    points_mm : (N, 3) array_like, mm
+        In order; the first one is a corner.
+    corner : int
+        Index of the other corner, 1..N-1.
+    at : (K,) array_like
+        Places on it, 0 to N: 2.25 lies between the points 2 and 3, at a quarter of the distance.
+
+    Returns
+    -------
+    (K, 3) float64, mm
+
+    Raises
+    ------
+    UsageError
+        If there is no such corner.
+    """
+    points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
+    places = frozen(at, "at", ("K",), np.float64)
+    if not 0 < corner < len(points):
+        raise UsageError(f"corner: got {corner}, expected 1..{len(points) - 1}")
+    points = np.concatenate([points, points[:1]])
+    drawn = np.empty((len(places), 3))
+    for first, last in ((0, corner), (corner, len(points) - 1)):
+        part = points[first : last + 1]
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1) + 1e-9)])
+        inside = (places >= first) & (places <= last)
+        along = np.interp(places[inside] - first, np.arange(len(part)), length)
+        drawn[inside] = CubicSpline(length, part, bc_type="natural")(along)
+    return drawn

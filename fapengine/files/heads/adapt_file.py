@@ -1,12 +1,21 @@
 """Our own head on a scan: a mesh file and its feature points in, a head with all of our FAPs out."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from fapengine.errors import DataError, UsageError
-from fapengine.files.heads.dense import is_profile
+from fapengine.files.heads.built import load_built
+from fapengine.files.heads.dense import is_profile, load_dense
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.import_file import find_points, load_marked
+from fapengine.files.heads.tables import load_feature_points
+from fapengine.laboratory.dense_face import DenseFace
+from fapengine.laboratory.dense_face import find_points as find_marked
+from fapengine.laboratory.setup import Paint
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import still_faps
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.import_head import ImportedHead
 from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.models.adapted_head import Nearness, adapt_head, scan_surface
@@ -22,7 +31,7 @@ def adapt_head_file(
     Parameters
     ----------
     path : Path
-        A mesh in any unit and axes.
+        A mesh in any unit and axes, or a profile with a dense face.
     points : Path, optional
         Table of feature points; needed for a mesh without blendshapes.
     mapping : Path, optional
@@ -39,28 +48,69 @@ def adapt_head_file(
     Raises
     ------
     UsageError
-        As :func:`fapengine.files.heads.import_file.import_head_file`, or if the path is a profile.
+        As :func:`fapengine.files.heads.import_file.import_head_file`; or if the path is a profile without a dense face.
     DataError
         If a file's content is wrong, or the feature points are too few; ``where`` is the file.
     ResourceError
         If trimesh is needed and not installed.
     """
     if is_profile(path):
-        raise UsageError(f"scan: got {path}, a profile, expected a file")
+        if mapping is not None:
+            raise UsageError(f"mapping: got {mapping}, but a profile's modes have no other names")
+        face = load_dense(path)
+        marked = load_feature_points(points, face.neutral_face_mm) if points else {}
+        try:
+            imported, nearness = adapt_dense_face(face, marked)
+        except DataError as error:
+            raise type(error)(error.message, where=str(path)) from error
+        return imported, adapted_info(face), nearness
     mesh, choice, standard, marked = load_marked(path, points, mapping)
     try:
         vertices = find_points(mesh, choice, marked, standard, needed=points is None)
-        # Of a closed mouth's upper and lower lip both points may be one vertex, which an imported head could not use.
-        one_name = {vertex: name for name, vertex in reversed(vertices.items())}
-        placed = place_mesh(mesh, {name: vertex for vertex, name in one_name.items()}, standard)
-        places = {name: placed.to_head_space(mesh.vertices[vertex]) for name, vertex in vertices.items()}
-        adapted, nearness = adapt_head(scan_surface(placed), places)
+        imported, nearness = _adapted(mesh, vertices, standard)
     except DataError as error:
         raise type(error)(error.message, where=str(path)) from error
-    note = "colours: the file has none; the head keeps its own"
+    return imported, HeadInfo(f"fapengine's head on {path.name}", "", ()), nearness
+
+
+def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -> tuple[ImportedHead, Nearness]:
+    """Put our own head on to the dense face of a fit, at the markers' neutral pose.
+
+    Parameters
+    ----------
+    face : DenseFace
+    points : mapping of str to int, optional
+        Vertices of further feature points, or in place of those that the markers show.
+
+    Raises
+    ------
+    DataError
+        If the feature points are too few.
+    """
+    neutral, chosen, paint = face.neutral_face_mm, dict(points or {}), face.paint or Paint()
+    mesh = BlendshapeMesh(
+        vertices=neutral, triangles=face.triangles, blendshapes={},
+        uv=paint.uv, texture=paint.texture, albedo=paint.albedo,
+    )  # fmt: skip
+    vertices = {**find_marked(face, neutral, sorted(set(chosen.values()))), **chosen}
+    return _adapted(mesh, vertices, load_built(HeadStyle()))
+
+
+def adapted_info(face: DenseFace) -> HeadInfo:
+    """Tell what :func:`adapt_dense_face` makes."""
+    return HeadInfo(f"fapengine's head on the dense face of {face.subject}", face.licence)
+
+
+def _adapted(mesh: BlendshapeMesh, vertices: Mapping[str, int], standard: FaceMesh) -> tuple[ImportedHead, Nearness]:
+    # Of a closed mouth's upper and lower lip both points may be one vertex, which an imported head could not use.
+    one_name = {vertex: name for name, vertex in reversed(list(vertices.items()))}
+    placed = place_mesh(mesh, {name: vertex for vertex, name in one_name.items()}, standard)
+    places = {name: placed.to_head_space(mesh.vertices[vertex]) for name, vertex in vertices.items()}
+    adapted, nearness = adapt_head(scan_surface(placed), places)
+    note = "colours: the scan has none; the head keeps its own"
     if has_colours(placed):
         adapted = paint_from_scan(adapted, placed)
-        note = f"colours: those of the file's {'picture' if mesh.texture is not None else 'vertices'}"
+        note = f"colours: those of the scan's {'picture' if mesh.texture is not None else 'vertices'}"
     still = still_faps(adapted)
     imported = ImportedHead(
         mesh=adapted,
@@ -72,4 +122,4 @@ def adapt_head_file(
         unused=(),
         placed=placed,
     )
-    return imported, HeadInfo(f"fapengine's head on {path.name}", "", ()), nearness
+    return imported, nearness

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.folder import TOML_NAME as HEAD_NAME
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.tables import load_feature_points
 from fapengine.files.paths import read_bytes
@@ -13,10 +14,19 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.rig.import_head import ImportedHead
 from fapengine.profiles import TOML_NAME as PROFILE_NAME
 
+ADAPTED = "head"
+"""Folder, within a profile, of our own head adapted to its dense face."""
+
 
 def is_profile(folder: Path) -> bool:
     """Tell whether a folder is a profile's, with a dense face or without."""
     return (folder / PROFILE_NAME).is_file() or (folder / TOML_NAME).is_file()
+
+
+def adapted_in(folder: Path) -> Path | None:
+    """Find the head of ours that was adapted to a profile's dense face; None if there is none."""
+    head = folder / ADAPTED
+    return head if is_profile(folder) and (head / HEAD_NAME).is_file() else None
 
 
 def load_dense(folder: Path) -> DenseFace:

@@ -27,7 +27,8 @@ def load_head(name: str) -> FaceMesh:
     ----------
     name : str
         ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, as
-        ``"woman:age=0.8,level=fine"``; else a folder, of a head or of a profile with a dense face.
+        ``"woman:age=0.8,level=fine"``; else a folder, of a head or of a profile with a dense face: there our own head
+        adapted to it, if ``fapengine fit --adapt`` made one.
 
     Raises
     ------
@@ -39,8 +40,10 @@ def load_head(name: str) -> FaceMesh:
     look, folder = parse_person(name), Path(name)
     if look:
         return load_built(*look)
-    from fapengine.files.heads.dense import is_profile, load_dense_head  # much of scipy, which our own do not need
+    from fapengine.files.heads.dense import adapted_in, is_profile, load_dense_head  # much of scipy: not for our own
 
+    if (adapted := adapted_in(folder)) is not None:
+        return load_folder(adapted)[1]
     return load_dense_head(folder)[0].mesh if is_profile(folder) else load_folder(folder)[1]
 
 
@@ -90,6 +93,7 @@ def load_head_info(name: str) -> HeadInfo:
     """Tell where a head comes from. Raises as :func:`load_head`."""
     if parse_person(name):
         return OURS
-    from fapengine.files.heads.dense import dense_info, is_profile
+    from fapengine.files.heads.dense import adapted_in, dense_info, is_profile
 
-    return dense_info(Path(name)) if is_profile(Path(name)) else load_folder(Path(name))[0]
+    folder = adapted_in(Path(name)) or Path(name)
+    return dense_info(folder) if is_profile(folder) else load_folder(folder)[0]

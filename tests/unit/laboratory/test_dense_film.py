@@ -1,23 +1,35 @@
 """The verbs on a dense face: a head of it, films of takes, glTF with its modes."""
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
-from fapengine.files.heads.load import load_head, load_head_of_modes
+from fapengine.files.heads import adapt_file
+from fapengine.files.heads.dense import load_dense
+from fapengine.files.heads.load import load_head, load_head_info, load_head_of_modes
 from fapengine.files.pictures import load_picture
 from fapengine.files.recordings import save_markers
 from fapengine.files.video import load_video
+from fapengine.laboratory.dense_face import make_dense_head
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.people import PEOPLE
+from fapengine.models.adapted_head import Nearness
 from fapengine.mpeg4.track import FapTrack
 
+from .dense_made import MOVING, SKULL, MadeFace, make_face
+
 SMALL = ("--size", "96x96")
+LABELS = ("_", "m", "i", "p", "u", "s", "i", "m", "t", "_")
 
 
 def run(*words: object) -> str:
@@ -46,6 +58,56 @@ def head(profile) -> Path:
     told = run("head", "import", profile, "-o", folder)
     assert "modes, moved by" in told
     return folder
+
+
+def session_of(face: MadeFace, folder: Path) -> Path:
+    """A session as a laboratory has it: takes with phones beside them, and scans in held postures."""
+    (folder / "scans").mkdir(parents=True)
+    marks = {name: int(np.flatnonzero(face.used == face.head.feature_points[name])[0]) for name in face.labels}
+    toml = [f'subject = "S05"\nlanguage = "en-GB"\nhead = {json.dumps(list(SKULL))}\nlicence = "CC0-1.0"']
+    rng = np.random.default_rng(4)
+    held = np.concatenate([np.zeros((1, len(MOVING))), rng.uniform(-1, 1, (4, len(MOVING)))])
+    for number, amounts in enumerate(held):
+        vertices = face.faces_mm(amounts[None])[0]
+        trimesh.Trimesh(vertices, face.dense.triangles, process=False).export(folder / "scans" / f"{number}.ply")
+        places = ", ".join(f'"{name}" = {np.round(vertices[at], 4).tolist()}' for name, at in marks.items())
+        toml.append(f"[[scan]]\nfile = 'scans/{number}.ply'\nlandmarks = {{ {places} }}")
+    for number in range(5):
+        track, _ = face.take(2.0, gaps=False, seed=number)
+        track = replace(track, positions_mm=track.positions_mm + rng.normal(0, 0.05, track.positions_mm.shape))
+        save_markers(folder / f"take{number}.npz", track)
+        rows = "\n".join(f"{n * 0.2:.1f} {n * 0.2 + 0.2:.1f} {label}" for n, label in enumerate(LABELS))
+        (folder / f"take{number}.lab").write_text(rows)
+    (folder / "session.toml").write_text("\n".join(toml))
+    return folder
+
+
+def test_fit_puts_our_own_head_on_to_the_dense_face(tmp_path, monkeypatch):
+    other = make_face(build_head(PEOPLE["man"], level="coarse"))
+    session, profile = session_of(other, tmp_path / "S05"), tmp_path / "s05"
+    told = json.loads(run("fit", session, "-o", profile, "--adapt", "--no-report", "--json"))
+    front, left_out = told["adapted"]["front_mm"], told["adapted"]["left_out_mm"]
+    assert front[1] < 0.1 * front[0]
+    assert left_out[1] < left_out[0]
+    adapted, dense = load_head(str(profile)), load_head_of_modes(str(profile))[0]
+    assert len(adapted.vertices_mm) > len(dense.vertices_mm)  # our whole head for FAPs, the dense face for takes
+    assert set(adapted.feature_points) > set(dense.feature_points)  # eyes, teeth, tongue
+    assert load_head_info(str(profile)).source == "fapengine's head on the dense face of S05"
+    face = load_dense(profile)
+    made = replace(make_dense_head(face, build_head())[0], mesh=adapted)
+    monkeypatch.setattr(adapt_file, "adapt_dense_face", lambda face, points: (made, Nearness((1.0, 0.5), None, 0)))
+    assert "0.50 mm after; too few" in run("head", "import", profile, "--adapt", "-o", tmp_path / "ours")
+    np.testing.assert_array_equal(load_head(str(tmp_path / "ours")).vertices_mm, adapted.vertices_mm)
+    with pytest.raises(UsageError, match="no other names"):
+        run("head", "import", profile, "--adapt", "--map", tmp_path / "names.toml", "-o", tmp_path / "ours")
+    shutil.rmtree(session / "scans")
+    text = (session / "session.toml").read_text()
+    (session / "session.toml").write_text(text[: text.index("[[scan]]")])
+    with pytest.raises(DataError, match="no dense face, expected 3"):
+        run("fit", session, "-o", profile, "--adapt", "--no-report")
+    assert (profile / "head").exists()  # what failed changes nothing
+    run("fit", session, "-o", profile, "--no-report")
+    assert not (profile / "head").exists()  # what is not made again is not there
 
 
 def test_a_profiles_dense_face_becomes_a_head(made, profile, head):

@@ -105,7 +105,8 @@ def test_it_is_a_head_of_ours_with_all_faps(adapted):
         frame[fap.column(number)] = 200.0
         row = fap.spec(number)
         moved = (deform(head, frame) - head.vertices_mm)[head.feature_points[row.point]]
-        assert np.linalg.norm(moved) == pytest.approx(200 * head.fapu.unit(row.unit), rel=0.02)
+        along = moved @ np.array(fap.HEAD_AXES[row.positive])  # corners of the lips also go back, round the teeth
+        assert along == pytest.approx(200 * head.fapu.unit(row.unit), rel=0.02)
     assert load_head_info(folder).source == "fapengine's head on scan.ply"
 
 
@@ -129,7 +130,7 @@ def test_lids_shut_and_never_sink_into_the_ball(adapted):
 
 def test_the_scan_s_colours_are_carried(adapted):
     head, told, _ = adapted
-    assert told["notes"][-1] == "colours: those of the file's vertices"
+    assert told["notes"][-1] == "colours: those of the scan's vertices"
     for name, colour in (("5.3", BLUE), ("5.4", RED)):  # left and right cheek
         vertex = head.feature_points[name]
         height, width = head.texture.shape[:2]
@@ -177,7 +178,7 @@ def test_what_cannot_be_adapted_is_refused(scanned, tmp_path):
         with pytest.raises(kind, match=said):
             run("head", "import", folder / "scan.ply", *arguments, "--adapt", "-o", tmp_path / "head")
     (tmp_path / "profile.toml").touch()
-    with pytest.raises(UsageError, match=r"scan: got .*, a profile"):
+    with pytest.raises(UsageError, match=r"has no dense face"):
         run("head", "import", tmp_path, "--adapt", "-o", tmp_path / "head")
     assert not (tmp_path / "head").exists()
 
