@@ -28,7 +28,7 @@ def load_head(name: str) -> FaceMesh:
     name : str
         ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, as
         ``"woman:age=0.8,level=fine"``; else a folder, of a head or of a profile with a dense face: there our own head
-        adapted to it, if ``fapengine fit --adapt`` made one.
+        adapted to it, if the fit made one.
 
     Raises
     ------
