@@ -1,5 +1,5 @@
 // A stand-in for as much of UnityEngine as examples/receivers/FapengineFace.cs uses, and a program that runs it: prints
-// jawOpen at every frame for nine seconds.
+// jawOpen at every frame for a minute.
 using System;
 using System.Collections.Generic;
 using System.Threading;
@@ -37,7 +37,7 @@ public static class Program
         var renderer = new UnityEngine.SkinnedMeshRenderer { sharedMesh = mesh };
         var face = new FapengineFace { address = arguments[0], face = renderer };
         Call(face, "Start");
-        for (DateTime until = DateTime.Now.AddSeconds(9); DateTime.Now < until; Thread.Sleep(16))
+        for (DateTime until = DateTime.Now.AddSeconds(60); DateTime.Now < until; Thread.Sleep(16))
         {
             Call(face, "Update");
             float jaw;
