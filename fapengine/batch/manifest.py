@@ -12,10 +12,10 @@ from typing import Any
 
 import msgspec
 
-from fapengine.batch.rows import FILES, LISTS, OPTION_NAMES, Options, Row
+from fapengine.batch.rows import FILES, LISTS, OPTION_NAMES, PROFILE, Options, Row
 from fapengine.errors import DataError, UsageError
 
-COLUMNS = ("id", "text", "timings", "audio", *OPTION_NAMES)
+COLUMNS = ("id", "text", "timings", "audio", "session", *OPTION_NAMES)
 NAME = re.compile(r"[\w+-][\w.+ -]*(/[\w+-][\w.+ -]*)*")
 """An id: a file's name, in folders if it has slashes; no part begins with a dot."""
 MAX_ERRORS = 20
@@ -29,8 +29,9 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
     Parameters
     ----------
     data : bytes
-        CSV with a header, or a JSON object a line. Columns are ``id`` and ``text``, ``timings`` or ``audio``, and any
-        option of the verbs; an empty cell is the default. Lists are JSON lists, or texts apart by ``;``.
+        CSV with a header, or a JSON object a line. Columns are ``id`` and ``text``, ``timings``, ``audio`` or
+        ``session``, and any option of the verbs; an empty cell is the default. Lists are JSON lists, or texts apart by
+        ``;``.
     where : str
         Name of the manifest, for messages.
     folder : Path
@@ -52,7 +53,7 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
     for line, cells in _lines(data, where):
         try:
             row = _row(cells, line, folder, defaults)
-            row.options.check(kind)
+            row.check(kind)
             name = row.id.casefold()  # some file systems do not tell a from A
             if name in seen:
                 raise UsageError(f"id: got {row.id!r} again, as in line {seen[name]}; expected each once")
@@ -69,7 +70,7 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
 
 
 def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Options) -> tuple[Row, ...]:
-    """Make a row of each file: a recording or timings, named by its stem.
+    """Make a row of each file: a recording or timings, named by its stem; or of each folder, for profiles.
 
     Parameters
     ----------
@@ -86,7 +87,11 @@ def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Op
 
     defaults.check(kind)
     rows = []
-    for number, path in enumerate(sorted(paths), 1):
+    folders = [path for path in paths if path.is_dir()]
+    for number, path in enumerate(sorted(folders if kind == PROFILE else paths), 1):
+        if kind == PROFILE:
+            rows.append(Row(id=path.name, session=path, options=defaults, line=number))
+            continue
         words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
         source: dict[str, Any] = {"audio": path, "text": words} if is_sound(path) else {"timings": path}
         rows.append(Row(id=path.stem, options=defaults, line=number, **source))
@@ -151,7 +156,10 @@ def _row(cells: Mapping[str, Any], line: int, folder: Path, defaults: Options) -
     for column in FILES:
         if column in cells:
             places[column] = folder / str(cells[column]).strip()
-            if not places[column].is_file() and not (column == "into" and not places[column].suffix):
+            if column == "session":
+                if not places[column].is_dir():
+                    raise DataError(f"{column}: got {cells[column]}, which is no folder that is there")
+            elif not places[column].is_file() and not (column == "into" and not places[column].suffix):
                 raise DataError(f"{column}: got {cells[column]}, which is not there")
     given = {key: _value(key, cells[key]) for key in cells if key in OPTION_NAMES}
     given |= {key: str(places[key]) for key in ("into", "map") if key in places and places[key].is_file()}
@@ -163,7 +171,8 @@ def _row(cells: Mapping[str, Any], line: int, folder: Path, defaults: Options) -
     options = replace(defaults, **{key: getattr(chosen, key) for key in given})
     text = str(cells["text"]) if "text" in cells else None
     return Row(
-        id=name, text=text, timings=places.get("timings"), audio=places.get("audio"), options=options, line=line
+        id=name, text=text, timings=places.get("timings"), audio=places.get("audio"), session=places.get("session"),
+        options=options, line=line,
     )  # fmt: skip
 
 

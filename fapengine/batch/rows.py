@@ -1,30 +1,34 @@
-"""A row of a manifest: one utterance, and the options that the verbs have for one."""
+"""A row of a manifest: one utterance, or one speaker's session, and the options that the verbs have for one."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
+from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import DEFAULT_PROFILE, Manner, check_expressions
 from fapengine.app.scene_files import Into, check_scene
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.moving import check_moving
+from fapengine.files.outputs import files_in
+from fapengine.laboratory.fit import FitOptions
 from fapengine.models.keyed_curve import STRAIGHT
 from fapengine.render.drawing import Drawing
 from fapengine.retarget.shape_sets import shape_set
 from fapengine.trajectory.style import Style, parse_method
 from fapengine.voices.choice import VoiceChoice
 
-KINDS = ("fba", "fap", "mp4", "csv", "glb")
-"""Kinds of files that rows may become."""
+PROFILE = "profile"
+KINDS = ("fba", "fap", "mp4", "csv", "glb", PROFILE)
+"""Kinds of files that rows may become; a profile is a folder of them."""
 LISTS = ("expression", "without")
 """Options that hold several values; in a table they stand apart by ``;``."""
-FILES = ("timings", "audio", "into", "map")
-"""Columns that name files, relative to the manifest."""
+FILES = ("session", "timings", "audio", "into", "map")
+"""Columns that name files, or a folder of recordings, relative to the manifest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of ``say``, ``animate``, ``encode`` and ``convert``, with their names and defaults."""
+    """Options of ``say``, ``animate``, ``encode``, ``convert`` and ``fit``, with their names and defaults."""
 
     voice: str = "en-us"
     rate: int = 160
@@ -57,6 +61,14 @@ class Options:
     into: str | None = None
     keys: str = STRAIGHT
     map: str | None = None
+    modes: int | None = None
+    subset: int | None = None
+    tolerance: float = 0.35
+    held_out: float = 0.2
+    units: str | None = None
+    up: str | None = None
+    report: bool = True
+    faps: bool = False
 
     def manner(self) -> Manner:
         """How the face speaks. Raises UsageError for what cannot be."""
@@ -86,6 +98,16 @@ class Options:
         """Return the avatar that a motion goes into."""
         return Into(Path(self.into), self.keys, Path(self.map) if self.map else None) if self.into else None
 
+    def fitting(self, session: Path, output: Path) -> FitJob:
+        """Say what is learned from a session. Raises UsageError for what cannot be."""
+        return FitJob(
+            session=session, output=output, units=self.units, up=self.up, seed=self.seed, voice=self.voice,
+            options=FitOptions(
+                modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out
+            ),
+            report=self.report, faps=self.faps,
+        )  # fmt: skip
+
     def check(self, kind: str) -> None:
         """Refuse what cannot be, before anything is done.
 
@@ -106,6 +128,8 @@ class Options:
             shape_set(self.shapes)
         elif kind == "glb":
             check_scene(Path("a.glb"), self.avatar())
+        elif kind == PROFILE:
+            self.fitting(Path("a"), Path("b"))
 
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))
@@ -113,29 +137,54 @@ OPTION_NAMES = tuple(each.name for each in fields(Options))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One utterance: a text; or timings, with their sound or without; or a recording, with its words or without."""
+    """One utterance: a text; or timings, with their sound or without; or a recording, with its words or without.
+
+    Or a speaker: the session that a profile is learned from.
+    """
 
     id: str
     text: str | None = None
     timings: Path | None = None
     audio: Path | None = None
+    session: Path | None = None
     options: Options = field(default_factory=Options)
     line: int = 0
     """Place in the manifest."""
 
     def __post_init__(self) -> None:
+        if self.session is not None:
+            if (self.timings, self.audio, self.text) != (None, None, None):
+                raise UsageError("session: got one beside text, timings or audio, expected it alone")
+            return
         if self.timings is None and self.audio is None and self.text is None:
             raise UsageError("row: got no text, no timings and no audio, expected one")
         if self.timings is not None and self.text is not None:
             raise UsageError("text: got one beside timings, which say themselves what is spoken; expected none")
 
+    def check(self, kind: str) -> None:
+        """Refuse what cannot become such a file. Raises UsageError; it begins with the option's name."""
+        if (self.session is not None) != (kind == PROFILE):
+            raise UsageError(
+                "session: got none, expected a folder of recordings for a profile"
+                if self.session is None
+                else f"session: got one to become {kind}, expected --to profile with it"
+            )
+        self.options.check(kind)
+
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Files that it is made of, and names that may be such."""
         options = self.options
+        if self.session is not None:
+            return (self.session,)
         named = (self.timings, self.audio, options.into, options.map, options.profile, options.head)
         return tuple(Path(path) for path in named if path is not None)
 
     def output(self, folder: Path, kind: str) -> Path:
-        """Name of the file that the row becomes."""
-        return folder / f"{self.id}.{kind}"
+        """Name of the file, or of the profile's folder, that the row becomes."""
+        return folder / (self.id if kind == PROFILE else f"{self.id}.{kind}")
+
+    def outputs(self, folder: Path, kind: str) -> list[Path]:
+        """Names of all files that the row becomes."""
+        output = self.output(folder, kind)
+        return files_in(output, OWNED) if kind == PROFILE else [output]

@@ -21,7 +21,7 @@ from fapengine.batch.rows import Row
 from fapengine.batch.work import Digests, Job, do_rows, key_of
 from fapengine.errors import ResourceError
 
-SHARD_ROWS = {"mp4": 1, "glb": 4}
+SHARD_ROWS = {"profile": 1, "mp4": 1, "glb": 4}
 """Rows that a worker is given at once; of other kinds, which take milliseconds, more."""
 MAX_SHARD_ROWS, SHARDS_A_WORKER = 32, 8
 MAX_TRIES = 3

@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import fapengine
+from fapengine.app.fit import run_fit
 from fapengine.app.motion import save
 from fapengine.app.performance import Performance, animate, perform, pronounced, speak
 from fapengine.app.talk import refuse_unknown
@@ -41,6 +42,8 @@ def do_rows(rows: tuple[Row, ...], keys: tuple[str, ...], job: Job) -> list[Done
 def _do(row: Row, key: str, job: Job) -> Done:
     started_s = time.perf_counter()
     try:
+        if row.session is not None:
+            return _fit(row, row.session, key, job, started_s)
         performance = perform_row(row)
         path = row.output(job.folder, job.kind)
         save_row(performance, path, row.options)
@@ -56,6 +59,20 @@ def _do(row: Row, key: str, job: Job) -> Done:
         id=row.id, key=key, outputs={path.relative_to(job.folder).as_posix(): written},
         duration_s=round(performance.duration_s, 4), frames=len(performance.track), phones=len(phones),
         unknown=sum(unknown.count for unknown in find_unknown(performance.phones)), seconds=_since(started_s),
+    )  # fmt: skip
+
+
+def _fit(row: Row, session: Path, key: str, job: Job, started_s: float) -> Done:
+    """Learn a profile as ``fit`` does."""
+    fitted = run_fit(row.options.fitting(session, row.output(job.folder, job.kind)))
+    outputs = {}
+    for path in row.outputs(job.folder, job.kind):
+        if (written := checksum(path)) is not None:
+            outputs[path.relative_to(job.folder).as_posix()] = written
+    frames = sum(len(take.moved_mm) for take in fitted.prepared.takes)
+    return Done(
+        id=row.id, key=key, outputs=outputs, duration_s=round(frames / fitted.prepared.rate_hz, 4), frames=frames,
+        phones=len(fitted.phones), seconds=_since(started_s),
     )  # fmt: skip
 
 
@@ -149,7 +166,7 @@ class Digests:
         """Return the digest of a file, or of a folder's files; nothing for a name that is neither."""
         if path not in self._known:
             digest = hashlib.sha256()
-            files = sorted(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
+            files = sorted(path.rglob("*")) if path.is_dir() else [path] if path.is_file() else []
             for file in files:
                 if file.is_file():
                     digest.update(read_bytes(file))

@@ -14,11 +14,14 @@ def batch(
         typer.Argument(
             help="Table (.csv, .jsonl) with a row an utterance: id; text, timings or audio; any option of the verbs. Or"
             " a pattern of files ('wav/*.wav'); or the folder of a run, with --status, --verify or --retry-failed."
+            " For profiles, a row a speaker: id, session; or a pattern of folders."
         ),
     ],
     avatar: shared.AvatarOptions,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder that the files go into.")] = None,
-    to: Annotated[str, typer.Option("--to", help="fba, fap, mp4, csv or glb (with --into or a column of it).")] = "fba",
+    to: Annotated[
+        str, typer.Option("--to", help="fba, fap, mp4, csv, glb (with --into or a column of it), or profile, as fit.")
+    ] = "fba",
     text: Annotated[
         str | None, typer.Option("--text", help="Of a pattern: the words of each recording, 'txt/{stem}.txt'.")
     ] = None,
@@ -47,10 +50,11 @@ def batch(
         fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
         fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
         fapengine batch out/corpus --retry-failed
+        fapengine batch 'recordings/*' -o profiles --to profile
 
     A row becomes what `say` (text), `animate` (timings, audio) and `encode` or `convert` make of it with the same
-    options, to the byte. All mistakes of the manifest are told before anything is done; a row that fails is a line of
-    the report (index.csv, index.html), and the exit code is 2.
+    options, to the byte; a session what `fit` learns from it. All mistakes of the manifest are told before anything is
+    done; a row that fails is a line of the report (index.csv, index.html), and the exit code is 2.
     """
     import json
     import os
@@ -101,12 +105,12 @@ def batch(
     rows = corpus.rows()
     mine = rows[number - 1 :: count]
     read = corpus.inputs(rows)
-    check_outputs([*own, *(row.output(output, corpus.kind) for row in mine)], read)
+    check_outputs([*own, *(name for row in mine for name in row.outputs(output, corpus.kind))], read)
     keep(output, corpus)
     cores = workers if workers is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     engine = on_dask(scheduler) if scheduler else on_this_machine(cores) if cores else serially
     plan = plan_run(mine, Job(output.resolve(), corpus.kind), retry_failed=retry_failed)
-    outputs = [mine[place].output(output, corpus.kind) for place in plan.left]
+    outputs = [name for place in plan.left for name in mine[place].outputs(output, corpus.kind)]
     check_outputs(outputs, overwrite=not (no_overwrite and is_new))
     with progress("rows", len(plan.left)) as advance:
         done = run(plan, engine, max(cores, 1), journal, on_rows=advance)

@@ -77,6 +77,7 @@ VERBS = {
     "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --to profile": Verb("batch INPUT -o OUTPUT --to profile", "c", ("c/index.csv", "c/journal.jsonl")),
     "batch --into": Verb("batch OTHER.csv --into INPUT --to glb -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
     "batch --map": Verb("batch OTHER.csv --into OTHER.glb --map INPUT --to glb -o OUTPUT", "c", ("c/index.html",)),
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),

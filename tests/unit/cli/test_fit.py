@@ -1,12 +1,17 @@
 """``fapengine fit`` and ``inspect`` of what it wrote, through the command line."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fapengine.batch.corpus import Corpus
+from fapengine.batch.manifest import parse_manifest
+from fapengine.batch.rows import Options, Row
+from fapengine.batch.work import Digests, key_of
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
@@ -231,3 +236,50 @@ def test_scans_in_their_folder_are_no_takes(recorded, tmp_path):
     loaded = load_session(folder)
     assert len(loaded.session.takes) == 2
     assert loaded.setup.scans[0].landmarks == {"8.1": (0.0, 1.0, 2.0)}
+
+
+def test_many_subjects_are_what_fit_makes_of_each_and_a_bad_one_is_a_row(tmp_path: Path, recorded: Path) -> None:
+    sessions, single, many = tmp_path / "sessions", tmp_path / "single", tmp_path / "many"
+    sessions.mkdir()
+    for name in ("anna", "bad"):
+        shutil.copytree(recorded, sessions / name)
+    for path in (sessions / "bad").glob("*.TextGrid"):
+        path.write_text("nothing of the kind")
+    pattern = str(sessions / "*")
+    run("fit", sessions / "anna", "-o", single / "anna", "--no-report")
+    manifest = tmp_path / "subjects.csv"
+    manifest.write_text("id,session,report\nanna,sessions/anna,false\nbad,sessions/bad,false\n")
+    result = CliRunner().invoke(app, ["batch", str(manifest), "-o", str(many), "--to", "profile", "--workers", "0"])
+    assert result.exit_code == 2, result.output
+    assert "2 rows: 1 done, 1 failed" in result.output
+    assert "bad" in (many / "index.csv").read_text()
+    written = sorted(path.name for path in (single / "anna").iterdir())
+    assert written == sorted(path.name for path in (many / "anna").iterdir())
+    for name in written:
+        assert (single / "anna" / name).read_bytes() == (many / "anna" / name).read_bytes()
+    before = (many / "anna" / "profile.toml").stat().st_mtime_ns
+    again = CliRunner().invoke(app, ["batch", str(manifest), "-o", str(many), "--to", "profile", "--workers", "0"])
+    assert again.exit_code == 2  # it is left as it is, and so is what failed
+    assert (many / "anna" / "profile.toml").stat().st_mtime_ns == before
+    assert [row.id for row in Corpus(manifest=pattern, kind="profile").rows()] == ["anna", "bad"]
+    (sessions / "bad" / "new.txt").write_text("x")
+    assert key_of(*_row_and_kind(sessions / "bad")) != key_of(*_row_and_kind(sessions / "anna"))
+
+
+def _row_and_kind(session: Path) -> tuple[Row, str, Digests]:
+    return Row(id="one", session=session), "profile", Digests()
+
+
+@pytest.mark.parametrize(
+    ("table", "kind", "told"),
+    [
+        ("id,session\na,gone\n", "profile", "which is no folder"),
+        ("id,session,text\na,.,Hello.\n", "profile", "beside text, timings or audio"),
+        ("id,text\na,Hello.\n", "profile", "expected a folder of recordings"),
+        ("id,session\na,.\n", "fap", "expected --to profile"),
+        ("id,session,held_out\na,.,0.9\n", "profile", "held"),
+    ],
+)
+def test_a_table_of_subjects_is_checked_before_anything(tmp_path: Path, table: str, kind: str, told: str) -> None:
+    with pytest.raises(DataError, match=told):
+        parse_manifest(table.encode(), "subjects.csv", tmp_path, kind, Options())
