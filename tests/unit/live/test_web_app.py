@@ -11,6 +11,8 @@ import pytest
 from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError, web
 from aiohttp.test_utils import TestClient, TestServer
 
+from fapengine.ears.process import DirectEar
+from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.live.engine.engine import Engine
 from fapengine.live.engine.session import Limits
 from fapengine.live.hub.hearing import Hearing
@@ -28,6 +30,7 @@ from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.protocol import Speech
 from tests.english import english
+from tests.unit.ears.speech import spoken_by_espeak
 
 LIMIT_S = 20.0
 Use = Callable[[TestClient, Hub], Awaitable[None]]
@@ -569,6 +572,46 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
                 hearing.close()
 
     asyncio.run(run())
+
+
+def test_sound_that_is_sent_becomes_an_utterance_with_its_events(head: FaceMesh) -> None:
+    samples = np.pad(spoken_by_espeak("en-us", "My mama.").samples, (0, 32_000))
+    told: list[str] = []
+
+    async def run() -> None:
+        hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=100.0)
+        hearing = Hearing(hub, opens=lambda _: DirectEar(SphinxEar()))
+        app = make_app(hub, head, hearing=hearing)
+        async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
+            ticking = asyncio.create_task(hub.run(lambda now_s, due_s: hearing.tick(now_s)))
+            try:
+                async with client.ws_connect("/ws?session=anna") as socket:
+
+                    async def speak() -> None:
+                        for piece in np.array_split(samples, len(samples) // 640):
+                            await socket.send_bytes(SOUND_HEAD.pack(SOUND_KIND, 16_000) + piece.astype("<i2").tobytes())
+                            await asyncio.sleep(0.04)
+
+                    speaking = asyncio.create_task(speak())
+                    while not told or told[-1] != "finished":
+                        message = await socket.receive()
+                        if message.type is not WSMsgType.TEXT:
+                            continue
+                        said = json.loads(message.data)
+                        if said["type"] == "event":
+                            told.append(said["kind"])
+                        elif said["type"] == "phones":
+                            told.extend(label for label, *_ in said["phones"])
+                    speaking.cancel()
+            finally:
+                hub.stop()
+                await ticking
+                hearing.close()
+
+    asyncio.run(run())
+    assert "started" in told
+    assert told[-1] == "finished"
+    assert len([label for label in told if label not in ("started", "finished", "_", "late")]) >= 3
 
 
 def test_a_server_without_an_ear_says_so(head: FaceMesh) -> None:
