@@ -1,10 +1,10 @@
 # fapengine with everything that it draws, says and hears with, on a software renderer: for CI, and for a server.
 #   docker build -t fapengine . && docker run --rm -v "$PWD:/work" fapengine say "Hello there." -o hello.mp4
-#   docker run --rm -p 8000:8000 -p 9000:9000/udp fapengine serve --host 0.0.0.0
+#   docker run --rm -p 8110:8110 -p 9110:9110/udp fapengine serve --host 0.0.0.0
 FROM python:3.12-slim-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends git && rm -rf /var/lib/apt/lists/*
 COPY . /source
-RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[voice,video,ear,fast,live,batch]"
+RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[voice,video,ear,fast,live,batch,nats]"
 
 FROM python:3.12-slim-bookworm
 RUN apt-get update && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libportaudio2 \

@@ -167,7 +167,7 @@ class Row:
             raise UsageError(
                 "session: got none, expected a folder of recordings for a profile"
                 if self.session is None
-                else f"session: got one to become {kind}, expected --to profile with it"
+                else f"session: got one to become {kind}, expected a run to profiles"
             )
         self.options.check(kind)
 

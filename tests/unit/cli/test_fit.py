@@ -276,7 +276,7 @@ def _row_and_kind(session: Path) -> tuple[Row, str, Digests]:
         ("id,session\na,gone\n", "profile", "which is no folder"),
         ("id,session,text\na,.,Hello.\n", "profile", "beside text, timings or audio"),
         ("id,text\na,Hello.\n", "profile", "expected a folder of recordings"),
-        ("id,session\na,.\n", "fap", "expected --to profile"),
+        ("id,session\na,.\n", "fap", "expected a run to profiles"),
         ("id,session,held_out\na,.,0.9\n", "profile", "held"),
     ],
 )
