@@ -111,10 +111,10 @@ class DeformationBasis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Folds:
-    """Changes of the light on the skin that go with FAPs: furrows that come and go, and lids that come to light.
+    """Changes of the light that go with FAPs: furrows that come and go, lids and tongue that come to light.
 
     A vertex with a share of 0 and more has furrows: its share is ``rest`` plus what each entry of the basis adds for
-    every unit of its channel, held within 0..1. Of one with -1, a lid, entries change the occlusion instead.
+    every unit of its channel, held within 0..1. Of one with -1, of a lid or the tongue, entries change the occlusion instead.
     """
 
     map: NDArray[np.uint8]

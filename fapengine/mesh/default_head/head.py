@@ -41,6 +41,9 @@ Indices = NDArray[np.int64]
 
 LIT_INSIDE = {Material.TEETH: 0.45, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
 """Least light, as a share, on what is inside of the mouth."""
+THRUST_TONGUE = 45
+TONGUE_LIGHT_PER_MM = 0.05
+"""Share of the light that a millimetre forward gives to the tongue's tip, and a millimetre back takes."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.65, 0.85
@@ -285,6 +288,15 @@ def _light_lids(
     rest[lids] = -1.0
 
 
+def _light_tongue(head: HeadParts, basis: DeformationBasis, shades: Array, rest: Array) -> None:
+    """Let the tongue lie in the dark as it is drawn back and in the light as it comes out: set ``shades``, ``rest``."""
+    thrust = np.array([channel.fap == THRUST_TONGUE for channel in basis.channels])
+    owner = np.repeat(np.arange(len(rest)), np.diff(basis.offsets))
+    of_tongue = thrust[basis.entry_channels] & np.isin(owner, head.tongue)
+    shades[of_tongue] = TONGUE_LIGHT_PER_MM * basis.entry_mm[of_tongue, 2]
+    rest[owner[of_tongue]] = -1.0
+
+
 def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
     """Let the key lamp's light be shaded on skin below hair and on the neck below the jaw: change ``occlusion``."""
     skin = head.grid.ravel()
@@ -330,6 +342,7 @@ def _finish(
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
     _light_lids(points, triangles, head, basis, occlusion, shades, rest)
+    _light_tongue(head, basis, shades, rest)
 
     # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
     used = np.zeros(len(points), dtype=bool)

@@ -66,10 +66,21 @@ def test_folds_rest_with_youth_and_stay_with_age(head: FaceMesh) -> None:
 
 def test_a_lid_comes_to_light_as_it_shuts(head: FaceMesh) -> None:
     assert head.folds is not None
-    lids = head.folds.rest < 0
+    lids = (head.folds.rest < 0) & (head.material == Material.SKIN)
     shut = head.occlusion[lids] + shares(head, close_t_l_eyelid=1080, close_t_r_eyelid=1080)[lids]
     assert head.occlusion[lids].min() < 0.75
     assert shut.min() > 0.75
+
+
+def test_a_tongue_that_is_drawn_back_lies_in_the_dark(head: FaceMesh) -> None:
+    """And one that is put out in the light; so the round mouth of u has a dark hole."""
+    assert head.folds is not None
+    tongue = (head.folds.rest < 0) & (head.material == Material.TONGUE)
+    assert tongue.sum() > 100
+    back, out = (shares(head, thrust_tongue_tip=fapu)[tongue] for fapu in (-500, 500))
+    assert back.min() < -0.4
+    assert back.max() <= 0.0
+    np.testing.assert_allclose(out, -back, atol=1e-6)
 
 
 def test_the_map_lies_over_the_painting_and_mostly_changes_nothing(head: FaceMesh) -> None:

@@ -68,6 +68,19 @@ def test_the_tongue_of_th_is_seen_in_words_too(word: str) -> None:
     assert tongue_pixels(*labels, at=word.split("*")[0].count(" ")) > 120
 
 
+def test_a_round_mouth_has_a_dark_hole() -> None:
+    """Between the lips of u the tongue, which is drawn back, is half as light as the lower lip, and darker than of i."""
+
+    def light(label: str, high_mm: float, low_mm: float) -> np.ndarray:
+        picture = draw([pose(label)], FRONT)[0][..., :3].mean(axis=-1)
+        top, bottom = (round(SIZE[1] / 2 - (y - MOUTH[1]) * FRONT.pixels_per_mm(SIZE[1])) for y in (high_mm, low_mm))
+        return picture[top:bottom, SIZE[0] // 2 - 5 : SIZE[0] // 2 + 6].mean(axis=1)
+
+    hole, lip = light("u", -35.5, -37.5), light("u", -40.0, -48.0)
+    assert hole.max() < 0.55 * lip.max()
+    assert hole.max() < light("i", -35.5, -37.5).max()
+
+
 @pytest.mark.parametrize("label", ["u", "y", "w", "ʃ"])
 def test_round_lips_come_forward_in_profile(label: str) -> None:
     forward, spread = lips_mm(label), lips_mm("i")
