@@ -114,7 +114,8 @@ class Folds:
     """Changes of the light that go with FAPs: furrows that come and go, lids and tongue that come to light.
 
     A vertex with a share of 0 and more has furrows: its share is ``rest`` plus what each entry of the basis adds for
-    every unit of its channel, held within 0..1. Of one with -1, of a lid or the tongue, entries change the occlusion instead.
+    every unit of its channel, held within 0..1. Of one with -1, of a lid or the tongue, entries change the occlusion
+    instead.
     """
 
     map: NDArray[np.uint8]

@@ -69,7 +69,7 @@ def test_the_tongue_of_th_is_seen_in_words_too(word: str) -> None:
 
 
 def test_a_round_mouth_has_a_dark_hole() -> None:
-    """Between the lips of u the tongue, which is drawn back, is half as light as the lower lip, and darker than of i."""
+    """The tongue of u is drawn back: between its lips it is half as light as on them, and darker than in i."""
 
     def light(label: str, high_mm: float, low_mm: float) -> np.ndarray:
         picture = draw([pose(label)], FRONT)[0][..., :3].mean(axis=-1)
