@@ -162,3 +162,39 @@ def microphone() -> str:
     if not found:
         raise LackError("no input device", "plug one in; only live sound needs it")
     return "; ".join(f"{device.number} {device.name}{' (default)' * device.is_default}" for device in found)
+
+
+FOUND = """
+import importlib.metadata, importlib.util, pathlib
+spec = importlib.util.find_spec("mediapipe")
+if spec is not None:
+    folder = pathlib.Path(spec.origin).parent
+    print(importlib.metadata.version("mediapipe"), any(folder.rglob("face_landmark*.tflite")))
+"""
+"""Program for the detector's Python: the version of mediapipe, and whether the wheel has a model of the face."""
+MODEL_URL = "https://ai.google.dev/edge/mediapipe/solutions/vision/face_landmarker"
+
+
+def detector() -> str:
+    """Say what finds faces in films, and where its model is.
+
+    Raises
+    ------
+    LackError
+        If it has no mediapipe, or no model.
+    ResourceError
+        If there is none.
+    """
+    import subprocess
+
+    from fapengine.files.landmarks import detector_python
+
+    python = detector_python()
+    told = subprocess.run([str(python), "-I", "-c", FOUND], capture_output=True, text=True, timeout=30, check=False)
+    version, _, has_model = told.stdout.strip().partition(" ")
+    if not version:
+        raise LackError(f"{python} has no mediapipe", f"{python} -m pip install --no-deps mediapipe==0.10.21")
+    if has_model != "True":
+        mend = f"face_landmarker.task from {MODEL_URL}, then fapengine capture --model; or mediapipe==0.10.21"
+        raise LackError(f"mediapipe {version} at {python} brings no model of the face", mend)
+    return f"mediapipe {version}, with its model of the face"

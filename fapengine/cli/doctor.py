@@ -47,6 +47,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check(f"port {WEB_PORT}, page", "fapengine serve --web-port N", lambda: live.port_in(WEB_PORT)),
         _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),
         _check("live server", 'pip install "fapengine[live]"', lambda: live.extra("aiohttp", "prometheus_client")),
+        _check("face detector", "make detector, in a checkout; or FAPENGINE_DETECTOR=PYTHON", live.detector),
         _check("calls", 'pip install "fapengine[webrtc]"', lambda: live.extra("aiortc")),
         _check("virtual camera", 'pip install "fapengine[camera]"', lambda: live.extra("pyvirtualcam")),
         _check("compiled codec", 'pip install "fapengine[fast]"', lambda: live.extra("numba")),

@@ -8,6 +8,7 @@ from fapengine.cli import options as shared
 
 PICTURES = (".gif", ".webp", ".png", ".jpg", ".jpeg")
 MARKERS = (".c3d", ".trc", ".npz")
+LANDMARKS = (".json", ".jsonl", ".csv")
 FBA_STARTS = (b"\x00\x00\x01",)
 
 
@@ -15,7 +16,8 @@ def inspect(
     path: Path = typer.Argument(
         ...,
         help="What to look into: .fba, .fap, a table of shapes, phone timings, a sound, a film, a picture, a recording"
-        " of markers (.c3d, .trc, .csv, .npz, a folder of meshes), an avatar or scan, a profile or a head.",
+        " of markers (.c3d, .trc, .csv, .npz, a folder of meshes), landmarks of a face, OpenFace's table, an avatar or"
+        " scan, a profile or a head.",
     ),
     everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
@@ -40,6 +42,7 @@ def inspect(
     from fapengine.cli._inspect_avatar import SCENE_ENDINGS, inspect_avatar
     from fapengine.cli._inspect_markers import inspect_markers
     from fapengine.cli._inspect_media import inspect_head, inspect_motion, inspect_picture, inspect_recording
+    from fapengine.cli._inspect_watched import inspect_watched
     from fapengine.errors import UnsupportedError, UsageError
     from fapengine.files.fba_film import is_mp4, read_fba_film
     from fapengine.files.paths import read_bytes
@@ -60,6 +63,13 @@ def inspect(
         return
     if (path / "head.toml").is_file() or (not path.exists() and parse_person(str(path)) is not None):
         inspect_head(str(path), as_json=as_json, plot=plot)
+        return
+    if (
+        path.suffix.lower() in LANDMARKS
+        and path.is_file()
+        and not file_format
+        and inspect_watched(path, as_json=as_json)
+    ):
         return
     if path.suffix.lower() in MARKERS or (path.is_dir() and mesh_files(path)) or (not file_format and is_table(path)):
         inspect_markers(path, as_json=as_json, everything=everything, plot=plot)

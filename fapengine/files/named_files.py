@@ -1,6 +1,7 @@
-"""Files that another file names, and that are read with it: buffers and images of glTF, materials, an ear's card."""
+"""Files that another file names, and that are read with it: buffers and images of glTF, materials, scans."""
 
 import re
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import unquote
@@ -48,6 +49,16 @@ def _of_ply(path: Path) -> Iterator[str]:
     yield from _found(rb"^comment[ \t]+texturefile[ \t]+(.+)$", header)
 
 
+def _of_toml(path: Path) -> Iterator[str]:
+    """Tell the scans of a session, which may stand elsewhere, and what they name themselves."""
+    scans = tomllib.loads(read_bytes(path).decode()).get("scan", [])
+    for scan in scans if isinstance(scans, list) else ():
+        name = scan.get("file") if isinstance(scan, dict) else None
+        if isinstance(name, str):
+            yield name
+            yield from (str(named) for named in files_named_in((path.parent / name).absolute()))
+
+
 def _found(pattern: bytes, data: bytes) -> list[str]:
     return [name.decode(errors="surrogateescape").strip() for name in re.findall(pattern, data, re.MULTILINE | re.I)]
 
@@ -56,6 +67,7 @@ NAMES: dict[str, Callable[[Path], "list[str] | Iterator[str]"]] = {
     **dict.fromkeys((".gltf", ".glb", ".vrm"), _of_gltf),
     ".obj": _of_obj,
     ".ply": _of_ply,
+    ".toml": _of_toml,
     ".onnx": lambda path: [path.with_suffix(".json").name],
 }
 """Readers of the names in a file, by its ending; the names are relative to its folder."""

@@ -99,11 +99,15 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def _files_of(path: Path) -> Iterator[Path]:
+    if not path.exists():
+        return
+    from fapengine.files.named_files import files_named_in
+
     if path.is_dir():
         yield from (file for file in path.rglob("*") if file.is_file())
-    elif path.exists():
-        from fapengine.files.named_files import files_named_in
-
+        setup = path / "session.toml"
+        yield from (named for named in files_named_in(setup) if os.path.isfile(named))  # noqa: PTH113  False for all names
+    else:
         yield path
         yield from (named for named in files_named_in(path) if os.path.isfile(named))  # noqa: PTH113  False for all names
 

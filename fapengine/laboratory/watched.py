@@ -31,6 +31,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend_rows import arkit_rows
 
 Array = NDArray[np.float64]
 
@@ -229,10 +230,15 @@ def _measured(neutral: Mapping[str, Array]) -> Fapu:
 
 BLINK, BLINK_AT = 848.5, 3.0
 """FAP 19 and 20 of a shut eye (as ARKit's eyeBlink), and the intensity of action unit 45 at which it is shut."""
+CHEEKS, CHEEK_FAPS, RAISED_AT = ("cheekSquintLeft", "cheekSquintRight"), (39, 40, 41, 42), 5.0
+"""ARKit's shapes of raised cheeks; the FAPs of cheeks, which none of the 68 points shows; action unit 6 at its most."""
 
 
 def openface_faps(track: OpenFaceTrack) -> FapTrack:
-    """Read FAPs off OpenFace's 68 points, its gaze and its blinks (action unit 45).
+    """Read FAPs off OpenFace's 68 points and its gaze; off its action units, what no point shows: blinks and cheeks.
+
+    Action unit 45 shuts the lids, 6 lifts the cheeks. The others (1 to 5, 7, 9 to 26) move brows, lids, nose, lips and
+    chin, whose places the points say better than an intensity of five steps does.
 
     Raises
     ------
@@ -253,4 +259,8 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
         shut = BLINK * np.minimum(track.action_units["AU45"] / BLINK_AT, 1.0)
         for number in (19, 20):
             faps[:, fap.column(number)] = np.maximum(faps[:, fap.column(number)], shut)
+    if "AU06" in track.action_units:
+        share = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
+        columns = [fap.column(number) for number in CHEEK_FAPS]
+        faps[:, columns] = share[:, None] * arkit_rows(CHEEKS).sum(axis=0)[columns]
     return FapTrack.of(to_codable(faps), rate_hz=track.rate_hz)

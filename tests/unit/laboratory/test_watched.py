@@ -1,6 +1,7 @@
 """FAPs off points whose motion is known: a tracker without errors, on our own head."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,9 +127,19 @@ def openface_table(places, motion, *, lost=()):
     seen = in_picture(points, turns) / 3.0
     yaw, pitch, _ = turns.as_euler("YXZ").T
     header = ["frame", "timestamp", "confidence", "success", "gaze_angle_x", "gaze_angle_y"]
-    header += [f"{axis}_{n}" for axis in "XYZ" for n in range(68)] + ["AU45_r"]
+    header += [f"{axis}_{n}" for axis in "XYZ" for n in range(68)] + ["AU45_r", "AU06_r"]
     rows = [
-        [n, n / RATE_HZ, 0.98, int(n not in lost), look[n] + yaw[n], pitch[n], *seen[n].T.ravel(), 4 * blink[n]]
+        [
+            n,
+            n / RATE_HZ,
+            0.98,
+            int(n not in lost),
+            look[n] + yaw[n],
+            pitch[n],
+            *seen[n].T.ravel(),
+            4 * blink[n],
+            2.5 * (n >= 200),
+        ]
         for n in range(FRAMES)
     ]
     return "\n".join([", ".join(header), *(", ".join(f"{value:.3f}" for value in row) for row in rows)]).encode()
@@ -259,3 +270,16 @@ def test_two_frames_are_enough_for_lids(places):
     rest = resting_face(few, np.tile(np.eye(3), (2, 1, 1)), RATE_HZ)
     assert np.isfinite(rest.points["3.1"]).all()
     assert rest.points["3.1"][1] > rest.points["3.3"][1]
+
+
+def test_openface_lifts_the_cheeks_by_its_action_unit(places, motion):
+    table = parse_openface(openface_table(places, motion))
+    track = openface_faps(table)
+    assert set(table.action_units) == {"AU06", "AU45"}
+    for number in (41, 42):
+        assert not values(track, number)[:200].any()
+        assert (values(track, number)[200:] > 0).all()
+    half = values(track, 41)[-1]
+    most = openface_faps(replace(table, action_units={"AU06": np.full(FRAMES, 5.0)}))
+    assert values(most, 41)[-1] == pytest.approx(2 * half, abs=2)
+    assert not values(openface_faps(replace(table, action_units={})), 41).any()
