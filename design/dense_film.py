@@ -1,7 +1,7 @@
 """Draws the film of papers 003 and 004: a dense face that few markers drive. ``python -m design.dense_film [folder]``.
 
-The face is one of our own, cut out: twelve held postures are its scans, and a take of 45 markers, of a head that turns in
-a room, drives it.
+The face is one of our own, cut out: twelve held postures are its scans, and a take of 45 markers, of a head that
+turns in a room, drives it.
 """
 
 import sys
