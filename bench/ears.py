@@ -11,6 +11,9 @@ and without, and measures memory and speed.
 ``--languages`` aligns five other languages, spoken by four speakers of espeak-ng other than the one who pronounces the
 words for the aligner; all are one program's, and some sound unlike people.
 
+Sound alone is streamed 150 ms behind. The small network was trained on other sentences of the same four voices;
+``--weights FILE`` hears with other weights (``bench.ear_train --without``), ``--voices`` with some of the voices alone.
+
 To compare another ear, add a row to :data:`EARS`.
 """
 
@@ -24,10 +27,13 @@ from pathlib import Path
 import numpy as np
 
 from bench.rivals import rivals
+from fapengine.ears.joint_ear import JointEar
 from fapengine.ears.loudness import loudness_db
 from fapengine.ears.pronunciations import words_of
-from fapengine.ears.protocol import RATE_HZ
+from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.ears.recording import follow, listen
+from fapengine.ears.small_ear import SmallEar
+from fapengine.ears.small_net import read_weights
 from fapengine.ears.sphinx_aligner import SphinxAligner
 from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.files.sound import load_sound
@@ -90,10 +96,10 @@ def alone(speech: Spoken) -> PhoneTrack:
 
 
 class Streamed:
-    """The ear as it hears live, new for each sentence."""
+    """An ear as it hears live, new for each sentence."""
 
-    def __init__(self, look_ahead_s: float) -> None:
-        self._ear = SphinxEar(look_ahead_s)
+    def __init__(self, ear: Ear) -> None:
+        self._ear = ear
 
     def __call__(self, speech: Spoken) -> PhoneTrack:
         """Hear a sentence."""
@@ -105,7 +111,9 @@ EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
     "sound alone, without guessed words": loop_alone,
-    "sound alone, streamed, 150 ms behind": Streamed(0.15),
+    "sound alone, streamed: sphinx": Streamed(SphinxEar(0.15)),
+    "sound alone, streamed: small": Streamed(SmallEar(0.15)),
+    "sound alone, streamed: both": Streamed(JointEar(0.15)),
     **rivals(),
 }
 """Name to what makes phones of a sentence; rivals where ``make oracles`` installed them."""
@@ -157,9 +165,9 @@ def figures(name: str, clips: Sequence[Clip], hear: Callable[[Spoken], PhoneTrac
     return f"{row}  {sound_s / took_s:5.1f} x real time"
 
 
-def spoken_clips() -> list[Clip]:
+def spoken_clips(voices: Sequence[str] = VOICES) -> list[Clip]:
     clips = []
-    for voice in VOICES:
+    for voice in voices:
         for text in SENTENCES:
             speech = spoken(voice, text)
             clips.append(Clip(speech, opening_mm(speech.phones, len(speech.samples) / RATE_HZ), 60.0))
@@ -268,10 +276,16 @@ def main() -> None:
     parser.add_argument("--filmed", type=Path, help="folder of sounds whose lips are filmed")
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
     parser.add_argument("--languages", action="store_true", help="five other languages as well")
+    parser.add_argument("--weights", type=Path, help="other weights of the small ear, which alone is measured then")
+    parser.add_argument("--voices", nargs="+", choices=VOICES, default=VOICES, metavar="VOICE")
     options = parser.parse_args()
+    if options.weights:
+        weights = read_weights(options.weights.read_bytes())
+        EARS.clear()
+        EARS["small"], EARS["both"] = Streamed(SmallEar(weights=weights)), Streamed(JointEar(weights=weights))
     if options.languages:
         languages()
-    table("flite, four voices", spoken_clips(), phones=True)
+    table(f"flite, {', '.join(options.voices)}", spoken_clips(options.voices), phones=True)
     if options.filmed:
         table("filmed lips", filmed_clips(options.filmed), phones=False)
     if options.long:

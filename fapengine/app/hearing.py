@@ -79,7 +79,8 @@ def hear(
     channel : int, optional
         Channel of the file, 1 for the first; by default the mean of all.
     ear : Path, optional
-        Learned ear (:mod:`fapengine.ears.onnx_ear`) that hears in the place of PocketSphinx, without a text.
+        Name of an ear that hears without a text, or a learned one (:mod:`fapengine.ears.choice`); by default
+        PocketSphinx with guessed words, or the small ear where PocketSphinx is not installed.
     on_heard : callable
         Called with the seconds of each piece that was heard.
 
@@ -90,8 +91,9 @@ def hear(
     DataError
         If the file holds no sound, or more than half of the text is not said in it.
     ResourceError
-        If PocketSphinx is not installed, or espeak-ng or onnxruntime where they are needed.
+        If PocketSphinx, espeak-ng or onnxruntime is needed and not installed.
     """
+    from fapengine.ears.choice import SPHINX, is_installed, new_ear
     from fapengine.ears.recording import follow, listen, listen_by
 
     def sound() -> Iterator[NDArray[np.int16]]:
@@ -103,12 +105,10 @@ def hear(
             raise DataError(f"{path}: holds no sound")
 
     inspect_sound(path)  # refuses before models are loaded
-    if ear is not None:
-        if transcript is not None:
-            raise UsageError(f"ear: got {ear} and words, expected one of them: words are followed by PocketSphinx")
-        from fapengine.ears.onnx_ear import OnnxEar
-
-        recording = listen_by(OnnxEar(ear), sound(), on_heard=on_heard)
+    if ear is not None and str(ear) != SPHINX and transcript is not None:
+        raise UsageError(f"ear: got {ear} and words, expected one of them: words are followed by PocketSphinx")
+    if transcript is None and (str(ear or SPHINX) != SPHINX or not is_installed(Path(SPHINX))):
+        recording = listen_by(new_ear(ear), sound(), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
     if transcript is None:
         recording = listen(sound(), words=_is_english(language), on_heard=on_heard)

@@ -9,7 +9,7 @@ import numpy as np
 from fapengine.app.face import SESSION, Face, Ticks
 from fapengine.app.manner import Manner, moods_of
 from fapengine.app.say_live import LiveOutput, Screen, finish, open_face
-from fapengine.ears.onnx_ear import load_model
+from fapengine.ears.choice import check_ear
 from fapengine.errors import UsageError
 from fapengine.live.audio.microphone import Microphone
 from fapengine.live.hub.hearing import DELAY_S, Hearing
@@ -37,7 +37,7 @@ def listen_live(
     microphone : str, optional
         Number of the device, or a part of its name; by default the system's.
     ear : Path, optional
-        Learned ear; by default PocketSphinx hears.
+        Name of an ear, or a learned one (:mod:`fapengine.ears.choice`).
 
     Returns
     -------
@@ -53,8 +53,7 @@ def listen_live(
     """
     if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
         raise UsageError("expressions: got one with times, expected none of a microphone, whose words are not known")
-    if ear is not None:
-        load_model(ear)  # a bad one is told now
+    check_ear(ear)  # a bad one is told now
     with Microphone(microphone) as source, open_face(manner, output) as face:
         hearing = Hearing(face.hub, max_ears=1, model=ear)
         try:

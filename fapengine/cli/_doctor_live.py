@@ -116,10 +116,10 @@ def ear() -> str:
         If there is none.
     """
     import time
-    from importlib import metadata
 
     import numpy as np
 
+    from fapengine.ears.choice import chosen
     from fapengine.ears.process import EarProcess
     from fapengine.ears.protocol import RATE_HZ
 
@@ -140,9 +140,7 @@ def ear() -> str:
     finally:
         process.close()
     speed = 1.0 / max(time.monotonic() - ready_s, 1e-3)
-    found = (
-        f"PocketSphinx {metadata.version('pocketsphinx')}, {speed:.1f} x real time, ready in {ready_s - begun_s:.1f} s"
-    )
+    found = f"{chosen(None)}, {speed:.1f} x real time, ready in {ready_s - begun_s:.1f} s"
     if speed < 1.0:
         raise LackError(f"{found}: too slow for live sound", "")
     return found

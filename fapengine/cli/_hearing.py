@@ -39,8 +39,9 @@ EarModel = Annotated[
     Path | None,
     typer.Option(
         "--ear",
-        metavar="MODEL.onnx",
-        help="A learned ear of your own, with its labels beside it in MODEL.json; hears without words.",
+        metavar="EAR",
+        help="What hears without words: small (a network of our own), sphinx, both, or MODEL.onnx, a learned ear"
+        " of yours with its labels beside it in MODEL.json.",
         rich_help_panel=HEARING,
     ),
 ]

@@ -50,9 +50,7 @@ def say(
     ] = None,
     ear: Annotated[
         Path | None,
-        typer.Option(
-            "--ear", metavar="MODEL.onnx", help="Of --mic: a learned ear of your own.", rich_help_panel=shared.LIVE
-        ),
+        typer.Option("--ear", metavar="EAR", help="Of --mic: what hears, as of animate.", rich_help_panel=shared.LIVE),
     ] = None,
     window: Annotated[
         bool | None,

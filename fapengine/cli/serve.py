@@ -59,7 +59,7 @@ def serve(
     ] = None,
     ear: Annotated[
         str | None,
-        typer.Option("--ear", metavar="MODEL.onnx", help="A learned ear of your own for all sound that comes in."),
+        typer.Option("--ear", metavar="EAR", help="What hears all sound that comes in, as of animate."),
     ] = None,
     webrtc: Annotated[
         bool,

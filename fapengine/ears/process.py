@@ -27,6 +27,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.ears.choice import check_installed, new_ear
 from fapengine.ears.loudness import RunningSoundings
 from fapengine.ears.protocol import RATE_HZ, Ear, Heard
 from fapengine.errors import FapEngineError, ResourceError
@@ -70,17 +71,14 @@ class EarProcess:
         Parameters
         ----------
         model : Path, optional
-            Learned ear (:mod:`.onnx_ear`); by default PocketSphinx hears.
+            Name of an ear, or a learned one (:mod:`.choice`).
 
         Raises
         ------
         ResourceError
-            If PocketSphinx is not installed, or no process can be started.
+            If PocketSphinx is asked for and not installed, or no process can be started.
         """
-        from importlib.util import find_spec
-
-        if model is None and find_spec("pocketsphinx") is None:
-            raise ResourceError('ear: PocketSphinx is not installed; mend it with: pip install "fapengine[ear]"')
+        check_installed(model)
         try:
             process = subprocess.Popen(
                 [sys.executable, "-m", "fapengine.ears.process", *([str(model)] if model else [])],
@@ -324,17 +322,6 @@ def main() -> None:
         sys.exit(f"fapengine: {error}")
     with contextlib.suppress(BrokenPipeError):
         serve(sys.stdin.buffer, sys.stdout.buffer, ear)
-
-
-def new_ear(model: Path | None) -> Ear:
-    """Make the ear that a model is, or PocketSphinx's. Raises as they do."""
-    if model is not None:
-        from fapengine.ears.onnx_ear import OnnxEar
-
-        return OnnxEar(model)
-    from fapengine.ears.sphinx_ear import SphinxEar
-
-    return SphinxEar()
 
 
 if __name__ == "__main__":

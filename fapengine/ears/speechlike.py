@@ -31,6 +31,8 @@ STEADY_SHARE = 0.5
 """Least share of them among the frames that have a pitch: plucked notes had .56 and more."""
 VOWEL_FRAMES = 4
 """Least number of frames in vowels around a moment of speech."""
+VOICED_FRAMES = 5
+"""Least number of frames that have a pitch around a moment of speech that is not whispered."""
 MAX_PHONE_S = {True: 1.5, False: 0.6}
 """Longest vowel, and longest consonant."""
 QUIET_DB = -62.0
@@ -75,11 +77,29 @@ def spoken_frames(
             continue
         sounds[start:end] = True
         vowels[start:end] = name in VOWELS
-    voiced = _around(pitch_hz > 0)
-    still = _around(steady(pitch_hz))
-    music = (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
+    music = musical_frames(pitch_hz)
     spoken: NDArray[np.bool_] = sounds & ~music & (_around(vowels & ~music) >= VOWEL_FRAMES)
     return spoken
+
+
+def voiced_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(T,): frames near which there is a voice, music too: :data:`VOICED_FRAMES` and more have a pitch."""
+    voiced: NDArray[np.bool_] = _around(pitch_hz > 0) >= VOICED_FRAMES
+    return voiced
+
+
+def musical_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(T,): frames near which most that have a pitch keep it.
+
+    Examples
+    --------
+    >>> int(musical_frames(np.full(50, 200.0)).sum()), int(musical_frames(200.0 * 1.002 ** np.arange(50)).sum())
+    (50, 0)
+    """
+    voiced = _around(pitch_hz > 0)
+    still = _around(steady(pitch_hz))
+    music: NDArray[np.bool_] = (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
+    return music
 
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.int64]:

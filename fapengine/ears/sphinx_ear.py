@@ -111,6 +111,11 @@ class SphinxEar:
         self._recent = self._recent[:0]
         self._total = self._measured = 0
 
+    def hypothesis(self) -> list[Frames]:
+        """Return what is heard of this utterance, in IPA without holes; it may still change."""
+        before = self._passed // HOP
+        return [(label, before + a, before + b) for label, a, b in self._segments()] if self._heard else []
+
     def _hear(self, block: NDArray[np.int16]) -> list[Phone]:
         self._feed(block)
         now = len(self._sound) // HOP

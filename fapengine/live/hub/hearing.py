@@ -13,13 +13,13 @@ so much sound that it has not heard; what is more is refused and counted.
 import logging
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.ears.choice import is_installed
 from fapengine.ears.process import EarProcess
 from fapengine.ears.protocol import Heard, StreamEar
 from fapengine.ears.sphinx_ear import LOOK_AHEAD_S
@@ -114,7 +114,7 @@ class Hearing:
     hub: Hub
     max_ears: int = MAX_EARS
     model: Path | None = None
-    """Learned ear (:mod:`fapengine.ears.onnx_ear`); by default PocketSphinx hears."""
+    """Name of an ear, or a learned one (:mod:`fapengine.ears.choice`)."""
     opens: Callable[[Path | None], StreamEar] = EarProcess.open
     counts: HearingCounts = field(default_factory=HearingCounts)
     _sessions: dict[str, _Session] = field(default_factory=dict)
@@ -178,8 +178,8 @@ class Hearing:
 
     @property
     def is_possible(self) -> bool:
-        """Whether there may be an ear: one is installed, and not forbidden."""
-        return self.max_ears > 0 and (self.model is not None or find_spec("pocketsphinx") is not None)
+        """Whether there may be an ear: it is installed, and not forbidden."""
+        return self.max_ears > 0 and is_installed(self.model)
 
     def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
         """Take the next sound of a microphone, (N,) int16, as it comes; False if it was refused.

@@ -44,7 +44,7 @@ session = ""            # whose voice this machine's loudspeaker plays, "face" s
 device = ""             # its number, or a part of its name; "": the system's
 microphone = ""         # what this hears moves a face: "default", a number or a part of its name; "": none
 listens = "face"        # the session that it moves
-ear = ""                # an ONNX model that hears in the place of PocketSphinx
+ear = ""                # what hears: "small", "sphinx", "both" or an ONNX model; "": the best installed
 
 [calls]
 on = false              # WebRTC at the page's port: /whep shows a face, /whip lets sound move it, /call.html is a page
@@ -134,7 +134,7 @@ class SoundChoice(Checked):
     listens: str = "face"
     """Session that the microphone moves."""
     ear: str | None = None
-    """ONNX model that hears in the place of PocketSphinx; None or "": none."""
+    """Name of an ear (:mod:`fapengine.ears.choice`) or an ONNX model; None or "": the best that is installed."""
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)

@@ -262,9 +262,9 @@ class Server:
             )
             parts.speaker.open(sample_rate_hz())
         if self.hearing.model is not None:
-            from fapengine.ears.onnx_ear import load_model
+            from fapengine.ears.choice import check_ear
 
-            load_model(self.hearing.model)  # a bad one is told now, and not by each ear
+            check_ear(self.hearing.model)  # a bad one is told now, and not by each ear
         if sound.microphone is not None:
             parts.microphone = Microphone(sound.microphone)
             self.hub.hold(sound.listens)

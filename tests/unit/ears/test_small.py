@@ -1,0 +1,184 @@
+"""The small ear, and the two together: phones of speech, no speech, pieces of any length, damaged weights."""
+
+import contextlib
+import io
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine.ears import choice
+from fapengine.ears.choice import BOTH, SMALL, check_ear, chosen, new_ear
+from fapengine.ears.joint_ear import JointEar
+from fapengine.ears.protocol import RATE_HZ, Ear
+from fapengine.ears.small_ear import BLOCK, SmallEar
+from fapengine.ears.small_net import WEIGHTS, read_weights
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from tests.unit.ears.speech import BABY, POPPIES, closures, met, no_speech, opening_mm, spoken
+
+
+@pytest.fixture(scope="module", params=[SmallEar, JointEar])
+def ear(request: pytest.FixtureRequest) -> SmallEar:
+    made: SmallEar = request.param()
+    return made
+
+
+def heard(ear: Ear, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
+    ear.reset()
+    phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]
+    return phones + ear.end()
+
+
+def test_lips_move_as_with_the_true_phones(ear: SmallEar) -> None:
+    likeness, asked, hits, told, false = [], 0, 0, 0, 0
+    for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
+        speech = spoken(voice, text)
+        duration_s = len(speech.samples) / RATE_HZ
+        track = PhoneTrack.of(heard(ear, speech.samples))
+        likeness.append(np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1])
+        truth, found = closures(speech.phones), closures(track)
+        asked, hits = asked + len(truth), hits + met(truth, found)
+        told, false = told + len(found), false + len(found) - met(found, truth)
+    assert np.median(likeness) > 0.7  # bench/ears.py measures ten sentences of each voice
+    assert hits >= 0.75 * asked
+    assert false <= 0.2 * told
+
+
+def test_phones_of_a_sentence() -> None:
+    labels = [phone.label for phone in heard(SmallEar(), spoken("rms", BABY).samples) if not phone.is_silence]
+    assert "".join(labels).startswith("maɪbeɪbi")  # my baby
+
+
+@pytest.mark.parametrize("name", no_speech(0.1))
+def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallEar, name: str) -> None:
+    for seed in (1, 2):
+        phones = PhoneTrack.of(heard(ear, no_speech(seed=seed)[name]))
+        assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
+        assert phones.duration_s == pytest.approx(4.0)
+
+
+def test_speech_after_music_is_heard(ear: SmallEar) -> None:
+    speech = spoken("rms", BABY)
+    quiet = np.zeros(RATE_HZ // 2, np.int16)
+    phones = PhoneTrack.of(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
+    truth = [4.5 + at_s for at_s in closures(speech.phones)]
+    assert met(truth, closures(phones)) >= 0.6 * len(truth)
+    assert all(at_s > 4.0 for at_s in closures(phones))
+
+
+def test_loudness_hardly_matters() -> None:
+    speech = spoken("rms", BABY)
+    truth = closures(speech.phones)
+    for gain in (0.03, 0.3, 1.0):
+        found = closures(PhoneTrack.of(heard(SmallEar(), (gain * speech.samples).astype(np.int16))))
+        assert met(truth, found) >= 0.7 * len(truth)
+
+
+def test_phones_are_told_behind_the_look_ahead_and_stay(ear: SmallEar) -> None:
+    samples = spoken("slt", POPPIES).samples
+    ear.reset()
+    told: list[Phone] = []
+    late_s = []
+    for start in range(0, len(samples), 320):
+        new = ear.push(samples[start : start + 320])
+        now_s = (start + 320) / RATE_HZ
+        assert all(phone.end_s <= now_s - ear.look_ahead_s + 1e-9 for phone in new)
+        late_s += [now_s - phone.end_s for phone in new if not phone.is_silence]
+        told += new
+    assert np.median(late_s) < ear.look_ahead_s + 4 * BLOCK / RATE_HZ
+    told += ear.end()
+    assert told[0].start_s == 0
+    assert told[-1].end_s == pytest.approx(len(samples) / RATE_HZ)
+    for before, after in pairwise(told):
+        assert after.start_s == pytest.approx(before.end_s, abs=1e-9)
+
+
+@settings(max_examples=4)
+@given(size_ms=st.sampled_from([10, 20, 37, 200]), first=st.integers(0, 4000))
+def test_pieces_of_any_length_give_the_same_phones(ear: SmallEar, size_ms: int, first: int) -> None:
+    samples = spoken("rms", BABY).samples
+    whole = heard(ear, samples)
+    step = size_ms * RATE_HZ // 1000
+    assert heard(ear, samples, [first, *range(first + step, len(samples), step)]) == whole
+    assert len(whole) > 15
+
+
+@pytest.mark.parametrize("count", [0, 1, 159, 160, 161, 640, 1279, 1281])
+def test_sounds_of_a_few_samples(ear: SmallEar, count: int) -> None:
+    phones = heard(ear, np.full(count, 500, np.int16))
+    assert (phones[-1].end_s if phones else 0.0) == pytest.approx(count / RATE_HZ)
+
+
+def test_memory_does_not_grow() -> None:
+    ear = SmallEar()
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        ear.push(rng.normal(0, 3000, RATE_HZ).astype(np.int16))
+    assert len(ear._search._before) < 100
+    assert len(ear._voicing._pitch) <= 300
+
+
+def test_refuses_a_look_ahead_that_cannot_be() -> None:
+    for look_ahead_s in (0.05, 2.0):
+        with pytest.raises(UsageError, match="look_ahead_s"):
+            SmallEar(look_ahead_s)
+
+
+def test_the_weights_tell_where_they_come_from() -> None:
+    weights = read_weights(WEIGHTS.read_bytes())
+    assert weights.labels[0] == "_"
+    assert {"steps", "seed", "speakers"} <= set(weights.about)
+    assert WEIGHTS.stat().st_size < 3e6
+
+
+@settings(max_examples=25, deadline=None)
+@given(at=st.floats(0, 1), byte=st.integers(1, 255))
+def test_damaged_weights_are_refused_or_read(at: float, byte: int) -> None:
+    data = bytearray(WEIGHTS.read_bytes())
+    data[int(at * (len(data) - 1))] ^= byte
+    with contextlib.suppress(DataError):
+        read_weights(bytes(data))
+
+
+@pytest.mark.parametrize("part", [0, 10, 1000, -1])
+def test_cut_weights_are_refused(part: int) -> None:
+    with pytest.raises(DataError, match="weights"):
+        read_weights(WEIGHTS.read_bytes()[:part])
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("head.weight", np.zeros((3, 3), np.float16)), ("front.bias", np.zeros((), np.float16)), ("shares", None),
+        ("first_mean", np.full(40, np.nan, np.float16)), ("pairs", np.array([["a"]])),
+        ("about", np.array("[1]")), ("about", np.array("no JSON")), ("about", np.array(json.dumps({"labels": 3}))),
+    ],
+)  # fmt: skip
+def test_weights_of_another_shape_are_refused(name: str, wrong: np.ndarray | None) -> None:
+    with np.load(WEIGHTS) as found:
+        arrays = {key: found[key] for key in found.files}
+    arrays.pop(name)
+    if wrong is not None:
+        arrays[name] = wrong
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    with pytest.raises(DataError, match="weights"):
+        read_weights(out.getvalue())
+
+
+def test_which_ear_hears(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pathlib import Path
+
+    assert str(chosen(None)) == BOTH
+    assert isinstance(new_ear(None), JointEar)
+    monkeypatch.setattr(choice, "find_spec", lambda name: None)
+    assert str(chosen(None)) == SMALL
+    check_ear(None)
+    assert type(new_ear(None)) is SmallEar
+    for name in ("sphinx", "both"):
+        with pytest.raises(ResourceError, match="PocketSphinx is not installed"):
+            check_ear(Path(name))
