@@ -46,7 +46,7 @@ class OtherEar:
         self._heard = []
 
     def push(self, block: NDArray[np.int16]) -> None:
-        """Hear a block, (:data:`.sphinx_ear.BLOCK`,) int16."""
+        """Hear a block, (N,) int16; N is :data:`.sphinx_ear.BLOCK`."""
         self._ear.push(block)
         self._heard = self._ear.hypothesis()
 
@@ -56,7 +56,7 @@ class OtherEar:
         self._heard += [(one.label, round(one.start_s * FRAME_HZ), round(one.end_s * FRAME_HZ)) for one in phones]
 
     def labels(self, first: int, behind: int) -> NDArray[np.int64]:
-        """(behind - first,): numbers of the labels of some frames; -1 where nothing is known."""
+        """Numbers of the labels of some frames, (T,); -1 where nothing is known."""
         found = np.full(behind - first, -1)
         for label, a, b in self._heard:
             if b > first and a < behind:

@@ -59,11 +59,11 @@ class Weights:
     shares: Floats
     """Share of each label in what was learned from, (C,)."""
     pairs: Floats
-    """How often a label follows another, (C, C)."""
+    """Counts of a label behind another, (C, C)."""
     other: Floats
     """Logarithm of how much likelier a label is where PocketSphinx hears another, (heard, C) (:mod:`.joint_ear`)."""
     about: dict[str, Any]
-    """Where the weights come from."""
+    """Origin of the weights."""
 
 
 def read_weights(data: bytes) -> Weights:
