@@ -17,6 +17,7 @@ from tests.browser.conftest import SIZE, Server
 from tests.browser.firefox import Firefox, find_firefox
 from tests.browser.test_face_package import PAGE, open_site, packed
 
+TRIES = 5
 ROOT = Path(__file__).resolve().parents[2]
 ORACLES = ROOT / "out" / "oracles" / "node_modules"
 AXE = ORACLES / "axe-core" / "axe.min.js"
@@ -107,9 +108,13 @@ async def firefox_package(server: Server) -> None:
         await browser.run(f"show({{ server: '{server.url}', session: 'franz' }})")
         connected = "told.some(([type, detail]) => type === 'connection' && detail === 'connected')"
         await browser.until(connected)
-        await browser.run("face.muted = true, face.say('Mama, mama.')")
-        await browser.until("told.some(([type]) => type === 'finished')")
-        labels = await browser.run("told.filter(([type]) => type === 'phone').map(([, { label }]) => label)")
+        labels: list[str] = []
+        for _ in range(TRIES):  # a phone is told with a picture, and a busy machine draws few
+            await browser.run("(told.length = 0), (face.muted = true), face.say('Mama, mama.')")
+            await browser.until("told.some(([type]) => type === 'finished')")
+            labels = await browser.run("told.filter(([type]) => type === 'phone').map(([, { label }]) => label)")
+            if "m" in labels:
+                break
         assert "m" in labels, labels
         assert browser.complaints == [], browser.complaints
         server.kill()
