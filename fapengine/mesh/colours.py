@@ -38,6 +38,8 @@ EYE_COLOURS: dict[str, tuple[float, float, float]] = {
 }
 """Iris near the pupil by the eyes' colour, linear RGB."""
 LIP = LIPS[1]
+DARK_BROWS = 0.06
+"""Mean of a hair's linear RGB from which brows are darker than it."""
 MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.42, 0.135, 0.125])
@@ -62,6 +64,13 @@ def _of_tone(table: Array, tone: float) -> Array:
     return np.array([np.interp(tone, places, table[:, channel]) for channel in range(3)])
 
 
+def brow_colour(hair_colour: str) -> Array:
+    """(3,) linear RGB of brows to hair of a colour: light hair has darker brows, which its face is read by."""
+    hair = np.array(HAIR_COLOURS[hair_colour])
+    darker: Array = hair * min(1.0, DARK_BROWS / float(hair.mean())) ** 0.75
+    return darker
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Palette:
     """Colours of one face, linear RGB."""
@@ -70,12 +79,14 @@ class Palette:
     blush: Array
     lips: Array
     hair: Array
+    brows: Array
+    """Darker than the hair where that is light, as brows are."""
 
     @classmethod
     def of(cls, skin_tone: float = 0.2, hair_colour: str = "brown") -> "Palette":
         """Colours of a skin tone, 0 very light to 1 very dark, and a name of :data:`HAIR_COLOURS`."""
         base, blush, lips = (_of_tone(table, skin_tone) for table in (TONES, BLUSHES, LIPS))
-        return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]))
+        return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]), brow_colour(hair_colour))
 
     def skin(self, points: Array) -> Array:
         """(..., 3) skin: redder cheeks, nose, ears and chin, darker round the eyes, lighter bridge and forehead."""

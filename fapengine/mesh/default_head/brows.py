@@ -28,7 +28,7 @@ def line(share: Array, thickness: float) -> tuple[Array, Array]:
 def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
     """Add one brow; returns all its indices, (N,)."""
     palette = palette_of(style)
-    dark = 0.75 * palette.hair
+    dark = 0.75 * palette.brows
 
     number = np.arange(round(HAIRS * np.clip(detail, 0.5, 1.6)))
     at = (number + 0.5) / len(number)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.colours import BLOOD, HAIR_COLOURS
+from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
 from fapengine.mesh.default_head import atlas, brows, eyes, mouth, nose
 from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.style import HeadStyle
@@ -142,8 +142,9 @@ def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) 
 
 def _hairs(x: Array, y: Array, angle: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
     """Brows under their hairs, and the roots where the hairline begins."""
-    hair = np.array(HAIR_COLOURS[style.hair_colour])
-    tint = np.clip(hair / np.array([0.70, 0.435, 0.315]), 0, 1)
+    light_skin = np.array([0.70, 0.435, 0.315])
+    hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
+    brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
     shape = (y.shape[0], y.shape[1])
     middle, half = brows.line(np.linspace(0, 1, 101), style.brow_thickness)
     across = np.abs(x)
@@ -152,9 +153,10 @@ def _hairs(x: Array, y: Array, angle: Array, front: NDArray[np.bool_], style: He
     ends = smoothstep((across - middle[0, 0] + 2.5) / 6.0) * smoothstep((middle[-1, 0] + 1.0 - across) / 8.0)
     ragged = off + 0.22 * _cloud(shape, 21, (2.0, 0.9))
     brow = smoothstep((1.25 - np.abs(ragged)) / 0.75) * ends * front * np.interp(share, (0, 0.2, 1), (0.55, 0.72, 0.7))
-    amount = brow * np.clip(0.92 + 0.16 * _cloud(shape, 22, (1.0, 0.8)), 0, 1)
+    brow *= np.clip(0.92 + 0.16 * _cloud(shape, 22, (1.0, 0.8)), 0, 1)
+    light: Array = 1 - brow[..., None] * (1 - brow_tint)
     if style.hair:
         depth = (y - hairline(angle)) / 5.0 + 0.35 * _cloud(shape, 23, (3.0, 0.9))
-        amount = np.maximum(amount, 0.8 * smoothstep((depth + 0.5) / 1.2))
-    light: Array = 1 - amount[..., None] * (1 - tint)
+        root = 0.8 * smoothstep((depth + 0.5) / 1.2)
+        light = np.minimum(light, 1 - root[..., None] * (1 - hair_tint))
     return light
