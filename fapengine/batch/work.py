@@ -64,7 +64,7 @@ def _do(row: Row, key: str, job: Job) -> Done:
 
 def _fit(row: Row, session: Path, key: str, job: Job, started_s: float) -> Done:
     """Learn a profile as ``fit`` does."""
-    fitted = run_fit(row.options.fitting(session, row.output(job.folder, job.kind)))
+    fitted, _ = run_fit(row.options.fitting(session, row.output(job.folder, job.kind)))
     outputs = {}
     for path in row.outputs(job.folder, job.kind):
         if (written := checksum(path)) is not None:

@@ -177,8 +177,8 @@ class _Fit:
         number = np.full(len(points), -1)
         number[self.skin] = np.arange(len(self.skin))
         self.own_triangles = number[triangles[(number[triangles] >= 0).all(axis=1)]]
-        lips = number[head.mouth.indices[np.abs(head.mouth.level) < 0.6]]
-        upper, lower = lips[:, head.mouth.upper].ravel(), lips[:, ~head.mouth.upper].ravel()
+        rims = number[head.mouth.indices[np.abs(head.mouth.level) < 0.6]]
+        upper, lower = rims[:, head.mouth.upper].ravel(), rims[:, ~head.mouth.upper].ravel()
         self.mouth, self.skin_surface = head.mouth, Surface(points[self.skin], self.own_triangles)
         self.bending = _bending(points[self.skin], self.own_triangles, upper, lower)
 
@@ -223,7 +223,8 @@ class _Fit:
                 place[side] = at[half][nearest]
             ours.append(spline_contour(own, corner, place))
             theirs.append(spline_contour(goal, corner, place))
-        shift = lip_nodes(*theirs, self.scan, rows=LIP_ROWS) - lip_nodes(*ours, self.skin_surface, rows=LIP_ROWS)
+        there = lip_nodes(theirs[0], theirs[1], self.scan, rows=LIP_ROWS)
+        shift = there - lip_nodes(ours[0], ours[1], self.skin_surface, rows=LIP_ROWS)
         lips = (level >= 0.0) & (level <= 1.0)
         row_of = (1.0 - level[lips]) * (LIP_ROWS - 1)
         low = np.minimum(row_of.astype(int), LIP_ROWS - 2)

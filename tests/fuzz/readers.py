@@ -167,7 +167,10 @@ def _meshes() -> Iterable[Reader]:
 def _tables() -> Iterable[Reader]:
     corners = np.eye(3)
     points = b"point,vertex\n8.1,0\n8.2,1\n2.1,2\n", b"point,x,y,z\n8.1,1,0,0\n8.2,0,1,0\n"
-    yield Reader("feature points", _from_file(lambda path: load_feature_points(path, corners), "points.csv"), points)
+    faces = np.array([[0, 1, 2]])
+    yield Reader(
+        "feature points", _from_file(lambda path: load_feature_points(path, corners, faces), "points.csv"), points
+    )
     fdp = (
         b'<xfdp><head><fapu ENS0="51" ES0="69" IRISD0="16" MNS0="30" MW0="50"/></head>'
         b'<fdp affects="skin" index="2" name="2.1"/><fdp affects="skin" index="1" name="8.1"/></xfdp>',

@@ -58,7 +58,7 @@ def adapt_head_file(
         if mapping is not None:
             raise UsageError(f"mapping: got {mapping}, but a profile's modes have no other names")
         face = load_dense(path)
-        marked = load_feature_points(points, face.neutral_face_mm) if points else {}
+        marked = load_feature_points(points, face.neutral_face_mm, face.triangles) if points else {}
         try:
             imported, nearness = adapt_dense_face(face, marked)
         except DataError as error:

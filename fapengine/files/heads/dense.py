@@ -71,7 +71,7 @@ def load_dense_head(folder: Path, points: Path | None = None) -> tuple[ImportedH
         If no head can be made of it; ``where`` is the folder.
     """
     face = load_dense(folder)
-    marked = load_feature_points(points, face.neutral_face_mm) if points else {}
+    marked = load_feature_points(points, face.neutral_face_mm, face.triangles) if points else {}
     try:
         imported, rig = make_dense_head(face, load_built(HeadStyle()), marked)
     except DataError as error:

@@ -67,7 +67,7 @@ def load_marked(
     else:
         mesh, choice = load_neutral(path), choose_blendshapes(())
     standard = load_built(HeadStyle())
-    marked = load_feature_points(points, mesh.vertices) if points else {}
+    marked = load_feature_points(points, mesh.vertices, mesh.triangles) if points else {}
     return mesh, choice, standard, marked
 
 

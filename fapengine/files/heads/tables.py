@@ -15,19 +15,25 @@ from fapengine.mesh.rig.fdp_files import is_fdp, parse_fdp
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
+UPPER_LIP, LOWER_LIP = ("2.2", "2.6", "2.7"), ("2.3", "2.8", "2.9")
+"""Feature points of the inner lips, which lie at one place where the mouth is shut."""
 MAX_DISTANCE_SHARE = 0.05
 """Distance of a feature point given as a position from the nearest vertex, as a share of the mesh's size."""
 
 
-def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, int]:
+def load_feature_points(path: Path, vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> dict[str, int]:
     """Read feature points: columns ``point, vertex``, or ``point, x, y, z`` in the mesh's units; or an ``.fdp`` file.
+
+    Where the lips are shut, an upper and a lower vertex lie at one place; a point of the upper lip is the one whose
+    neighbours lie higher.
 
     Of an ``.fdp`` file, Xface's or Visage's, those points are taken that lie on the submesh with most of them.
 
     Parameters
     ----------
     path : Path
-    vertices : (V, 3)
+    vertices : (V, 3) float64
+    triangles : (F, 3) int64
         The mesh.
 
     Returns
@@ -54,6 +60,7 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
         raise DataError(f"feature points: is no table ({error})", where=str(path)) from error
     tree, size = cKDTree(vertices), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     points: dict[str, int] = {}
+    placed: list[str] = []
     for line, row in enumerate(rows, 2):
         where = f"{path}, line {line}"
         name = (row.get("point") or "").strip()
@@ -70,7 +77,26 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64]) -> dict[str, 
         if not distance <= MAX_DISTANCE_SHARE * size:
             raise DataError(f"{name}: got {position.tolist()}, {distance:.4g} away from the mesh", where=where)
         points[name] = int(index)
-    return points
+        placed.append(name)
+    return points | _lips_told_apart({name: points[name] for name in placed}, points, vertices, triangles)
+
+
+def _lips_told_apart(
+    placed: dict[str, int], points: dict[str, int], vertices: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> dict[str, int]:
+    """Choose, of vertices at one place, the one of the right lip; up is from the lower lip's border to the upper's."""
+    if not {"8.1", "8.2"} <= points.keys() or not all(0 <= points[name] < len(vertices) for name in ("8.1", "8.2")):
+        return {}
+    up = vertices[points["8.1"]] - vertices[points["8.2"]]
+    chosen = {}
+    for names, sign in ((UPPER_LIP, 1.0), (LOWER_LIP, -1.0)):
+        for name in placed.keys() & set(names):
+            same = np.flatnonzero((vertices == vertices[placed[name]]).all(axis=1))
+            around = {int(one): triangles[(triangles == one).any(axis=1)] for one in same}
+            heights = {one: sign * float((vertices[ring] @ up).mean()) for one, ring in around.items() if len(ring)}
+            if heights:
+                chosen[name] = max(heights, key=lambda one: heights[one])
+    return chosen
 
 
 def _points_on_skin(data: bytes, where: str, vertices: int) -> dict[str, int]:

@@ -402,7 +402,7 @@ def test_heads_that_are_none(imported, tmp_path):
     for data in (b"no picture", huge, picture.getvalue()):
         (tmp_path / "head.png").write_bytes(data)
         painted = toml + f'"head.png" = "{hashlib.sha256(data).hexdigest()}"\n'
-        with pytest.raises(ProfileError, match=r"image: cannot be read .*at .*head\.png"):
+        with pytest.raises(ProfileError, match=r"image: (cannot be read|got no PNG) .*at .*head\.png"):
             load_head(write(painted))
 
 

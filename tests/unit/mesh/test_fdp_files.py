@@ -40,9 +40,9 @@ def test_points_are_read_with_their_submesh(data: bytes) -> None:
 def test_an_import_takes_the_points_of_the_skin(tmp_path: Path) -> None:
     path = tmp_path / "face.fdp"
     path.write_bytes(XFACE)
-    assert load_feature_points(path, np.zeros((3, 3))) == {"2.1": 2, "8.1": 0}
+    assert load_feature_points(path, np.zeros((3, 3)), np.array([[0, 1, 2]])) == {"2.1": 2, "8.1": 0}
     with pytest.raises(DataError, match=r"vertex 2 of 'face.wrl_3': got a mesh of 2 vertices"):
-        load_feature_points(path, np.zeros((2, 3)))
+        load_feature_points(path, np.zeros((2, 3)), np.array([[0, 1, 1]]))
 
 
 @pytest.mark.parametrize(
