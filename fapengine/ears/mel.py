@@ -68,7 +68,7 @@ def log_mel(frames: NDArray[np.int16]) -> NDArray[np.float32]:
 
     Examples
     --------
-    >>> log_mel(np.zeros((2, WINDOW), np.int16)).round(1)[0, :3].tolist()
+    >>> [round(float(value), 1) for value in log_mel(np.zeros((2, WINDOW), np.int16))[0, :3]]
     [-16.1, -16.1, -16.1]
     """
     spectrum = np.fft.rfft(frames * (_WINDOW / 2**15), n=_FFT, axis=1)

@@ -69,7 +69,7 @@ def test_the_page_loads_and_shows_a_face(page: Page) -> None:
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
     assert middle[0] > 140 > picture[5, 5].max()  # skin in the middle, a dark wall in the corner
     assert middle[0] > middle[2] + 20
-    assert page.run("document.querySelectorAll('#expressions input').length") == 6
+    assert page.run("document.querySelectorAll('#expressions input').length") == 9
     assert page.run("document.querySelectorAll('.fap').length") == 66
     every_field_is_named = (
         "[...document.querySelectorAll('input, button')].every((one) => one.labels?.length || one.textContent)"
@@ -462,7 +462,7 @@ def test_another_face_a_film_and_a_clear_ground(page: Page) -> None:
     assert page.run("page.picture.view.gl.getError()") == 0
     page.run("page.recorder.start(); page.say('Hello.')")
     page.until("page.session.isSpeaking")
-    page.sleep(0.5)
+    page.sleep(1.5)  # a busy machine draws few pictures
     kind, size = page.run("page.recorder.stop().then((film) => [film.type, film.size])")
     assert kind.startswith("video/")
     assert size > 3000

@@ -24,6 +24,8 @@ MIDDLE = (0.0, LINE_Y)
 INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
 HALF_WAY = 0.55
 """Place along the lip, 0 middle to 1 corner, of the feature points half way (2.6, 8.5, ...)."""
+APART = 0.004
+"""Share by which those of the lower lip lie nearer to the middle: no two feature points are at one place at rest."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
 INSIDE = (  # level, away from the mouth line, backwards, share of the width
@@ -42,10 +44,10 @@ def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
     Otherwise the feature points there would lie beside it, on upper and lower lip not alike.
     """
     moved = t.copy()
-    for lip in (upper, ~upper):
+    for lip, place in ((upper, HALF_WAY), (~upper, HALF_WAY * (1 - APART))):
         across = np.abs(t[lip])
         nearest = across[np.abs(across - HALF_WAY).argmin()]
-        moved[lip] = np.sign(t[lip]) * np.interp(across, (0.0, nearest, 1.0), (0.0, HALF_WAY, 1.0))
+        moved[lip] = np.sign(t[lip]) * np.interp(across, (0.0, nearest, 1.0), (0.0, place, 1.0))
     return moved
 
 
