@@ -297,10 +297,13 @@ def main() -> None:
         counted += share * np.bincount(labels, minlength=CLASSES + 1)[:CLASSES] / len(labels)
     kinds = torch.tensor([[float(label in kind) for label in LABELS] for kind in KINDS])
     net = Net(options.channels)
+    earlier: list[int] = []
     if options.start:
         begun = np.load(options.start)
         net.load_state_dict({key: torch.from_numpy(begun[key].astype(np.float32)) for key in net.state_dict()})
         mean = begun["first_mean"]
+        about = json.loads(str(begun["about"]))
+        earlier = [*about.get("earlier_steps", []), about["steps"]]
         pieces.first_mean = mean
     mean_net = {key: value.detach().clone() for key, value in net.state_dict().items()}
     print(sum(p.numel() for p in net.parameters()), "parameters", flush=True)
@@ -332,6 +335,7 @@ def main() -> None:
         if step % 500 == 0 or done >= 1.0:
             about = {
                 "steps": step,
+                "earlier_steps": earlier,
                 "seed": options.seed,
                 "speakers": names,
                 "without": options.without,

@@ -13,7 +13,7 @@ _NEEDS_SPHINX = (SPHINX, BOTH)
 
 
 def chosen(ear: Path | None) -> Path:
-    """Return the ear that hears: what was asked for, else PocketSphinx where it is installed, else the small one.
+    """Return the ear that hears: what was asked for, else both where PocketSphinx is installed, else the small one.
 
     Examples
     --------
@@ -22,7 +22,7 @@ def chosen(ear: Path | None) -> Path:
     """
     if ear is not None:
         return ear
-    return Path(SPHINX if find_spec("pocketsphinx") is not None else SMALL)
+    return Path(BOTH if find_spec("pocketsphinx") is not None else SMALL)
 
 
 def check_ear(ear: Path | None) -> None:

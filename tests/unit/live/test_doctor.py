@@ -44,7 +44,7 @@ def test_a_display_and_a_sound_card_work(null_sink: Mapping[str, str], virtual_d
 def test_an_ear_and_a_microphone_are_found(null_sink: Mapping[str, str]) -> None:
     works, found = looked_at("ear", null_sink)
     assert works
-    assert re.fullmatch(r"sphinx, [0-9.]+ x real time, ready in [0-9.]+ s\n", found)
+    assert re.fullmatch(r"both, [0-9.]+ x real time, ready in [0-9.]+ s\n", found)
     works, found = looked_at("microphone", null_sink)  # the sink's monitor
     assert works
     assert "(default)" in found
