@@ -8,7 +8,7 @@ the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth 
 with ``sentences.tsv`` (id, text), the sounds, and ``../speech_train.npz``, whose lips are the truth. Speed is that of
 one core (processor time). ``--long`` also hears a recording of so many minutes, made of the sentences, with the text
 and without, and measures memory and speed.
-``--languages`` aligns five other languages, spoken by four speakers of espeak-ng other than the one who pronounces the
+``--languages`` aligns eight other languages, spoken by four speakers of espeak-ng other than the one who pronounces the
 words for the aligner; all are one program's, and some sound unlike people.
 
 Sound alone is streamed 150 ms behind. The small network was trained on other sentences of the same four voices;
@@ -68,6 +68,18 @@ OTHER_LANGUAGES = {
     "ru": (
         "Доброе утро, как вы себя чувствуете?", "Мой брат много лет живёт в Москве.",
         "Мы хотели бы заказать две чашки кофе.", "Вечером дети играют в парке.",
+    ),
+    "nl": (
+        "Goedemorgen, hoe gaat het met u?", "Mijn broer woont al jaren in Utrecht.",
+        "Wij willen graag twee koppen koffie, alstublieft.", "Morgen komen de kinderen bij ons spelen.",
+    ),
+    "pt": (
+        "Bom dia, como vai o senhor?", "O meu irmão mora em Lisboa há muitos anos.",
+        "Queremos duas xícaras de café, por favor.", "À tarde as crianças brincam no parque.",
+    ),
+    "pl": (
+        "Dzień dobry, jak się pan czuje?", "Mój brat mieszka w Warszawie od wielu lat.",
+        "Poproszę dwie filiżanki kawy.", "Po południu dzieci bawią się w parku.",
     ),
 }  # fmt: skip
 SPEAKERS = ("f2", "m1", "m3", "pablo")
@@ -275,7 +287,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--filmed", type=Path, help="folder of sounds whose lips are filmed")
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
-    parser.add_argument("--languages", action="store_true", help="five other languages as well")
+    parser.add_argument("--languages", action="store_true", help="eight other languages as well")
     parser.add_argument("--weights", type=Path, help="other weights of the small ear, which alone is measured then")
     parser.add_argument("--voices", nargs="+", choices=VOICES, default=VOICES, metavar="VOICE")
     options = parser.parse_args()
