@@ -51,14 +51,14 @@ DIALOGUE = (
     "That is strange. Please pull the plug, count to ten, and put it back.",
     "Good, now it works. Is there anything else that I can do for you?",
 )
-"""What an agent has said before."""
+"""Sentences that an agent has said before the time that is measured."""
 SAID_NOW = (
     "Good morning. I looked at the plan you sent me, and most of it is fine; but the budget may be a problem.",
     "The train from the airport takes twenty minutes, and a ticket costs about nine pounds.",
     "I would not worry about that. The doctor will call you back this afternoon.",
     "We can move your appointment to next Wednesday, at a quarter to eleven.",
 )
-"""What it says now: 39 of its 65 words are among those."""
+"""Sentences whose cost is measured: 39 of their 65 words are among :data:`DIALOGUE`."""
 RATE_HZ, SIDE_PX = 25, 512
 TOGETHER = 100
 """Agents on one engine."""

@@ -1,4 +1,4 @@
-"""What PocketSphinx hears beside the small ear: counts it on known sentences, and adds it to the ear's weights.
+"""Counts of the phones that PocketSphinx hears where others are said, added to the weights of the small ear.
 
     python -m bench.ear_join FOLDER WEIGHTS.npz [--without flite-kal16 ...] [--sentences 7]
 

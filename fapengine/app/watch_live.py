@@ -42,7 +42,7 @@ JOIN_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchJob:
-    """What to watch, and whom to move."""
+    """A camera or film, and the faces that it moves."""
 
     source: str
     """``webcam``, ``webcam:1``, or a film, which is played at its own rate in place of a camera."""

@@ -1,4 +1,4 @@
-"""What an adapted head's distances are, in words."""
+"""Distances of an adapted head from its scan, in words."""
 
 from fapengine.models.adapted_head import Nearness
 

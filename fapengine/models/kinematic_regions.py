@@ -15,6 +15,9 @@ from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 from fapengine.models.subset import MarkerSubset
 
+SAME_PLACE_DIGITS = 3
+"""Digits of a millimetre to which markers at one place agree, such as those of lips that are shut."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicRegions:
@@ -48,14 +51,14 @@ def interpolate_regions(subset: MarkerSubset, markers_mm: ArrayLike, points_mm: 
     ----------
     subset : MarkerSubset
     markers_mm : (M, 3) array_like, mm
-        All markers in the neutral pose; +z points out of the face.
+        All markers in the neutral pose; +z points out of the face. Those at one place count by their mean weights.
     points_mm : (N, 3) array_like, mm
         Interpolation is over the frontal plane (x, y), as in the paper's figure.
 
     Raises
     ------
     UsageError
-        If there are other than M markers, or fewer than 4.
+        If there are other than M markers, or fewer than 4 places.
 
     Notes
     -----
@@ -65,8 +68,12 @@ def interpolate_regions(subset: MarkerSubset, markers_mm: ArrayLike, points_mm: 
     count = subset.weights.shape[1]
     markers = frozen(markers_mm, "markers_mm", (count, 3), np.float64)
     points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
-    if count < 4:
-        raise UsageError(f"markers_mm: got {count} markers, expected at least 4")
-    flat = markers[:, :2]
-    weights = RBFInterpolator(flat, subset.weights.T, kernel="cubic", degree=1)(points[:, :2])
+    _, first, at = np.unique(markers[:, :2].round(SAME_PLACE_DIGITS), axis=0, return_index=True, return_inverse=True)
+    flat = markers[first, :2]
+    if len(flat) < 4:
+        raise UsageError(f"markers_mm: got {count} markers at {len(flat)} places, expected at least 4")
+    own = np.zeros((len(flat), len(subset.weights)))
+    np.add.at(own, at, subset.weights.T)
+    own /= np.bincount(at)[:, None]
+    weights = RBFInterpolator(flat, own, kernel="cubic", degree=1)(points[:, :2])
     return KinematicRegions(weights.T, Delaunay(flat).find_simplex(points[:, :2]) >= 0)

@@ -17,6 +17,8 @@ from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
 UPPER_LIP, LOWER_LIP = ("2.2", "2.6", "2.7"), ("2.3", "2.8", "2.9")
 """Feature points of the inner lips, which lie at one place where the mouth is shut."""
+SAME_PLACE_SHARE = 1e-4
+"""Distance within which vertices lie at one place, as a share of the mesh's size."""
 MAX_DISTANCE_SHARE = 0.05
 """Distance of a feature point given as a position from the nearest vertex, as a share of the mesh's size."""
 
@@ -78,20 +80,21 @@ def load_feature_points(path: Path, vertices: NDArray[np.float64], triangles: ND
             raise DataError(f"{name}: got {position.tolist()}, {distance:.4g} away from the mesh", where=where)
         points[name] = int(index)
         placed.append(name)
-    return points | _lips_told_apart({name: points[name] for name in placed}, points, vertices, triangles)
+    return points | _lips_told_apart(placed, points, vertices, triangles, SAME_PLACE_SHARE * size)
 
 
 def _lips_told_apart(
-    placed: dict[str, int], points: dict[str, int], vertices: NDArray[np.float64], triangles: NDArray[np.int64]
+    placed: list[str], points: dict[str, int], vertices: NDArray[np.float64], triangles: NDArray[np.int64], near: float
 ) -> dict[str, int]:
     """Choose, of vertices at one place, the one of the right lip; up is from the lower lip's border to the upper's."""
-    if not {"8.1", "8.2"} <= points.keys() or not all(0 <= points[name] < len(vertices) for name in ("8.1", "8.2")):
+    borders = [points.get(name, -1) for name in ("8.1", "8.2")]
+    if not all(0 <= vertex < len(vertices) for vertex in borders):
         return {}
-    up = vertices[points["8.1"]] - vertices[points["8.2"]]
+    up = vertices[borders[0]] - vertices[borders[1]]
     chosen = {}
     for names, sign in ((UPPER_LIP, 1.0), (LOWER_LIP, -1.0)):
-        for name in placed.keys() & set(names):
-            same = np.flatnonzero((vertices == vertices[placed[name]]).all(axis=1))
+        for name in set(placed) & set(names):
+            same = np.flatnonzero(np.linalg.norm(vertices - vertices[points[name]], axis=1) <= near)
             around = {int(one): triangles[(triangles == one).any(axis=1)] for one in same}
             heights = {one: sign * float((vertices[ring] @ up).mean()) for one, ring in around.items() if len(ring)}
             if heights:

@@ -27,6 +27,15 @@ def test_weights_are_kept_at_markers_and_smooth_between():
     assert np.abs(interpolate_regions(subset(), GRID, between).weights[0] - truth).max() < 0.06
 
 
+def test_markers_at_one_place_count_by_their_mean():
+    """As those of lips that are shut."""
+    markers, weights = np.vstack([GRID, GRID[10]]), np.column_stack([subset().weights, [0.0, 0.0]])
+    regions = interpolate_regions(MarkerSubset(np.array([10, 40]), weights, 0.0), markers, GRID)
+    expected = subset().weights.copy()
+    expected[:, 10] /= 2
+    np.testing.assert_allclose(regions.weights, expected, atol=1e-9)
+
+
 def test_signs_and_the_hull():
     points = np.array([GRID[10] + [3, 3, 20], [45.0, 55, 0], [-45, 55, 0], [200, 0, 0]])
     regions = interpolate_regions(subset(), GRID, points)
