@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
-from fapengine.ears.protocol import RATE_HZ
+from fapengine.ears.protocol import RATE_HZ, Ear
 from fapengine.files.sound import load_sound
 from fapengine.speech.formats.lines import parse_flite
-from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.voices.espeak import EspeakVoice
@@ -92,3 +92,9 @@ def no_speech(duration_s: float = 4.0, seed: int = 1) -> dict[str, NDArray[np.in
         "clicks": (rng.random(count) < 3e-4) * white, "music": arpeggio, "a chord": chord,
     }  # fmt: skip
     return {name: (12_000 * sound / max(np.abs(sound).max(), 1.0)).astype(np.int16) for name, sound in sounds.items()}
+
+
+def heard(ear: Ear, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
+    ear.reset()
+    phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]
+    return phones + ear.end()

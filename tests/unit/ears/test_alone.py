@@ -3,34 +3,25 @@
 import io
 import json
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fapengine.ears.commit import due
 from fapengine.ears.guessed_words import agreeing
 from fapengine.ears.process import END, HEAD, SOUND, serve
-from fapengine.ears.protocol import RATE_HZ, Ear
+from fapengine.ears.protocol import RATE_HZ
 from fapengine.ears.recording import listen
-from fapengine.ears.sphinx_ear import BLOCK, SphinxEar
+from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from tests.unit.ears.speech import BABY, POPPIES, closures, met, no_speech, opening_mm, spoken
+from tests.unit.ears.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken
 
 
 @pytest.fixture(scope="module")
 def ear() -> SphinxEar:
     return SphinxEar()
-
-
-def heard(ear: Ear, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
-    ear.reset()
-    phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]
-    return phones + ear.end()
 
 
 def test_lips_move_as_with_the_true_phones(ear: SphinxEar) -> None:
@@ -62,44 +53,6 @@ def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SphinxEar, name: s
 def test_without_the_gate_music_is_heard(ear: SphinxEar) -> None:
     music = PhoneTrack.of(heard(SphinxEar(only_speech=False), no_speech()["music"]))
     assert opening_mm(music, 4.0).max() > 3.0  # so the test above can fail
-
-
-def test_speech_after_music_is_heard(ear: SphinxEar) -> None:
-    speech = spoken("rms", BABY)
-    quiet = np.zeros(RATE_HZ // 2, np.int16)
-    phones = PhoneTrack.of(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
-    truth = [4.5 + at_s for at_s in closures(speech.phones)]
-    assert met(truth, closures(phones)) >= 0.6 * len(truth)
-    assert all(at_s > 4.0 for at_s in closures(phones))
-
-
-def test_phones_are_told_behind_the_look_ahead_and_stay(ear: SphinxEar) -> None:
-    samples = spoken("slt", POPPIES).samples
-    ear.reset()
-    told: list[Phone] = []
-    latest_s = []
-    for start in range(0, len(samples), 320):
-        new = ear.push(samples[start : start + 320])
-        now_s = (start + 320) / RATE_HZ
-        assert all(phone.end_s <= now_s - ear.look_ahead_s + 1e-9 for phone in new)
-        latest_s += [now_s - phone.end_s for phone in new if not phone.is_silence]
-        told += new
-    assert np.median(latest_s) < ear.look_ahead_s + 2 * BLOCK / RATE_HZ
-    told += ear.end()
-    assert told[0].start_s == 0
-    assert told[-1].end_s == pytest.approx(len(samples) / RATE_HZ)
-    for before, after in pairwise(told):
-        assert after.start_s == pytest.approx(before.end_s, abs=1e-9)
-
-
-@settings(max_examples=4)
-@given(size_ms=st.sampled_from([10, 20, 37, 200]), first=st.integers(0, 4000))
-def test_pieces_of_any_length_give_the_same_phones(ear: SphinxEar, size_ms: int, first: int) -> None:
-    samples = spoken("rms", BABY).samples
-    whole = heard(ear, samples)
-    step = size_ms * RATE_HZ // 1000
-    assert heard(ear, samples, [first, *range(first + step, len(samples), step)]) == whole
-    assert len(whole) > 15
 
 
 def test_a_long_talk_is_cut_in_its_pauses(ear: SphinxEar) -> None:
