@@ -334,6 +334,8 @@ def main() -> None:
             lately = []
         if step % 500 == 0 or done >= 1.0:
             about = {
+                "made_by": "bench/ear_speech.py, bench/ear_train.py, bench/ear_join.py",
+                "licence": "Apache-2.0; data: NOTICE",
                 "steps": step,
                 "earlier_steps": earlier,
                 "seed": options.seed,
