@@ -67,22 +67,28 @@ def phone_by_phone(profile: Profile, count: int, ticks: int) -> tuple[list[float
     waiting = {bank.open(): talk(profile, rng, phones)[::-1] for _ in range(count)}
     fed = 0
 
-    def feed(until_s: float, *, at_once: bool) -> None:
-        nonlocal fed
+    def come(until_s: float) -> list[tuple[int, list[Phone]]]:
+        """Give what a server hears: sessions and their phones up to a time."""
+        heard = []
         for session, coming in waiting.items():
             due = []
             while coming[-1].start_s <= until_s:
                 due.append(coming.pop())
-            fed += len(due)
-            for part in [due] if at_once else [[phone] for phone in due]:
-                bank.feed(session, part)
+            heard.append((session, due))
+        return heard
 
-    feed(BEGIN_S + AHEAD_S, at_once=True)
+    def feed(heard: list[tuple[int, list[Phone]]]) -> None:
+        for session, phones in heard:
+            bank.feed(session, phones)
+
+    feed(come(BEGIN_S + AHEAD_S))
     bank.frames(BEGIN_S)
     showing, planning, fed = [], 0.0, 0
     for tick in range(1, ticks + 1):
         now_s = BEGIN_S + tick / RATE_HZ
-        planning += micros(lambda now_s=now_s: feed(now_s + AHEAD_S, at_once=False)) + micros(bank.plan)
+        heard = [(session, [phone]) for session, due in come(now_s + AHEAD_S) for phone in due]
+        fed += len(heard)
+        planning += micros(lambda heard=heard: feed(heard)) + micros(bank.plan)
         showing.append(micros(lambda now_s=now_s: bank.frames(now_s)))
     return showing, planning / max(fed, 1)
 

@@ -48,7 +48,7 @@ def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
     """
     x = np.asarray(x, dtype=np.float64)
     s = np.clip(x / width, 0.0, 1.0)
-    soft: NDArray[np.float64] = width * (s**3 - s**4 / 2) + np.maximum(x - width, 0.0)
+    soft: NDArray[np.float64] = width * s * s * s * (1.0 - s / 2) + np.maximum(x - width, 0.0)
     return soft
 
 

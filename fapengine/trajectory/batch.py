@@ -405,37 +405,34 @@ class BatchPlanner:
         """Copy what sessions will need from now on."""
         if not len(rows):
             return
-        plans, windows, reload_s, held = [], [], [], []
-        for row, time_s in zip(rows.tolist(), times_s[rows].tolist(), strict=True):
-            planner = self._planners[row]
-            plan, until_s = planner.plan_at(time_s)
-            window, end_s = plan.path.window(time_s, KNOTS)
-            until_s = min(until_s, end_s)
-            plans.append(plan)
-            windows.append((plan.path.times_s[window], plan.path.jets[window]))
-            reload_s.append(until_s)
-            held.append(
-                [hold for hold in planner.holds if hold.start_s - RAMP_S < until_s and hold.stop_s + RAMP_S > time_s]
-            )
-        state = self._rows
-        state.reload_s[rows], state.until_s[rows] = reload_s, -np.inf
-        counts = np.array([len(knots) for knots, _ in windows])
+        now_s = times_s[rows]
+        planners = [self._planners[row] for row in rows.tolist()]
+        found = [planner.plan_at(time_s) for planner, time_s in zip(planners, now_s.tolist(), strict=True)]
+        plans, untils_s = zip(*found, strict=True)
+        state, path = self._rows, hermite.in_a_row([plan.path for plan in plans], now_s)
+        counts = np.minimum(path.counts - path.left, KNOTS)
+        begins = path.first + path.left
+        more = path.left + KNOTS < path.counts
+        until_s = np.minimum(untils_s, np.where(more, path.times_s[begins + counts - 1], np.inf))
+        state.reload_s[rows], state.until_s[rows] = until_s, -np.inf
         slots = _slots(rows, counts)
         state.knots_s[rows] = np.inf
-        state.knots_s[slots] = np.concatenate([knots for knots, _ in windows])
-        state.jets[slots] = np.concatenate([jets for _, jets in windows])
+        state.knots_s[slots] = path.times_s[np.repeat(begins, counts) + slots[1]]
+        windows = zip(plans, path.left.tolist(), strict=True)
+        state.jets[slots] = np.concatenate([plan.path.jets[left : left + KNOTS] for plan, left in windows])
         state.last[rows] = counts - 2
         fade_s = np.array([plan.fade_s for plan in plans])
         start_s = np.array([plan.start_s for plan in plans])
-        fades = times_s[rows] < start_s + fade_s
+        fades = now_s < start_s + fade_s
         length_s = np.where(fades, fade_s, 1.0)
         state.fade_from_s[rows] = np.where(fades, start_s, 0.0)
         state.fade_rate[rows] = 1.0 / length_s
         momentum_s = np.where(fades, [plan.momentum_s for plan in plans], 1.0)
         state.momentum_rate[rows] = 1.0 / momentum_s
-        left_over = np.stack([plan.left_over for plan in plans]) * fades[:, None, None]
+        left_over = np.concatenate([plan.left_over for plan in plans]).reshape(len(plans), 3, -1) * fades[:, None, None]
         state.fade[rows] = left_over * (momentum_s[:, None] ** np.arange(3.0))[..., None]
-        self._load_holds(rows, held)
+        near = zip(planners, now_s.tolist(), until_s.tolist(), strict=True)
+        self._load_holds(rows, [planner.holds_near(from_s, until_s) for planner, from_s, until_s in near])
 
     def _load_holds(self, rows: NDArray[np.intp], held: list[list[Hold]]) -> None:
         counts = np.array([len(holds) for holds in held])

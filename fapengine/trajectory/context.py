@@ -41,7 +41,9 @@ from fapengine.trajectory.context_features import (
     features,
     lengthened,
     paired,
+    part_at,
     parts_of,
+    tripled,
     ways,
 )  # fmt: skip
 from fapengine.trajectory.tokens import Token
@@ -90,6 +92,13 @@ def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
     found[spoken] = tables.targets(around, lengths_s, np.array(spoken, dtype=np.intp) + REACH)
     return found
+
+
+def heard_as_here(tokens: Sequence[Token], model: ContextModel) -> list[bool]:
+    """Tell of every token whether the recorded speaker said it between the same two neighbours."""
+    around = ((part_at(tokens, n - 1, -1), parts_of(token.heard)[0], part_at(tokens, n + 1, 1))
+              for n, token in enumerate(tokens))  # fmt: skip
+    return [model.rows.keys() >= tripled(*three).keys() for three in around]
 
 
 _LENGTHS = np.array(LENGTHS)
@@ -187,12 +196,26 @@ class ContextTables:
         pairs = self._pair_rows(before, mine), self._pair_rows(mine, behind)
         total: Array = self._pair_sums[pairs[0], 0]
         total += self._pair_sums[pairs[1], 1]
-        if len(self._codes):
-            codes = self._code(before, mine, behind)
-            at = np.minimum(np.searchsorted(self._codes[:, 0], codes), len(self._codes) - 1)
-            heard = np.flatnonzero(self._codes[at, 0] == codes)
-            total[heard] += self._coefficients[self._codes[at[heard], 1]]
+        heard, rows = self._triples(before, mine, behind)
+        total[heard] += self._coefficients[rows]
         return total
+
+    def heard_as_here(self, around: NDArray[np.intp], own: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(N,): as :func:`heard_as_here`, of tokens as :meth:`targets` takes them."""
+        found = np.zeros(len(own), bool)
+        found[self._triples(around[own - 1], around[own], around[own + 1])[0]] = True
+        return found
+
+    def _triples(
+        self, before: NDArray[np.intp], mine: NDArray[np.intp], behind: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Which of three kinds beside each other were heard so, and the rows of their coefficients."""
+        if not len(self._codes):
+            return np.zeros(0, np.intp), np.zeros(0, np.intp)
+        codes = self._code(before, mine, behind)
+        at = np.minimum(np.searchsorted(self._codes[:, 0], codes), len(self._codes) - 1)
+        heard = np.flatnonzero(self._codes[at, 0] == codes)
+        return heard, self._codes[at[heard], 1]
 
     def _pair_rows(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
         rows = self._pairs[first, second]

@@ -13,7 +13,7 @@ longer of its two segments than its three keys range. That bounds the overshoot 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,16 +42,24 @@ def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp] | None 
         step = np.diff(times_s)[:, None]
         if path_of is not None:
             step[path_of[1:] != path_of[:-1]] = 1.0  # of no path
-        slope = np.diff(values, axis=0) / step
+        slope = np.diff(values, axis=0)
+        slope /= step
         before, after = step[:-1], step[1:]
-        longer = np.maximum(before, after)
+        longer, both = np.maximum(before, after), before + after
         first, second, third = values[:-2], values[1:-1], values[2:]
-        most = np.maximum(np.maximum(first, second), third) - np.minimum(np.minimum(first, second), third)
-        fastest, sharpest = MAX_DERIVATIVES[0] / longer * most, MAX_DERIVATIVES[1] / longer**2 * most
-        parabola = after / (before + after) * slope[:-1] + before / (before + after) * slope[1:]
-        velocity[1:-1] = np.minimum(np.maximum(parabola, -fastest), fastest)
-        bend = 2 / (before + after) * (slope[1:] - slope[:-1])
-        acceleration[1:-1] = np.minimum(np.maximum(bend, -sharpest), sharpest)
+        most = np.maximum(first, second)
+        np.maximum(most, third, out=most)
+        least = np.minimum(first, second)
+        most -= np.minimum(least, third, out=least)
+        parabola, bend = velocity[1:-1], acceleration[1:-1]
+        np.multiply(after / both, slope[:-1], out=parabola)
+        parabola += before / both * slope[1:]
+        np.subtract(slope[1:], slope[:-1], out=bend)
+        bend *= 2 / both
+        for found, limit in ((parabola, MAX_DERIVATIVES[0] / longer), (bend, MAX_DERIVATIVES[1] / longer**2)):
+            bound = np.multiply(limit, most, out=least)
+            np.minimum(found, bound, out=found)
+            np.maximum(found, np.negative(bound, out=bound), out=found)
         if path_of is not None:
             ends = np.flatnonzero(path_of[1:] != path_of[:-1])
             for still in (velocity, acceleration):
@@ -79,12 +87,6 @@ class Path:
             return cls(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
         return cls(times_s, np.stack([values, *derivatives(times_s, values)], axis=1))
 
-    def window(self, from_s: float, knots: int) -> tuple[slice, float]:
-        """Choose the next so many keys that the path from ``from_s`` on needs, and tell how long they serve."""
-        times, count = self.times_s, len(self.times_s)
-        first = min(max(int(times.searchsorted(from_s, side="right")) - 1, 0), count - 2)
-        return slice(first, first + knots), float(times[first + knots - 1]) if first + knots < count else np.inf
-
     def jet(self, at_s: Array) -> Jet:
         """Value, velocity and acceleration at any times: (T,) s -> (T, K) each."""
         at = np.clip(at_s, self.times_s[0], self.times_s[-1])
@@ -99,16 +101,34 @@ class Path:
         )
 
 
+class Row(NamedTuple):
+    """Keys of many paths, one path behind the other."""
+
+    times_s: Array
+    """(N,) s."""
+    first: NDArray[np.intp]
+    """(S,): place of each path's first key."""
+    counts: NDArray[np.intp]
+    """(S,): number of its keys."""
+    left: NDArray[np.intp]
+    """(S,): of its keys, the one before the time that was asked for; never the last."""
+
+
+def in_a_row(paths: Sequence[Path], times_s: Array) -> Row:
+    """Put the keys of paths in a row, and find where each path is at a time of its own, (S,) s."""
+    counts = np.array([len(path.times_s) for path in paths])
+    first = np.cumsum(counts) - counts
+    keys_s = np.concatenate([path.times_s for path in paths])
+    passed = np.add.reduceat(keys_s <= np.repeat(times_s, counts), first, dtype=np.intp)
+    return Row(keys_s, first, counts, np.clip(passed - 1, 0, counts - 2))
+
+
 def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
     """Value, velocity and acceleration of many paths, each at a time of its own: (S,) s -> (S, 3, K)."""
-    ends, spans = [], []
-    for path, time_s in zip(paths, times_s.tolist(), strict=True):
-        times = path.times_s
-        left = min(max(int(times.searchsorted(time_s, side="right")) - 1, 0), len(times) - 2)
-        spans.append(times[left : left + 2])
-        ends.append(path.jets[left : left + 2])
-    start_s, end_s = np.array(spans).T
-    both = np.array(ends).reshape(len(ends), 6, -1)
+    row = in_a_row(paths, times_s)
+    start_s, end_s = row.times_s[row.first + row.left], row.times_s[row.first + row.left + 1]
+    ends = [path.jets[left : left + 2] for path, left in zip(paths, row.left.tolist(), strict=True)]
+    both = np.concatenate(ends).reshape(len(paths), 6, -1)
     jets: Array = moments(np.clip(times_s, start_s, end_s) - start_s, end_s - start_s) @ both
     return jets
 

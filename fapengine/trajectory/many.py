@@ -51,70 +51,56 @@ class _Row:
 
     kinds: list[int] = field(default_factory=list)
     """Number of every token, and of the silences between them, in the context model's tables."""
-    lengths_s: list[float] = field(default_factory=list)
     letters: list[int] = field(default_factory=list)
-    own: list[int] = field(default_factory=list)
-    """Place of each spoken token in ``kinds``."""
-    tokens: list[float] = field(default_factory=list)
-    """Seven numbers for each token that is spoken: its track, start, length; its phone's first and last letter, start
-    and letters a second."""
+    told: list[float] = field(default_factory=list)
+    """Seven numbers for each phone: its track, or -1 where no keys are wanted; places and counts of its tokens in
+    ``kinds`` and of its letters; start and end."""
     loud: list[tuple[int, float]] = field(default_factory=list)
-    """Tokens that are louder or quieter than usual, and their gain."""
+    """Phones that are louder or quieter than usual, and their gain."""
     rests: list[tuple[int, float]] = field(default_factory=list)
     """Track and time of each key at rest."""
     contacts: list[Contacts] = field(default_factory=list)
 
     def add(self, track: int, phones: Sequence[Phone], first_own: int, look_up: "_Labels") -> None:
         """Put a track behind the others; of the phones before ``first_own`` no keys are wanted."""
-        kinds, lengths, letters = self.kinds, self.lengths_s, self.letters
+        kinds, letters, told = self.kinds, self.letters, self.told
         silence, spelled_of = look_up.silence, look_up.spelled_of
         kinds += (silence,) * REACH
-        lengths += (PAUSE_S,) * REACH
         letters += phonetics.NOTHING_BESIDE
         contacts: Contacts = []
         now_s, spoken_s, first_s = 0.0, -np.inf, -1.0
         for number, phone in enumerate(phones):
             start_s, end_s = phone.start_s, phone.end_s
-            if start_s > now_s + GAP_S:
-                kinds.append(silence)
-                lengths.append(PAUSE_S)
-                if number > first_own and start_s - now_s >= MIN_PAUSE_S:
-                    self._rest(track, now_s, start_s)
-                now_s = start_s
-            elif start_s < now_s - GAP_S:
-                raise UsageError(f"phone {phone.label!r}: starts at {start_s} s, but the one before ends at {now_s} s")
-            if end_s <= now_s:
-                continue
             if start_s != now_s:
-                phone, start_s = replace(phone, start_s=now_s), now_s
+                if start_s > now_s + GAP_S:
+                    kinds.append(silence)
+                    if number > first_own and start_s - now_s >= MIN_PAUSE_S:
+                        self._rest(track, now_s, start_s)
+                elif start_s < now_s - GAP_S:
+                    raise UsageError(
+                        f"phone {phone.label!r}: starts at {start_s} s, but the one before ends at {now_s} s"
+                    )
+                elif end_s <= now_s:
+                    continue
+                else:
+                    phone, start_s = replace(phone, start_s=now_s), now_s
             parts, signs, contact = spelled_of(phone.label)
             if start_s - spoken_s > phonetics.PAUSE_S:
                 letters.append(phonetics.PAUSE)
-            first, count = len(letters), len(signs)
-            letters += signs
-            share_s = (end_s - start_s) / len(parts)
             now_s = spoken_s = end_s
-            if number < first_own:
-                kinds += parts
-                lengths += (share_s,) * len(parts)
-                continue
-            if first_s < 0:
-                first_s = start_s
-            gain = loudness_gain(phone.loudness_db) if phone.loudness_db else 1.0
-            at_s = start_s
-            for kind in parts:
-                if gain != 1.0:
-                    self.loud.append((len(self.own), gain))
-                self.own.append(len(kinds))
-                self.tokens += (track, at_s, share_s, first, first + count - 1, start_s, count / (end_s - start_s))
-                kinds.append(kind)
-                lengths.append(share_s)
-                at_s += share_s
-            if contact != "none":
-                contacts.append((phone, contact))
+            mine = number >= first_own
+            told += (track if mine else -1, len(kinds), len(parts), len(letters), len(signs), start_s, end_s)
+            kinds += parts
+            letters += signs
+            if mine:
+                if first_s < 0:
+                    first_s = start_s
+                if phone.loudness_db:
+                    self.loud.append((len(told) // 7 - 1, loudness_gain(phone.loudness_db)))
+                if contact != "none":
+                    contacts.append((phone, contact))
         letters += phonetics.PAUSE_BEHIND
         kinds += (silence,) * REACH
-        lengths += (PAUSE_S,) * REACH
         self.contacts.append(contacts)
         if first_s >= 0:
             self.rests += ((track, max(first_s - REST_MARGIN_S, 0.0)), (track, spoken_s + REST_MARGIN_S))
@@ -153,7 +139,7 @@ def lay_paths(
     for number, (phones, first_own) in enumerate(tracks):
         row.add(number, phones, first_own, look_up)
     width = profile.space.mode_count + WIDTH
-    if not row.own:
+    if not row.rests:
         return [hermite.Path.through(np.zeros(0), np.zeros((0, width))) for _ in tracks], row.contacts
     track_of, times_s, weights = _keys(row, profile, look_up)
     rests = np.array(row.rests)
@@ -178,29 +164,42 @@ def lay_paths(
 
 def _keys(row: _Row, profile: Profile, look_up: "_Labels") -> tuple[NDArray[np.intp], Array, Array]:
     """Track, time (N,) and weights with axes (N, K + axes) of the keys of all phones."""
-    told = np.array(row.tokens).reshape(-1, 7)
-    track_of = told[:, 0].astype(np.intp)
-    start_s, length_s, first, last, phone_s, letters_hz = told[:, 1:].T
-    targets = look_up.tables.targets(np.array(row.kinds), np.array(row.lengths_s), np.array(row.own))
+    told = np.array(row.told).reshape(-1, 7)
+    start_s, end_s = told[:, 5], told[:, 6]
+    track_of, place, parts, first, count = told[:, :5].T.astype(np.intp)
+    shares_s = (end_s - start_s) / parts
+    phone = np.repeat(np.arange(len(told)), parts)
+    index = np.arange(len(phone)) - (np.cumsum(parts) - parts)[phone]
+    places, length_s = place[phone] + index, shares_s[phone]
+    lengths_s = np.full(len(row.kinds), PAUSE_S)
+    lengths_s[places] = length_s
+    own = np.flatnonzero(track_of[phone] >= 0)
+    phone, length_s = phone[own], length_s[own]
+    targets = look_up.tables.targets(np.array(row.kinds), lengths_s, places[own])
     fractions = look_up.fractions
-    keys_s = start_s[:, None] + length_s[:, None] * fractions
+    keys_s = (start_s[phone] + index[own] * length_s)[:, None] + length_s[:, None] * fractions
     kept = np.ones(keys_s.shape, bool)
     crowded = length_s * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1)
     if crowded.any():
         targets[crowded, 0] = targets[crowded].mean(axis=1)
-        keys_s[crowded, 0] = start_s[crowded] + length_s[crowded] * fractions.mean()
+        keys_s[crowded, 0] = keys_s[crowded, 0] + length_s[crowded] * (fractions.mean() - fractions[0])
         kept[crowded, 1:] = False
     if row.loud:
-        loud, gains = np.array([token for token, _ in row.loud]), np.array([gain for _, gain in row.loud])
-        targets[loud] += (gains - 1.0)[:, None, None] * (targets[loud] @ jaws_of(profile))
+        gains = np.ones(len(told))
+        gains[[number for number, _ in row.loud]] = [gain for _, gain in row.loud]
+        loud = np.flatnonzero(gains[phone] != 1.0)
+        targets[loud] += (gains[phone[loud]] - 1.0)[:, None, None] * (targets[loud] @ jaws_of(profile))
     times_s = keys_s[kept]
-    token = np.repeat(np.arange(len(told)), kept.sum(axis=1))
-    letter = np.minimum(first[token] + np.floor((times_s - phone_s[token]) * letters_hz[token]), last[token])
-    letters, at = np.array(row.letters), letter.astype(np.intp)
+    token = np.repeat(np.arange(len(phone)), kept.sum(axis=1))
+    whole_s = (end_s - start_s)[phone]
+    heard = look_up.tables.heard_as_here(np.array(row.kinds), places[own]) & (parts[phone] == 1)
+    long_s = np.where(heard, 0.0, whole_s)[token]
+    phone, letters_hz = phone[token], (count[phone] / whole_s)[token]
+    passed = np.floor((times_s - start_s[phone]) * letters_hz).astype(np.intp)
+    letters, at = np.array(row.letters), first[phone] + np.minimum(passed, count[phone] - 1)
     layer = phonetics.in_context(letters, at)
-    phone_lengths_s = (last - first + 1.0) / letters_hz
-    phonetics.hold_long(layer, letters[at], phone_lengths_s[token])
-    return track_of[token], times_s, np.concatenate([targets[kept], layer], axis=1)
+    phonetics.hold_long(layer, letters[at], long_s)
+    return track_of[phone], times_s, np.concatenate([targets[kept], layer], axis=1)
 
 
 def _apart(times_s: Array, track_of: NDArray[np.intp]) -> NDArray[np.intp] | slice:

@@ -39,6 +39,8 @@ from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import joined_track, resolve
 
 Array = NDArray[np.float64]
+_Timed = tuple[float, float, str]
+"""Start and end of a phone, and its label."""
 
 FADE_S = 0.15
 """Time over which a change of plan is blended in."""
@@ -47,12 +49,16 @@ MOMENTUM_S = 0.15
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
 KEYS_BEHIND = 3
-"""Phones before the edge whose keys a plan needs: a segment needs two keys, and one may give way to a nearer one."""
+"""Phones before the edge whose keys a plan needs at most: a segment needs two keys, and one may give way to a nearer
+one."""
+LONG_S = 0.06
+"""Length for each sign of its label from which on a phone keeps its keys, whatever stands before it: it is no shorter
+than twice :data:`.targets.APART_S`, and its first key comes :data:`.keyframes.CLOSEST_KEYS_S` after its beginning."""
 BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan looks back at; farther back nothing touches the path at the edge."""
 _END = attrgetter("end_s")
 KEPT_S = 2.0
-"""Length of the past that is kept; older phones and plans are forgotten."""
+"""Length of the past that is kept; older phones are forgotten."""
 LATEST_CLOSURE_S = 0.15
 """A bilabial that ended longer ago is dropped with its closure."""
 SAME_S = 1e-3
@@ -108,7 +114,7 @@ class StreamPlan:
     def shortest_fade_s(self, time_s: float) -> float:
         """Length of the shorter of its fades that last at a time; infinity if none does."""
         since_s = time_s - self.start_s
-        return min((length_s for length_s in (self.momentum_s, self.fade_s) if since_s < length_s), default=np.inf)
+        return self.momentum_s if since_s < self.momentum_s else self.fade_s if since_s < self.fade_s else np.inf
 
 
 @dataclass(slots=True)
@@ -138,7 +144,7 @@ class StreamingPlanner:
     horizon_s: float = 0.0
     counts: Counts = field(default_factory=Counts)
     _phones: list[Phone] = field(default_factory=list)
-    _holds: dict[Phone, Hold] = field(default_factory=dict)
+    _holds: dict[_Timed, Hold] = field(default_factory=dict)
     _kept_holds: list[Hold] = field(default_factory=list)
     _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
@@ -230,13 +236,16 @@ class StreamingPlanner:
 
     def _to_plan(self) -> tuple[list[Phone], int]:
         """Forget what is long over; give the phones of the new plan, and the first of them whose keys it needs."""
-        edge, _ = self._due or (self.edge_s, FADE_S)
-        over = bisect_right(self._phones, edge, key=_END)
+        edge, phones = self._due[0] if self._due else self.edge_s, self._phones
+        over = bisect_right(phones, edge, key=_END)
         first = max(over - BEHIND_PHONES, 0)
-        while first < over and self._phones[first].end_s <= edge - KEPT_S:
+        while first < over and phones[first].end_s <= edge - KEPT_S:
             first += 1
-        del self._phones[:first]
-        return self._phones, max(over - first - KEYS_BEHIND, 0)
+        del phones[:first]
+        own, fewest = max(over - first - 1, 0), max(over - first - KEYS_BEHIND, 0)
+        while own > fewest and phones[own].end_s - phones[own].start_s < LONG_S * len(phones[own].label):
+            own -= 1
+        return phones[max(own - REACH, 0) :], min(own, REACH)
 
     def _lay(self) -> tuple[hermite.Path, Contacts]:
         """Lay the path of this stream alone: of a style without context."""
@@ -256,23 +265,25 @@ class StreamingPlanner:
             return
         momentum_s = min(fade_s, MOMENTUM_S, self._plans[-1].shortest_fade_s(edge))
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
-        while self._plans[1].start_s <= edge - KEPT_S:
+        while self._plans[1].start_s < min(edge, self._shown_s):  # nobody asks for what is over
             del self._plans[0]
 
     def _renew_holds(self, contacts: Contacts, edge: float) -> None:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
-        begun = [hold for hold in (*self._kept_holds, *self._holds.values()) if hold.start_s - RAMP_S < edge]
-        coming = [hold for hold in self._kept_holds if hold.start_s - RAMP_S >= edge]
         before, self._holds = self._holds, {}
         for phone, contact in contacts:
-            same = before.get(phone) or _shut_already(phone, before, edge)
+            key = phone.start_s, phone.end_s, phone.label
+            same = before.pop(key if key in before else _shut_already(phone, before, edge) or key, None)
+            if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
+                continue
             hold: Hold | None = same or hold_of(phone, contact)
             if hold and not same and hold.start_s - RAMP_S < edge:
                 hold = hold_late(hold, edge)
             if hold:
-                self._holds[phone] = hold
-        mine = set(self._holds.values())
-        self._kept_holds = [hold for hold in (*begun, *coming) if hold not in mine and hold.stop_s > edge - KEPT_S]
+                self._holds[key] = hold
+        begun = [hold for hold in before.values() if hold.start_s - RAMP_S < edge]
+        seen_s = min(edge, self._shown_s) - RAMP_S
+        self._kept_holds = [hold for hold in (*self._kept_holds, *begun) if hold.stop_s > seen_s]
 
     @property
     def phones(self) -> Sequence[Phone]:
@@ -283,6 +294,10 @@ class StreamingPlanner:
     def holds(self) -> list[Hold]:
         """Holds of contacts, as far as phones have come, in any order."""
         return [*self._holds.values(), *self._kept_holds]
+
+    def holds_near(self, from_s: float, until_s: float) -> list[Hold]:
+        """Those of :attr:`holds` that may be seen between two times."""
+        return [hold for hold in self.holds if hold.start_s - RAMP_S < until_s and hold.stop_s + RAMP_S > from_s]
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
         """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
@@ -297,7 +312,10 @@ class StreamingPlanner:
         self._shown_s = max(self._shown_s, time_s)
 
     def path(self, times_s: ArrayLike) -> Array:
-        """(T, K + axes) at ``times_s``: mode weights, then :mod:`.phonetics`; planned so far, settles nothing."""
+        """(T, K + axes) at ``times_s``: mode weights, then :mod:`.phonetics`; planned so far, settles nothing.
+
+        What lies before the last frame asked for is forgotten.
+        """
         times = np.asarray(times_s, dtype=np.float64)
         starts = np.array([plan.start_s for plan in self._plans])
         index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
@@ -335,11 +353,11 @@ class StreamingPlanner:
         return to_codable(faps)
 
 
-def _shut_already(phone: Phone, before: Mapping[Phone, Hold], edge_s: float) -> Hold | None:
+def _shut_already(phone: Phone, before: Mapping[_Timed, Hold], edge_s: float) -> _Timed | None:
     """Find the hold of a phone of which only the end has changed: it is the same one, and not shut once more."""
     for other, hold in before.items():
-        if other.start_s == phone.start_s and other.label == phone.label and hold.start_s - RAMP_S < edge_s:
-            return hold
+        if other[::2] == (phone.start_s, phone.label) and hold.start_s - RAMP_S < edge_s:
+            return other
     return None
 
 
@@ -373,12 +391,13 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:
     """(S, 3, K): value, velocity and acceleration of many plans, each at a time of its own, (S,) s."""
     jets = hermite.jets_at([plan.path for plan in plans], times_s)
-    since_s = times_s - np.array([plan.start_s for plan in plans])
-    lengths = ([plan.fade_s for plan in plans], slice(0, 1)), ([plan.momentum_s for plan in plans], slice(1, 3))
-    for length_s, rows in lengths:
-        fading = np.flatnonzero(since_s < length_s)
-        if len(fading):
-            shares = hermite.moments(since_s[fading], np.array(length_s)[fading])
-            left_over = np.stack([plans[index].left_over[rows] for index in fading.tolist()])
-            jets[fading] += shares[:, :, rows] @ left_over
+    told = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans])
+    since_s, fade_s, momentum_s = times_s - told[:, 0], told[:, 1], told[:, 2]
+    fading = np.flatnonzero(since_s < fade_s)
+    if len(fading):
+        since_s, fade_s, momentum_s = since_s[fading], fade_s[fading], momentum_s[fading]
+        shares = hermite.moments(since_s, fade_s)[:, :, :3]
+        shares[:, :, 1:] = hermite.moments(np.minimum(since_s, momentum_s), momentum_s)[:, :, 1:3]
+        left_over = np.concatenate([plans[index].left_over for index in fading.tolist()])
+        jets[fading] += shares @ left_over.reshape(len(fading), 3, -1)
     return jets

@@ -20,7 +20,7 @@ from fapengine.profiles import ContextModel, Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import targets
+from fapengine.trajectory.context import heard_as_here, targets
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
 from fapengine.trajectory.tokens import Part, Token, tokens_of
 
@@ -49,6 +49,8 @@ class Resolved:
     """(keyframes, K)."""
     contact: str
     """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it must be high."""
+    heard: bool = False
+    """True where the context knows it between the same two neighbours."""
 
 
 def joined_track(phones: Iterable[Phone]) -> PhoneTrack:
@@ -81,17 +83,18 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     tokens, strange = tokens_of(track, profile.phones)
     model = profile.context if context else None
     keys = _own_keys(tokens, profile) if model is None else _keys_in_context(tokens, model)
+    heard = [False] * len(tokens) if model is None else heard_as_here(tokens, model)
     resolved: list[Resolved] = []
-    for _, together in groupby(zip(tokens, keys, strict=True), key=lambda entry: id(entry[0].phone)):
+    for _, together in groupby(zip(tokens, keys, heard, strict=True), key=lambda entry: id(entry[0].phone)):
         parts = list(together)
         phone = parts[0][0].phone
         if phone.is_silence:
             continue
-        contact = contact_of([(token.name, token.heard) for token, _ in parts], profile)
-        times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key in parts])
+        contact = contact_of([(token.name, token.heard) for token, _, _ in parts], profile)
+        times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key, _ in parts])
         if phone.loudness_db:
             weights = louder(weights, phone.loudness_db, profile)
-        resolved.append(Resolved(phone, times_s, weights, contact))
+        resolved.append(Resolved(phone, times_s, weights, contact, heard=len(parts) == 1 and parts[0][2]))
     return resolved, Counter(strange)
 
 

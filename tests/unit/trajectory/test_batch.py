@@ -214,6 +214,7 @@ def spoken(rng: np.random.Generator, labels: list[str]) -> list[Phone]:
 def test_paths_that_are_laid_together_are_those_of_each_track_alone() -> None:
     rng, profile = np.random.default_rng(3), english()
     tracks = [spoken(rng, [*profile.phones, "ʁ", "ɑː", "ts", "1"]) for _ in range(60)]
+    tracks.append([Phone("s", 0.0, 0.1), Phone("u", 0.1, 0.32), Phone("n", 0.32, 0.42)])  # long, and heard so: "soon"
     asked = [(phones, max(min(n % 6, len(phones) - KEYS_BEHIND), 0)) for n, phones in enumerate(tracks)]
     for (phones, first), path, contacts in zip(asked, *lay_paths(asked, profile), strict=True):
         track = joined_track(phones)

@@ -194,6 +194,17 @@ def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
     assert planner.counts.revised == 1
 
 
+def test_a_closure_that_is_over_is_not_made_again_when_what_followed_is_taken_back():
+    planner = StreamingPlanner(english())
+    said = phones(["b", "ɑ", "s", "z", "ɑ", "s", "ɑ"], 0.1, lead_s=0.1)
+    planner.feed(said[:6])
+    planner.frames(times_until(0.68))
+    planner.feed(said[6:])
+    planner.frames(np.arange(0.68, 0.78, 0.01))
+    planner.feed([Phone("ɑ", 0.35, 1.2)])
+    assert opening(planner.frames(np.arange(0.78, 1.1, 0.01))).min() > closed()
+
+
 def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
     planner = StreamingPlanner(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.8)])
