@@ -1,12 +1,12 @@
 """Make what each viseme and each expression does in FAPs, and write ``fapengine/retarget/viseme_table.py``.
 
-    python design/fit_visemes.py
+    python -m design.fit_visemes
 
-A viseme's row is the mean of our own planner's clear speech: each of its phones in the middle of long ones (consonants
-between a, i and u, vowels between p, t and k), when its keyframe is reached, contacts included, and then a quarter
-larger, as avatars' shapes are. The profile's speaker opens no wider for a than for e, and hardly rounds; avatars do. So
-vowels lean towards published recipes for ARKit avatars (TalkingHead, MIT): a fifth of their shape, a third of their
-opening (as a ratio). An expression's row is the shipped profile's full expression.
+A viseme's row is the mean of our own planner's clear speech: each of its phones between two as long (consonants between
+a, i and u, vowels between p, t and k), when its keyframe is reached, contacts included, and then a quarter larger, as
+avatars' shapes are. The profile's speaker opens hardly wider for a than for e; avatars do. So vowels lean towards
+published recipes for ARKit avatars (TalkingHead, MIT): a fifth of their shape, a third of their opening (a ratio). An
+expression's row is the shipped profile's full expression.
 
 Printed besides: how well speech comes back, for this choice and for others.
 """
@@ -36,7 +36,7 @@ PHONES = {
 """English phones of each viseme, as three published tables agree; diphthongs by where they begin."""
 AROUND = {"vowel": ("p", "t", "k"), "consonant": ("ɑ", "i", "u")}
 VOWELS = ("aa", "E", "ih", "oh", "ou")
-PHONE_S, AT = 0.22, 0.45
+PHONE_S, AT = 0.15, 0.45
 MOUTH = (3, *range(4, 15), 16, 17, 18, 44, 45, 46, *range(51, 61))
 MIN_FAPU = 2.0
 GAIN = 1.25

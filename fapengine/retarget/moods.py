@@ -29,7 +29,7 @@ ALL_MOODS = tuple(name for name, _ in EXPRESSION_FAPS)
 """MPEG-4's six."""
 UPPER_FACE = (19, 20, 21, 22, *range(31, 43), 61, 62, 63, 64)
 """FAPs that tell moods and blinks."""
-MOOD_MM = {"joy": 0.25, "sadness": 0.2, "anger": 0.25, "fear": 0.15, "disgust": 0.3, "surprise": 0.15}
+MOOD_MM = {"joy": 0.25, "sadness": 0.2, "anger": 0.25, "fear": 0.15, "disgust": 0.42, "surprise": 0.15}
 """A mood that is so faint is none: brows that drift, lids that do not follow quite as these do. Moods that share more
 with the accents of speech cost less, so that what is found of each is within 0.06 of what is there."""
 ACCENT: dict[tuple[int, ...], float] = {(31, 32, 33, 34, 35, 36): 200.0}

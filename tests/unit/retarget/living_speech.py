@@ -35,11 +35,11 @@ def phones() -> PhoneTrack:
 
 
 @cache
-def living(*without: str, mood: str = "", strength: float = 0.6) -> NDArray[np.float64]:
+def living(*without: str, mood: str = "", strength: float = 0.6, seed: int = 5) -> NDArray[np.float64]:
     """(T, 68) FAPU; what is left out is :data:`fapengine.trajectory.style.GENERATORS`'."""
     moods = [Mood(Expression[mood.upper()], strength)] if mood else []
     track = plan(
-        phones(), english(), rng=np.random.default_rng(5), rate_hz=RATE_HZ, expressions=moods,
+        phones(), english(), rng=np.random.default_rng(seed), rate_hz=RATE_HZ, expressions=moods,
         style=Style().without(without),
     ).track  # fmt: skip
     return track.values.astype(np.float64)

@@ -56,7 +56,8 @@ def test_the_jaw_carries_the_opening() -> None:
 
 @pytest.mark.parametrize("name", NO_SPEECH)
 def test_neutral_speech_has_no(name: str) -> None:
-    assert shape(approximate_arkit(living()), name).max() < 0.1  # 0.65 jawForward, 1.0 mouthFrown in least squares
+    """In least squares jawForward has 0.65 and mouthFrown 1.0; with seed 3 the brows nearly look disgusted."""
+    assert max(shape(approximate_arkit(living(seed=seed)), name).max() for seed in (3, 5)) == 0.0
 
 
 @pytest.mark.parametrize("mood", ["", *ALL_MOODS])
