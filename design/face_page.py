@@ -1,12 +1,13 @@
 """Draw the pictures of ``docs/face.md``: the head from several sides, visemes, expressions, gaze, styles, a real face.
 
-python design/face_page.py
+    python -m design.face_page
 
 The real face is the neutral of ICT-FaceKit (USC, MIT licence), brought in as anybody's head is; it is drawn where
 ``data`` holds it.
 """
 
 import csv
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from design import phones_sheet
+from design.imported_head import write_folder
+from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import load_head
 from fapengine.files.pictures import font
 from fapengine.files.profiles import load_profile
@@ -39,6 +43,8 @@ VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ
 CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
 PEOPLE = ("default", "woman", "man", "child", "older", *(f"random:{seed}" for seed in (1, 3, 4, 5, 7, 10, 11)))
 EVERYBODY = (*PEOPLE[:5], "man:haircut=cropped", "woman:haircut=bob", *PEOPLE[5:10])
+LARGE = ("woman", "older", "random:4")
+"""Those of the sheet that is drawn at 1024 pixels."""
 COLOURS = {  # linear RGB of the real face's parts, which its file leaves open
     "gums_tongue": (0.5, 0.16, 0.15), "teeth": (0.8, 0.75, 0.66), "mouth_socket": (0.25, 0.07, 0.06),
     "eyeball_left": (0.8, 0.77, 0.74), "eyeball_right": (0.8, 0.77, 0.74), "eye_socket_left": (0.5, 0.2, 0.18),
@@ -65,13 +71,12 @@ def gaze(yaw_rad: float, pitch_rad: float) -> NDArray[np.float64]:
 
 
 def pose(profile: Profile, name: str) -> NDArray[np.float64]:
-    """FAPs of an expression or a phone."""
+    """FAPs of an expression, or of a sound alone."""
     expressions = {key.name.lower(): value for key, value in profile.expressions.items()}
-    if name in expressions:
-        target, beyond = expressions[name].target, expressions[name].fap
-    else:
-        target, beyond = profile.phones[name].targets[0], np.zeros(fap.FAP_COUNT)
-    faps = displacements_to_faps(profile.space.to_points_mm(target[None]), profile.space.points, profile.fapu) + beyond
+    if name not in expressions:
+        return phones_sheet.pose(name).astype(float)
+    moved = profile.space.to_points_mm(expressions[name].target[None])
+    faps = displacements_to_faps(moved, profile.space.points, profile.fapu) + expressions[name].fap
     return close_lips(faps, np.zeros(1), [])[0]
 
 
@@ -92,21 +97,27 @@ def sheet(name: str, tiles: Mapping[str, NDArray[np.uint8]], columns: int) -> No
     page.save(PICTURES / f"{name}.jpg", quality=80, optimize=True)
 
 
-def everybody(profile: Profile, people: Mapping[str, FaceMesh]) -> None:
-    """Write the sheet of people and what they do, drawn at 512 pixels and shown smaller."""
-    shown = {"neutral": np.zeros(fap.FAP_COUNT)}
-    shown |= {name: pose(profile, name) for name in ("joy", "surprise", "anger", "sadness", "u", "f", "ɑ")}
-    shown["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
-    size = 148
-    page = Image.new("RGB", (len(shown) * size + size, len(people) * size), "white")
-    for row, (who, mesh) in enumerate(people.items()):
-        tiles = [*draw(mesh, list(shown.values()), CLOSE, 512), *draw(mesh, [shown["neutral"]], preset("profile"), 512)]
-        for column, tile in enumerate(tiles):
-            small = Image.fromarray(tile).resize((size, size), Image.Resampling.LANCZOS)
-            label = who if column == 0 else (*shown, "profile")[column] if row == 0 else ""
-            ImageDraw.Draw(small).text((4, 2), label, "white", font=font(12))
-            page.paste(small, (column * size, row * size))
-    page.save(PICTURES / "face-everybody.jpg", quality=72, optimize=True)
+def everybody(name: str, rows: Mapping[str, FaceMesh], profile: Profile, *, drawn: int, shown: int) -> None:
+    """Write a sheet of people and what they do, drawn at one size in pixels and shown at another."""
+    poses = {"neutral": np.zeros(fap.FAP_COUNT)}
+    poses |= {what: pose(profile, what) for what in ("joy", "surprise", "anger", "u", "ʃ", "f", "θ")}
+    poses["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
+    page = Image.new("RGB", ((len(poses) + 1) * shown, len(rows) * shown), "white")
+    for row, (who, mesh) in enumerate(rows.items()):
+        side = draw(mesh, [poses["neutral"]], preset("profile"), drawn)
+        for column, tile in enumerate([*draw(mesh, list(poses.values()), CLOSE, drawn), *side]):
+            small = Image.fromarray(tile[..., :3]).resize((shown, shown), Image.Resampling.LANCZOS)
+            label = who if column == 0 else (*poses, "profile")[column] if row == 0 else ""
+            ImageDraw.Draw(small).text((4, 2), label, "white", font=font(max(12, shown // 16)))
+            page.paste(small, (column * shown, row * shown))
+    page.save(PICTURES / f"{name}.jpg", quality=72, optimize=True)
+
+
+def imported_face() -> FaceMesh:
+    """Make a head of ICT-FaceKit's neutral and its own 57 expressions."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_folder(DENSE_FACE.parent, Path(folder) / "ict")
+        return import_head_file(Path(folder) / "ict")[0].mesh
 
 
 def real_face(standard: FaceMesh) -> FaceMesh:
@@ -148,7 +159,12 @@ def main() -> None:
     sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)
     people = {name: load_head(name) for name in PEOPLE}
     sheet("face-people", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in people.items()}, 6)
-    everybody(profile, {name: load_head(name) for name in EVERYBODY})
+    rows = {name: load_head(name) for name in EVERYBODY}
+    large = {name: rows[name] for name in LARGE}
+    if DENSE_FACE.exists():
+        rows["measured, imported"] = imported_face()
+    everybody("face-everybody", rows, profile, drawn=512, shown=148)
+    everybody("face-large", large, profile, drawn=1024, shown=400)
     if DENSE_FACE.exists():
         poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
         turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)

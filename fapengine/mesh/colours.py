@@ -42,8 +42,9 @@ DARK_BROWS = 0.06
 """Mean of a hair's linear RGB from which brows are darker than it."""
 MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
-TONGUE = np.array([0.42, 0.135, 0.125])
-TEETH = np.array([0.45, 0.41, 0.35])
+TONGUE = np.array([0.48, 0.158, 0.147])
+TEETH = np.array([0.48, 0.38, 0.28])
+"""Warmer than ivory, for the light that reaches teeth has been on lips and tongue, and ours is the sky's."""
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])

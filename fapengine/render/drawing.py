@@ -60,7 +60,7 @@ class Drawing:
     def __post_init__(self) -> None:
         check_size(self.size)
         if not isinstance(self.camera, Camera):
-            raise UsageError(f"camera: got {self.camera!r}, expected a Camera (preset() finds one by its name)")
+            raise UsageError(f"camera: got {self.camera!r}, expected a Camera; Drawing.parse() takes its name")
         if self.samples not in SAMPLES:
             raise UsageError(f"samples: got {self.samples}, expected one of {', '.join(map(str, SAMPLES))}")
         if self.shading not in SHADINGS:

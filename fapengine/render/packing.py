@@ -29,8 +29,8 @@ from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
 
 SURFACES: dict[Material, tuple[float, float, float]] = {
     # specular strength, gloss, softness of the terminator
-    Material.SKIN: (0.20, 18.0, 0.45),
-    Material.LIP: (0.42, 42.0, 0.40),
+    Material.SKIN: (0.09, 32.0, 0.45),
+    Material.LIP: (0.30, 46.0, 0.40),
     Material.EYE: (1.30, 420.0, 0.20),
     Material.TEETH: (0.50, 60.0, 0.30),
     Material.GUM: (0.50, 40.0, 0.40),

@@ -23,6 +23,7 @@ from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.head_parts import HeadParts
 from fapengine.mesh.default_head.mouth import HALF_WAY
+from fapengine.mesh.default_head.parts import CROWNS
 from fapengine.mesh.default_head.skin import skin_fields
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mpeg4 import fap
@@ -43,6 +44,7 @@ JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Middle of the axis through the jaw's joints, mm."""
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
+PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
 OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
 """FAPs whose points lie on the skin that :mod:`.skin` moves."""
 CORRECTION_MM = 16.0
@@ -106,6 +108,8 @@ def build_basis(
     for side, eye in enumerate(head.eyes):
         _lids(points, eye, side, feature_points, fapu, collector)
     _tongue(points, head, feature_points, linear, collector)
+    for number, teeth in teeth_by_light(points, head):  # whose light it changes
+        collector.add_still(Channel(number, -np.inf, np.inf), teeth)
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
     # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
@@ -271,6 +275,13 @@ def _lids(
             for index in range(len(knots) - 1):
                 per_unit = (poses[index + 1] - poses[index]) / abs(knots[index + 1] - knots[index])
                 collector.add(Channel(number, knots[index], knots[index + 1]), inner_rings, per_unit)
+
+
+def teeth_by_light(points: Array, head: HeadParts) -> list[tuple[int, Indices]]:
+    """FAPs that change the light on teeth, each with the vertices, (N,)."""
+    upper, lower = (teeth[CROWNS].ravel() for teeth in (head.upper_teeth, head.lower_teeth))
+    left = points[upper, 0] > 0
+    return [(PUSH_LOWER_LIP, lower), *zip(RAISE_CORNERS, (upper[left], upper[~left]), strict=True)]
 
 
 def _tongue(

@@ -111,8 +111,8 @@ def _on_nose(x: Array, y: Array) -> Iterator[Furrow]:
 
 
 def _beside_nose(x: Array, y: Array) -> Iterator[Furrow]:
-    middle = 17.5 + 0.44 * (-4.0 - y) + 2.0 * np.sin((y + 22.0) / 12.0)
-    yield (np.abs(x) - middle) * 0.9, smoothstep((3.0 - y) / 16.0) * smoothstep((y + 50.0) / 22.0), 4.2, 1.5
+    middle = 17.0 + 0.42 * (-4.0 - y) + 1.0 * np.sin((y + 22.0) / 12.0)
+    yield (np.abs(x) - middle) * 0.9, smoothstep((3.0 - y) / 14.0) * smoothstep((y + 50.0) / 20.0), 3.0, 1.35
 
 
 def _on_chin(x: Array, y: Array) -> Iterator[Furrow]:
@@ -171,9 +171,10 @@ def fold_map() -> NDArray[np.uint8]:
     region = np.maximum(region, np.abs(dimples) > 0.02)
     pores = gaussian_filter(grain(y.shape, 42), 0.75)
     pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)
+    changed = smoothstep(np.abs(change) / 0.02)  # pores would lift what is hardly a fold beyond theirs
     picture = np.full(atlas.SIZE, 127.5)
     picture[:, : y.shape[1]] += 127.5 * np.clip(
-        change / RANGE + np.sign(change) * PORES * smoothstep(np.abs(change) / 0.02) + pores, -1, 1
+        change / RANGE + np.sign(change) * PORES * changed + pores * (1 - changed), -1, 1
     )
     drawn = np.round(picture).astype(np.uint8)
     drawn.flags.writeable = False

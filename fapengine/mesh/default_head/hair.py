@@ -11,7 +11,6 @@ to lock are fractions of multiples of the golden ratio.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
@@ -20,26 +19,22 @@ from fapengine.mesh.default_head.faces import normal, position
 from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.rings import resampled
+from fapengine.mesh.default_head.scalp import GOLDEN, Scalp
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.tresses import ENDS_MM, build_tresses
 from fapengine.mesh.face_mesh import Material
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
+CAP_SHADE, LIKE_CAP = 0.85, 0.55
+"""Shade of the cap, and how nearly locks have it where they lie on it."""
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
-LONG_TAPER = (0.4, 0.9, 1.0, 1.1, 1.15, 1.2, 1.2, 1.15, 1.05, 0.8)
 """Width of a lock from root towards the tip, which is a point."""
-HANGS_BELOW_MM = 18.0
-HANGS_TO_MM = {"long": -118.0, "bob": -52.0}
-"""Height below which long hair hangs free, and where it ends, by haircut."""
-CROPPED = 0.22
-"""Thickness of cropped hair, as a share of the usual cap's."""
-EAR_MM = 15.0
-"""Distance by which long hair lies out over an ear."""
-CURTAIN_MM = 4.0
-"""Thickness of what hangs under the locks."""
+THICK, UNDER_LOCKS = {"short": 1.0, "cropped": 0.22}, 0.1
+"""Thickness of the cap by haircut, as a share of that of short hair; under long hair."""
 HAIRS_A_LOCK, HAIR_POINTS = 4, 3
 SPLIT_FROM = 0.3
 """Share of a lock by the face from which it parts into single hairs."""
@@ -49,7 +44,6 @@ FACE_Z_MM = 60.0
 """Locks that end before this depth frame the face."""
 CROWN_MM = 132.0
 """Height above which no lock begins: it would stand up."""
-GOLDEN = 0.6180339887498949
 
 
 def _thickness(y: Array) -> Array:
@@ -64,8 +58,8 @@ def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices
     cap = _build_cap(builder, style, palette, detail)
     if style.haircut == "cropped":
         return cap
-    curtain = _build_curtain(builder, style, palette, detail) if style.haircut in HANGS_TO_MM else cap[:0]
-    return np.concatenate([cap, curtain, _build_locks(builder, style, palette, detail)])
+    build_over_it = build_tresses if style.haircut in ENDS_MM else _build_locks
+    return np.concatenate([cap, build_over_it(builder, style, palette, detail)])
 
 
 def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
@@ -76,93 +70,27 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     wide = np.broadcast_to(angle, y.shape)
     base, out = position(wide, y, style), normal(wide, y, style)
     inside = smoothstep((share + 0.02) / 0.22)[:, None]
-    high = CROPPED * _thickness(y) if style.haircut == "cropped" else _thickness(y)
+    high = THICK.get(style.haircut, UNDER_LOCKS) * _thickness(y)
     thick = np.where(share[:, None] < 0, -2.0, 0.3 + high * inside)
     points = base + thick[..., None] * out
     root = 0.55 * (1 - smoothstep((share - 0.005) / 0.045))
     if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
         root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
-    dark = 0.75 * palette.hair
+    bundles = 1 + 0.13 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
+    dark = CAP_SHADE * palette.hair * bundles[:, None]
     albedo = dark + root[:, None, None] * (palette.skin(base) - dark)
     uv = strand_uv(np.where(np.arange(len(angle)) % 2, 0.15, 0.85), 0.05 + 0.9 * share[:, None])
     grid = builder.add(points, albedo=albedo, material=Material.HAIR, uv=uv)
     builder.quads(grid, closed=True)
     top = points[-1].mean(axis=0) + np.array([0, 3.0, 0])
-    crown = builder.add(top, albedo=dark, material=Material.HAIR, uv=strand_uv(0.5, 0.99))
+    crown = builder.add(top, albedo=dark.mean(axis=0), material=Material.HAIR, uv=strand_uv(0.5, 0.99))
     builder.fan(grid[-1], int(crown))
     return np.append(grid.ravel(), crown)
 
 
-def _build_curtain(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
-    """Add what hangs under the locks of long hair, from ear over the nape to ear: an outside and an inside."""
-    angle = np.deg2rad(np.linspace(62.0, 298.0, round(34 * detail)))
-    angle, y = np.meshgrid(
-        np.where(angle > np.pi, angle - 2 * np.pi, angle), np.linspace(-60.0, 66.0, round(9 * detail))
-    )
-    end = HANGS_TO_MM[style.haircut]
-    points, out = _hanging(position(angle, y, style), normal(angle, y, style), angle, y, end)
-    share = np.linspace(-1, 1, angle.shape[1])
-    thick = CURTAIN_MM * np.sqrt(1 - share**8) * smoothstep((72.0 - y) / 20.0)
-    uv = strand_uv(0.5 + 0.4 * np.sin(9.0 * angle), 0.05 + 0.9 * (y + 60.0) / 126.0)
-    dark = 0.62 * palette.hair * (0.75 + 0.25 * smoothstep((y + 70.0) / 60.0))[..., None]
-    outside = builder.add(points + thick[..., None] * out, albedo=dark, material=Material.HAIR, uv=uv)
-    inside = builder.add(points - 1.0 * out, albedo=0.5 * dark, material=Material.HAIR, uv=uv)
-    builder.quads(outside)
-    builder.quads(inside[:, ::-1])
-    for one, other in ((outside[:, 0], inside[:, 0]), (inside[:, -1], outside[:, -1])):
-        builder.quads(np.stack([other, one], axis=1))
-    return np.concatenate([outside.ravel(), inside.ravel()])
-
-
-class _Scalp:
-    """The bare head as points to which others are laid."""
-
-    def __init__(self, style: HeadStyle) -> None:
-        angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
-        points, normals = position(angle, y, style), normal(angle, y, style)
-        if style.haircut in HANGS_TO_MM:
-            points, normals = _hanging(points, normals, angle, y, HANGS_TO_MM[style.haircut])
-        self.points, self.normals = points.reshape(-1, 3), normals.reshape(-1, 3)
-        self._tree = cKDTree(self.points)
-
-    def under(self, points: Array) -> tuple[Array, Array]:
-        """(N, 3) each: the scalp below points, and its normal."""
-        distance, near = (np.asarray(result) for result in self._tree.query(points, k=6))
-        weight = (1 / (distance + 0.5) ** 2)[..., None]
-        normals = (self.normals[near] * weight).sum(axis=1)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        foot = (self.points[near] * weight).sum(axis=1) / weight.sum(axis=1)
-        below: Array = points - ((points - foot) * normals).sum(axis=1, keepdims=True) * normals
-        return below, normals
-
-
-def _hanging(points: Array, normals: Array, angle: Array, y: Array, end_mm: float) -> tuple[Array, Array]:
-    """(..., 3) each: what long hair lies on: the head, the ears, and below them straight down to its end."""
-    below = smoothstep((HANGS_BELOW_MM - y) / 30.0)[..., None]
-    down = np.interp(y[:, 0], (y.min(), HANGS_BELOW_MM), (end_mm, HANGS_BELOW_MM))
-    level = int(np.abs(y[:, 0] - HANGS_BELOW_MM).argmin())
-    drop = np.clip((HANGS_BELOW_MM - down) / 120.0, 0, 1)[:, None, None]
-    curtain = np.repeat(points[level][None], len(points), axis=0) * (
-        np.array([1.04, 1.0, 1.0]) - [0.09, 0.0, 0.0] * drop
-    )
-    ragged = 4.5 * np.sin(11.0 * angle) + 3.5 * np.sin(29.0 * angle + 1.0)
-    curtain[..., 1] = np.where(y < HANGS_BELOW_MM, down[:, None] + drop[..., 0] * ragged, y)
-    out = normals[level] * [1.0, 0.0, 1.0]
-    out = np.broadcast_to(out / np.linalg.norm(out, axis=-1, keepdims=True), normals.shape)
-    wave = 2.4 * np.sin(0.055 * curtain[..., 1] + 5.0 * angle) + 1.2 * np.sin(13.0 * angle + 0.02 * curtain[..., 1])
-    hung = points + below * (curtain - points)
-    turned = normals + below * (out - normals)
-    turned = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
-    degrees = np.rad2deg(np.abs(angle))
-    ear = smoothstep((degrees - 62.0) / 20.0) * smoothstep((132.0 - degrees) / 24.0) * smoothstep((66.0 - y) / 30.0)
-    return hung + (EAR_MM * ear + below[..., 0] * wave)[..., None] * turned, turned
-
-
-def _combed(points: Array, normals: Array, haircut: str) -> Array:
+def _combed(points: Array, normals: Array) -> Array:
     """(N, 3): unit direction in which hair lies."""
     x, y, z = points.T
-    if haircut in HANGS_TO_MM:
-        return _combed_long(points, normals)
     parting = np.interp(z, (-40.0, 60.0), (8.0, 24.0))
     away = np.tanh((parting - x) / 6.0)
     top = smoothstep((y - 62.0) / 55.0)
@@ -182,22 +110,7 @@ def _combed(points: Array, normals: Array, haircut: str) -> Array:
     return unit
 
 
-def _combed_long(points: Array, normals: Array) -> Array:
-    """(N, 3): from a parting in the middle to the sides, round the forehead to the ears, and there down."""
-    x, y, z = points.T
-    side = np.tanh((x + 0.01) / 4.0)
-    degrees = np.rad2deg(np.arctan2(np.abs(x), z - 10.0))
-    falls = smoothstep((degrees - 52.0) / 24.0) * (1 - 0.75 * smoothstep((y - 84.0) / 40.0))
-    back = smoothstep((degrees - 110.0) / 40.0)
-    around = np.stack([np.cos(np.deg2rad(degrees)) * side, 0 * x, -np.sin(np.deg2rad(degrees))], axis=-1)
-    level = (1 - falls) * (1 - 0.6 * back)
-    direction = level[:, None] * around + np.stack([0 * x, -0.22 - falls - 0.5 * back, 0 * x], axis=-1)
-    direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
-    unit: Array = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
-    return unit
-
-
-def _roots(scalp: _Scalp, count: int) -> Array:
+def _roots(scalp: Scalp, count: int) -> Array:
     """(about ``count``, 3): even over the scalp behind the hairline."""
     number = np.arange(round(1.55 * count)) + 0.5
     high = 1 - 2 * number / len(number)
@@ -224,11 +137,9 @@ def _front_roots(style: HeadStyle) -> Array:
 
 
 def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
-    scalp = _Scalp(style)
+    scalp = Scalp(style)
     at = np.concatenate([_roots(scalp, round(LOCKS * np.clip(detail, 0.6, 1.6))), _front_roots(style)])
-    is_long = style.haircut in HANGS_TO_MM
-    if not is_long:  # above an ear there is no way to go
-        at = at[_clear_of_ears(at) > 0.5]
+    at = at[_clear_of_ears(at) > 0.5]  # above an ear there is no way to go
     number = np.arange(len(at))
     vary, other = 2 * ((number * GOLDEN) % 1) - 1, 2 * ((number * GOLDEN * 5.77) % 1) - 1
     top = smoothstep((at[:, 1] - 70.0) / 45.0)
@@ -236,25 +147,20 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
     nape = smoothstep((30.0 - at[:, 1]) / 40.0) * smoothstep((-at[:, 2] - 10.0) / 30.0)
     temple = smoothstep((80.0 - at[:, 1]) / 20.0) * smoothstep((at[:, 2] + 30.0) / 20.0)
-    if is_long:
-        length = (at[:, 1] - HANGS_TO_MM[style.haircut] + 0.6 * np.abs(at[:, 1] - 60.0)) * (0.92 + 0.06 * vary)
-    else:
-        length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
+    length = length * (1 - 0.52 * front) * (1 - 0.5 * nape) * (1 - 0.35 * temple)
     half = (4.4 + 1.9 * top) * (1 + 0.25 * other) / np.sqrt(np.clip(detail, 0.6, 1.6))
     layer = 1.2 + 1.0 * vary
-    taper = resampled([*(LONG_TAPER if is_long else TAPER), 0.0], min(detail, 1.6))
+    taper = resampled([*TAPER, 0.0], min(detail, 1.6))
     shares = np.linspace(0, 1, len(taper))
     rows, tints = [], []
     for share, wide in zip(shares, taper, strict=True):
         foot, out = scalp.under(at)
-        along = _combed(foot, out, style.haircut)
+        along = _combed(foot, out)
         aside = np.cross(along, out)
         along = along + (0.16 * other)[:, None] * aside
         out_of = smoothstep((share + 0.02) / 0.3)
         # Edges lie on the cap: one that stood off it would be seen as a row of dots against the light.
         on_cap = smoothstep((foot[:, 1] - hairline(np.arctan2(foot[:, 0], foot[:, 2])) - 4.0) / 10.0)
-        if is_long:
-            on_cap *= smoothstep((foot[:, 1] - HANGS_BELOW_MM) / 40.0)
         high = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
         middle = foot + high[:, None] * out
         edge = (wide * half)[:, None] * aside
@@ -262,11 +168,11 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         tilt = ((0.2 - 0.17 * on_cap) * vary * wide * half)[:, None] * out
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
         shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
-        tints.append(np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1))
-        step = length / (len(taper) - 1) * (1.0 if is_long else _clear_of_ears(foot))
+        tint = np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1)
+        # What lies on the cap is nearly as dark, or patches of the locks would stick out of it.
+        tints.append(tint + LIKE_CAP * on_cap[:, None] * (CAP_SHADE - tint))
+        step = length / (len(taper) - 1) * _clear_of_ears(foot)
         at = foot + step[:, None] * along
-        if is_long:
-            at[:, 1] = np.maximum(at[:, 1], HANGS_TO_MM[style.haircut] + 4.0 * vary)
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
     albedo = palette.hair * np.stack(tints, axis=1)[..., None]
     points[:, -1] = points[:, -1, 1:2]

@@ -16,7 +16,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, nose, parts
 from fapengine.mesh.default_head.atlas import skin_uv
-from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis
+from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
 from fapengine.mesh.default_head.brows import build_brow
 from fapengine.mesh.default_head.ears import build_ear
 from fapengine.mesh.default_head.eyes import build_lids
@@ -34,6 +34,7 @@ from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
+from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
 Array = NDArray[np.float64]
@@ -44,6 +45,10 @@ LIT_INSIDE = {Material.TEETH: 0.45, Material.GUM: 0.5, Material.TONGUE: 0.40, Ma
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05
 """Share of the light that a millimetre forward gives to the tongue's tip, and a millimetre back takes."""
+TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
+"""Share of the light that teeth get for each millimetre of a FAP: the lower lip's that is pushed, raised corners'."""
+SHADED_TEETH = 0.24
+"""Least light on upper teeth, which lie in the lip's shadow."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.65, 0.85
@@ -288,13 +293,23 @@ def _light_lids(
     rest[lids] = -1.0
 
 
-def _light_tongue(head: HeadParts, basis: DeformationBasis, shades: Array, rest: Array) -> None:
-    """Let the tongue lie in the dark as it is drawn back and in the light as it comes out: set ``shades``, ``rest``."""
-    thrust = np.array([channel.fap == THRUST_TONGUE for channel in basis.channels])
+def _light_mouth(
+    points: Array, head: HeadParts, basis: DeformationBasis, mm_per_fapu: float, shades: Array, rest: Array
+) -> None:
+    """Let the light in the mouth change with lips and tongue: set ``shades`` and ``rest`` there.
+
+    The tongue lies in the dark as it is drawn back and in the light as it comes out, lower teeth in the dark behind a
+    lip that is pushed forward, and upper teeth, else in their lip's shadow, in the light when a smile lifts it.
+    """
+    fap = np.array([channel.fap for channel in basis.channels])[basis.entry_channels]
     owner = np.repeat(np.arange(len(rest)), np.diff(basis.offsets))
-    of_tongue = thrust[basis.entry_channels] & np.isin(owner, head.tongue)
+    of_tongue = (fap == THRUST_TONGUE) & np.isin(owner, head.tongue)
     shades[of_tongue] = TONGUE_LIGHT_PER_MM * basis.entry_mm[of_tongue, 2]
     rest[owner[of_tongue]] = -1.0
+    for number, teeth in teeth_by_light(points, head):
+        chosen = (fap == number) & np.isin(owner, teeth)
+        shades[chosen] = TEETH_LIGHT_PER_MM[number] * mm_per_fapu
+        rest[teeth] = -1.0
 
 
 def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
@@ -333,6 +348,7 @@ def _finish(
     # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
+    occlusion[head.upper_teeth[parts.CROWNS]] = SHADED_TEETH
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
     jaw_weight, basis, shades = build_basis(
@@ -342,7 +358,7 @@ def _finish(
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
     _light_lids(points, triangles, head, basis, occlusion, shades, rest)
-    _light_tongue(head, basis, shades, rest)
+    _light_mouth(points, head, basis, fapu.unit(FapUnit.MNS), shades, rest)
 
     # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
     used = np.zeros(len(points), dtype=bool)

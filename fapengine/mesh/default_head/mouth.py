@@ -119,7 +119,8 @@ def build_mouth(
             [0 * t, np.where(upper, away, -away) * middle, -back * (0.4 + 0.6 * middle)], axis=-1
         )
         dark = smoothstep((-level - 0.05) / 0.5)
-        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * dark
+        deep = 1 - 0.45 * smoothstep((-level - 0.3) / 0.6)
+        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * deep * dark
         material = Material.LIP if level > -0.15 else Material.MOUTH
         grids.append(builder.add(points, albedo=albedo, material=material, place=place))
         levels.append(level)

@@ -25,17 +25,21 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
     return np.stack([x, z], axis=-1), outward
 
 
+CROWNS = slice(3, 10)
+"""Rows of teeth that are no gum."""
+
+
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the gum's end first."""
     teeth, each = 14, max(3, round(3 * detail))
-    half_width, front_z = (27.5, 103.6) if upper else (25.0, 101.6)
-    edge_y, gum_y = (-35.0, -25.5) if upper else (-35.2, -44.0)
+    half_width, front_z = (27.5, 103.6) if upper else (25.5, 100.3)
+    edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
     share = np.linspace(-1, 1, teeth * each + 1)
     arch, outward = _arch(share, half_width, front_z, 36.0)
     in_tooth = (np.arange(len(share)) % each) / each
     round_off = np.abs(np.sin(np.pi * in_tooth)) ** 0.4
     number = np.abs(share) * teeth / 2
-    length = 1.0 - 0.10 * smoothstep((number - 0.9) / 1.5) - 0.12 * smoothstep((number - 3.5) / 2.0)
+    length = 1.0 - (0.10 * smoothstep((number - 0.9) / 1.5) + 0.12 * smoothstep((number - 3.5) / 2.0)) * upper
     direction = np.sign(edge_y - gum_y)
     rows, looks = [], []
     for height, out, is_gum in (
@@ -51,12 +55,13 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.55 + 0.45 * round_off
         far = 1 - 0.38 * smoothstep((np.abs(share) - 0.40) / 0.6)
-        # In speech the edges alone are seen, in the lips' shadow; a smile shows the light half above them.
-        shade = 1.8 - 0.9 * np.clip(height, 0, 1)
+        # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
+        shade = 1.5 - 0.7 * np.clip(height, 0, 1) if upper else 0.54
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)
-    kinds = np.array([Material.GUM] * 3 + [Material.TEETH] * 7 + [Material.GUM])[:, None]
+    kinds = np.full((len(rows), 1), Material.GUM)
+    kinds[CROWNS] = Material.TEETH
     bone = Bone.NONE if upper else Bone.JAW
     grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper))
     builder.quads(grid if not upper else grid[:, ::-1])

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
-from fapengine.mesh.default_head import atlas, hair, painting
+from fapengine.mesh.default_head import atlas, painting
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.scalp import Scalp
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
@@ -184,8 +185,7 @@ def test_grain_is_even_and_the_same_everywhere() -> None:
 def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     head = heads["normal"]
     hairs = head.vertices_mm[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 75)].astype(float)
-    scalp = hair._Scalp(HeadStyle())
-    below, normals = scalp.under(hairs)
+    below, normals = Scalp(HeadStyle()).under(hairs)
     above = ((hairs - below) * normals).sum(axis=1)
     assert above.max() < 20  # mm
     assert above.min() > -3

@@ -15,6 +15,7 @@ from fapengine.mesh.default_head.faces import displacement
 from fapengine.mesh.default_head.faces_table import MODES
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.people import PEOPLE, parse_person, somebody
+from fapengine.mesh.default_head.scalp import Scalp
 from fapengine.mesh.default_head.style import HAIRCUTS, LEVELS, HeadStyle, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
@@ -155,3 +156,23 @@ def test_long_hair_hangs_past_the_jaw_and_leaves_the_face_free() -> None:
     assert hairs[:, 1].min() < -100
     face = (np.abs(hairs[:, 0]) < 45) & (hairs[:, 1] < 62) & (hairs[:, 2] > 65)
     assert not face.any()
+
+
+@pytest.mark.parametrize("haircut", ["long", "bob"])
+@pytest.mark.parametrize("person", ["woman", "man", "random:3"])
+def test_locks_of_long_hair_lie_over_head_and_ears(haircut: str, person: str) -> None:
+    parsed = parse_person(f"{person},haircut={haircut},hair,level=coarse")
+    assert parsed is not None
+    head, style = build_head(parsed[0], level=parsed[1]), parsed[0]
+    hair = head.material == Material.HAIR
+    hairs = head.vertices_mm[hair].astype(float)
+    hairs = hairs[(hairs[:, 1] > 30) & (hairs[:, 1] < 140)]
+    below, normals = Scalp(style).under(hairs)
+    above = ((hairs - below) * normals).sum(axis=1)
+    assert above.min() > -2.6  # mm; the cap's rim is sunk into the skin by 2
+    assert above.max() < 24
+    # Hair lies over the ears.
+    beside = np.abs(head.vertices_mm[:, 1:] - [10, -4]).max(axis=1) < 20
+    for side in (1.0, -1.0):
+        hairs, skin = (side * head.vertices_mm[beside & (head.material == kind), 0] for kind in (Material.HAIR, 0))
+        assert hairs.max() > skin.max() + 0.5

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from fapengine._resources import profile_files
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
@@ -30,9 +31,9 @@ MOUTH_MM, EYES_MM = (-46.0, 46.0, -96.0, -12.0), (-52.0, 52.0, 14.0, 66.0)
 """Places of the head, left, right, bottom, top, where what moves fast is: lips and chin, lids, eyes and brows."""
 
 
-@pytest.fixture(scope="module")
-def head() -> FaceMesh:
-    return build_head()
+@pytest.fixture(scope="module", params=["short", "long"])
+def head(request: pytest.FixtureRequest) -> FaceMesh:
+    return build_head(HeadStyle(haircut=request.param))
 
 
 @pytest.fixture(scope="module")

@@ -1,20 +1,36 @@
 """What a stranger sees of the mouth: lips that come forward, from the side; the tongue of θ, from the front."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from design.phones_sheet import MOUTH, pose
+from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
 
 SIZE = (200, 200)
 FRONT = Camera(target_mm=MOUTH, distance_mm=500.0, field_deg=9.0)
+GREY, PERCENTILES = np.array([0.299, 0.587, 0.114]), (10, 50, 90)
+VECTORS = dict(np.load(Path(__file__).resolve().parents[2] / "vectors" / "speech" / "mouth.npz"))
+SENTENCES = (
+    "b ɪ n b l u æ t ɛ f t u n aʊ", "l eɪ ɹ ɛ d w ɪ ð ɑ ɹ f aɪ v p l i z", "s ɛ t w aɪ t b aɪ dʒ i n aɪ n s u n",
+    "p l eɪ s ɡ ɹ i n ɪ n b i s ɛ v ə n ə ɡ ɛ n",
+)  # fmt: skip
+PHONE_S = 0.1
+OPEN_MM = 6.9
+"""Opening from which films were looked at."""
 SIDE = Camera(target_mm=(0.0, -36.0, 100.0), distance_mm=500.0, field_deg=9.0, yaw_deg=90.0)
 
 
@@ -89,16 +105,76 @@ def test_round_lips_come_forward_in_profile(label: str) -> None:
     assert forward[1] - spread[1] > 4.0
 
 
+def without(mesh: FaceMesh, *materials: Material, bones: Iterable[Bone] = Bone) -> FaceMesh:
+    """A head that lacks what is of these materials and bones."""
+    gone = np.isin(mesh.material, materials) & np.isin(mesh.bone, list(bones))
+    return replace(mesh, triangles=mesh.triangles[~gone[mesh.triangles].any(axis=1)])
+
+
+def inside_seen(mesh: FaceMesh, spoken: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(T, H, W) grey levels, and (T, H, W) where the inside of the mouth is seen."""
+    hollow = without(head(), Material.TEETH, Material.GUM, Material.TONGUE, Material.MOUTH)
+    drawn, empty, full = (np.array(draw(spoken, FRONT, one))[..., :3] for one in (mesh, hollow, head()))
+    return drawn @ GREY, np.abs(full - empty).max(axis=-1) > 0
+
+
 def test_the_inside_of_the_mouth_is_as_grey_as_in_films_of_people() -> None:
-    whole = head()
-    inside = np.isin(whole.material, [Material.TEETH, Material.GUM, Material.TONGUE, Material.MOUTH])
-    hollow = replace(whole, triangles=whole.triangles[~inside[whole.triangles].any(axis=1)])
-    spoken = [pose(label) for label in ("ɑ", "ɛ", "e", "a", "i", "ʌ", "n", "s")]
-    drawn, without = (np.array(draw(spoken, FRONT, mesh)) for mesh in (whole, hollow))
-    seen = np.abs(drawn - without).max(axis=-1) > 0
+    grey, seen = inside_seen(head(), [pose(label) for label in ("ɑ", "ɛ", "e", "a", "i", "ʌ", "n", "s")])
     seen[:, 1:-1, 1:-1] &= seen[:, :-2, 1:-1] & seen[:, 2:, 1:-1]  # not the lips' edge
-    grey = (drawn[..., :3] @ [0.299, 0.587, 0.114])[seen]
-    assert len(grey) > 2000
-    low, high = np.percentile(grey, [10, 90])
-    assert low == pytest.approx(81, abs=15)  # levels of real clips; ours were 35 and 205
-    assert high == pytest.approx(135, abs=15)
+    assert seen.sum() > 2000
+    # Levels of real clips whose lips are 7 pixels apart, without the lips' edges; ours were 35 and 205 at the ends.
+    assert np.percentile(grey[seen], PERCENTILES) == pytest.approx([81, 110, 135], abs=15)
+
+
+@cache
+def spoken_sentences() -> list[np.ndarray]:
+    """Planned FAPs, 25 a second, of sentences in the grammar of the GRID corpus."""
+    profile, faps = load_profile("grid_s1_en"), []
+    for sentence in SENTENCES:
+        edges = 0.4 + PHONE_S * np.arange(len(sentence.split()) + 1)
+        phones = [Phone(label, *span) for label, span in zip(sentence.split(), pairwise(edges), strict=True)]
+        track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.4), *phones])
+        faps += list(plan(track, profile, rng=np.random.default_rng(0), rate_hz=25.0, style=Style.still()).track.values)
+    return faps
+
+
+def patterns(mesh: FaceMesh) -> np.ndarray:
+    """(N, 12, 9) grey levels from lip to lip, in the middle half, sampled as ``design.mouth_patterns`` does films."""
+    rows, columns = VECTORS["mean"].shape
+    found = []
+    for grey, seen in zip(*inside_seen(mesh, spoken_sentences()), strict=True):
+        across = np.flatnonzero(seen.any(axis=0))
+        if seen.sum(axis=0).max() < OPEN_MM * FRONT.pixels_per_mm(SIZE[1]):
+            continue
+        pattern = []
+        for x in np.round(across[0] + np.ptp(across) * np.linspace(0.25, 0.75, columns)).astype(int):
+            height = np.flatnonzero(seen[:, x])
+            at = height[0] + (height[-1] + 1 - height[0]) * (np.arange(rows) + 0.5) / rows - 0.5
+            pattern.append(np.interp(at, np.arange(SIZE[1]), grey[:, x]))
+        found.append(np.transpose(pattern))
+    return np.array(found)
+
+
+def against_films(mesh: FaceMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of ours from those of films along their first three components: mean and spread, in their spread."""
+    found = patterns(mesh)
+    assert len(found) > 40
+    scores = np.einsum("nrc,krc->nk", found - VECTORS["mean"], VECTORS["components"]) / VECTORS["spread"]
+    return scores.mean(axis=0), scores.std(axis=0)
+
+
+def test_between_open_lips_lies_what_lies_there_in_films_of_people() -> None:
+    """Component 2 is tongue and lower teeth in the light below upper teeth in the lip's shadow, or the reverse."""
+    upper, lower = VECTORS["components"][1][:3].mean(), VECTORS["components"][1][6:9].mean()
+    assert lower - upper > 0.1
+    middle, spread = against_films(head())
+    assert np.abs(middle).max() < 1.0
+    assert abs(middle[1]) < 0.5  # -2.0 while upper teeth were the lightest and lower teeth were not seen
+    assert (np.abs(np.log2(spread)) < 0.5).all()
+
+
+def test_a_mouth_without_tongue_and_lower_teeth_is_told_from_those_of_films() -> None:
+    bare = without(without(head(), Material.TONGUE), Material.TEETH, bones=[Bone.JAW])
+    middle, spread = against_films(bare)
+    assert middle[1] < against_films(head())[0][1] - 0.4
+    assert spread.max() < 0.6  # hardly anything changes in it
