@@ -19,7 +19,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec geometry ground laboratory m
     trajectory)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: people faults oracles conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+.PHONY: people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
     clean docs env dev tools
 
 help:
@@ -32,7 +32,8 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, Blender, Godot, coturn, NATS; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, Blender, Pyodide, Godot, coturn, NATS; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -112,7 +113,7 @@ docs: $(VENV)/.ready-docs
 oracles:
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
-	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3
+	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3 $(PYODIDE)
 	$(BIN)/python -m tests.oracles out/oracles
 	$(BIN)/python -m tests.browser.oracles
 	.ci/system-packages $(PYTHON) oracles
@@ -122,6 +123,12 @@ oracles:
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
 	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py
+
+# Timings in, FAPs out in WebAssembly. A part of make oracles; the hosted CI runs it alone, in half a minute.
+PYODIDE := pyodide@0.24.1 @emscripten-forge/numpy@2.1.1-py311hc8e14bb-0
+pyodide: $(VENV)/.ready-dev
+	npm install --prefix out/oracles --no-save --no-audit --no-fund $(PYODIDE)
+	$(BIN)/python -m tests.oracles.pyodide out/oracles
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

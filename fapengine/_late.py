@@ -1,6 +1,6 @@
 """Libraries that are imported when they are first used, and missed with the line that mends the lack.
 
-Whoever has numpy and scipy alone, in a small container or a browser, can plan, code and convert; what draws, plays or
+Whoever has numpy alone, in a small container or a browser, can plan, code and convert; what draws, plays or
 reads pictures asks for its library when it is called.
 """
 

@@ -2,16 +2,19 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.load import load_head_of_modes
 from fapengine.files.recordings import is_table, load_markers
-from fapengine.laboratory.dense_face import ModeRig, moved_by_modes, poses
-from fapengine.laboratory.marker_driver import DrivenTake, Way
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
+
+if TYPE_CHECKING:
+    from fapengine.laboratory.dense_face import ModeRig
+    from fapengine.laboratory.marker_driver import DrivenTake, Way
 
 TAKES = (".c3d", ".trc", ".npz", ".tsv")
 """Endings of recordings of markers; a .csv may be one."""
@@ -22,7 +25,7 @@ def is_take(path: Path) -> bool:
     return path.suffix.lower() in TAKES or is_table(path)
 
 
-def drive(path: Path, rig: ModeRig, way: Way = "estimator") -> DrivenTake:
+def drive(path: Path, rig: "ModeRig", way: "Way" = "estimator") -> "DrivenTake":
     """Drive a dense face's modes by a recording.
 
     Raises
@@ -40,7 +43,7 @@ def drive(path: Path, rig: ModeRig, way: Way = "estimator") -> DrivenTake:
 
 
 def takes_on_heads(
-    takes: Sequence[Path], heads: Sequence[str], *, way: Way = "estimator", still_head: bool = False
+    takes: Sequence[Path], heads: Sequence[str], *, way: "Way" = "estimator", still_head: bool = False
 ) -> tuple[float, list[FaceMesh], list[list[Pose]], list[str]]:
     """Lay takes onto dense faces, side by side: at the highest rate, until the longest ends.
 
@@ -69,6 +72,8 @@ def takes_on_heads(
     DataError
         If a take does not show the face.
     """
+    from fapengine.laboratory.dense_face import moved_by_modes, poses  # much of scipy, for takes alone
+
     other = next((path for path in takes if not is_take(path)), None)
     if other is not None:
         raise UsageError(f"track: got {other} beside a recording of markers, expected recordings alone")

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from io import TextIOWrapper
 from typing import NoReturn
 
@@ -15,6 +16,12 @@ EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (Usa
 
 DEBUG, FAULT = "FAPENGINE_DEBUG", 70
 """Variable that, set to anything, shows the traceback of a bug; exit code of one (EX_SOFTWARE of sysexits.h)."""
+EXITS = (
+    "Exit codes: 0 it is done; 1 a file's content is wrong; 2 the call is wrong, or a row of batch failed;"
+    " 3 the machine lacks something, or a server is not there;"
+    f" {FAULT} a bug of fapengine; 128 + N ended by signal N (Ctrl-C: 130)."
+)
+"""Meaning of each exit code, for the help."""
 
 
 def run_to_the_end(command_line: Callable[[], object]) -> None:
@@ -38,6 +45,8 @@ def run_to_the_end(command_line: Callable[[], object]) -> None:
     except Exception as error:
         if os.environ.get(DEBUG):
             raise
+        if isinstance(error, ModuleNotFoundError) and find_spec("scipy") is None:  # planning and coding do without
+            _end("scipy is not installed; mend it with: pip install scipy", 3)
         told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(f"{told}; this is a bug of fapengine, please report it with what {DEBUG}=1 shows", FAULT)
 

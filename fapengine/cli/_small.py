@@ -1,4 +1,4 @@
-"""The command line where typer and rich are not installed: the verbs that need numpy and scipy alone.
+"""The command line where typer and rich are not installed: the verbs that need numpy alone, or with scipy.
 
 They have their main options, write what the whole verbs write, to the byte, and print JSON.
 """

@@ -26,12 +26,13 @@ from fapengine.cli import (
     serve,
     view,
 )
-from fapengine.cli._ending import run_to_the_end
+from fapengine.cli._ending import EXITS, run_to_the_end
 from fapengine.cli._verb import verb
 
 app = typer.Typer(
     name="fapengine",
     help="Speech to MPEG-4 facial animation: sentences or phone timings in, FAP streams and a talking face out.",
+    epilog=EXITS,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

@@ -5,8 +5,8 @@ from pathlib import Path
 from fapengine.codec.decoder import Decoded, Errors, decode
 from fapengine.codec.epf import PlaneOrder, parse_epf
 from fapengine.errors import DataError
-from fapengine.files.fba_film import is_mp4, read_fba_film
-from fapengine.files.paths import read_bytes
+from fapengine.files.fba_film import read_fba_film
+from fapengine.files.paths import is_mp4, read_bytes
 
 
 def load_fba(path: Path, *, errors: Errors = "strict", with_costs: bool = False) -> Decoded:

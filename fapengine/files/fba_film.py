@@ -30,13 +30,6 @@ else:
 SIDE = 16
 """Width and height that the track states; the format wants some."""
 CLOCK_HZ = 90_000
-MP4_MARK = b"ftyp"
-"""Bytes 4 to 7 of an MP4 file."""
-
-
-def is_mp4(data: bytes) -> bool:
-    """Tell an MP4 file by its first bytes."""
-    return data[4:8] == MP4_MARK
 
 
 def write_fba_film(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fapengine.errors import DataError
 from fapengine.files.fap import load_fap
-from fapengine.files.paths import read_bytes
+from fapengine.files.paths import is_mp4, read_bytes
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import parse_blend_track
 from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
@@ -23,8 +23,6 @@ def load_motion(path: Path) -> FapTrack:
     DataError
         If its content is wrong; the message names the file.
     """
-    from fapengine.files.fba_film import is_mp4  # with the coder: with Numba, whose import takes 0.2 s
-
     data = read_bytes(path)
     if data[:3] == b"\x00\x00\x01" or is_mp4(data):
         from fapengine.codec.interpolate import fill_track

@@ -282,3 +282,8 @@ def _exchange(one: Path, other: Path) -> bool:
     if (number := ctypes.get_errno()) in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM):
         raise OSError(number, os.strerror(number))
     return False
+
+
+def is_mp4(data: bytes) -> bool:
+    """Tell an MP4 file by its first bytes."""
+    return data[4:8] == b"ftyp"

@@ -6,8 +6,6 @@ are of similar size, as scans are, the nearest triangle is among the eight neare
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
@@ -43,6 +41,8 @@ class Surface:
             raise UsageError(
                 f"triangles: got {len(self.triangles)}, expected vertex indices 0..{count - 1} in at least one"
             )
+        from scipy.spatial import cKDTree  # late: a film of FAPs loads this module and does without
+
         corners = self.vertices_mm[self.triangles]
         self._corners = corners
         self._tree = cKDTree(corners.mean(axis=1))
@@ -126,6 +126,8 @@ class Surface:
 
 def vertex_normals(vertices: NDArray[np.float64], triangles: ArrayLike) -> NDArray[np.float64]:
     """(..., V, 3) vertices -> unit normals, each the area-weighted mean of its triangles'; zero where there is none."""
+    from scipy.sparse import csr_array
+
     corner = np.asarray(triangles)
     a, b, c = (vertices[..., corner[:, index], :] for index in range(3))
     flat = np.moveaxis(np.cross(b - a, c - a), -2, 0)

@@ -37,3 +37,8 @@ def test_saying_a_sentence_starts_without_what_it_does_not_use() -> None:
         "assert not {f'scipy.{part}' for part in parts} & set(sys.modules)"
     )
     assert not loaded & {"numba", "matplotlib"}
+
+
+def test_a_picture_of_faps_needs_neither_the_coder_s_compiler_nor_scipy() -> None:
+    loaded = modules_after("import fapengine.app.dense_film, fapengine.files.motion")
+    assert not {"numba", "scipy"} & loaded

@@ -1,6 +1,6 @@
-"""With numpy and scipy alone: timings in, FAPs, streams and tables out, in Python and at the command line.
+"""With numpy and scipy alone, and with numpy alone: timings in, FAPs, streams and tables out.
 
-``make oracles`` does the same in a new environment that has nothing else.
+``make oracles`` does the same in a new environment that has nothing else, and in Pyodide.
 """
 
 import json
@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import fapengine
 from fapengine.cli.main import app
 
-PACKAGES = ("numpy", "numpy.libs", "scipy", "scipy.libs")
+PACKAGES = {"scipy": ("numpy", "numpy.libs", "scipy", "scipy.libs"), "numpy": ("numpy", "numpy.libs")}
 VERBS = [
     ["animate", "a.pho", "-o", "a.fap"],
     ["encode", "a.fap", "-o", "a.fba", "--quant", "4", "--intra-every", "5"],
@@ -68,13 +68,13 @@ print(*lacking, sep="\\n")
 """
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that has numpy, scipy and fapengine, and no other library."""
+@pytest.fixture(scope="module", params=PACKAGES)
+def site(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    """A folder that has numpy and fapengine, scipy or not, and no other library."""
     folder = tmp_path_factory.mktemp("site")
     (folder / "fapengine").symlink_to(Path(fapengine.__file__).parent)
     installed = Path(numpy.__file__).parent.parent
-    for name in PACKAGES:
+    for name in PACKAGES[request.param]:
         if (installed / name).exists():
             (folder / name).symlink_to(installed / name)
     return folder
@@ -125,6 +125,14 @@ def test_what_is_lacking_is_said_in_a_line(site: Path, folder: Path) -> None:
     for (line, code), (_, expected, text) in zip(told, REFUSED, strict=True):
         assert line.startswith("fapengine: ")
         assert (code, text in line) == (f"CODE {expected}", True), line
+
+
+def test_scipy_is_missed_in_a_line(site: Path, folder: Path) -> None:
+    out, err = run(PROGRAM, site, folder, json.dumps([VERBS[0], ["convert", "a.fap", "-o", "a.vrma"]]))
+    if (site / "scipy").exists():
+        assert out[-1] == "CODE 0"
+    else:
+        assert err[-2:] == ["fapengine: scipy is not installed; mend it with: pip install scipy", "CODE 3"]
 
 
 def test_python_s_front_door_opens(site: Path, folder: Path) -> None:

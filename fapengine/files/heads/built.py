@@ -13,7 +13,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy
-import scipy
 
 import fapengine.mesh
 from fapengine.errors import FapEngineError
@@ -81,6 +80,8 @@ def _folder() -> Path | None:
 
 def _digest(style: HeadStyle, level: str) -> str:
     """Name of everything that a head depends on."""
+    import scipy  # planning starts without it
+
     digest = hashlib.sha256(f"{SCHEMA} {numpy.__version__} {scipy.__version__}".encode())
     digest.update(f"{style} {level}".encode())
     package = Path(fapengine.mesh.__path__[0]).parent

@@ -1,5 +1,7 @@
 """What every verb gets: groups of options, and errors in the words of the command line."""
 
+import re
+import signal
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -8,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from fapengine.cli import head
+from fapengine.cli._ending import EXIT_CODES, FAULT
 from fapengine.cli._verb import verb, with_flags
 from fapengine.cli.main import VERBS, app
 from fapengine.errors import DataError, ResourceError, UsageError
@@ -87,3 +90,9 @@ def test_help_shows_examples_that_can_be_copied(name: str) -> None:
     shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output.splitlines()
     assert examples[0].startswith(f"fapengine {name}")
     assert set(examples) <= {line.strip() for line in shown}
+
+
+def test_help_says_what_exit_codes_mean() -> None:
+    shown = " ".join(CliRunner().invoke(app, ["--help"], env={"COLUMNS": "200"}).output.split())
+    for code in [code for _, code in EXIT_CODES] + [FAULT, 128 + signal.SIGINT]:
+        assert re.search(rf"[ :]{code}\b", shown[shown.index("Exit codes:") :])
