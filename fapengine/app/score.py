@@ -52,6 +52,8 @@ class ScoreJob:
     """Opening under which lips count as closed."""
     voice: str = "en-us"
     """Voice that pronounces timings which have words only."""
+    read_phones: Callable[[Path], PhoneTrack] = load_timings
+    """Reader of the timings; by default what their format is, their content tells."""
     output: Path | None = None
     """File for the report, HTML; None for none."""
 
@@ -79,7 +81,7 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
     if job.output is not None and job.output.suffix not in (".html", ".htm"):
         raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
     made = _mouth(job.made, job.offset_s, on_frame)
-    phones = pronounced(load_timings(job.phones), job.voice) if job.phones is not None else None
+    phones = pronounced(job.read_phones(job.phones), job.voice) if job.phones is not None else None
     truth = _mouth(job.against, 0.0, on_frame) if job.against is not None else None
     if job.plan and phones is not None:
         truth = mouth_of(plan_of(phones, (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))))

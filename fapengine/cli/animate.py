@@ -26,24 +26,12 @@ def animate(
     language: _hearing.Language = "en-us",
     channel: _hearing.Channel = None,
     ear: _hearing.EarModel = None,
-    file_format: Annotated[
-        str | None, typer.Option("--format", help="Of the timings, if the content does not tell: textgrid, htk, ...")
-    ] = None,
-    tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: the tier that holds the phones.")] = None,
-    alphabet: Annotated[
-        str | None, typer.Option("--alphabet", help="Of the labels, if not to be guessed: ipa, arpabet, pinyin, ...")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            "--columns", help="Of a CSV or JSON list: start=NAME,end=NAME,label=NAME,unit=ms; of frames: fps=24."
-        ),
-    ] = None,
     voice: Annotated[
         str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
     ] = "en-us",
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
+    timings: shared.TimingOptions = shared.TimingOptions(),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -70,16 +58,9 @@ def animate(
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output
     from fapengine.files.sound import load_sound
-    from fapengine.files.timings import load_timings
 
     listens = is_sound(source)
-    of_timings = {
-        "--audio": audio,
-        "--format": file_format,
-        "--tier": tier,
-        "--alphabet": alphabet,
-        "--columns": columns,
-    }
+    of_timings = {"--audio": audio, **timings.given}
     of_sound = {"--text": text, "--transcript": transcript, "--ear": ear}
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
@@ -110,8 +91,7 @@ def animate(
             phones, report.notes = hearing.phones, hearing.notes
         else:
             with report.stage("read"):
-                read = load_timings(source, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
-                phones = pronounced(read, voice)
+                phones = pronounced(timings.load(source), voice)
         with report.stage("read"):
             recording = source if listens else audio
             sound = load_sound(recording, channel=number) if recording else None

@@ -24,11 +24,8 @@ def inspect(
     sliders: Path | None = typer.Option(
         None, "--sliders", help="Of a profile: write a page with a slider for each component (.html)."
     ),
-    file_format: str | None = typer.Option(None, "--format", help="Timings: format, if the content does not tell."),
-    tier: str | None = typer.Option(None, "--tier", help="Timings: TextGrid tier that holds the phones."),
-    alphabet: str | None = typer.Option(None, "--alphabet", help="Timings: ipa, arpabet ..., if not to be guessed."),
-    columns: str | None = typer.Option(None, "--columns", help="Timings: start=NAME,end=NAME,label=NAME,unit=ms."),
     as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
+    timings: shared.TimingOptions = shared.TimingOptions(),
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Say what is in a file, a profile or a head; what a file is, its bytes decide.
@@ -44,14 +41,15 @@ def inspect(
     from fapengine.cli._inspect_media import inspect_head, inspect_motion, inspect_picture, inspect_recording
     from fapengine.cli._inspect_watched import inspect_watched
     from fapengine.errors import UnsupportedError, UsageError
-    from fapengine.files.fba_film import is_mp4, read_fba_film
-    from fapengine.files.paths import read_bytes
+    from fapengine.files.fba_film import read_fba_film
+    from fapengine.files.paths import is_mp4, read_bytes
     from fapengine.files.recordings import MESHES, is_table, mesh_files
     from fapengine.mesh.default_head.people import parse_person
     from fapengine.retarget.blend_tracks import is_blend_table
     from fapengine.retarget.vmc_recording import is_vmc_recording
     from fapengine.speech.formats.registry import guess_format
 
+    file_format = timings.file_format
     writing.check([output for output in (plot, sliders) if output is not None], [path])
     is_profile = (path / "profile.toml").is_file() or str(path) in profile_ids()
     if sliders is not None and not is_profile:
@@ -87,10 +85,10 @@ def inspect(
         inspect_motion(path, "shapes, as FAPs", as_json=as_json, everything=everything, plot=plot)
     elif file_format is not None or guess_format(data, ending=path.suffix) is not None:
         from fapengine.cli._inspect_timings import inspect_timings
-        from fapengine.files.timings import load_timings
 
-        track = load_timings(path, file_format=file_format, tier=tier, alphabet=alphabet, columns=columns)
-        inspect_timings(path, track, as_json=as_json, everything=everything, plot=plot, file_format=file_format)
+        inspect_timings(
+            path, timings.load(path), as_json=as_json, everything=everything, plot=plot, file_format=file_format
+        )
     elif path.suffix.lower() == ".fap":
         inspect_motion(path, "FAPs", as_json=as_json, everything=everything, plot=plot)
     elif path.suffix.lower() in SOUND_SUFFIXES:

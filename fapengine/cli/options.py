@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from fapengine.app.manner import Manner
     from fapengine.app.say_live import LiveOutput
     from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
+    from fapengine.speech.phone_track import PhoneTrack
     from fapengine.trajectory.style import Style
     from fapengine.voices.choice import VoiceChoice
 
@@ -257,6 +258,43 @@ class WriteOptions:
 
         if before:
             at_end.get()(tell)
+
+
+@dataclass(frozen=True, slots=True)
+class TimingOptions:
+    """Options that say how phone timings are read."""
+
+    file_format: Annotated[
+        str | None, typer.Option("--format", help="Of the timings, if the content does not tell: textgrid, htk, ...")
+    ] = None
+    tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: the tier that holds the phones.")] = None
+    alphabet: Annotated[
+        str | None, typer.Option("--alphabet", help="Of the labels, if not to be guessed: ipa, arpabet, pinyin, ...")
+    ] = None
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns", help="Of a CSV or JSON list: start=NAME,end=NAME,label=NAME,unit=ms; of frames: fps=24."
+        ),
+    ] = None
+
+    @property
+    def given(self) -> "Mapping[str, str | None]":
+        """Each option's value by its flag; None where it was not given."""
+        return {
+            "--format": self.file_format,
+            "--tier": self.tier,
+            "--alphabet": self.alphabet,
+            "--columns": self.columns,
+        }
+
+    def load(self, path: Path) -> "PhoneTrack":
+        """Read timings as the options say; raises what :func:`fapengine.files.timings.load_timings` does."""
+        from fapengine.files.timings import load_timings
+
+        return load_timings(
+            path, file_format=self.file_format, tier=self.tier, alphabet=self.alphabet, columns=self.columns
+        )
 
 
 @dataclass(frozen=True, slots=True)

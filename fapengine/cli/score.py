@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import AsJson, WriteOptions
+from fapengine.cli.options import AsJson, TimingOptions, WriteOptions
 
 
 def score(
@@ -35,6 +35,7 @@ def score(
     ] = "en-us",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with pictures (.html).")] = None,
     as_json: AsJson = False,
+    timings: TimingOptions = TimingOptions(),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Score a lip sync, anybody's: closures, timing, likeness, loudness, head and blinks.
@@ -49,12 +50,16 @@ def score(
     """
     from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
     from fapengine.cli._progress import progress
+    from fapengine.errors import UsageError
     from fapengine.files.report.score_page import score_rows
     from fapengine.files.video import count_pictures
 
+    for flag, value in timings.given.items():
+        if value is not None and phones is None:
+            raise UsageError(f"{flag}: got {value} without --phones, whose timings it is for")
     job = ScoreJob(
         made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
-        voice=voice, output=output,
+        voice=voice, read_phones=timings.load, output=output,
     )  # fmt: skip
     if output is not None:
         writing.check([output], [made, against, phones, audio])

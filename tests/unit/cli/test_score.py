@@ -93,3 +93,16 @@ def test_bad_input_is_one_error(
     monkeypatch.chdir(talk)
     with pytest.raises(error, match=message):
         run("score", *arguments)
+
+
+def test_timings_are_read_as_is_said(talk: Path) -> None:
+    unnamed = talk / "timings.txt"
+    unnamed.write_bytes((talk / "talk.lab").read_bytes())
+    first = json.loads(run("score", talk / "talk.fap", "--phones", talk / "talk.lab", "--json"))
+    again = json.loads(run("score", talk / "talk.fap", "--phones", unnamed, "--format", "htk", "--json"))
+    assert again == first
+    unnamed.write_text("what is this?\n", encoding="utf-8")
+    with pytest.raises(DataError, match="--format NAME says which"):
+        run("score", talk / "talk.fap", "--phones", unnamed)
+    with pytest.raises(UsageError, match=r"--tier: got phones without --phones"):
+        run("score", talk / "talk.fap", "--tier", "phones")
