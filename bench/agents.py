@@ -9,6 +9,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from fapengine.agents.spoken_words import TimedWord
 from fapengine.agents.stage import Stage
 from fapengine.agents.troupe import Troupe
 from fapengine.ears.process import DirectEar
+from fapengine.ears.protocol import Ear
+from fapengine.ears.small_ear import SmallEar
 from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.files.heads.load import load_head
 from fapengine.files.profiles import load_profile
@@ -97,8 +100,8 @@ def measured() -> dict[str, float]:
         stage.words(words)
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
-    def by_ear() -> list[np.ndarray]:
-        stage = Stage(profile, rng=np.random.default_rng(1), ear=DirectEar(SphinxEar()))
+    def by_ear(ear: Callable[[], Ear]) -> list[np.ndarray]:
+        stage = Stage(profile, rng=np.random.default_rng(1), ear=DirectEar(ear()))
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
     def by_words_together() -> None:
@@ -115,7 +118,9 @@ def measured() -> dict[str, float]:
     costs = {"stage, alone": _cpu_s(by_words, length_s)}
     costs[f"stage, {TOGETHER} together"] = _cpu_s(by_words_together, TOGETHER * length_s, repeats=2)
     costs |= _pronouncing(voice)
-    costs["ear"] = max(_cpu_s(by_ear, length_s) - costs["stage, alone"], 0.0)
+    ears: dict[str, Callable[[], Ear]] = {"PocketSphinx": SphinxEar, "small ear": SmallEar}
+    for name, ear in ears.items():
+        costs[name] = max(_cpu_s(partial(by_ear, ear), length_s) - costs["stage, alone"], 0.0)
     count = len(frames)
     track = FapTrack.of(np.array(frames), rate_hz=RATE_HZ)
     costs["FAPs as OSC"] = _cpu_s(lambda: encode_track(track, session="a"), count / RATE_HZ)
@@ -164,9 +169,11 @@ def _vp8(pictures: list[np.ndarray]) -> None:
 
 
 KINDS = {
-    "drawn, heard": ("stage, alone", "ear", "drawing", "VP8, 500 kbit/s"),
+    "drawn, PocketSphinx": ("stage, alone", "PocketSphinx", "drawing", "VP8, 500 kbit/s"),
+    "drawn, small ear": ("stage, alone", "small ear", "drawing", "VP8, 500 kbit/s"),
     "drawn, with words": ("stage, alone", "words, one by one", "drawing", "VP8, 500 kbit/s"),
-    "FAPs, heard": (f"stage, {TOGETHER} together", "ear", "FAPs as OSC"),
+    "FAPs, PocketSphinx": (f"stage, {TOGETHER} together", "PocketSphinx", "FAPs as OSC"),
+    "FAPs, small ear": (f"stage, {TOGETHER} together", "small ear", "FAPs as OSC"),
     "FAPs, word by word": (f"stage, {TOGETHER} together", "words, one by one", "FAPs as OSC"),
     "FAPs, by sentences": (f"stage, {TOGETHER} together", "words, by sentences", "FAPs as OSC"),
     "FAPs, with phones": (f"stage, {TOGETHER} together", "FAPs as OSC"),

@@ -154,12 +154,14 @@ async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
 def measured(seen: Seen) -> dict[str, Any]:
     """Compare what came as pictures with what came as sound."""
     caller, speech = seen.caller, seen.spoken.speech
-    first = found(speech.samples.astype(float), speech.sample_rate_hz, caller.sound.astype(float))
-    starts = np.cumsum([0, *(len(entry.value) for entry in caller.sounds)])[:-1]  # type: ignore[arg-type]
-    stamps = [round(entry.stamp_s * RATE_HZ) for entry in caller.sounds]
+    stamps = np.array([round(entry.stamp_s * RATE_HZ) for entry in caller.sounds])
+    received = np.zeros(stamps[-1] - stamps[0] + RATE_HZ)  # as it was made: what is missing is silent
+    for entry, stamp in zip(caller.sounds, stamps - stamps[0], strict=True):
+        received[stamp : stamp + len(entry.value)] = entry.value  # type: ignore[arg-type,call-overload]
+    first = found(speech.samples.astype(float), speech.sample_rate_hz, received) + stamps[0]
     audio, video = seen.wires["audio"], seen.wires["video"]
     came_s = np.array([audio.arrived_s(stamp) for stamp in stamps])
-    steady_s = np.median(came_s - starts / RATE_HZ)  # a player plays as steadily as the sound was made
+    steady_s = np.median(came_s - stamps / RATE_HZ)  # a player plays as steadily as the sound was made
     by_arrival, by_reports = [], []
     at: dict[str, list[int]] = {"shut": [], "open": []}
     labels = [(phone.label, phone.start_s, phone.end_s) for phone in speech.phones.phones]
@@ -172,7 +174,7 @@ def measured(seen: Seen) -> dict[str, Any]:
         sample = first + position_s * RATE_HZ
         stamp = round(entry.stamp_s * VIDEO_HZ)
         by_arrival.append(steady_s + sample / RATE_HZ - video.arrived_s(stamp))
-        sound_s = audio.sent_s(stamps[0] + sample, RATE_HZ)
+        sound_s = audio.sent_s(sample, RATE_HZ)
         by_reports.append(sound_s - video.sent_s(stamp, VIDEO_HZ))
         for label, start_s, end_s in labels:
             third_s = (end_s - start_s) / 3
@@ -189,7 +191,7 @@ def measured(seen: Seen) -> dict[str, Any]:
         "reports_p95_ms": round(1000 * float(np.percentile(np.abs(by_reports), 95)), 1),
         "dark_shut": at["shut"],
         "dark_open": at["open"],
-        "shut_told_from_open": max(at["shut"]) < min(at["open"]),
+        "shut_told_from_open": max(at["shut"], default=0) < min(at["open"], default=0),
         "cpu_share": round(seen.cpu_s / seen.wall_s, 2),
     }
 

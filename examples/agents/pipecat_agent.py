@@ -106,7 +106,7 @@ def processors(size: tuple[int, int] = SIZE) -> list[FrameProcessor]:
 async def talk(connection: SmallWebRTCConnection, size: tuple[int, int]) -> None:
     """Be the agent of one visitor, until it leaves."""
     params = TransportParams(
-        audio_out_enabled=True, audio_out_10ms_chunks=2,
+        audio_out_enabled=True, audio_out_10ms_chunks=1,
         video_out_enabled=True, video_out_width=size[0], video_out_height=size[1], video_out_framerate=30,
     )  # fmt: skip
     transport = SmallWebRTCTransport(connection, params)

@@ -1,9 +1,9 @@
 """A face for Pipecat: a processor behind the TTS that adds pictures (``pip install fapengine[pipecat,voice,ear]``).
 
-It takes the sound, and words with times where the TTS tells them, and pushes each picture with ``sync_with_audio`` in
-the middle of the sound that belongs to it, so that the transport shows it when that sound is sent; let the transport
-send pieces of 20 ms (``audio_out_10ms_chunks=2``). What follows the sound still follows it. While nothing is
-said the face looks about and blinks.
+It takes the sound, and words with times where the TTS tells them, and pushes each picture with ``sync_with_audio`` into
+the sound that belongs to it, so that the transport shows it when that sound is sent; let the transport send pieces of
+10 ms (``audio_out_10ms_chunks=1``). What follows the sound still follows it. While nothing is said the face looks about
+and blinks.
 
 Examples
 --------
@@ -45,18 +45,22 @@ from fapengine.agents.mark_timer import MarkTimer
 from fapengine.agents.sound_queue import Sound
 from fapengine.errors import FapEngineError
 
+PICTURE_AFTER_S = 0.01
+"""Time in its sound at which a picture is pushed.
 
-def halves(sounds: Sequence[Sound]) -> tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]]:
-    """Cut a frame's sound in its middle, where its picture belongs: a transport shows it some 20 ms too early in front.
+A transport's turns of 1/30 s show it 17 ms later in the mean, and a packet of Opus holds sound back by 20 ms;
+``tests/frameworks/check_pipecat.py`` measures what comes of it.
+"""
 
-    That is by as much as a packet holds sound back (20 ms, Opus).
-    """
+
+def around_picture(sounds: Sequence[Sound]) -> tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]]:
+    """Cut a frame's sound where its picture belongs, :data:`PICTURE_AFTER_S` behind its beginning."""
     parts: tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]] = ([], [])
     for sound in sounds:
-        middle = len(sound.samples) // 2
-        for half, samples in zip(parts, (sound.samples[:middle], sound.samples[middle:]), strict=True):
+        cut = round(PICTURE_AFTER_S * sound.rate_hz)
+        for part, samples in zip(parts, (sound.samples[:cut], sound.samples[cut:]), strict=True):
             if len(samples):
-                half.append(TTSAudioRawFrame(samples.astype("<i2").tobytes(), sound.rate_hz, 1))
+                part.append(TTSAudioRawFrame(samples.astype("<i2").tobytes(), sound.rate_hz, 1))
     return parts
 
 
@@ -207,7 +211,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 if cuts != self._cuts:
                     continue  # interrupted while it was drawn: nobody is to hear this any more
                 picture.sync_with_audio = bool(frame.sounds)
-                before, behind = halves(frame.sounds)
+                before, behind = around_picture(frame.sounds)
                 for each in (*before, picture, *behind):
                     await self.push_frame(each)
         except FapEngineError as error:

@@ -1,7 +1,6 @@
 """Pictures and sound of a call on virtual time, on machines that have too much to do: the sound never waits."""
 
 import asyncio
-import selectors
 from collections.abc import Coroutine
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -11,36 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.live.calls.tracks import FilmTracks
+from fapengine.live.calls.tracks import MAX_BLOCKS, FilmTracks
 from fapengine.live.film.film import SHOW_AFTER_S
 from fapengine.live.film.latest import MAX_LATE_S, SEEN_S
 from fapengine.live.film.soundtrack import BLOCK_S
+from tests.leaping import LeapingLoop
 
 SIZE = (16, 16)
 PIXELS = bytes(3 * SIZE[0] * SIZE[1])
 TALK_S = 20.0
 TICK_S = 1 / 60
-
-
-class LeapingLoop(asyncio.SelectorEventLoop):
-    """An event loop that does not wait: its time goes on to the next thing that is due. Stateful."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-        super().__init__(_Leaping(self))
-
-    def time(self) -> float:
-        return self.now_s
-
-
-class _Leaping(selectors.SelectSelector):
-    def __init__(self, loop: LeapingLoop) -> None:
-        super().__init__()
-        self._loop = loop
-
-    def select(self, timeout: float | None = None) -> list[Any]:
-        self._loop.now_s += timeout or 0.0
-        return super().select(0)
 
 
 @dataclass
@@ -126,3 +105,20 @@ def test_what_is_in_time_is_shown() -> None:
     assert seen.dropped < 0.01 * len(seen.pictures)
     late = run(talk(0.3, 0.1, 1))
     assert 1.5 * TALK_S < len(late.pictures) < 4 * TALK_S
+
+
+def test_a_call_that_takes_long_to_connect_does_not_begin_with_a_burst() -> None:
+    async def connect() -> Seen:
+        clock = asyncio.get_running_loop().time
+        tracks, seen = FilmTracks(SIZE, clock, lambda _: None), Seen()
+        for number in range(40):
+            tracks.sound(number * BLOCK_S, np.zeros(960, np.int16))
+        await asyncio.sleep(0.71)
+        while not seen.sounds or seen.sounds[-1][0] < 39 * BLOCK_S:
+            frame = await tracks.audio.recv()
+            seen.sounds.append((float(frame.pts * frame.time_base), clock()))
+        return seen
+
+    seen = run(connect())
+    assert len(seen.sounds) == MAX_BLOCKS
+    assert all(at_s - of_s < SHOW_AFTER_S + BLOCK_S for of_s, at_s in seen.sounds)

@@ -14,8 +14,9 @@ from fapengine.live.film.latest import MAX_LATE_S, Latest
 from fapengine.live.film.soundtrack import RATE_HZ, Samples
 
 VIDEO_HZ = 90_000
-MAX_BLOCKS = 50
-"""Blocks of sound that may wait for a caller whose encoder is behind; the oldest is dropped."""
+MAX_BLOCKS = 10
+"""Blocks of sound that may wait, 0.2 s; the oldest is dropped: sound is 0.1 s late at most where the encoder is behind,
+and when a call has just connected."""
 
 
 class FilmTrack(MediaStreamTrack):

@@ -5,7 +5,6 @@ repeats and listens; all methods may be called from any thread and return at onc
 """
 
 import secrets
-import select
 import socket
 import threading
 import time
@@ -13,17 +12,17 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.live.clients.pipes import CONNECT_S, Datagrams, Stream, TcpFraming
 from fapengine.live.engine.command_table import Command, shifted
 from fapengine.live.engine.commands import Anchor, Pause, Resume
 from fapengine.live.engine.gesture_methods import GestureMethods
-from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.live.wire.speech_osc import schema
 from fapengine.live.wire.speech_osc.handshake import PING_S
 from fapengine.live.wire.speech_osc.sender import OscSender
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 
 PORT = 9110
 """Port of ``fapengine serve``."""
-CONNECT_S = 5.0
 LINGER_S = 5.0
 """Time that :meth:`Client.close` waits until what was said has come."""
 SILENT_S = 0.5
@@ -49,9 +47,6 @@ and between its questions."""
 KEPT_EVENTS = 256
 KEPT_OVER = 1024
 """Number of utterances whose end is remembered."""
-MAX_AT_ONCE = 64
-"""Datagrams that are read before something is sent again."""
-TcpFraming = Literal["slip", "length"]
 Phones = PhoneTrack | Iterable[Phone | schema.WirePhone]
 
 
@@ -493,8 +488,8 @@ class Client(GestureMethods):
         for packet in packets:
             self._pipe.send(packet)
 
-    def _opened(self, host: str, port: int) -> "_Stream | _Datagrams":
-        return _Stream(host, port, self._framing) if self._framing else _Datagrams(host, port)
+    def _opened(self, host: str, port: int) -> Stream | Datagrams:
+        return Stream(host, port, self._framing) if self._framing else Datagrams(host, port)
 
     def _is_lost(self) -> bool:
         with self._changed:
@@ -548,82 +543,6 @@ class Client(GestureMethods):
 
 class _ClosedError(UsageError):
     """The client was told something after it was closed."""
-
-
-class _Datagrams:
-    """UDP, to one address."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"udp://{host}:{port}"
-        self.is_refused = False
-        """Whether the system has told that nobody listens there."""
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family, kind, protocol)
-            self._socket.connect(address)
-        except OSError as error:
-            raise ResourceError(f"engine at {self.name}: {error}") from error
-        self._socket.setblocking(False)
-
-    def send(self, packet: bytes) -> None:
-        try:
-            self._socket.send(packet)
-        except OSError as error:  # nobody listens, no room, no network: as a datagram that is lost
-            self.is_refused |= isinstance(error, ConnectionRefusedError)
-
-    def receive(self, wait_s: float, wake: socket.socket) -> list[bytes]:
-        _wait([self._socket, wake], wait_s, wake)
-        packets: list[bytes] = []
-        for _ in range(MAX_AT_ONCE):
-            try:
-                packets.append(self._socket.recv(65_536))
-            except BlockingIOError:
-                break
-            except OSError as error:  # what was sent before did not go: nobody listens, no network
-                self.is_refused |= isinstance(error, ConnectionRefusedError)
-        return packets
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class _Stream:
-    """TCP."""
-
-    is_refused = False
-
-    def __init__(self, host: str, port: int, framing: TcpFraming) -> None:
-        self.name = f"tcp://{host}:{port}"
-        if framing not in ("slip", "length"):
-            raise UsageError(f"tcp: got {framing!r}, expected 'slip' or 'length'")
-        try:
-            self._socket = socket.create_connection((host, port), timeout=CONNECT_S)
-        except OSError as error:
-            raise ResourceError(f"engine at {self.name}: {error}") from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._encode = encode_slip if framing == "slip" else encode_length
-        self._decoder = SlipDecoder() if framing == "slip" else LengthDecoder()
-
-    def send(self, packet: bytes) -> None:
-        self._socket.sendall(self._encode(packet))
-
-    def receive(self, wait_s: float, wake: socket.socket) -> list[bytes]:
-        if self._socket not in _wait([self._socket, wake], wait_s, wake):
-            return []
-        data = self._socket.recv(65_536)
-        if not data:
-            raise ConnectionError("closed by the engine")
-        return self._decoder.feed(data)
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-def _wait(sockets: list[socket.socket], wait_s: float, wake: socket.socket) -> list[socket.socket]:
-    ready, _, _ = select.select(sockets, [], [], wait_s)
-    if wake in ready:
-        wake.recv(4096)
-    return ready
 
 
 def _anchor(at_s: float | None, audio: bool) -> Anchor:

@@ -1,0 +1,77 @@
+"""Virtual time: an event loop that never waits, whose time leaps to the next thing that is due."""
+
+import asyncio
+import queue
+import selectors
+import time
+from concurrent.futures import Executor
+from threading import Lock
+from typing import Any
+
+import pytest
+
+
+class LeapingLoop(asyncio.SelectorEventLoop):
+    """Stateful: its time stands still while anything is worked on, in threads too, so a busy machine is not seen."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.working = 0
+        """Number of things that threads work on."""
+        self._lock = Lock()
+        super().__init__(_Leaping(self))
+
+    def time(self) -> float:
+        return self.now_s
+
+    def works(self, more: int) -> None:
+        """Count things that a thread begins (1) or has done (-1)."""
+        with self._lock:
+            self.working += more
+
+    def run_in_executor(self, executor: Executor | None, func: Any, *args: Any) -> "asyncio.Future[Any]":
+        future = super().run_in_executor(executor, func, *args)
+        self.works(1)
+        future.add_done_callback(lambda _: self.works(-1))
+        return future
+
+    def lend(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Have this process go by the loop's time, and the loop wait for the decoding threads of aiortc."""
+        from aiortc import clock, rtcrtpreceiver
+
+        begun_s, begun = time.time(), clock.current_datetime()
+        loop = self
+
+        class Tasks(queue.Queue[Any]):
+            """Queue of what a thread decodes; it takes the next one when it has told of the one before."""
+
+            has_taken = False
+
+            def put(self, task: Any, block: bool = True, timeout: float | None = None) -> None:
+                loop.works(1)
+                super().put(task, block, timeout)
+
+            def get(self, block: bool = True, timeout: float | None = None) -> Any:
+                loop.works(-int(self.has_taken))
+                self.has_taken = True
+                return super().get(block, timeout)
+
+        monkeypatch.setattr(time, "monotonic", self.time)
+        monkeypatch.setattr(time, "time", lambda: begun_s + self.now_s)
+        monkeypatch.setattr(clock, "current_datetime", lambda: begun + clock.datetime.timedelta(seconds=self.now_s))
+        monkeypatch.setattr(rtcrtpreceiver, "queue", type("queue", (), {"Queue": Tasks}))
+
+
+class _Leaping(selectors.SelectSelector):
+    def __init__(self, loop: LeapingLoop) -> None:
+        super().__init__()
+        self._loop = loop
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        is_working = self._loop.working  # asked first: a thread that ends meanwhile has told the loop, below
+        if (ready := super().select(0)) or timeout == 0:
+            return ready
+        if is_working or timeout is None:
+            return super().select(0.005)
+        self._loop.now_s += timeout
+        return super().select(0)
