@@ -84,8 +84,13 @@ export class Session extends EventTarget {
   follow(time) {
     const before = this.moment;
     const now = (this.moment = this.utterances.at(time));
-    if (!now || (before?.utterance === now.utterance && before.index === now.index)) return;
+    const since = this.followed ?? time;
+    this.followed = time;
+    if (!now) return;
     if (before?.utterance !== now.utterance) this.tell("begin", this.utterances.said.get(now.utterance));
+    // However few pictures are drawn, every phone is told.
+    for (const passed of this.utterances.passed(since, time)) this.tell("phone", passed);
+    if (before?.utterance === now.utterance && before.index === now.index) return;
     const { utterance, label, word, position } = now;
     this.tell("phone", { utterance, label, word, position_s: position });
   }

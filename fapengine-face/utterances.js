@@ -72,9 +72,20 @@ export class Utterances {
       return null;
     }
     const phone = said.phones[index];
-    const label = phone && phone.label !== SILENT ? phone.label : "";
-    return { utterance: said.utterance, position, index, label, word: phone?.word ?? null };
+    return { utterance: said.utterance, position, index, label: heard(phone), word: phone?.word ?? null };
   }
+
+  // Phones of what is being said that began and ended between two times: [{ utterance, label, word, position_s }].
+  passed(since, until) {
+    const { utterance, phones, offset } = this.said.get(this.current);
+    return phones
+      .filter((phone) => phone && phone.start > since + offset && phone.end <= until + offset)
+      .map((phone) => ({ utterance, label: heard(phone), word: phone.word, position_s: phone.start }));
+  }
+}
+
+function heard(phone) {
+  return phone && phone.label !== SILENT ? phone.label : "";
 }
 
 // An utterance's text cut into pieces that belong to a word of its phones or to none: [{ text, first, last }], first and

@@ -60,7 +60,7 @@ class Page {
       isBusy: () => this.session.isSpeaking || this.recorder.on,
       shown: (shown, now) => this.shown(shown, now),
     });
-    if (this.picture.trouble) this.notice(`${this.picture.trouble} The face speaks all the same, unseen.`);
+    this.notice(this.unseen());
     this.ticker = new Ticker(byId("ticker"));
     this.caption = new Caption(byId("said"), byId("queue"));
     this.panel = new Panel(setup, (type, fields) => this.session.send(type, fields));
@@ -291,7 +291,7 @@ class Page {
   listen() {
     const heard = {
       connection: (name) => this.connection(name),
-      refused: (why) => this.notice(why || (this.picture.trouble ?? "")),
+      refused: (why) => this.notice(why || this.unseen()),
       stand: (still) => this.told(still ? "Paused; Space goes on." : ""),
       begin: (utterance) => this.begin(utterance),
       phone: () => this.caption.follow(this.session.moment.index),
@@ -300,10 +300,15 @@ class Page {
     for (const [type, hear] of Object.entries(heard)) this.session.addEventListener(type, ({ detail }) => hear(detail));
   }
 
+  // Why there is no picture; empty where there is one.
+  unseen() {
+    return this.picture.trouble ? `${this.picture.trouble} The face speaks all the same, unseen.` : "";
+  }
+
   connection(name) {
     document.body.dataset.connection = name;
     write("connection", CONNECTIONS[name]);
-    if (name === "connected") this.notice(this.picture.trouble ?? "");
+    if (name === "connected") this.notice(this.unseen());
     else this.ticker.clear();
   }
 

@@ -34,7 +34,7 @@ def test_a_face_is_called_and_says_what_the_microphone_hears(page: Page) -> None
     assert page.run("document.activeElement.id") == "call"
     page.key("Enter")
     page.until(f"{FACE}.videoWidth === 256")
-    assert page.run("document.getElementById('state').textContent") == "You see the face."
+    page.until("document.getElementById('state').textContent === 'You see the face.'")
     rest = int((mouth(page) < 110).sum())
     press(page, "microphone")
     page.until("document.body.dataset.speaking === 'true'")

@@ -580,6 +580,18 @@ def test_a_hidden_page_is_sent_nothing_and_nothing_piles_up(page: Page) -> None:
     assert nodes["after"] <= nodes["before"] + 20
 
 
+def test_no_button_lies_over_the_face_at_400_percent(page: Page) -> None:
+    page.open("hella")
+    page.call("Emulation.setDeviceMetricsOverride", width=320, height=200, deviceScaleFactor=1, mobile=True)
+    page.sleep(0.2)
+    face, views = (
+        page.run(f"(({{ top, bottom }}) => [top, bottom])(document.getElementById('{name}').getBoundingClientRect())")
+        for name in ("face", "views")
+    )
+    page.call("Emulation.clearDeviceMetricsOverride")
+    assert face[0] + 100 <= face[1] <= views[0] < views[1] <= 200
+
+
 @pytest.mark.parametrize(("width", "height", "landscape"), [(360, 225, False), (844, 390, True)])
 def test_a_short_window_shows_all_that_can_be_used(page: Page, width: int, height: int, landscape: bool) -> None:
     page.open("jette")
@@ -624,8 +636,22 @@ def test_sliders_are_there_in_forced_colours(page: Page) -> None:
     page.open("fiona")
     page.call("Emulation.setEmulatedMedia", features=[{"name": "forced-colors", "value": "active"}])
     before = page.run("getComputedStyle(document.getElementById('expression-joy')).appearance")
+    left, top, right, bottom = page.run(
+        "(({ left, top, right, bottom }) => [left, top, right, bottom].map(Math.round))"
+        "(document.getElementById('expression-joy').getBoundingClientRect())"
+    )
+    slider = page.picture()[top:bottom, left:right].astype(int).mean(axis=2)
     page.call("Emulation.setEmulatedMedia", features=[])
     assert before == "auto"
+    assert np.ptp(slider[:, 2:-2], axis=0).min() > 60  # its track is seen from end to end
+
+
+def test_the_face_fills_the_screen_and_comes_back(page: Page) -> None:
+    page.open("frida")
+    page.run("document.getElementById('full').click()")
+    page.until("document.fullscreenElement?.id === 'stage'")
+    page.run("document.getElementById('full').click()")
+    page.until("document.fullscreenElement === null")
 
 
 def test_everything_to_be_pressed_is_24_pixels_high_and_wide(page: Page) -> None:
@@ -719,13 +745,29 @@ def test_a_lost_graphics_context_comes_back_with_the_face(page: Page) -> None:
     page.complaints[:] = [one for one in page.complaints if "context" not in one.lower()]
 
 
+def test_every_phone_is_told_however_few_pictures_are_drawn(page: Page) -> None:
+    page.open("olga")
+    page.run(KEEP_FRAMES)
+    page.run("window.told = []; page.session.addEventListener('phone', ({ detail }) => told.push(detail.label))")
+    say(page, "Mama, mama, mama, mama.")
+    page.until("told.length > 2")
+    page.run("(() => { const end = performance.now() + 600; while (performance.now() < end); })()")
+    page.until(REST)
+    texts = page.run("kept.texts")
+    said = [label for text in texts if text["type"] == "phones" for label, *_ in text["phones"]]
+    assert said.count("m") == 8
+    assert page.run("told.filter((label) => label === 'm').length") == 8
+
+
 def test_without_webgl_the_page_speaks_all_the_same_and_the_address_keeps_quiet(page: Page) -> None:
     no_webgl = "HTMLCanvasElement.prototype.getContext = () => null"
     script = page.call("Page.addScriptToEvaluateOnNewDocument", source=no_webgl)["identifier"]
     page.go(f"{page.server.url}?session=nomi")
     page.until("window.page && document.body.dataset.connection === 'connected'")
     page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)  # or the next page has none either
-    assert "WebGL2" in page.run("document.getElementById('notice').textContent")
+    said = page.run("document.getElementById('notice').textContent")
+    assert "WebGL2" in said
+    assert said.endswith("The face speaks all the same, unseen.")
     say(page, "Hello there.")
     page.until("document.querySelectorAll('.phone').length > 4")  # it is followed, unseen
     page.until("document.getElementById('fps').textContent === 'no picture'")
