@@ -72,7 +72,7 @@ def dark_pixels(video: Video, time_s: float) -> int:
     corner, chin, nose = (camera.project(head.point_mm(name), (512, 512)) for name in ("8.3", "2.1", "9.15"))
     half = int(corner[0] - 256) + 6
     mouth = np.s_[int(nose[1]) + 8 : int(chin[1]) - 6, 256 - half : 256 + half, 1]
-    now, shut = (int((video.frames[number][mouth] < 85).sum()) for number in (round(time_s * video.rate_hz), 0))
+    now, shut = (int((video.frames[number][mouth] < 80).sum()) for number in (round(time_s * video.rate_hz), 0))
     return now - shut
 
 

@@ -1,4 +1,4 @@
-"""What every ear that hears without a text promises: pieces do not matter, phones come in time and stay."""
+"""Promises of every ear that hears without a text: pieces do not matter, phones come in time and stay."""
 
 from itertools import pairwise
 
