@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
-from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene
+from fapengine.app.scene_choice import Into, check_scene, is_scene
 from fapengine.errors import UsageError
 from fapengine.files.animation import is_sequence
 from fapengine.files.fap import save_fap
@@ -125,6 +125,8 @@ def save(
     check_cues(path, shapes)
     check_scene(path, avatar)
     if is_scene(path):
+        from fapengine.app.scene_files import save_scene  # other programs' files, which a film does without
+
         save_scene(path, track, avatar, shapes=shapes, name=path.stem)
     elif is_cues(path):
         save_cues_of_motion(path, track)

@@ -13,7 +13,7 @@ from fapengine.app.hearing import hear, is_sound, with_loudness
 from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
 from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
-from fapengine.app.scene_files import Into
+from fapengine.app.scene_choice import Into
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound

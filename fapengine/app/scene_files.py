@@ -1,11 +1,11 @@
 """Face motion inside the files that other programs open: a clip in a GLB or VRM, VRM's animations, and USD."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from fapengine.app.scene_choice import SCENES, USD_ENDINGS, Into, check_scene, is_usd
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
@@ -16,56 +16,11 @@ from fapengine.files.heads.load import load_head, load_head_and_modes, load_head
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import bone_transforms
-from fapengine.models.keyed_curve import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.puppet import METRES_PER_MM, make_puppet
 
 BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
 """Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
-SCENES = (".glb", ".vrm", ".gltf")
-"""Endings of what a clip is put into."""
-ENDINGS = (".glb", ".vrm", *usd.ENDINGS)
-"""Endings of what is written with an avatar inside."""
-ANIMATION = ".vrma"
-"""Ending of a motion for any VRM avatar."""
-
-
-@dataclass(frozen=True, slots=True)
-class Into:
-    """Whose file a motion goes into, and how."""
-
-    avatar: Path
-    """A scene's file, or the name of a head, which is exported."""
-    keys: str = STRAIGHT
-    """``"linear"``: a key a frame; ``"cubic"``: few."""
-    mapping: Path | None = None
-    """Table of what shapes of other names mean."""
-
-
-def is_scene(path: Path) -> bool:
-    """Tell whether a name is that of a file with an avatar inside, or of an animation for one."""
-    return path.suffix.lower() in (*ENDINGS, ANIMATION)
-
-
-def check_scene(path: Path, into: Into | None) -> None:
-    """Refuse what does not belong together, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If a scene is to be written and none is given, or one is given and the name has another ending.
-    """
-    if into is None:
-        if is_scene(path) and path.suffix.lower() != ANIMATION:
-            raise UsageError(f"into: got none, expected the avatar that goes into {path} (into=AVATAR.glb)")
-        return
-    if path.suffix.lower() not in ENDINGS:
-        raise UsageError(f"path: got {path}, expected a name that ends with {' or '.join(ENDINGS)} for into=AVATAR")
-    if into.keys not in WAYS:
-        raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
-    if is_usd(path) and (into.avatar.suffix.lower() in SCENES or into.keys != STRAIGHT or into.mapping is not None):
-        told = "a head's name, such as woman or heads/mine, and straight keys"
-        raise UsageError(f"into: got {into.avatar}, expected {told}, for USD is written of our own heads alone")
 
 
 def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
@@ -122,11 +77,6 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     return _told(reached)
 
 
-def is_usd(path: Path) -> bool:
-    """Tell whether a name is that of a USD file."""
-    return path.suffix.lower() in usd.ENDINGS
-
-
 def _save_usd(path: Path, track: FapTrack, head: str, name: str) -> str:
     motion, info = face_motion(track, name), load_head_info(head)
     moved = usd.save_usd(
@@ -152,7 +102,7 @@ def export_head(name: str, path: Path) -> None:
     elif path.suffix == ".glb":
         write_bytes(path, exported_head(name))
     else:
-        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(usd.ENDINGS)}")
+        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(USD_ENDINGS)}")
 
 
 def exported_head(name: str) -> bytes:

@@ -10,7 +10,7 @@ from fapengine.app.manner import Manner, check_expressions
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_phones
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.app.scene_files import Into, check_scene, is_scene, save_scene
+from fapengine.app.scene_choice import Into, check_scene, is_scene
 from fapengine.errors import DataError, UsageError
 from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
@@ -150,6 +150,8 @@ def write_talk(
     if sound is not None and not own_sound:
         save_wav(beside(path, ".wav"), *sound)
     if is_scene(path):
+        from fapengine.app.scene_files import save_scene  # other programs' files, which a film does without
+
         with report.stage("avatar"):
             report.moved = save_scene(path, track, into, name=path.stem)
         report.files.append((path, "avatar"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import DEFAULT_PROFILE, Manner, check_expressions
-from fapengine.app.scene_files import Into, check_scene
+from fapengine.app.scene_choice import Into, check_scene
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.moving import check_moving

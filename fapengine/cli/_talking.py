@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.app.scene_files import Into
+from fapengine.app.scene_choice import Into
 from fapengine.app.talk import write_talk
 from fapengine.cli._progress import progress, working
 from fapengine.files.moving import is_moving

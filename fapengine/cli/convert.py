@@ -45,7 +45,8 @@ def convert(
     """
     from fapengine.app.dense_film import is_take
     from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion
-    from fapengine.app.scene_files import check_scene, is_scene, save_scene, save_take_scene
+    from fapengine.app.scene_choice import check_scene, is_scene
+    from fapengine.app.scene_files import save_scene, save_take_scene
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion

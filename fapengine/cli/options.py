@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from fapengine.app.manner import Manner
     from fapengine.app.say_live import LiveOutput
-    from fapengine.app.scene_files import Into
+    from fapengine.app.scene_choice import Into
     from fapengine.render.drawing import Drawing
     from fapengine.speech.phone_track import PhoneTrack
     from fapengine.trajectory.style import Style
@@ -335,7 +335,7 @@ class AvatarOptions:
         UsageError
             If there is no avatar, and something is said of it.
         """
-        from fapengine.app.scene_files import Into
+        from fapengine.app.scene_choice import Into
         from fapengine.errors import UsageError
 
         if self.into is None:

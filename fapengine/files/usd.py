@@ -28,8 +28,6 @@ else:
 
 Array = NDArray[np.float64]
 
-ENDINGS = (".usda", ".usdc", ".usd")
-"""Endings of such files: text, binary, and binary."""
 ROOT = "/Head"
 
 
@@ -48,7 +46,7 @@ def save_usd(
     Parameters
     ----------
     path : Path
-        Ends as :data:`ENDINGS` say.
+        Ends with .usda, .usdc or .usd.
     puppet : Puppet
     licence, source : str
         Whose work it is: in the layer's ``customLayerData``.

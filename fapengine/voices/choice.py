@@ -9,7 +9,6 @@ from fapengine.voices.espeak import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM, 
 from fapengine.voices.models.kokoro import KokoroVoice
 from fapengine.voices.models.piper import PiperVoice
 from fapengine.voices.protocol import Voice
-from fapengine.voices.streams.client import ServiceVoice
 from fapengine.voices.streams.services import SERVICES
 
 MODELS: dict[str, type[PiperVoice] | type[KokoroVoice]] = {"piper": PiperVoice, "kokoro": KokoroVoice}
@@ -44,5 +43,7 @@ class VoiceChoice(Checked):
         if (model := MODELS.get(self.name.partition(":")[0])) and ":" in self.name:
             return model.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
         if self.name.partition(":")[0] in SERVICES:
+            from fapengine.voices.streams.client import ServiceVoice  # asyncio and ssl, for services alone
+
             return ServiceVoice.named(self.name, most_s=most_s)
         return EspeakVoice(self.name, self.rate_wpm, self.ssml, most_s=most_s)

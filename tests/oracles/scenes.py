@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from fapengine.app.performance import Performance, speak
-from fapengine.app.scene_files import Into, exported_head, save_scene
+from fapengine.app.scene_choice import Into
+from fapengine.app.scene_files import exported_head, save_scene
 from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
 from tests.browser.chromium import Browser
 

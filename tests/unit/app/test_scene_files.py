@@ -8,7 +8,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import fapengine
-from fapengine.app.scene_files import Into, check_scene, save_scene
+from fapengine.app.scene_choice import Into, check_scene
+from fapengine.app.scene_files import save_scene
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.document import JSON_CHUNK, split_glb

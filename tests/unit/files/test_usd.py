@@ -9,7 +9,8 @@ from pxr import Usd, UsdGeom, UsdSkel
 from typer.testing import CliRunner
 
 import fapengine
-from fapengine.app.scene_files import Into, check_scene, export_head, face_motion
+from fapengine.app.scene_choice import Into, check_scene
+from fapengine.app.scene_files import export_head, face_motion
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
 from fapengine.files.heads.load import load_head
