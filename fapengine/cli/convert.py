@@ -30,6 +30,7 @@ def convert(
         " .vrma: vrm1 (the default) or arkit; of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
     ),
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
+    as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Convert face motion: FAPs to blend shapes or visemes of avatars, and back; or into an avatar's own file.
@@ -47,6 +48,7 @@ def convert(
     from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion
     from fapengine.app.scene_choice import check_scene, is_scene
     from fapengine.app.scene_files import save_scene, save_take_scene
+    from fapengine.cli._result import print_result
     from fapengine.errors import UsageError
     from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
@@ -61,16 +63,21 @@ def convert(
     check_scene(output, into)
     writing.check([output], [motion, avatar.into, avatar.mapping])
     if is_take(motion):
-        typer.echo(f"{output}: {save_take_scene(output, motion, into)}")
+        told = save_take_scene(output, motion, into)
+        print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
         return
     track = load_motion(motion)
     moved = ""
     if is_scene(output):
-        moved = f"; {save_scene(output, track, into, shapes=shapes, name=motion.stem)}"
+        moved = save_scene(output, track, into, shapes=shapes, name=motion.stem)
     elif is_cues(output):
         save_cues_of_motion(output, track)
     elif output.suffix == ".fap":
         save_fap(output, track)
     else:
         write_bytes(output, format_blend_csv(track, shapes or "arkit"))
-    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz{moved}", err=is_standard(output))
+    facts = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz} | (
+        {"moved": moved} if moved else {}
+    )
+    told = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz" + (f"; {moved}" if moved else "")
+    print_result(facts, told, as_json=as_json, err=is_standard(output))

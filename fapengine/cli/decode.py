@@ -20,7 +20,7 @@ def decode(
     single_numbers: bool = typer.Option(
         False, "--single-numbers", help="Write FAP 1 and 2 as one number each, as Greta reads them."
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Decode an MPEG-4 FBA stream into FAPs.
@@ -30,6 +30,7 @@ def decode(
     from dataclasses import asdict, replace
 
     from fapengine.cli._progress import working
+    from fapengine.cli._result import print_result
     from fapengine.codec.interpolate import fill_track
     from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
@@ -48,12 +49,10 @@ def decode(
     with working(f"writing {len(track)} frames"):
         save_fap(output, track, single_numbers=single_numbers)
     losses = [asdict(loss) for loss in decoded.losses]
+    facts = {"output": str(output), "frames": len(track), "losses": losses}
+    print_result(facts, f"{output}: {len(track)} frames", as_json=as_json, err=is_standard(output))
     if as_json:
-        import json
-
-        typer.echo(json.dumps({"output": str(output), "frames": len(track), "losses": losses}), err=is_standard(output))
         return
-    typer.echo(f"{output}: {len(track)} frames", err=is_standard(output))
     if decoded.body_planes:
         typer.echo(f"{stream}: {decoded.body_planes} planes carry a body, which is left out", err=True)
     for loss in decoded.losses:

@@ -22,7 +22,7 @@ def encode(
     moving_only: bool = typer.Option(False, "--moving-only", help="Leave out FAPs that do not move."),
     clamp: bool = typer.Option(False, "--clamp", help="With --epf: code the nearest symbol out of range, no error."),
     start_codes: bool = typer.Option(False, "--start-codes", help="A start code before each I plane."),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Encode FAPs into an MPEG-4 FBA stream.
@@ -33,6 +33,7 @@ def encode(
     An MP4 holds a voice and a face track in one file; decode, inspect and render read it.
     """
     from fapengine.cli._progress import working
+    from fapengine.cli._result import print_result
     from fapengine.codec.encoder import EncoderOptions
     from fapengine.codec.encoder import encode as encode_track
     from fapengine.codec.epf import encode_orders
@@ -78,13 +79,8 @@ def encode(
         "output": str(output), "frames": len(faps), "seconds": round(seconds, 3), "bytes": len(data),
         "kbit_s": round(8 * len(data) / seconds / 1000, 3),
     }  # fmt: skip
-    if as_json:
-        import json
-
-        typer.echo(json.dumps(result), err=is_standard(output))
-    else:
-        told = "{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result)
-        typer.echo(told, err=is_standard(output))
+    told = "{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result)
+    print_result(result, told, as_json=as_json, err=is_standard(output))
 
 
 def _write_film(output: Path, stream: bytes, rate_hz: float, audio: Path | None) -> None:

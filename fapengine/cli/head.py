@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from fapengine.cli._verb import verb
-from fapengine.cli.options import WriteOptions
+from fapengine.cli.options import AsJson, WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
@@ -132,6 +132,7 @@ def _spell(numbers: tuple[int, ...]) -> str:
 def export(
     name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a folder."),
     output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb; .usda, .usdc)."),
+    as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Write a head as an avatar that any tool opens: ARKit's 52 shapes, Oculus' 15 visemes, joints and textures.
@@ -143,12 +144,15 @@ def export(
     stated when it was imported.
     """
     from fapengine.app.scene_files import export_head
+    from fapengine.cli._result import print_result
     from fapengine.files.heads.load import load_head_info
 
     writing.check([output], [name])
     info = load_head_info(name)
     export_head(name, output)
-    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB; licence: {info.licence}")
+    size = output.stat().st_size
+    facts = {"output": str(output), "bytes": size, "licence": info.licence}
+    print_result(facts, f"{output}: {size / 1e6:.1f} MB; licence: {info.licence}", as_json=as_json)
 
 
 @head.command()

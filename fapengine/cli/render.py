@@ -53,6 +53,7 @@ def render(
     still_head: Annotated[
         bool, typer.Option("--still-head", help="Of a recording: leave out the motion of the head.")
     ] = False,
+    as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
     """Draw FAPs that are there already, or a recorded take on the dense face that was learned from its session.
@@ -68,6 +69,7 @@ def render(
     from fapengine.app.dense_film import at_rate, is_take, takes_on_heads
     from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, side_by_side
     from fapengine.cli._progress import progress
+    from fapengine.cli._result import print_result
     from fapengine.errors import UsageError
     from fapengine.files.animation import is_sequence
     from fapengine.files.heads.load import load_head
@@ -95,6 +97,7 @@ def render(
         raise UsageError(f"--by: got {by!r}, expected {' or '.join(WAYS)}")
     how = drawing.value(wire=wire)
     rows: NDArray[np.int32] | list[list[Pose]]
+    done: tuple[dict[str, float], str]
     if any(is_take(path) for path in track):
         rate_hz, meshes, rows, notes = takes_on_heads(track, head, way=way, still_head=still_head)
         for note in notes:
@@ -118,15 +121,17 @@ def render(
             pictures = list(draw_crowd(crowd, shown, rate_hz * len(moments) / len(rows)))
             labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
             save_png(output, contact_sheet(pictures, labels, title=track[0].name))
-            typer.echo(f"{output}: {len(pictures)} moments")
+            done = {"moments": len(pictures)}, f"{len(pictures)} moments"
         elif is_one:
             if not 0 <= at <= last_s:
                 raise UsageError(f"--at: got {at} s, the track lasts {last_s:.2f} s")
             moment = int(np.ceil(round(at * rate_hz, 6)))
             save_png(output, next(draw_crowd(crowd, rows[moment : moment + 1], rate_hz)))
-            typer.echo(f"{output}: one frame")
+            done = {"frames": 1, "at_s": moment / rate_hz}, "one frame"
         else:
             with progress("drawing", len(rows)) as advance:
                 frames = draw_crowd(crowd, rows, rate_hz, turn_s=turntable)
                 count = write_moving(output, frames, rate_hz=rate_hz, sound=sound, on_frame=advance)
-            typer.echo(f"{output}: {count} frames at {rate_hz:g} Hz")
+            done = {"frames": count, "rate_hz": rate_hz}, f"{count} frames at {rate_hz:g} Hz"
+    facts, told = done
+    print_result({"output": str(output), **facts}, f"{output}: {told}", as_json=as_json)

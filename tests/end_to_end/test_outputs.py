@@ -1,8 +1,10 @@
 """No verb writes over what it reads, or over anything where it is told not to; what it replaces, it says."""
 
+import json
 import os
 import resource
 import shlex
+import shutil
 import struct
 import sys
 from collections.abc import Callable, Iterator
@@ -374,8 +376,7 @@ def test_a_disk_that_takes_nothing_leaves_the_good_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     command, name = QUICK[verb]
-    for file in inputs.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_bytes(b"an earlier file")
     before = contents(tmp_path)
@@ -386,6 +387,19 @@ def test_a_disk_that_takes_nothing_leaves_the_good_file(
     assert "cannot be written" in told
     assert "Traceback" not in told
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("verb", QUICK)
+def test_what_was_done_is_told_as_json(
+    verb: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
+    monkeypatch.setattr(sys, "argv", ["fapengine", *QUICK[verb][0].split(), "--json"])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert not end.value.code
+    assert json.loads(capfd.readouterr().out)
 
 
 @contextmanager

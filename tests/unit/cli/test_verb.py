@@ -92,6 +92,11 @@ def test_help_shows_examples_that_can_be_copied(name: str) -> None:
     assert set(examples) <= {line.strip() for line in shown}
 
 
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"serve"}))  # which tells what goes on, with --log json
+def test_what_a_verb_does_can_be_had_as_json(name: str) -> None:
+    assert "--json" in CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output
+
+
 def test_help_says_what_exit_codes_mean() -> None:
     shown = " ".join(CliRunner().invoke(app, ["--help"], env={"COLUMNS": "200"}).output.split())
     for code in [code for _, code in EXIT_CODES] + [FAULT, 128 + signal.SIGINT]:

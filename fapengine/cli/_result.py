@@ -1,0 +1,14 @@
+"""What a verb has done, printed as words or as JSON."""
+
+import json
+from collections.abc import Mapping
+
+import typer
+
+
+def print_result(facts: Mapping[str, object], words: str, *, as_json: bool, err: bool = False) -> None:
+    """Print what was done: in ``words``, or its facts as one line of JSON.
+
+    ``err``: to standard error, as the file itself goes to standard output.
+    """
+    typer.echo(json.dumps(facts, ensure_ascii=False) if as_json else words, err=err)
