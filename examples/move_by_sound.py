@@ -20,15 +20,15 @@ async def main() -> None:
     server = fapengine.Server(replace(config, listen=replace(config.listen, port=0, web_port=None)))
     await server.start()
     running = asyncio.create_task(server.run())
-    host, port = server.osc_address
-    decoder, frames, number = fapengine.Decoder(), [], None
-    with fapengine.Client(host, port, session="anna") as face:
+    decoder, frames, number = fapengine.Decoder(errors="resync"), [], None  # a datagram may be lost
+    running.get_loop().add_reader(receiver, lambda: frames.extend(decoder.feed(receiver.recv(65536))))
+    with fapengine.Client(*server.osc_address, session="anna") as face:
         for piece in np.array_split(speech.samples, round(speech.duration_s / 0.02)):
             number = face.sound(piece, speech.sample_rate_hz, utterance=number)
             await asyncio.sleep(0.02)
         face.end(number)
         while not any(event.kind == "finished" for event in face.events()):
-            frames += decoder.feed(await asyncio.get_running_loop().sock_recv(receiver, 65536))
+            await asyncio.sleep(0.02)
     server.stop()
     await running
     track = fapengine.FapTrack.of(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
