@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from fapengine.laboratory.dense_face import ModeRig
 
 DEFAULT_HEAD = "default"
+CALLS_PX = 640
+"""Longer side of a picture, up to which level ``calls`` looks like ``normal``."""
 
 
 def load_head(name: str) -> FaceMesh:
@@ -45,6 +47,18 @@ def load_head(name: str) -> FaceMesh:
     if (adapted := adapted_in(folder)) is not None:
         return load_folder(adapted)[1]
     return load_dense_head(folder)[0].mesh if is_profile(folder) else load_folder(folder)[1]
+
+
+def load_head_for_calls(name: str, size: tuple[int, int]) -> FaceMesh:
+    """Load a head for pictures of a size that are drawn all the time, in pixels: our own at level ``calls``.
+
+    A level that ``name`` tells stays, as ``"woman:level=normal"``, and so does a head on larger pictures than
+    :data:`CALLS_PX`. Raises as :func:`load_head`.
+    """
+    look = parse_person(name)
+    if look is None or "level=" in name or max(size) > CALLS_PX:
+        return load_head(name)
+    return load_built(look[0], "calls")
 
 
 def load_head_and_modes(name: str) -> tuple[FaceMesh, ModeRig | None]:

@@ -32,7 +32,7 @@ class Painter:
     Parameters
     ----------
     head : str
-        Name or folder of a head: see :func:`fapengine.files.heads.load.load_head`.
+        Name or folder of a head: see :func:`fapengine.files.heads.load.load_head_for_calls`.
     size : (int, int)
         Width and height in pixels.
 
@@ -120,11 +120,11 @@ def main() -> None:
 
 
 def _paint(head: str, size: tuple[int, int], pictures: IO[bytes]) -> None:
-    from fapengine.files.heads.load import load_head
+    from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import Drawing
     from fapengine.render.renderer import FaceRenderer
 
-    with FaceRenderer(load_head(head), Drawing(size=size)) as renderer:
+    with FaceRenderer(load_head_for_calls(head, size), Drawing(size=size)) as renderer:
         while len(faps := sys.stdin.buffer.read(4 * FAP_COUNT)) == 4 * FAP_COUNT:
             view = memoryview(renderer.draw(np.frombuffer(faps, np.int32)).tobytes())
             while view:

@@ -19,7 +19,7 @@ from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.rings import Block, Rings, resampled
-from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.style import Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
 
@@ -103,9 +103,10 @@ def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
 
 
 def build_lids(
-    builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, detail: float
+    builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, divided: Detail
 ) -> Eye:
     """Add lids, ball and lashes of one eye inside a block whose border, (N,) vertex indices, exists already."""
+    detail = divided.skin
     along, upper = block.along()
     t = side * along  # 1 at the outer corner on both sides
     palette = palette_of(style)
@@ -145,7 +146,7 @@ def build_lids(
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
-    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, detail)
+    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, divided.hair)
     _build_caruncle(builder, palette, side, detail)
     ball = _build_ball(builder, centre, side, detail)
     angles = np.arctan2(

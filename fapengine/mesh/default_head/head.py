@@ -30,7 +30,7 @@ from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.rings import Block
-from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of
+from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
@@ -148,9 +148,9 @@ def build_reshaped(style: HeadStyle, reshape: Reshape) -> FaceMesh:
     return _finish(builder, head, style, LEVELS["normal"], reshape)
 
 
-def build_parts(style: HeadStyle, detail: float) -> tuple[MeshBuilder, HeadParts]:
+def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts]:
     """Build the template: all vertices before the measured face moves them."""
-    builder = MeshBuilder()
+    builder, detail, finer = MeshBuilder(), level.skin, level.hair
     grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
 
     def border(block: Block) -> Indices:
@@ -159,19 +159,19 @@ def build_parts(style: HeadStyle, detail: float) -> tuple[MeshBuilder, HeadParts
 
     mouth = build_mouth(builder, border(mouth_block), mouth_block, style, detail)
     left, right = (
-        build_lids(builder, border(block), block, style, side, detail)
+        build_lids(builder, border(block), block, style, side, level)
         for block, side in zip(eye_blocks, (1.0, -1.0), strict=True)
     )
     head = HeadParts(
         grid=grid,
         mouth=mouth,
         eyes=(left, right),
-        brows=(build_brow(builder, style, 1.0, detail), build_brow(builder, style, -1.0, detail)),
+        brows=(build_brow(builder, style, 1.0, finer), build_brow(builder, style, -1.0, finer)),
         ears=(build_ear(builder, style, 1.0, detail), build_ear(builder, style, -1.0, detail)),
         upper_teeth=parts.build_teeth(builder, detail, upper=True),
         lower_teeth=parts.build_teeth(builder, detail, upper=False),
         tongue=parts.build_tongue(builder, detail),
-        hair=build_hair(builder, style, detail) if style.hair else np.zeros(0, dtype=np.int64),
+        hair=build_hair(builder, style, finer) if style.hair else np.zeros(0, dtype=np.int64),
         crown=crown,
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette_of(style).base)),
     )
@@ -331,11 +331,11 @@ def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bo
 
 
 def _finish(
-    builder: MeshBuilder, head: HeadParts, style: HeadStyle, detail: float, reshape: Reshape | None = None
+    builder: MeshBuilder, head: HeadParts, style: HeadStyle, level: Detail, reshape: Reshape | None = None
 ) -> FaceMesh:
     triangles = builder.triangles()
     template = builder.column("points_mm")
-    points = _soften(_on_face(template, builder, head, style), triangles, head, detail)
+    points = _soften(_on_face(template, builder, head, style), triangles, head, level.skin)
     feature_points = locate(template, head)
     if reshape is not None:
         points, head = reshape(points, triangles, head, feature_points)

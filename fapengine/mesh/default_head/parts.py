@@ -121,6 +121,7 @@ def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indice
     )
     # fmt: on
     table = resampled(rows, max(1.0, detail))[:, :, None]
+    table[0, 4] -= 6.0 * max(0.0, 1.0 - detail)  # a coarse neck is narrower between its columns
     y = table[:, 0] - table[:, 3] * np.maximum(np.cos(around), 0)
     shoulders = np.stack(
         [

@@ -1,15 +1,31 @@
 """``HeadStyle``: what differs from head to head. Every number has a meaning; 1 or 0 is an average adult's."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
 from fapengine.mesh.default_head.faces_axes import AXES, MIDDLE_AGE
 from fapengine.mesh.default_head.faces_table import MODES
 
-LEVELS: dict[str, float] = {"coarse": 0.52, "normal": 1.0, "fine": 1.38, "finest": 2.54}
-"""Level of detail to how finely everything is divided, lengthwise: about 6, 15, 26 and 71 thousand vertices."""
+
+class Detail(NamedTuple):
+    """How finely a head is divided, lengthwise; 1 is normal."""
+
+    skin: float
+    """All but hair."""
+    hair: float
+    """Hair, brows and lashes."""
+
+
+LEVELS: dict[str, Detail] = {
+    "coarse": Detail(0.52, 0.52),
+    "calls": Detail(0.6, 1.0),
+    "normal": Detail(1.0, 1.0),
+    "fine": Detail(1.38, 1.38),
+    "finest": Detail(2.54, 2.54),
+}
+"""Level of detail by name: about 6, 10, 15, 26 and 71 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
 MAX_WEIGHT = 2.5

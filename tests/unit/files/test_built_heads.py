@@ -12,6 +12,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.files.heads import built
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.load import load_head_for_calls
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Folds
@@ -101,6 +102,25 @@ def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_level_that_is_none_is_refused(folder: Path) -> None:
-    with pytest.raises(UsageError, match=r"level: got 'huge', expected one of coarse, normal"):
+    with pytest.raises(UsageError, match=r"level: got 'huge', expected one of coarse, calls, normal"):
         load_built(BALD, "huge")
     assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "side_px", "level"),
+    [
+        ("woman", 512, "calls"),
+        ("woman,glasses", 640, "calls"),
+        ("woman", 641, "normal"),
+        ("random:7,level=normal", 512, "normal"),
+        ("woman:level=fine", 720, "fine"),
+    ],
+)
+def test_calls_have_their_level_unless_another_is_named(
+    name: str, side_px: int, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    monkeypatch.setattr("fapengine.files.heads.load.load_built", lambda style, level: asked.append(level))
+    load_head_for_calls(name, (side_px, 360))
+    assert asked == [level]

@@ -21,7 +21,13 @@ from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 Array = NDArray[np.float64]
 Moved = Callable[[FaceMesh, NDArray[np.int64], Array], Array]
 
-VERTICES = {"coarse": (5_000, 7_000), "normal": (8_000, 15_700), "fine": (23_000, 28_000), "finest": (64_000, 75_000)}
+VERTICES = {
+    "coarse": (5_000, 7_000),
+    "calls": (9_000, 10_500),
+    "normal": (8_000, 15_700),
+    "fine": (23_000, 28_000),
+    "finest": (64_000, 75_000),
+}
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 
 
@@ -49,7 +55,7 @@ def test_levels_are_the_same_face(heads: dict[str, FaceMesh], level: str) -> Non
         assert head.fapu.unit(unit) == pytest.approx(normal.fapu.unit(unit), rel=0.06)
 
 
-@pytest.mark.parametrize("level", ["coarse", "fine", "finest"])
+@pytest.mark.parametrize("level", ["coarse", "calls", "fine", "finest"])
 def test_every_level_moves_exactly(heads: dict[str, FaceMesh], level: str, moved: Moved) -> None:
     head = heads[level]
     faps = np.zeros((len(MOVING), 68))
@@ -61,8 +67,15 @@ def test_every_level_moves_exactly(heads: dict[str, FaceMesh], level: str, moved
         assert went == pytest.approx(100.0 * head.fapu.unit(row.unit), rel=0.02), row.name
 
 
+def test_calls_are_divided_less_but_have_all_hair(heads: dict[str, FaceMesh]) -> None:
+    calls, normal = heads["calls"], heads["normal"]
+    for kind in (Material.HAIR, Material.STRAND):
+        assert (calls.material == kind).sum() == (normal.material == kind).sum(), kind.name
+    assert (calls.material == Material.SKIN).sum() < 0.55 * (normal.material == Material.SKIN).sum()
+
+
 def test_an_unknown_level_is_refused() -> None:
-    with pytest.raises(UsageError, match="level: got 'huge', expected one of coarse, normal, fine, finest"):
+    with pytest.raises(UsageError, match="level: got 'huge', expected one of coarse, calls, normal, fine, finest"):
         build_head(level="huge")
 
 
