@@ -59,12 +59,15 @@ BY_EYE = {  # FAPU in place of the fields' own; those of the right half are thos
         "close_t_l_eyelid": 90,
         "close_b_l_eyelid": 300,
     },
+    "surprise": {"close_t_l_eyelid": -200, "close_b_l_eyelid": 100},
+    "fear": {"close_t_l_eyelid": -200, "close_b_l_eyelid": 130},
 }  # fmt: skip
 """Corrections by eye: between the corners the lower lip of the fields' joy was a V, the upper as thick as at rest. A
-real smile's lower lip is a bow, its upper lip thins, and the lids narrow."""
+real smile's lower lip is a bow, its upper lip thins, and the lids narrow. Surprise and fear showed white all round the
+iris; in life the lower lid stays at it."""
 PROVENANCE = (
     "sums of expression fields of the ICT-FaceKit head, as the standard words them, large enough to be told from"
-    " neutral at 200 pixels with strength 0.6, joy's lips, cheeks and lids corrected by eye"
+    " neutral at 200 pixels with strength 0.6; joy's lips, cheeks and lids and the lids of surprise and fear by eye"
     " (python -m design.fit_expressions); not acted"
 )
 SPACE_FAPS = {*range(3, 19), *range(39, 43), *range(51, 61)}

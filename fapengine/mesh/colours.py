@@ -43,7 +43,7 @@ DARK_BROWS = 0.06
 MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.48, 0.158, 0.147])
-TEETH = np.array([0.48, 0.38, 0.28])
+TEETH = np.array([0.65, 0.53, 0.47])
 """Warmer than ivory, for the light that reaches teeth has been on lips and tongue, and ours is the sky's."""
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])

@@ -43,6 +43,7 @@ BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Middle of the axis through the jaw's joints, mm."""
+LIFT_CHEEK = 41
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
 PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
 OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
@@ -107,6 +108,8 @@ def build_basis(
     _brows(points, skin, feature_points, linear)
     for side, eye in enumerate(head.eyes):
         _lids(points, eye, side, feature_points, fapu, collector)
+        below = eye.lids.indices[eye.lids.level > 1][:, ~eye.lids.upper]
+        collector.add_still(Channel(LIFT_CHEEK + side, -np.inf, np.inf), below.ravel())  # for .cheeks
     _tongue(points, head, feature_points, linear, collector)
     for number, teeth in teeth_by_light(points, head):  # whose light it changes
         collector.add_still(Channel(number, -np.inf, np.inf), teeth)

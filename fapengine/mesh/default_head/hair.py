@@ -28,8 +28,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
-CAP_SHADE, LIKE_CAP = 0.85, 0.55
+CAP_SHADE, LIKE_CAP = 0.85, 0.75
 """Shade of the cap, and how nearly locks have it where they lie on it."""
+EVEN_LIGHT_HAIR = 2.4
+"""Share of the shades' range that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones."""
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
 """Width of a lock from root towards the tip, which is a point."""
@@ -174,7 +176,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         step = length / (len(taper) - 1) * _clear_of_ears(foot)
         at = foot + step[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
-    albedo = palette.hair * np.stack(tints, axis=1)[..., None]
+    even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
+    shades = np.stack(tints, axis=1)
+    albedo = palette.hair * (shades + even * (CAP_SHADE - shades))[..., None]
     points[:, -1] = points[:, -1, 1:2]
     whole, framing = points.copy(), np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM)
     slender = np.interp(shares, (SPLIT_FROM, 1.0), (1.0, 0.12))[:, None, None]

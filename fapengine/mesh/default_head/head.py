@@ -18,6 +18,7 @@ from fapengine.mesh.default_head import faces, nose, parts
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
 from fapengine.mesh.default_head.brows import build_brow
+from fapengine.mesh.default_head.cheeks import even_out
 from fapengine.mesh.default_head.ears import build_ear
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
@@ -40,14 +41,14 @@ from fapengine.mpeg4.fapu import Fapu
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-LIT_INSIDE = {Material.TEETH: 0.45, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
+LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
 """Least light, as a share, on what is inside of the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05
 """Share of the light that a millimetre forward gives to the tongue's tip, and a millimetre back takes."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Share of the light that teeth get for each millimetre of a FAP: the lower lip's that is pushed, raised corners'."""
-SHADED_TEETH = 0.24
+SHADED_TEETH = 0.04
 """Least light on upper teeth, which lie in the lip's shadow."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
@@ -354,6 +355,7 @@ def _finish(
     jaw_weight, basis, shades = build_basis(
         points, template, builder.column("place"), head, feature_points, fapu, style.age
     )
+    basis = even_out(basis, points, triangles, head, feature_points.values(), level.skin)
     on_jaw = jaw_weight > 0
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)

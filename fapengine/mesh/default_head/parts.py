@@ -27,6 +27,11 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
 
 CROWNS = slice(3, 10)
 """Rows of teeth that are no gum."""
+UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0, 9.0)
+LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0, 10.5)
+"""Widths of crowns from the middle to the back, as tables of dental anatomy have them. Their ratios count."""
+GAP_POWER = 2.5
+"""Power that crowds columns at the gaps between teeth; 1 spreads them evenly."""
 
 
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
@@ -34,11 +39,15 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     teeth, each = 14, max(3, round(3 * detail))
     half_width, front_z = (27.5, 103.6) if upper else (25.5, 100.3)
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
-    share = np.linspace(-1, 1, teeth * each + 1)
+    in_tooth = (np.arange(teeth * each + 1) % each) / each
+    # Columns stand close to the gaps, so that a gap is a line and a tooth is flat.
+    in_tooth = np.where(in_tooth < 0.5, 0.5 * (2 * in_tooth) ** GAP_POWER, 1 - 0.5 * (2 - 2 * in_tooth) ** GAP_POWER)
+    number = np.abs(np.repeat(np.arange(teeth + 1), each)[: teeth * each + 1] + in_tooth - teeth / 2)
+    edges = np.cumsum([0.0, *(UPPER_WIDTHS_MM if upper else LOWER_WIDTHS_MM)])
+    share = np.interp(number, np.arange(teeth // 2 + 1), edges / edges[-1])
+    share *= np.sign(np.arange(teeth * each + 1) - teeth * each / 2)
     arch, outward = _arch(share, half_width, front_z, 36.0)
-    in_tooth = (np.arange(len(share)) % each) / each
     round_off = np.abs(np.sin(np.pi * in_tooth)) ** 0.4
-    number = np.abs(share) * teeth / 2
     length = 1.0 - (0.10 * smoothstep((number - 0.9) / 1.5) + 0.12 * smoothstep((number - 3.5) / 2.0)) * upper
     direction = np.sign(edge_y - gum_y)
     rows, looks = [], []

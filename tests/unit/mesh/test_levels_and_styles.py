@@ -227,3 +227,12 @@ def test_a_look_is_read_from_text() -> None:
 def test_a_look_that_is_none_is_refused(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         parse_look(text)
+
+
+@pytest.mark.parametrize("colour", ["grey", "blond"])
+def test_light_hair_has_one_tone(colour: str) -> None:
+    """Locks by the face were lighter than the cap by half, and looked dyed."""
+    head = build_head(HeadStyle(hair_colour=colour))
+    hair = head.albedo[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 70)].mean(axis=1)
+    low, high = np.percentile(hair, (10, 90))
+    assert high / low < 1.35  # 1.57 before

@@ -1,0 +1,50 @@
+"""What is seen in a face that smiles, and in one that is surprised: light teeth, and no white below the iris."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.face_page import pose
+from fapengine.files.profiles import load_profile
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.render.camera import Camera
+from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import FaceRenderer
+
+MOUTH = Camera(target_mm=(0.0, -28.0, 80.0), distance_mm=700.0, field_deg=7.0)
+EYE = Camera(target_mm=(31.0, 33.0, 90.0), distance_mm=700.0, field_deg=4.0)
+SIZE = (200, 200)
+GREY = np.array([0.299, 0.587, 0.114])
+
+
+def draw(head: FaceMesh, name: str, camera: Camera) -> np.ndarray:
+    with FaceRenderer(head, Drawing(size=SIZE, camera=camera, samples=4)) as renderer:
+        return renderer.draw(pose(load_profile("grid_s1_en"), name)).astype(float)
+
+
+def without(head: FaceMesh, material: Material) -> FaceMesh:
+    return replace(head, triangles=head.triangles[(head.material[head.triangles] != material).all(axis=1)])
+
+
+def test_teeth_of_a_smile_are_light_and_no_khaki() -> None:
+    head = build_head()
+    smile = draw(head, "joy", MOUTH)
+    teeth = smile[np.abs(smile - draw(without(head, Material.TEETH), "joy", MOUTH)).max(axis=-1) > 20]
+    assert len(teeth) > 800
+    lightest = teeth[teeth @ GREY > np.median(teeth @ GREY)].mean(axis=0)
+    assert lightest @ GREY > 176  # 168 before
+    red, green, blue = lightest
+    assert red - blue < 40
+    assert green < (red + blue) / 2 + 1  # 1.3 before, which is khaki beside lips
+
+
+@pytest.mark.parametrize("name", ["surprise", "fear"])
+def test_a_wide_eye_shows_little_white_above_its_iris_and_none_below(name: str) -> None:
+    picture = draw(build_head(), name, EYE)
+    column = picture[:, SIZE[0] // 2 - 3 : SIZE[0] // 2 + 4].mean(axis=1)
+    white = (column.min(axis=-1) > 150) & (np.ptp(column, axis=-1) < 30)
+    above, below = white[: SIZE[1] // 2].sum(), white[SIZE[1] // 2 :].sum()
+    assert below == 0
+    assert 1.0 < above / EYE.pixels_per_mm(SIZE[1]) < 2.3  # mm; 2.7 and 2.9 before
