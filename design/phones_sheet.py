@@ -28,7 +28,8 @@ PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "phones
 PHONES = {  # the phone, and its viseme or the language that it is special to
     SILENCE: "viseme 0", "p": "viseme 1", "f": "viseme 2", "θ": "viseme 3", "t": "viseme 4", "k": "viseme 5",
     "ʃ": "viseme 6", "s": "viseme 7", "n": "viseme 8", "ɹ": "viseme 9", "ɑ": "viseme 10", "ɛ": "viseme 11",
-    "i": "viseme 12", "ɔ": "viseme 13", "u": "viseme 14", "w": "English", "l": "English", "y": "German, Turkish",
+    "i": "viseme 12", "ɔ": "viseme 13", "u": "viseme 14", "ɪ": "English", "e": "German", "æ": "English", "a": "Spanish",
+    "o": "French", "w": "English", "l": "English", "y": "German, Turkish",
     "ø": "German", "œ": "French", "ɥ": "French", "ʎ": "Italian", "x": "Spanish", "ɕ": "Polish",
     "ɨ": "Russian", "ɯ": "Japanese", "ʂ": "Mandarin", "ħ": "Arabic", "ʈ": "Hindi", "ɲ": "French",
 }  # fmt: skip

@@ -7,8 +7,12 @@ and apart as far as for ɑ, which is heard in the letter R alone. :data:`fapengi
 what is usual; it is scaled to the speaker by the mean of the vowels that he said. A letter's row ``phone`` moves to
 it, by the pose that goes with a drop of the chin, and in turn every ``pair`` that was heard, of this letter and a
 neighbour to one side, takes back half. So between two neighbours that it was heard beside a letter stays as it was
-heard, beside one of them it goes half of the way, and among strangers, or alone, the whole. Planning costs nothing
-more.
+heard, beside one of them it goes half of the way, and among strangers the whole. Planning costs nothing more.
+
+Alone, between pauses, few letters were ever heard, and what the sums make of a pause differs from letter to letter by
+what stood there by chance. So a letter that was not heard beside a pause gets a ``pair`` with it, before and behind,
+of half of what it lacks alone at :data:`ALONE_S`, so that letters said alone open as
+:data:`fapengine.speech.articulation.OPENINGS_ALONE` has it.
 """
 
 from collections.abc import Mapping
@@ -19,15 +23,20 @@ from numpy.typing import NDArray
 
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import ContextModel, PhoneTarget
-from fapengine.speech.articulation import OPENINGS
+from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
 from fapengine.speech.ipa import SOUNDS
+from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.trajectory.context_features import features
 from fapengine.trajectory.style import jaw_pose
+from fapengine.trajectory.tokens import Token
 from fapengine.trajectory.unheard import look_of
 
 Array = NDArray[np.float64]
 
 TAKEN_BACK = 0.5
 """Share that a heard pair takes back; a token stands in two."""
+ALONE_S = 0.3
+"""Length of a letter that is said alone."""
 INNER_LIPS = ("2.2", "2.3")
 """Feature points in the middle of the inner lips, upper and lower."""
 
@@ -66,14 +75,38 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
             coefficients[row] += moves[rest[0]]
         elif kind == "pair" and rest[2] in moves:
             coefficients[row] -= TAKEN_BACK * moves[rest[2]]
-    new = [letter for letter in moves if f"phone {letter}" not in model.rows]
-    shape = (len(new), *coefficients.shape[1:])
-    added = np.broadcast_to(np.reshape([moves[letter] for letter in new], (len(new), 1, shape[2])), shape)
-    return replace(
-        model,
-        features=(*model.features, *(f"phone {letter}" for letter in new)),
-        coefficients=np.concatenate([coefficients, added]),
+    leaning = _with_rows(
+        replace(model, coefficients=coefficients),
+        {f"phone {letter}": np.broadcast_to(move, coefficients.shape[1:]) for letter, move in moves.items()},
     )
+    halves = {
+        letter: (scale * usual - _opening(_alone(leaning, letter), space)) / 2 / reach_mm * pose
+        for letter, usual in OPENINGS_ALONE.items()
+    }
+    beside_pauses = {
+        f"pair {step} {SILENCE} {letter}": np.broadcast_to(half, coefficients.shape[1:])
+        for letter, half in halves.items()
+        for step in (-1, 1)
+    }
+    return _with_rows(leaning, beside_pauses)
+
+
+def _with_rows(model: ContextModel, rows: Mapping[str, Array]) -> ContextModel:
+    """Add rows of coefficients, (keyframes, K) each, that a model lacks; those that it has stay."""
+    new = [name for name in rows if name not in model.rows]
+    if not new:
+        return model
+    coefficients = np.concatenate([model.coefficients, np.stack([rows[name] for name in new])])
+    return replace(model, features=(*model.features, *new), coefficients=coefficients)
+
+
+def _alone(model: ContextModel, letter: str) -> Array:
+    """(K,): a letter between pauses, the mean of its keyframes."""
+    phone = Phone(letter, 0.0, ALONE_S)
+    named = features([Token(phone, letter, (letter,), 0.0, ALONE_S)], 0)
+    total = sum(value * model.coefficients[model.rows[name]] for name, value in named.items() if name in model.rows)
+    mean: Array = np.asarray(total).mean(axis=0)
+    return mean
 
 
 def _opening(weights: Array, space: VisemeSpace) -> Array:

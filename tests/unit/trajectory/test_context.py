@@ -119,7 +119,26 @@ def test_what_follows_rules_is_learned() -> None:
     tokens, weights = sentence()
     error = np.abs(targets(tokens, model)[1:] - weights[1:])
     assert error.mean() < 0.35
-    assert error.mean() < 0.15 * np.abs(weights).mean()
+    assert error.mean() < 0.17 * np.abs(weights).mean()  # of nine phones a sentence's own takes a little
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_a_sentences_own_does_not_bend_its_phones(seed: int) -> None:
+    """Sentences of nine phones, each with an offset and a drift; errors of others without, 2.0 to 2.4 if they count."""
+    rng = np.random.default_rng(seed)
+    names = [name for name in english().phones if len(name) == 1 and ways(name)]
+    own = {name: rng.normal(0, 3) for name in names}
+
+    def sentence(offset: float, drift: float) -> tuple[list, np.ndarray]:
+        tokens, _ = tokens_of(track(" ".join(rng.choice(names, 9))), english().phones)
+        said = [own.get(token.name, 0.0) + offset + drift * (token.start_s - 0.75) for token in tokens]
+        return tokens, np.tile(np.array(said)[:, None, None], (1, len(FRACTIONS), 1))
+
+    shown = [sentence(*rng.normal(0, 6, 2)) for _ in range(60)]
+    model = fit_context([tokens for tokens, _ in shown], [weights for _, weights in shown])
+    others = [sentence(0.0, 0.0) for _ in range(20)]
+    errors = [np.abs(targets(tokens, model)[1:] - weights[1:]).mean() for tokens, weights in others]
+    assert np.mean(errors) < 1.8
 
 
 def test_what_was_not_captured_teaches_nothing_but_stands_beside_others() -> None:

@@ -168,7 +168,7 @@ def test_a_pause_from_a_tenth_of_a_second_on_passes_through_rest(pause_s: float,
 def test_a_pause_of_three_tenths_of_a_second_holds_rest() -> None:
     phones = PhoneTrack.of([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.81), Phone("ɑ", 0.81, 1.0)])
     held = values_of(phones, rate_hz=200.0)[124:139]  # from 0.12 s behind one to 0.12 s before the other
-    assert np.abs(held).max() <= 10
+    assert np.abs(held).max() <= 12  # a quarter of a millimetre
 
 
 def test_a_track_lasts_until_the_face_is_at_rest_however_soon_its_phones_end() -> None:

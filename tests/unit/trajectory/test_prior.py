@@ -7,7 +7,7 @@ import pytest
 
 from fapengine.mpeg4 import fap
 from fapengine.profiles import ContextModel
-from fapengine.speech.articulation import OPENINGS
+from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
 from fapengine.speech.ipa import SOUNDS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import targets
@@ -25,14 +25,19 @@ HEARD = {"phone i": 5.0, "phone i length": 0.0, "phone ɑ": 5.0, "phone ɑ lengt
 
 def opening_mm(spelling: str, vowel: str, each_s: float) -> float:
     """Way between the inner lips over the middle half of a vowel."""
+    mm = pose_mm(spelling, vowel, each_s)
+    return float(-(mm[fap.column(4)] + mm[fap.column(5)]))
+
+
+def pose_mm(spelling: str, vowel: str, each_s: float) -> np.ndarray:
+    """(68,) mm: mean over the middle half of a vowel."""
     labels = spelling.format(vowel).split()
     edges = 0.3 + each_s * np.arange(len(labels) + 1)
     spoken = [Phone(label, *span) for label, *span in zip(labels, edges[:-1], edges[1:], strict=True)]
     phones = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
     faps = plan(phones, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still()).track.values
     at = 0.3 + each_s * (labels.index(vowel) + np.array([0.25, 0.75]))
-    mm = faps[round(100 * at[0]) : round(100 * at[1]) + 1] * english().fapu.steps()
-    return float(-(mm[:, fap.column(4)] + mm[:, fap.column(5)]).mean())
+    return np.asarray(faps[round(100 * at[0]) : round(100 * at[1]) + 1].mean(axis=0) * english().fapu.steps())
 
 
 @pytest.mark.parametrize(("frame", "each_s"), [("{}", 0.4), ("h {} d", 0.15)])
@@ -42,6 +47,21 @@ def test_unrounded_vowels_open_in_the_order_of_their_height(frame: str, each_s: 
     assert found["i"] < found["ɑ"] - 2.5, "a stranger does not see ee gape as ah does"
     assert found["i"] < min(found["ɪ"], found["e"]) + 0.5
     assert found["ɛ"] < max(found["æ"], found["a"])
+
+
+@pytest.mark.parametrize("each_s", [0.2, 0.3, 0.4])
+def test_vowels_said_alone_open_in_steps_that_are_seen(each_s: float) -> None:
+    found = [opening_mm("{}", vowel, each_s) for vowel in "ieɛæaɑ"]
+    assert np.diff(found).min() >= 0.8, found
+    assert found[0] + 0.4 < opening_mm("{}", "ɪ", each_s) < found[1] - 0.4
+    assert 4.5 < opening_mm("{}", "ɹ", each_s) < found[0], "2.9 before: it hardly opened"
+
+
+@pytest.mark.parametrize("each_s", [0.2, 0.4])
+def test_the_closer_a_front_vowel_the_wider(each_s: float) -> None:
+    corners = [fap.column(number) for number in (53, 54)]
+    found = [float(pose_mm("{}", vowel, each_s)[corners].sum()) for vowel in "æɛei"]
+    assert np.diff(found).min() >= 0.8, found
 
 
 def made(**changes: float) -> ContextModel:
@@ -66,11 +86,28 @@ def test_what_was_heard_on_both_sides_stays_and_what_was_heard_on_one_goes_half_
     np.testing.assert_allclose(moved("b i t", 1), 0.0, atol=1e-12)
     np.testing.assert_allclose(moved("b i m", 1), whole / 2)
     np.testing.assert_allclose(moved("s i t", 1), whole / 2)
-    np.testing.assert_allclose(moved("i", 0), whole)
-    assert (moved("ɑ", 0) * whole < 0).any(), "the other way"
+    assert (moved("s ɑ m", 1) * whole < 0).any(), "the other way"
+
+
+def test_alone_a_letter_opens_as_the_table_has_it_but_beside_a_pause_that_it_was_heard_beside() -> None:
+    tokens = {letter: tokens_of(track(letter, each_s=0.3), english().phones)[0] for letter in "iɛɑ"}
+    space = english().space
+    rows = [space.points.index(name) for name in ("2.2", "2.3")]
+
+    def opening(letter: str, **heard: float) -> float:
+        model = lean_on_phonetics(made(**heard), space, english().phones)
+        points = space.to_points_mm(targets(tokens[letter], model)[1].mean(axis=0))
+        return float(np.subtract(*points[rows, 1]))
+
+    scale = (opening("ɑ") - opening("i")) / (OPENINGS_ALONE["ɑ"] - OPENINGS_ALONE["i"])
+    assert scale > 0.0
+    assert opening("ɛ") - opening("i") == pytest.approx(scale * (OPENINGS_ALONE["ɛ"] - OPENINGS_ALONE["i"]))
+    before, behind = "pair -1 _ i", "pair 1 _ i"
+    assert opening("i", **{before: 0.0, behind: 0.0}) > opening("i", **{before: 0.0}) > opening("i")
 
 
 def test_consonants_and_round_vowels_stay() -> None:
+    assert OPENINGS_ALONE.keys() == OPENINGS.keys()
     for label in "tsuoθ":
         np.testing.assert_array_equal(moved(label, 0), 0.0)
 
@@ -97,3 +134,5 @@ def test_the_table_is_of_unrounded_vowels_and_rises_with_the_chart() -> None:
     }
     for one, other in (("i", "ɪ"), ("e", "ɛ"), ("ɛ", "æ"), ("æ", "a"), ("ɨ", "ə"), ("ə", "ɐ"), ("ʌ", "ɑ")):
         assert OPENINGS[one] < OPENINGS[other]
+        assert OPENINGS_ALONE[one] < OPENINGS_ALONE[other]
+    assert max(abs(OPENINGS_ALONE[letter] - mm) for letter, mm in OPENINGS.items()) <= 1.5
