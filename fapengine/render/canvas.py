@@ -3,15 +3,15 @@
 Theory of operation
 -------------------
 Pictures are drawn into a texture and their edges softened: one pass copies and marks edges in the depth buffer, the
-next runs where the depth test lets it, on edges alone. They are then copied into one of two pixel buffers;
-:meth:`Canvas.frames` reads a buffer only after the next frame has been given to the GPU, so neither waits for the
-other. A picture may be drawn smaller than it is handed over; a last pass enlarges it.
+next runs where the depth test lets it, on edges alone; both only in those parts where edges can be. They are then
+copied into one of two pixel buffers; :meth:`Canvas.frames` reads a buffer only after the next frame has been given to
+the GPU, so neither waits for the other. A picture may be drawn smaller than it is handed over; a last pass enlarges it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from fapengine._signals import signals_kept
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
+from fapengine.render.reach import Rectangle
 
 if TYPE_CHECKING:
     import moderngl
@@ -27,6 +28,8 @@ else:
     moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
+Draw: TypeAlias = Callable[[], Sequence[Rectangle] | None]
+"""Draws one picture, and tells outside of which parts it has no edge; None: there may be edges everywhere."""
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: which depths that are there already let a new pixel pass."""
 WALL = (0.30, 0.36, 0.42)
@@ -43,6 +46,8 @@ class Backdrop:
         background = drawing.background
         self._texture: moderngl.Texture | None = None
         self.is_there = drawing.components == 3
+        self.is_smooth = not isinstance(background, np.ndarray)
+        """False: it may have edges of its own."""
         if not self.is_there:
             return
         if isinstance(background, np.ndarray):
@@ -96,9 +101,11 @@ class Canvas:
     programs : Programs
     drawing : Drawing
         Its sizes, edges and whether there is alpha.
+    backdrop : Backdrop, optional
+        What all pictures begin with: it is drawn once, and then copied. Without it they begin with nothing.
     """
 
-    def __init__(self, programs: Programs, drawing: Drawing) -> None:
+    def __init__(self, programs: Programs, drawing: Drawing, backdrop: Backdrop | None = None) -> None:
         self.size, self.drawn, self._components = drawing.size, drawing.drawn_size, drawing.components
         self._context, self._samples = programs.context, drawing.samples
         self._resources: list[Any] = []
@@ -108,6 +115,19 @@ class Canvas:
         self._passes = [self._pass(programs.get(name)) for name in ("edges", "smooth", "enlarge")]
         self._buffers = [self._context.buffer(reserve=self.size[0] * self.size[1] * self._components) for _ in range(2)]
         self._resources += self._buffers
+        self._backdrop = backdrop if backdrop is not None and backdrop.is_there else None
+        self._ground: moderngl.Framebuffer | None = None
+        if self._backdrop is not None and self._samples <= 1:
+            self._ground = self._framebuffer(self.drawn, 0)
+            self._ground.use()
+            self._ground.clear(0.0, 0.0, 0.0, 0.0)
+            self._context.enable_only(moderngl.NOTHING)
+            self._backdrop.draw()
+
+    def draw_behind(self) -> None:
+        """Fill what is free with the backdrop, unless the picture began with it."""
+        if self._backdrop is not None and self._ground is None:
+            self._backdrop.draw()
 
     def suits(self, drawing: Drawing) -> bool:
         """Tell whether pictures of a drawing can be made on this canvas."""
@@ -138,7 +158,7 @@ class Canvas:
         while self._resources:
             self._resources.pop().release()
 
-    def frames(self, draws: Iterable[Callable[[], None]]) -> Iterator[Picture]:
+    def frames(self, draws: Iterable[Draw]) -> Iterator[Picture]:
         """Pictures of what each of ``draws`` draws; the one before is read while the next is drawn."""
         waiting: moderngl.Buffer | None = None
         for number, draw in enumerate(draws):
@@ -152,7 +172,7 @@ class Canvas:
         if waiting is not None:
             yield self._picture(waiting)
 
-    def paint(self, draw: Callable[[], None]) -> moderngl.Texture:
+    def paint(self, draw: Draw) -> moderngl.Texture:
         """Draw one picture and leave it on the GPU: the texture, top row first, is good until the next one."""
         with self._context:
             self._paint(draw)
@@ -160,12 +180,15 @@ class Canvas:
         assert isinstance(painted, moderngl.Texture)
         return painted
 
-    def _paint(self, draw: Callable[[], None]) -> None:
+    def _paint(self, draw: Draw) -> None:
         """Draw one picture; the context is current and stays so (entering it twice would leave it)."""
-        self._canvas.use()
-        self._canvas.clear(0.0, 0.0, 0.0, 0.0)
-        draw()
-        self._finish()
+        if self._ground is None:
+            self._canvas.use()
+            self._canvas.clear(0.0, 0.0, 0.0, 0.0)
+        else:
+            self._context.copy_framebuffer(self._canvas, self._ground)  # and its depth
+            self._canvas.use()
+        self._finish(draw())
 
     def _picture(self, buffer: moderngl.Buffer) -> Picture:
         width, height = self.size
@@ -173,15 +196,20 @@ class Canvas:
             data = buffer.read()
         return np.frombuffer(data, dtype=np.uint8).reshape(height, width, self._components)
 
-    def _finish(self) -> None:
+    def _finish(self, parts: Sequence[Rectangle] | None) -> None:
         context = self._context
         picture = self._canvas.color_attachments[0]
+        if self._samples == 0 and parts is not None:
+            context.copy_framebuffer(self._small, self._canvas)
         context.enable_only(moderngl.DEPTH_TEST)
         if self._samples == 0:
             self._small.use()
-            for (program, array), passes in zip(self._passes, (ALWAYS, IN_FRONT_OF), strict=False):
-                context.depth_func = passes
-                self._over(program, array, picture)
+            for part in [(0, 0, *self.drawn)] if parts is None else parts:
+                self._small.scissor = part
+                for (program, array), passes in zip(self._passes, (ALWAYS, IN_FRONT_OF), strict=False):
+                    context.depth_func = passes
+                    self._over(program, array, picture)
+            self._small.scissor = None  # type: ignore[assignment]  # all of it
             context.depth_func = BEHIND
         else:
             context.copy_framebuffer(self._small, self._canvas)

@@ -9,7 +9,7 @@ into, softens edges and reads pictures back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import frame_uniforms, pack
+from fapengine.render.reach import Reach, Rectangle
 
 if TYPE_CHECKING:
     import moderngl
@@ -56,12 +57,12 @@ class FaceRenderer(Renderer):
     ) -> None:
         packed = pack(mesh)
         super().__init__(context)
-        self.mesh, self._drawing = mesh, drawing
+        self.mesh, self._drawing, self._reach = mesh, drawing, Reach(mesh)
         with self._context:
             self._programs = Programs(self._context)
             self._model = Model(self._programs, packed)
             self._backdrop = Backdrop(self._programs, drawing)
-            self._canvas = Canvas(self._programs, drawing)
+            self._canvas = Canvas(self._programs, drawing, self._backdrop)
 
     def _resources(self) -> Iterable[Resource]:
         return self._canvas, self._backdrop, self._model, self._programs
@@ -74,14 +75,15 @@ class FaceRenderer(Renderer):
     @drawing.setter
     def drawing(self, drawing: Drawing) -> None:
         before, self._drawing = self._drawing, drawing
-        if drawing.background is not before.background or drawing.aspect != before.aspect:
+        has_other_backdrop = drawing.background is not before.background or drawing.aspect != before.aspect
+        if has_other_backdrop:
             with self._context:
                 self._backdrop.release()
                 self._backdrop = Backdrop(self._programs, drawing)
-        if not self._canvas.suits(drawing):
+        if has_other_backdrop or not self._canvas.suits(drawing):
             with self._context:
                 self._canvas.release()
-                self._canvas = Canvas(self._programs, drawing)
+                self._canvas = Canvas(self._programs, drawing, self._backdrop)
 
     @property
     def is_lit_at_vertices(self) -> bool:
@@ -110,14 +112,17 @@ class FaceRenderer(Renderer):
         """Draw FAPs, (68,) FAPU, and leave the picture on the GPU: a texture, top row first, until the next frame."""
         return self._canvas.paint(partial(self._draw, faps))
 
-    def _draw(self, faps: ArrayLike) -> None:
+    def _draw(self, faps: ArrayLike) -> Sequence[Rectangle] | None:
         drawing = self._drawing
         uniforms = frame_uniforms(self.mesh, faps)
         self._model.draw(
             uniforms,
             drawing.camera,
             drawing.drawn_size,
-            draw_behind=self._backdrop.draw,
+            draw_behind=self._canvas.draw_behind,
             shading=drawing.shading,
             wire=drawing.wire,
         )
+        if not self._backdrop.is_smooth:
+            return None
+        return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)

@@ -1,0 +1,60 @@
+"""The parts of a picture in which edges are softened: all edges are in them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.deform import single_fap
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4 import fap
+from fapengine.render.camera import PRESETS, Camera
+from fapengine.render.drawing import Drawing
+from fapengine.render.packing import frame_uniforms
+from fapengine.render.reach import Reach
+from fapengine.render.renderer import FaceRenderer
+
+SIZE = (128, 128)
+POSES = np.array([single_fap(number) for number in range(3, 69)])
+
+
+@pytest.fixture(scope="module")
+def head() -> FaceMesh:
+    return build_head()
+
+
+@pytest.mark.parametrize("camera", ["front", "profile"])
+def test_softening_parts_is_softening_all(head: FaceMesh, camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with FaceRenderer(head, Drawing(size=SIZE, camera=PRESETS[camera])) as renderer:
+        in_parts = [renderer.draw(faps).copy() for faps in POSES]
+        monkeypatch.setattr(Reach, "rectangles", lambda *_: [(0, 0, *SIZE)])
+        for number, part, faps in zip(range(3, 69), in_parts, POSES, strict=True):
+            assert np.array_equal(part, renderer.draw(faps)), fap.spec(number).name
+
+
+def test_a_head_before_its_shoulders_leaves_much_out(head: FaceMesh) -> None:
+    upper, lower = Reach(head).rectangles(frame_uniforms(head, np.zeros(68)), PRESETS["front"], SIZE)
+    assert upper[1] + upper[3] == lower[1]
+    assert upper[2] * upper[3] + lower[2] * lower[3] < 0.75 * 128**2
+
+
+def test_what_is_behind_the_camera_has_no_bounds(head: FaceMesh) -> None:
+    inside = Camera(target_mm=(0.0, 10.0, -40.0), distance_mm=101.0)
+    assert Reach(head).rectangles(frame_uniforms(head, np.zeros(68)), inside, SIZE) == [(0, 0, *SIZE)]
+
+
+def test_a_head_without_shoulders_or_outside_of_the_picture(head: FaceMesh) -> None:
+    floating = replace(head, head_weight=np.ones_like(head.head_weight))
+    reach, rest = Reach(floating), frame_uniforms(head, np.zeros(68))
+    assert len(reach.rectangles(rest, PRESETS["front"], SIZE)) == 1
+    aside = replace(PRESETS["front"], target_mm=(2000.0, 0.0, 0.0))
+    assert reach.rectangles(rest, aside, SIZE) == []
+
+
+def test_a_picture_behind_the_head_is_softened_everywhere(head: FaceMesh) -> None:
+    stripes = np.zeros((*SIZE, 3), dtype=np.uint8)
+    stripes[np.add.outer(np.arange(128), np.arange(128)) % 16 < 8] = 255
+    with FaceRenderer(head, Drawing(size=SIZE, background=stripes)) as renderer:
+        corner = renderer.draw(np.zeros(68))[:20, :20]
+    assert len(np.unique(corner)) > 2
