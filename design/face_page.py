@@ -43,8 +43,6 @@ VISEMES = ("m", "f", "θ", "t", "k", "ʃ", "s", "n", "ɹ", "ɑ", "ɛ", "ɪ", "ɔ
 CLOSE = Camera(target_mm=(0.0, 8.0, 60.0), distance_mm=900.0, field_deg=12.5)
 PEOPLE = ("default", "woman", "man", "child", "older", *(f"random:{seed}" for seed in (1, 3, 4, 5, 7, 10, 11)))
 EVERYBODY = (*PEOPLE[:5], "man:haircut=cropped", "woman:haircut=bob", *PEOPLE[5:10])
-LARGE = ("woman", "older", "random:4")
-"""Those of the sheet that is drawn at 1024 pixels."""
 COLOURS = {  # linear RGB of the real face's parts, which its file leaves open
     "gums_tongue": (0.5, 0.16, 0.15), "teeth": (0.8, 0.75, 0.66), "mouth_socket": (0.25, 0.07, 0.06),
     "eyeball_left": (0.8, 0.77, 0.74), "eyeball_right": (0.8, 0.77, 0.74), "eye_socket_left": (0.5, 0.2, 0.18),
@@ -160,11 +158,9 @@ def main() -> None:
     people = {name: load_head(name) for name in PEOPLE}
     sheet("face-people", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in people.items()}, 6)
     rows = {name: load_head(name) for name in EVERYBODY}
-    large = {name: rows[name] for name in LARGE}
     if DENSE_FACE.exists():
         rows["measured, imported"] = imported_face()
-    everybody("face-everybody", rows, profile, drawn=512, shown=148)
-    everybody("face-large", large, profile, drawn=1024, shown=400)
+    everybody("face-everybody", rows, profile, drawn=1024, shown=240)
     if DENSE_FACE.exists():
         poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
         turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)

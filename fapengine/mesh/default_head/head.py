@@ -355,7 +355,7 @@ def _finish(
     jaw_weight, basis, shades = build_basis(
         points, template, builder.column("place"), head, feature_points, fapu, style.age
     )
-    basis = even_out(basis, points, triangles, head, feature_points.values(), level.skin)
+    basis = even_out(basis, points, triangles, head, feature_points, level.skin)
     on_jaw = jaw_weight > 0
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
