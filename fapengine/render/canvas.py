@@ -29,7 +29,7 @@ else:
 
 
 Draw: TypeAlias = Callable[[], Sequence[Rectangle] | None]
-"""Draws one picture, and tells outside of which parts it has no edge; None: there may be edges everywhere."""
+"""Begins and draws one picture, and tells outside of which parts it has no edge; None: edges may be everywhere."""
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: which depths that are there already let a new pixel pass."""
 WALL = (0.30, 0.36, 0.42)
@@ -101,11 +101,9 @@ class Canvas:
     programs : Programs
     drawing : Drawing
         Its sizes, edges and whether there is alpha.
-    backdrop : Backdrop, optional
-        What all pictures begin with: it is drawn once, and then copied. Without it they begin with nothing.
     """
 
-    def __init__(self, programs: Programs, drawing: Drawing, backdrop: Backdrop | None = None) -> None:
+    def __init__(self, programs: Programs, drawing: Drawing) -> None:
         self.size, self.drawn, self._components = drawing.size, drawing.drawn_size, drawing.components
         self._context, self._samples = programs.context, drawing.samples
         self._resources: list[Any] = []
@@ -115,19 +113,40 @@ class Canvas:
         self._passes = [self._pass(programs.get(name)) for name in ("edges", "smooth", "enlarge")]
         self._buffers = [self._context.buffer(reserve=self.size[0] * self.size[1] * self._components) for _ in range(2)]
         self._resources += self._buffers
-        self._backdrop = backdrop if backdrop is not None and backdrop.is_there else None
         self._ground: moderngl.Framebuffer | None = None
-        if self._backdrop is not None and self._samples <= 1:
-            self._ground = self._framebuffer(self.drawn, 0)
-            self._ground.use()
-            self._ground.clear(0.0, 0.0, 0.0, 0.0)
-            self._context.enable_only(moderngl.NOTHING)
-            self._backdrop.draw()
+        self._ground_is: object = None
 
-    def draw_behind(self) -> None:
-        """Fill what is free with the backdrop, unless the picture began with it."""
-        if self._backdrop is not None and self._ground is None:
-            self._backdrop.draw()
+    def begin(self, ground: object = None, draw: Callable[[], None] | None = None) -> bool:
+        """Begin a picture with nothing, or with what does not change.
+
+        Parameters
+        ----------
+        ground : object, optional
+            What the ground depends on: while it is equal to the one before, ``draw`` is not called again.
+        draw : callable, optional
+            Draws the ground.
+
+        Returns
+        -------
+        bool
+            Whether the ground is there; multisampled pictures begin with nothing.
+        """
+        if draw is None or self._samples > 1:
+            self._empty(self._canvas)
+            return False
+        if self._ground is None:
+            self._ground = self._framebuffer(self.drawn, 0)
+        if ground != self._ground_is:
+            self._empty(self._ground)
+            draw()
+            self._ground_is = ground
+        self._context.copy_framebuffer(self._canvas, self._ground)  # and its depth
+        self._canvas.use()
+        return True
+
+    def _empty(self, target: moderngl.Framebuffer) -> None:
+        target.use()
+        target.clear(0.0, 0.0, 0.0, 0.0)
 
     def suits(self, drawing: Drawing) -> bool:
         """Tell whether pictures of a drawing can be made on this canvas."""
@@ -182,12 +201,6 @@ class Canvas:
 
     def _paint(self, draw: Draw) -> None:
         """Draw one picture; the context is current and stays so (entering it twice would leave it)."""
-        if self._ground is None:
-            self._canvas.use()
-            self._canvas.clear(0.0, 0.0, 0.0, 0.0)
-        else:
-            self._context.copy_framebuffer(self._canvas, self._ground)  # and its depth
-            self._canvas.use()
         self._finish(draw())
 
     def _picture(self, buffer: moderngl.Buffer) -> Picture:

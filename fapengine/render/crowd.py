@@ -115,6 +115,7 @@ class CrowdRenderer(Renderer):
 
     def _draw(self, faps: ArrayLike | Sequence[Pose]) -> None:
         uniforms, drawing = self._uniforms(faps), self.drawing
+        self._canvas.begin()
         for number, mesh in enumerate(self.meshes):
             self._context.viewport = (*self.corner(number), *drawing.size)
             model, camera = self._models[id(mesh)], self.cameras[number]

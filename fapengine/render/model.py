@@ -32,6 +32,8 @@ else:
 
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
+STILL = "still "
+"""Begins the name of the triangles of a part that no FAP moves."""
 WIRE_INK = (0.05, 0.08, 0.12, 0.55)
 TRIANGLES, ONE, SRC_ALPHA, ONE_MINUS_SRC_ALPHA = 4, 1, 0x0302, 0x0303  # numbers of OpenGL
 OVER: Any = (SRC_ALPHA, ONE_MINUS_SRC_ALPHA, ONE, ONE_MINUS_SRC_ALPHA)
@@ -70,9 +72,13 @@ class Model:
     def __init__(self, programs: Programs, packed: PackedMesh) -> None:
         self.packed, self._programs, self._context = packed, programs, programs.context
         self._vertices = self._context.buffer(packed.vertices)
-        self._indices: dict[str, moderngl.Buffer] = {
-            name: self._context.buffer(triangles) for name, triangles in packed.parts.items()
-        }
+        self._indices: dict[str, moderngl.Buffer] = {}
+        still = still_vertices(packed)
+        for name, triangles in packed.parts.items():
+            stays = still[triangles].all(axis=1) & (not PARTS[name].covers_in_part)
+            for key, chosen in ((name, ~stays), (STILL + name, stays)):
+                if chosen.any():
+                    self._indices[key] = self._context.buffer(np.ascontiguousarray(triangles[chosen]))
         self._displacements = self._data_texture(packed.displacements)
         self._normal_deltas = self._data_texture(packed.normal_deltas)
         self._skins: dict[int, moderngl.Texture] = {}
@@ -98,13 +104,16 @@ class Model:
         camera: Camera,
         size: tuple[int, int],
         *,
-        draw_behind: Callable[[], None],
+        draw_behind: Callable[[], None] | None = None,
         shading: Shading = "auto",
         wire: bool = False,
+        moving: bool = True,
+        still: bool = True,
     ) -> None:
         """Draw one frame over what is there; depth test, culling and blending are set here.
 
         ``draw_behind`` fills what the head leaves free. It is called before the parts that cover pixels only in part.
+        ``moving`` and ``still`` say whether to draw what FAPs move and what they do not; wire goes with the first.
         """
         context = self._context
         values: dict[str, NDArray[Any]] = {
@@ -126,11 +135,16 @@ class Model:
         at_vertices = self.is_lit_at_vertices(camera, size, shading)
         whole = [part for part in self.packed.parts if not PARTS[part].covers_in_part]
         for part in whole:
-            self._render(part, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
-        if wire:
+            for key, is_wanted in ((STILL + part, still), (part, moving)):
+                if is_wanted and key in self._indices:
+                    self._render(key, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
+        if wire and moving:
             self._draw_wire(values)
         context.disable(moderngl.CULL_FACE)
-        draw_behind()
+        if draw_behind is not None:
+            draw_behind()
+        if not moving:
+            return
         context.enable(moderngl.BLEND)
         context.blend_func = OVER
         context.fbo.depth_mask = False
@@ -167,7 +181,7 @@ class Model:
 
     def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
         """Join a part with the program that draws it; beside it those of its uniforms that change."""
-        kind = PARTS.get(part, Part(part))
+        kind = PARTS.get(part.removeprefix(STILL), Part(part))
         painted = kind.may_be_painted and self.packed.skin is not None
         defined = (*(PAINTED,) * painted, *kind.definitions, *(LIT_AT_VERTICES,) * at_vertices)
         program = self._programs.get(kind.program, defined)
@@ -206,3 +220,12 @@ class Model:
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self._skins[level] = texture
         return self._skins[level]
+
+
+def still_vertices(packed: PackedMesh) -> NDArray[np.bool_]:
+    """(V,): whether neither an entry nor a bone nor the head moves a vertex."""
+    first, columns = 0, {}
+    for name, size in ATTRIBUTE_SIZES.items():
+        columns[name] = packed.vertices[:, first : first + size]
+        first += size
+    return np.asarray((columns["a_bones"][:, 1:] == 0).all(axis=1) & (columns["a_entries"][:, 1] == 0))

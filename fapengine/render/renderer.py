@@ -21,7 +21,7 @@ from fapengine.render.canvas import Backdrop, Canvas
 from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
-from fapengine.render.packing import frame_uniforms, pack
+from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
 from fapengine.render.reach import Reach, Rectangle
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class FaceRenderer(Renderer):
             self._programs = Programs(self._context)
             self._model = Model(self._programs, packed)
             self._backdrop = Backdrop(self._programs, drawing)
-            self._canvas = Canvas(self._programs, drawing, self._backdrop)
+            self._canvas = Canvas(self._programs, drawing)
 
     def _resources(self) -> Iterable[Resource]:
         return self._canvas, self._backdrop, self._model, self._programs
@@ -83,7 +83,7 @@ class FaceRenderer(Renderer):
         if has_other_backdrop or not self._canvas.suits(drawing):
             with self._context:
                 self._canvas.release()
-                self._canvas = Canvas(self._programs, drawing, self._backdrop)
+                self._canvas = Canvas(self._programs, drawing)
 
     @property
     def is_lit_at_vertices(self) -> bool:
@@ -115,14 +115,30 @@ class FaceRenderer(Renderer):
     def _draw(self, faps: ArrayLike) -> Sequence[Rectangle] | None:
         drawing = self._drawing
         uniforms = frame_uniforms(self.mesh, faps)
+        ground = drawing.camera, drawing.shading, drawing.wire
+        is_there = self._canvas.begin(ground, partial(self._draw_ground, uniforms))
         self._model.draw(
             uniforms,
             drawing.camera,
             drawing.drawn_size,
-            draw_behind=self._canvas.draw_behind,
+            draw_behind=None if is_there else self._backdrop.draw,
             shading=drawing.shading,
             wire=drawing.wire,
+            still=not is_there,
         )
         if not self._backdrop.is_smooth:
             return None
         return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)
+
+    def _draw_ground(self, uniforms: FrameUniforms) -> None:
+        """Draw what no FAP moves: shoulders and backdrop."""
+        drawing = self._drawing
+        self._model.draw(
+            uniforms,
+            drawing.camera,
+            drawing.drawn_size,
+            draw_behind=self._backdrop.draw,
+            shading=drawing.shading,
+            wire=drawing.wire,
+            moving=False,
+        )

@@ -1,4 +1,4 @@
-"""The parts of a picture in which edges are softened: all edges are in them."""
+"""What is not done for every picture: edges are softened where they are, and what stands still is drawn once."""
 
 from dataclasses import replace
 
@@ -7,11 +7,12 @@ import pytest
 
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import single_fap
-from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS, Camera
 from fapengine.render.drawing import Drawing
-from fapengine.render.packing import frame_uniforms
+from fapengine.render.model import still_vertices
+from fapengine.render.packing import frame_uniforms, pack
 from fapengine.render.reach import Reach
 from fapengine.render.renderer import FaceRenderer
 
@@ -58,3 +59,30 @@ def test_a_picture_behind_the_head_is_softened_everywhere(head: FaceMesh) -> Non
     with FaceRenderer(head, Drawing(size=SIZE, background=stripes)) as renderer:
         corner = renderer.draw(np.zeros(68))[:20, :20]
     assert len(np.unique(corner)) > 2
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"camera": PRESETS["profile"]},
+        {"background": (200, 30, 30)},
+        {"wire": True},
+        {"shading": "pixels"},
+        {"scale": 0.5},
+    ],
+)
+def test_shoulders_and_wall_are_drawn_anew_where_they_change(head: FaceMesh, change: dict[str, object]) -> None:
+    before = Drawing(size=SIZE)
+    after = replace(before, **change)  # type: ignore[arg-type]
+    with FaceRenderer(head, before) as changed, FaceRenderer(head, after) as fresh:
+        first = changed.draw(POSES[0]).copy()
+        changed.drawing = after
+        assert np.array_equal(changed.draw(POSES[0]), fresh.draw(POSES[0]))
+        changed.drawing = before
+        assert np.array_equal(changed.draw(POSES[0]), first)
+
+
+def test_what_stands_still_is_the_shirt(head: FaceMesh) -> None:
+    still = still_vertices(pack(head))
+    assert still[head.material == Material.CLOTH].all()
+    assert head.vertices_mm[still, 1].max() < -100  # and where the neck ends
