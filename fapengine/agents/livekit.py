@@ -45,6 +45,7 @@ from livekit.agents.voice.avatar import (
 from livekit.agents.voice.avatar import AvatarSession as _AvatarSession
 
 from fapengine.agents.actor import Actor, ActorOptions
+from fapengine.render.drawing import EDGES
 
 SAMPLE_RATE_HZ = 24_000
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
@@ -221,9 +222,10 @@ def main() -> None:
     parser.add_argument("token", help="access token of the avatar's participant")
     parser.add_argument("--head", default="default", help="name or folder of a head")
     parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--edges", choices=EDGES, default="soft", help="how edges are smoothed")
     parser.add_argument("--rate", type=float, default=25.0, help="frames a second")
     given = parser.parse_args()
-    options = ActorOptions(head=given.head, size=tuple(given.size), frame_rate_hz=given.rate)
+    options = ActorOptions(head=given.head, size=tuple(given.size), edges=given.edges, frame_rate_hz=given.rate)
     asyncio.run(work(given.url, given.token, options))
 
 

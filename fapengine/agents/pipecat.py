@@ -84,7 +84,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
 
     Parameters
     ----------
-    head, size, frame_rate_hz, profile, voice, style, seed, hears
+    head, size, edges, frame_rate_hz, profile, voice, style, seed, hears
         As of :class:`fapengine.agents.actor.ActorOptions`.
     **processor
         For Pipecat's ``FrameProcessor``, such as its name.

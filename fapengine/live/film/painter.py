@@ -35,6 +35,8 @@ class Painter:
         Name or folder of a head: see :func:`fapengine.files.heads.load.load_head_for_calls`.
     size : (int, int)
         Width and height in pixels.
+    edges : str
+        ``soft``, ``fine`` or ``none``: see :func:`fapengine.render.drawing.parse_edges`.
 
     Raises
     ------
@@ -42,12 +44,12 @@ class Painter:
         If no process can be started.
     """
 
-    def __init__(self, head: str = "default", size: tuple[int, int] = (512, 512)) -> None:
+    def __init__(self, head: str = "default", size: tuple[int, int] = (512, 512), edges: str = "soft") -> None:
         self.size = size
         self._thread = ThreadPoolExecutor(1, "painter")
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "fapengine.live.film.painter", head, *map(str, size)],
+                [sys.executable, "-m", "fapengine.live.film.painter", head, *map(str, size), edges],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, process_group=0,
             )  # fmt: skip
         except OSError as error:
@@ -104,7 +106,7 @@ def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
 def main() -> None:
     """Be the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is told, and tells
-    head, width, height = sys.argv[1:]
+    head, width, height, edges = sys.argv[1:]
     pictures = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints must not fall between
     with contextlib.suppress(ImportError, AttributeError, OSError):
@@ -112,19 +114,19 @@ def main() -> None:
 
         fcntl.fcntl(pictures.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
     try:
-        _paint(head, (int(width), int(height)), pictures)
+        _paint(head, (int(width), int(height)), edges, pictures)
     except (FapEngineError, UsageError) as error:
         sys.exit(f"painter: {error}")
     except BrokenPipeError:
         pass
 
 
-def _paint(head: str, size: tuple[int, int], pictures: IO[bytes]) -> None:
+def _paint(head: str, size: tuple[int, int], edges: str, pictures: IO[bytes]) -> None:
     from fapengine.files.heads.load import load_head_for_calls
-    from fapengine.render.drawing import Drawing
+    from fapengine.render.drawing import Drawing, parse_edges
     from fapengine.render.renderer import FaceRenderer
 
-    with FaceRenderer(load_head_for_calls(head, size), Drawing(size=size)) as renderer:
+    with FaceRenderer(load_head_for_calls(head, size), Drawing(size=size, samples=parse_edges(edges))) as renderer:
         while len(faps := sys.stdin.buffer.read(4 * FAP_COUNT)) == 4 * FAP_COUNT:
             view = memoryview(renderer.draw(np.frombuffer(faps, np.int32)).tobytes())
             while view:
