@@ -29,6 +29,7 @@ from fapengine.mesh.rig import lids
 from fapengine.mesh.rig.parts import Eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import PointFields
+from fapengine.mesh.rig.tongue import find_tongue
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -291,15 +292,14 @@ def _signed_channels(collector: RowCollector, coordinate: Coordinate, eyes: Eyes
 
 
 def _add_tongue(collector: RowCollector, mesh: PlacedMesh, fapu: Fapu, without: Sequence[int]) -> list[int]:
-    """Move a tongue that is a part of its own, most at its tip, not at its root, by FAPs that do not move it yet."""
-    if "6.1" not in mesh.points or mesh.part[mesh.points["6.1"]] == mesh.skin_part:
+    """Move a tongue that is no part of the skin, most at its tip, not at its root, by FAPs that do not move it yet."""
+    tongue = find_tongue(mesh)
+    if tongue is None:
         return []
-    tongue = np.flatnonzero(mesh.part == mesh.part[mesh.points["6.1"]])
-    depth, tip = mesh.vertices_mm[tongue, 2], mesh.vertices_mm[mesh.points["6.1"], 2]
-    share = np.clip((depth - depth.min()) / max(tip - depth.min(), 1.0), 0.0, 1.0) ** TONGUE_STIFFNESS
+    share = tongue.share**TONGUE_STIFFNESS
     moved = [number for number in TONGUE_SHIFTS if number not in without]
     for number in moved:
         row = fap.spec(number)
         moves = share[:, None] * (fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive]))
-        collector.add(tongue, ROW_FAPU * moves, {collector.channel(Channel(number, -np.inf, np.inf)): 1.0})
+        collector.add(tongue.vertices, ROW_FAPU * moves, {collector.channel(Channel(number, -np.inf, np.inf)): 1.0})
     return moved

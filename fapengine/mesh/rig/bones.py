@@ -1,8 +1,9 @@
 """Bones of an imported head: what turns with the jaw, the eyes and the head, and about which joints.
 
-Eyes turn by the rig's bones or about their balls. Parts below the mouth line inside of the head go with the jaw, the
-skin by the share that it takes of the chin's motion; where blendshapes open the jaw, it is left to them. The neck
-follows the head as its skin weights say, or fades below the chin.
+Eyes turn by the rig's bones or about their balls. Parts below the mouth line inside of the head go with the jaw, and so
+does what lies below it of a part of both jaws; skin goes by the share that it takes of the chin's motion. Where
+blendshapes open the jaw, it is left to them. The neck follows the head as its skin weights say, or fades below the
+chin.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from fapengine.mesh.face_mesh import Bone, FaceMesh
 from fapengine.mesh.rig.parts import Eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import MIN_SHARE, PointFields
+from fapengine.mesh.rig.tongue import find_tongue, share_of_lower_jaw
 
 Array = NDArray[np.float64]
 
@@ -23,6 +25,8 @@ EYE_SIDES = (("3.5", Bone.LEFT_EYE, (23, 25, 27)), ("3.6", Bone.RIGHT_EYE, (24, 
 """Pupil, bone and FAPs of each eye."""
 LOWER_MOUTH_POINTS = ("9.9", "9.11", "6.1", "6.2")
 """Feature points of the lower teeth and the tongue."""
+INSIDE_MM = 20.0
+"""Height over the mouth line up to which the middle of a part that hangs on both jaws may lie."""
 NECK_MM = (45.0, 75.0)
 """Distance below the chin from which the head's motion fades, and the length over which it does."""
 MIN_CARRIED_MM = 1.0
@@ -102,8 +106,11 @@ def bind_bones(
 def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[NDArray[np.uint8], Array]:
     """(V,) bone and (V,) weight: parts of the lower mouth, skin, eyeballs, then what follows the skin."""
     bone, weight = np.zeros(len(mesh.vertices_mm), np.uint8), np.zeros(len(mesh.vertices_mm))
-    for number in _lower_mouth(mesh):
-        bone[mesh.part == number], weight[mesh.part == number] = Bone.JAW, 1.0
+    tongue = find_tongue(mesh)
+    for part, goes_down in _inside_of_mouth(mesh):
+        lower = share_of_lower_jaw(mesh, tongue, part)
+        if lower is not None or goes_down:
+            bone[part], weight[part] = Bone.JAW, 1.0 if lower is None else lower
     share = fields.jaw[: len(fields.skin)]
     bone[fields.skin[share > MIN_SHARE]] = Bone.JAW
     weight[fields.skin] = np.where(share > MIN_SHARE, share, 0.0)
@@ -114,18 +121,19 @@ def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[N
     return bone, weight
 
 
-def _lower_mouth(mesh: PlacedMesh) -> list[int]:
-    """Numbers of the parts inside of the head below the mouth line."""
-    positions, skin_part = mesh.positions, mesh.skin_part
+def _inside_of_mouth(mesh: PlacedMesh) -> list[tuple[NDArray[np.int64], bool]]:
+    """Vertices, (N,), of each part inside of the head near the mouth, and whether it lies below the mouth line."""
+    positions = mesh.positions
     mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2
     named = {mesh.part[mesh.points[name]] for name in LOWER_MOUTH_POINTS if name in mesh.points}
-    bone_numbers = []
-    for number in np.unique(mesh.part):
-        x, y, z = mesh.vertices_mm[mesh.part == number].mean(axis=0)
-        inside = abs(x) < 45 and positions["2.1"][1] - 10 < y < mouth_line and z > 0
-        if number != skin_part and (number in named or inside):
-            bone_numbers.append(int(number))
-    return bone_numbers
+    parts = []
+    for number in np.unique(mesh.part[mesh.part != mesh.skin_part]):
+        part = np.flatnonzero(mesh.part == number)
+        x, y, z = mesh.vertices_mm[part].mean(axis=0)
+        inside = abs(x) < 45 and positions["2.1"][1] - 10 < y < mouth_line + INSIDE_MM and z > 0
+        if inside or number in named:
+            parts.append((part, bool(number in named or y < mouth_line)))
+    return parts
 
 
 def _head(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Array, Array]:

@@ -98,6 +98,50 @@ def test_eyes_are_found_and_turn(imported):
     assert np.abs(moved[mesh.feature_points["3.6"]]).max() < 1e-3
 
 
+@pytest.fixture(scope="module")
+def joined(standard):
+    """Our head with gums before the teeth of both jaws, which hang on the root of its tongue; and their vertices."""
+    tongue = np.flatnonzero(standard.material == Material.TONGUE)
+    root = int(tongue[standard.vertices_mm[tongue, 2].argmin()])
+    upper = [(-24, 50), (-16, 60), (-12, 75), (-14, 90), (-16, 104.5), (-20, 105), (-26, 105)]
+    lower = [(-44, 50), (-50, 60), (-54, 75), (-56, 90), (-54, 103), (-50, 103), (-42, 103)]
+    vertices, triangles, gums = [standard.vertices_mm.astype(float)], [standard.triangles], []
+    for height_and_depth in (upper, lower):
+        first = sum(map(len, vertices))
+        vertices.append(np.array([(x, y, z) for y, z in height_and_depth for x in (-9.0, 9.0)]))
+        strip = first + np.arange(len(vertices[-1]))
+        triangles += [np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1), np.array([[root, strip[0], strip[1]]])]
+        gums.append(strip[-6:])
+    on_surface = set(np.unique(standard.triangles).tolist())
+    points = {name: index for name, index in standard.feature_points.items() if index in on_surface}
+    found = import_plain(np.concatenate(vertices), np.concatenate(triangles), points, standard)
+    return found, [np.searchsorted(found.placed.kept, strip) for strip in gums]
+
+
+def test_gums_that_hang_on_the_tongue_stay_when_it_is_asked_out(joined):
+    found, (upper, lower) = joined
+    mesh = found.mesh
+    frame = np.zeros(68)
+    frame[[fap.column(44), fap.column(45)]] = 200, 500
+    moved = deform(mesh, frame) - mesh.vertices_mm
+    tip = moved[mesh.feature_points["6.1"]]
+    assert tip[2] == pytest.approx(500 * mesh.fapu.unit(fap.FapUnit.MW), rel=0.02)
+    assert np.abs(moved[np.concatenate([upper, lower])]).max() < 0.02 * tip[2]
+
+
+def test_gums_of_one_part_go_each_with_its_jaw(joined):
+    found, (upper, lower) = joined
+    mesh = found.mesh
+    frame = np.zeros(68)
+    frame[fap.column(3)] = 400
+    moved = deform(mesh, frame) - mesh.vertices_mm
+    teeth = moved[mesh.feature_points["9.11"]]
+    assert teeth[1] < -8
+    assert np.abs(moved[upper]).max() < 0.05
+    np.testing.assert_allclose(moved[lower, 1], teeth[1], atol=1.0)
+    assert moved[mesh.feature_points["6.1"], 1] == pytest.approx(teeth[1], abs=1.0)
+
+
 def test_fewer_points_move_less_and_say_so(standard, stranger):
     vertices, triangles, points = stranger
     few = {name: points[name] for name in ("8.1", "8.2", "8.3", "8.4", "2.1", "2.2", "2.3", "9.3")}
