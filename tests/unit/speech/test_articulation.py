@@ -9,7 +9,7 @@ from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.speech import articulation, ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, SIBILANTS
-from fapengine.trajectory.phonetics import HALF_GAIN, layer_faps
+from fapengine.trajectory.phonetics import HALF_GAIN, WIDTH, layer_faps
 from tests.english import english
 
 CONTRAST_MM = 4.0
@@ -64,7 +64,8 @@ def test_no_row_leaves_the_range_of_the_standard(size: float) -> None:
     """On faces smaller and larger than the recorded one, and with the largest lips of a style."""
     fapu = Fapu(irisd0_mm=10 * size, es0_mm=60 * size, ens0_mm=48 * size, mns0_mm=21 * size, mw0_mm=50 * size)
     profile = english()
-    faps = np.array([row.values for row in ARTICULATIONS.values()]) * (1 + HALF_GAIN) @ layer_faps(profile)
+    rows = np.array([row.values for row in ARTICULATIONS.values()])
+    faps = np.pad(rows, ((0, 0), (0, WIDTH - len(AXES))), constant_values=1.0) * (1 + HALF_GAIN) @ layer_faps(profile)
     faps *= profile.fapu.mns0_mm / fapu.mns0_mm
     np.testing.assert_array_equal(to_codable(faps), np.rint(faps).astype(np.int32))
     assert np.abs(faps).max() > 100

@@ -94,6 +94,19 @@ def test_round_sounds_that_last_are_narrow(style: str) -> None:
     assert width(pose("ʃ", 0, style, "neutral", 0.3)) > width(pose("ʃ", 0, style, "neutral", 0.08)) - 1.0
 
 
+def test_round_sounds_that_last_are_a_hole_and_no_slit() -> None:
+    """Lips are open in the middle, and meet half way to the corners."""
+    for label in "uyoø":
+        mm = pose(label, 0, "still", "neutral", 0.3)
+        middle, left, right = (
+            -mm[[fap.column(number) for number in pair]].sum() for pair in ((4, 5), (8, 10), (9, 11))
+        )
+        assert middle > 5.0, label
+        assert -0.1 < min(left, right) <= max(left, right) < 0.5, label
+    short = pose("u", 0, "still", "neutral", 0.08)
+    assert -short[[fap.column(4), fap.column(5)]].sum() < 4.0
+
+
 def test_what_was_heard_is_as_narrow_as_it_was_heard() -> None:
     """The recorded speaker said "soon", and never u between n and s."""
     heard, strange = (width(pose(word, 1, "still", "neutral", 0.22)) for word in ("s u n", "n u s"))
