@@ -1,4 +1,4 @@
-"""Hair: a dark cap on the scalp and locks over it, combed to the side from a parting.
+"""Hair: a dark cap on the scalp, locks over it that frame the face, and single hairs along the hairline.
 
 Theory of operation
 -------------------
@@ -20,6 +20,7 @@ from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.rings import resampled
 from fapengine.mesh.default_head.scalp import GOLDEN, Scalp
+from fapengine.mesh.default_head.sections import AXIS_Z_MM
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.tresses import ENDS_MM, build_tresses
 from fapengine.mesh.face_mesh import Material
@@ -32,6 +33,16 @@ CAP_SHADE, LIKE_CAP = 0.85, 0.75
 """Shade of the cap, and how nearly locks have it where they lie on it."""
 EVEN_LIGHT_HAIR = 2.4
 """Share of the shades' range that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones."""
+CAP_TOP_MM, CAP_RISES = 144.0, 0.24
+"""Height of the cap's crown, and share of the way there over which the cap gets its thickness."""
+ROOT = 0.3
+"""Share of the skin's colour where the cap begins."""
+LEAN_RAD, RELIEF_MM = 0.55, 0.5
+"""Angle by which strands of the cap go back on their way down the sides, and height of their waves."""
+EDGE_HAIRS, EDGE_POINTS = 260, 3
+"""Single hairs along the hairline, and points of each."""
+LOCKS_FROM_MM, SWEPT_MM = 78.0, (18.0, 86.0)
+"""Height from which locks frame the face; place to the left of which and above which the hair is swept off it."""
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
 """Width of a lock from root towards the tip, which is a point."""
@@ -60,28 +71,83 @@ def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices
     cap = _build_cap(builder, style, palette, detail)
     if style.haircut == "cropped":
         return cap
-    build_over_it = build_tresses if style.haircut in ENDS_MM else _build_locks
-    return np.concatenate([cap, build_over_it(builder, style, palette, detail)])
+    if style.haircut in ENDS_MM:
+        return np.concatenate([cap, build_tresses(builder, style, palette, detail)])
+    edge = _build_edge(builder, style, palette, detail)
+    return np.concatenate([cap, edge, _build_locks(builder, style, palette, detail)])
+
+
+def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
+    """Add single hairs that begin before and behind the hairline, so that hair has no edge; (N,) indices."""
+    number = np.arange(round(EDGE_HAIRS * min(detail, 1.4) ** 1.5))
+    place, wild, other = (2 * ((number * GOLDEN * factor) % 1) - 1 for factor in (1.0, 5.77, 3.1))
+    angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most stand over the face
+    degrees = np.rad2deg(np.abs(angle))
+    # On the forehead few begin far before the line; at the nape they hang over it.
+    before = np.where(degrees > 117.0, 3.0 + 3.0 * wild, 1.0 - 5.0 * wild**2 * np.sign(wild + 0.3))
+    length = 8.0 + 3.0 * other + np.interp(degrees, (65.0, 75.0), (5.0, 0.0))
+    length *= np.where((degrees > 70.0) & (degrees < 112.0), 0.55, 1.0)
+    scalp, spine = Scalp(style), []
+    at = position(angle, hairline(angle) + before, style)
+    for step in range(EDGE_POINTS):
+        foot, out = scalp.under(at)
+        along = _combed(foot, out)
+        along += (0.45 * other)[:, None] * np.cross(along, out)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        spine.append(foot + (_over(foot, style.haircut) + 0.2 + 0.17 * step)[:, None] * out)
+        at = foot + (length / (EDGE_POINTS - 1))[:, None] * along
+    aside = np.cross(along, out)
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    tint = CAP_SHADE * palette.hair * (0.95 + 0.35 * wild)[:, None]
+    half_width = np.linspace(0.17, 0.04, EDGE_POINTS)
+    return builder.strands(np.stack(spine, axis=1), half_width, aside, albedo=tint).ravel()
+
+
+def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
+    """How far the cap stands off the scalp, mm, by height and angle."""
+    line = hairline(angle)
+    inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / CAP_RISES)
+    height: Array = 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
+    return height
+
+
+def _over(points: Array, haircut: str) -> Array:
+    """(N,) mm: how far the cap stands off points of the scalp, (N, 3)."""
+    return _cap_height(points[:, 1], np.arctan2(points[:, 0], points[:, 2] - AXIS_Z_MM), haircut)
+
+
+def _strips(columns: int) -> Array:
+    """(C,): place across the painted strands of each column, to and fro in uneven steps."""
+    place, places = 0.5, []
+    for number in range(columns):
+        places.append(place)
+        wild = (number * GOLDEN) % 1
+        back = place > 0.62 or (place > 0.38 and wild > 0.5)
+        place += (0.22 + 0.14 * wild) * (-1 if back else 1)
+    return np.array(places)
 
 
 def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     angle = np.linspace(-np.pi, np.pi, 2 * round(22 * detail) + 1)[:-1]
     share = resampled(CAP_ROWS, detail)
     line = hairline(angle)
-    y = line + np.clip(share, -1, 1)[:, None] * (144.0 - line)
-    wide = np.broadcast_to(angle, y.shape)
+    y = line + np.clip(share, -1, 1)[:, None] * (CAP_TOP_MM - line)
+    combed = float(style.haircut != "cropped")
+    wide = (
+        angle - combed * LEAN_RAD * np.sin(angle) * np.clip(share, 0, 1)[:, None]
+    )  # columns lean back on their way down
     base, out = position(wide, y, style), normal(wide, y, style)
-    inside = smoothstep((share + 0.02) / 0.22)[:, None]
-    high = THICK.get(style.haircut, UNDER_LOCKS) * _thickness(y)
-    thick = np.where(share[:, None] < 0, -2.0, 0.3 + high * inside)
+    thick = np.where(share[:, None] < 0, -2.0, _cap_height(y, wide, style.haircut))
+    thick = thick + combed * RELIEF_MM * np.clip(4 * share, 0, 1)[:, None] * np.sin(2.4 * np.arange(len(angle)))
     points = base + thick[..., None] * out
-    root = 0.55 * (1 - smoothstep((share - 0.005) / 0.045))
+    root = ROOT * (1 - smoothstep((share - 0.005) / 0.045))
     if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
         root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
-    bundles = 1 + 0.13 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
+    bundles = 1 + 0.16 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
     dark = CAP_SHADE * palette.hair * bundles[:, None]
     albedo = dark + root[:, None, None] * (palette.skin(base) - dark)
-    uv = strand_uv(np.where(np.arange(len(angle)) % 2, 0.15, 0.85), 0.05 + 0.9 * share[:, None])
+    strips = _strips(len(angle)) if combed else np.where(np.arange(len(angle)) % 2, 0.15, 0.85)
+    uv = strand_uv(strips, 0.05 + 0.9 * share[:, None])
     grid = builder.add(points, albedo=albedo, material=Material.HAIR, uv=uv)
     builder.quads(grid, closed=True)
     top = points[-1].mean(axis=0) + np.array([0, 3.0, 0])
@@ -134,8 +200,8 @@ def _clear_of_ears(points: Array) -> Array:
 
 def _front_roots(style: HeadStyle) -> Array:
     """(20, 3): along the hairline over the forehead, so that no edge of the cap shows."""
-    angle = np.deg2rad(np.linspace(-34.0, 50.0, 20))
-    return position(angle, hairline(angle) + 0.5 + 3.0 * np.abs(np.sin(9.0 * np.arange(20))), style)
+    angle = np.deg2rad(np.linspace(-36.0, 20.0, 20))
+    return position(angle, hairline(angle) + 1.5 + 6.0 * np.abs(np.sin(9.0 * np.arange(20))), style)
 
 
 def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
@@ -163,7 +229,9 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         out_of = smoothstep((share + 0.02) / 0.3)
         # Edges lie on the cap: one that stood off it would be seen as a row of dots against the light.
         on_cap = smoothstep((foot[:, 1] - hairline(np.arctan2(foot[:, 0], foot[:, 2])) - 4.0) / 10.0)
-        high = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
+        over = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
+        grown = smoothstep((share + 0.02) / 0.4)
+        high = np.minimum(over, _over(foot, style.haircut) - 1.0 + grown * 16.0)
         middle = foot + high[:, None] * out
         edge = (wide * half)[:, None] * aside
         sunk = (0.24 * wide * half + on_cap * (high - _thickness(foot[:, 1])).clip(0))[:, None] * out
@@ -176,6 +244,11 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         step = length / (len(taper) - 1) * _clear_of_ears(foot)
         at = foot + step[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
+    # Those that end on the cap would look like leaves on it: there its painting shows how hair lies.
+    foot, tip = points[:, 0, 1], points[:, -1, 1]
+    seen = (on_cap < 0.95) & (tip[:, 2] > 0) & (foot[:, 1] > LOCKS_FROM_MM)
+    seen &= (foot[:, 0] < SWEPT_MM[0]) | (foot[:, 1] < SWEPT_MM[1])
+    points, tints, number = points[seen], [tint[seen] for tint in tints], number[seen]
     even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
     shades = np.stack(tints, axis=1)
     albedo = palette.hair * (shades + even * (CAP_SHADE - shades))[..., None]

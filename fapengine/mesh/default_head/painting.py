@@ -65,8 +65,8 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
 
 def _strands(shape: tuple[int, int]) -> Array:
     """Hair seen close: fine strands that run with the rows, in bundles."""
-    fine, bundle = _cloud(shape, 31, (60.0, 0.7)), _cloud(shape, 32, (90.0, 3.0))
-    return np.clip(0.74 + 0.13 * fine + 0.12 * bundle, 0.25, 1.0)
+    fine, bundle, wide = (_cloud(shape, *how) for how in ((31, (60.0, 0.7)), (32, (90.0, 3.0)), (33, (110.0, 8.0))))
+    return np.clip(0.72 + 0.10 * fine + 0.12 * bundle + 0.10 * wide, 0.25, 1.0)
 
 
 def _skin(style: HeadStyle) -> Array:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
 from fapengine.mesh.default_head import atlas, painting
+from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.scalp import Scalp
+from fapengine.mesh.default_head.sections import AXIS_Z_MM
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
@@ -204,6 +206,15 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]
     assert front[:, 1].min() > 65  # no fringe over brows or eyes
+
+
+def test_single_hairs_stand_along_the_whole_hairline(heads: dict[str, FaceMesh]) -> None:
+    head = heads["normal"]
+    hairs = head.vertices_mm[head.material == Material.STRAND].astype(float)
+    angle = np.arctan2(hairs[:, 0], hairs[:, 2] - AXIS_Z_MM)
+    at_line = np.abs(hairs[:, 1] - hairline(angle)) < 9
+    counts, _ = np.histogram(angle[at_line], np.deg2rad(np.arange(-180, 181, 30)))
+    assert counts.min() >= 20, counts
 
 
 def test_a_look_is_read_from_text() -> None:
