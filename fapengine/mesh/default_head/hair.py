@@ -33,10 +33,10 @@ CAP_SHADE, LIKE_CAP = 0.85, 0.75
 """Shade of the cap, and how nearly locks have it where they lie on it."""
 EVEN_LIGHT_HAIR = 2.4
 """Share of the shades' range that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones."""
-CAP_TOP_MM, CAP_RISES = 144.0, 0.24
+CAP_TOP_MM, RISES, RISES_SHORT = 144.0, 0.22, 0.24
 """Height of the cap's crown, and share of the way there over which the cap gets its thickness."""
-ROOT = 0.3
-"""Share of the skin's colour where the cap begins."""
+ROOT, HARD_ROOT = 0.3, 0.55
+"""Share of the skin's colour where the cap begins: with single hairs along its edge, and without."""
 LEAN_RAD, RELIEF_MM = 0.55, 0.5
 """Angle by which strands of the cap go back on their way down the sides, and height of their waves."""
 EDGE_HAIRS, EDGE_POINTS = 260, 3
@@ -106,7 +106,8 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
 def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
     """How far the cap stands off the scalp, mm, by height and angle."""
     line = hairline(angle)
-    inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / CAP_RISES)
+    rises = RISES_SHORT if haircut == "short" else RISES
+    inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / rises)
     height: Array = 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
     return height
 
@@ -132,7 +133,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     share = resampled(CAP_ROWS, detail)
     line = hairline(angle)
     y = line + np.clip(share, -1, 1)[:, None] * (CAP_TOP_MM - line)
-    combed = float(style.haircut != "cropped")
+    combed = style.haircut == "short"
     wide = (
         angle - combed * LEAN_RAD * np.sin(angle) * np.clip(share, 0, 1)[:, None]
     )  # columns lean back on their way down
@@ -140,7 +141,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     thick = np.where(share[:, None] < 0, -2.0, _cap_height(y, wide, style.haircut))
     thick = thick + combed * RELIEF_MM * np.clip(4 * share, 0, 1)[:, None] * np.sin(2.4 * np.arange(len(angle)))
     points = base + thick[..., None] * out
-    root = ROOT * (1 - smoothstep((share - 0.005) / 0.045))
+    root = (ROOT if combed else HARD_ROOT) * (1 - smoothstep((share - 0.005) / 0.045))
     if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
         root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
     bundles = 1 + 0.16 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
