@@ -49,9 +49,10 @@ test: $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 conformance fuzz SECONDS=15
 
 # The codec is compiled once, before two processes would both do it.
+# Files run in their order, the long ones first: so no process waits long for the other at the end.
 tests: $(VENV)/.ready-dev detector
 	$(BIN)/python -c "from fapengine.codec.warmup import warm_up; warm_up()"
-	$(BIN)/python -m pytest -n 2 --dist loadfile -q --at-least $(TESTS_AT_LEAST)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q --at-least $(TESTS_AT_LEAST)
 
 # As in a clone with nothing beside it: the measurement data are hidden.
 conformance: $(VENV)/.ready-dev
