@@ -23,6 +23,8 @@ export class Session extends EventTarget {
     this.fadeOut = new FadeOut();
     this.utterances = new Utterances();
     this.moment = null;
+    this.followed = null; // time of the last picture
+    this.begun = null;
     this.sound = new Sound((where) => this.report(where));
     this.stream = new SoundStream();
     this.waiting = new Set();
@@ -82,17 +84,25 @@ export class Session extends EventTarget {
   }
 
   follow(time) {
+    // However few pictures are drawn, every phone is told; before at(), which forgets what is over.
+    for (const passed of this.utterances.passed(this.followed ?? time, time)) {
+      this.begins(passed.utterance);
+      this.tell("phone", passed);
+    }
+    this.followed = time;
     const before = this.moment;
     const now = (this.moment = this.utterances.at(time));
-    const since = this.followed ?? time;
-    this.followed = time;
     if (!now) return;
-    if (before?.utterance !== now.utterance) this.tell("begin", this.utterances.said.get(now.utterance));
-    // However few pictures are drawn, every phone is told.
-    for (const passed of this.utterances.passed(since, time)) this.tell("phone", passed);
+    this.begins(now.utterance);
     if (before?.utterance === now.utterance && before.index === now.index) return;
     const { utterance, label, word, position } = now;
     this.tell("phone", { utterance, label, word, position_s: position });
+  }
+
+  begins(utterance) {
+    if (utterance === this.begun) return;
+    this.begun = utterance;
+    this.tell("begin", this.utterances.said.get(utterance));
   }
 
   get isSpeaking() {
@@ -186,6 +196,7 @@ export class Session extends EventTarget {
   connection(name) {
     if (name !== "connected") {
       this.utterances.clear();
+      this.begun = null;
       this.sound.stop(null); // nobody moves the lips any more
     }
     this.tell("connection", name);

@@ -43,7 +43,7 @@ export class Utterances {
     const said = this.said.get(utterance);
     if (!said) return;
     said.isOver = true;
-    if (this.current !== utterance) this.forget(utterance);
+    if (!said.hasStarted) this.forget(utterance); // the last phones of the others may have to be told yet
   }
 
   forget(utterance) {
@@ -75,12 +75,13 @@ export class Utterances {
     return { utterance: said.utterance, position, index, label: heard(phone), word: phone?.word ?? null };
   }
 
-  // Phones of what is being said that began and ended between two times: [{ utterance, label, word, position_s }].
+  // Phones that began and ended between two times: [{ utterance, label, word, position_s }].
   passed(since, until) {
-    const { utterance, phones, offset } = this.said.get(this.current);
-    return phones
-      .filter((phone) => phone && phone.start > since + offset && phone.end <= until + offset)
-      .map((phone) => ({ utterance, label: heard(phone), word: phone.word, position_s: phone.start }));
+    return [...this.said.values()].filter(({ hasStarted }) => hasStarted).flatMap(({ utterance, phones, offset }) =>
+      phones
+        .filter((phone) => phone && phone.start > since + offset && phone.end <= until + offset)
+        .map((phone) => ({ utterance, label: heard(phone), word: phone.word, position_s: phone.start })),
+    );
   }
 }
 

@@ -301,6 +301,27 @@ def test_words_of_a_text_are_found_in_it_with_all_between(modules: Page) -> None
     ]
 
 
+def test_phones_of_two_utterances_are_told_though_both_ended_between_two_pictures(modules: Page) -> None:
+    code = """const told = [], one = Object.create(m.Session.prototype);
+        const utterances = one.utterances = new Utterances();
+        one.tell = (type, { utterance, label }) => told.push([type, utterance, label ?? ""]);
+        const say = (number, time, labels) => {
+            utterances.phones(number, 0, labels.map((label, place) => [label, place / 10, (place + 1) / 10, null]));
+            utterances.position(number, 0, time);
+        };
+        say(1, 10, ["m", "a"]);
+        one.follow(10.01);
+        say(2, 11, ["p", "a"]);
+        utterances.over(1);
+        utterances.over(2);
+        one.follow(15);
+        return told;"""
+    code = f"return import('/face/utterances.js').then(({{ Utterances }}) => {{ {code} }});"
+    assert calculated(modules, "session.js", code) == [
+        ["begin", 1, ""], ["phone", 1, "m"], ["phone", 1, "a"], ["begin", 2, ""], ["phone", 2, "p"], ["phone", 2, "a"],
+    ]  # fmt: skip
+
+
 EDGES_AND_SCALE = """const budget = new m.PixelBudget(true);
     const seen = [];
     // A screen shows a picture at its next turn, however soon it was drawn.
