@@ -60,7 +60,8 @@ window.ready = true;
 PAGE = f"""<!doctype html><script type="importmap">{{"imports": {{"three": "/node_modules/three/build/three.module.js",
 "three/addons/": "/node_modules/three/examples/jsm/"}}}}</script><script type="module">{PLAY}</script>"""
 BLENDER = """
-import bpy, json, sys
+import bpy, json, numpy, sys
+numpy.bool = bool  # Debian's add-on asks for it, and Debian's NumPy has it no more
 path, frames = sys.argv[-2], int(sys.argv[-1])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = 30
@@ -150,7 +151,9 @@ def check_with_blender(folder: Path) -> None:
     script.write_text(BLENDER)
     command = ["blender", "-b", "--factory-startup", "-P", str(script), "--", str(folder / "spoken-linear.glb")]
     done = subprocess.run([*command, str(len(track))], capture_output=True, text=True, check=True)
-    rows = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("ROWS "))[5:])
+    told = [line[5:] for line in done.stdout.splitlines() if line.startswith("ROWS ")]
+    assert told, done.stdout + done.stderr
+    rows = json.loads(told[0])
     weights = approximate_arkit(track.values.astype(np.float64))
     for name in ("jawOpen", "mouthClose"):
         shown = np.array([row[name] for row in rows])
