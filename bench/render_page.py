@@ -41,7 +41,7 @@ The default head is drawn as `say` and `render` do it. {film}
 
 Deforming costs {deforming:.0f} % over drawing the same mesh undeformed, all else equal (goal: at most {ceiling:.0f} %).
 
-The head comes in four levels of detail; these two are its level `fine` with its longest edges halved until there are so
+The head comes in five levels of detail; these two are its level `fine` with its longest edges halved until there are so
 many vertices (`bench/finer.py`).
 
 ## What things cost
