@@ -1,4 +1,4 @@
-"""What a verb has done, printed as words or as JSON."""
+"""Result of a verb, printed as words or as JSON."""
 
 import json
 from collections.abc import Mapping

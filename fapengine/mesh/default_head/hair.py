@@ -60,7 +60,7 @@ CROWN_MM = 132.0
 
 
 def _thickness(y: Array) -> Array:
-    """How far the cap stands off the scalp, mm, by height."""
+    """Distance of the cap from the scalp, mm, by height."""
     thick: Array = 4.2 + 6.3 * smoothstep((y - 45.0) / 75.0)
     return thick
 
@@ -104,7 +104,7 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
 
 
 def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
-    """How far the cap stands off the scalp, mm, by height and angle."""
+    """Distance of the cap from the scalp, mm, by height and angle."""
     line = hairline(angle)
     rises = RISES_SHORT if haircut == "short" else RISES
     inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / rises)

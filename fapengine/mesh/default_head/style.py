@@ -10,7 +10,7 @@ from fapengine.mesh.default_head.faces_table import MODES
 
 
 class Detail(NamedTuple):
-    """How finely a head is divided, lengthwise; 1 is normal."""
+    """Fineness of a head's mesh: edges a length, as a multiple of those of level ``normal``."""
 
     skin: float
     """All but hair."""

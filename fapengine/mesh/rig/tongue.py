@@ -30,7 +30,7 @@ ROOT_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tongue:
-    """What of a mesh moves with the tip of its tongue."""
+    """Vertices of a tongue, and of gums that hang together with it, and their share in the motion of its tip."""
 
     vertices: Indices
     """(N,): those of the part that bears the tip."""

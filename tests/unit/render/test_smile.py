@@ -1,4 +1,4 @@
-"""What is seen in a face that smiles, and in one that is surprised: light teeth, and no white below the iris."""
+"""Pictures of a smile and of surprise: light teeth, and no white below the iris."""
 
 from dataclasses import replace
 
