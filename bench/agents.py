@@ -15,23 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.agents.actor import Actor
-from fapengine.agents.spoken_words import TimedWord
-from fapengine.agents.stage import Stage
-from fapengine.agents.troupe import Troupe
-from fapengine.ears.process import DirectEar
-from fapengine.ears.protocol import Ear
-from fapengine.ears.small_ear import SmallEar
-from fapengine.ears.sphinx_ear import SphinxEar
+from fapengine.agents.face import AgentFace
 from fapengine.files.heads.load import load_head_for_calls
 from fapengine.files.profiles import load_profile
-from fapengine.live.wire.fap_osc import encode_track
+from fapengine.host.stream import StreamHost, StreamHosts
+from fapengine.host.words import TimedWord
 from fapengine.mpeg4.track import FapTrack
+from fapengine.recognition.process import DirectRecognizer
+from fapengine.recognition.protocol import Recognizer
+from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.render.drawing import Drawing, parse_edges
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import Pronouncer, pronounce_words
+from fapengine.wire.fap_osc import encode_track
 
 TEXT = "Good morning. I looked at the plan you sent me, and most of it is fine; but the budget may be a problem."
 DIALOGUE = (
@@ -71,7 +70,7 @@ TOGETHER = 100
 """Agents on one engine."""
 
 
-def _shown(stage: Stage, samples: np.ndarray, rate_hz: int) -> list[np.ndarray]:
+def _shown(stage: StreamHost, samples: np.ndarray, rate_hz: int) -> list[np.ndarray]:
     stage.push(samples, rate_hz)
     stage.end()
     frames = []
@@ -100,29 +99,29 @@ def measured() -> dict[str, float]:
     known = pronounce_words([(word.text, word.start_s, word.end_s or 0.0) for word in words], voice)
 
     def by_words() -> list[np.ndarray]:
-        stage = Stage(profile, rng=np.random.default_rng(1), pronounce=lambda _: known)
+        stage = StreamHost(profile, rng=np.random.default_rng(1), pronounce=lambda _: known)
         stage.words(words)
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
-    def by_ear(ear: Callable[[], Ear]) -> list[np.ndarray]:
-        stage = Stage(profile, rng=np.random.default_rng(1), ear=DirectEar(ear()))
+    def by_ear(ear: Callable[[], Recognizer]) -> list[np.ndarray]:
+        stage = StreamHost(profile, rng=np.random.default_rng(1), ear=DirectRecognizer(ear()))
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
     def by_words_together() -> None:
-        troupe = Troupe(profile, rng=np.random.default_rng(1))
+        hosts = StreamHosts(profile, rng=np.random.default_rng(1))
         for number in range(TOGETHER):
-            stage = troupe.open(str(number), pronounce=lambda _: known)
+            stage = hosts.open(str(number), pronounce=lambda _: known)
             stage.words(words)
             stage.push(speech.samples, speech.sample_rate_hz)
             stage.end()
-        while any(stage.is_speaking for stage in troupe.stages.values()):
-            troupe.next(1 / RATE_HZ)
+        while any(stage.is_speaking for stage in hosts.hosts.values()):
+            hosts.next(1 / RATE_HZ)
 
     frames = by_words()
     costs = {"stage, alone": _cpu_s(by_words, length_s)}
     costs[f"stage, {TOGETHER} together"] = _cpu_s(by_words_together, TOGETHER * length_s, repeats=2)
     costs |= _pronouncing(voice)
-    ears: dict[str, Callable[[], Ear]] = {"PocketSphinx": SphinxEar, "small ear": SmallEar}
+    ears: dict[str, Callable[[], Recognizer]] = {"PocketSphinx": SphinxRecognizer, "small ear": SmallRecognizer}
     for name, ear in ears.items():
         costs[name] = max(_cpu_s(partial(by_ear, ear), length_s) - costs["stage, alone"], 0.0)
     count = len(frames)
@@ -166,7 +165,7 @@ class _PainterHere:
 
 def _listened(renderer: FaceRenderer) -> list[bytes]:
     """Pictures of an agent that nobody lets speak, its stage's work among them."""
-    actor = Actor(Stage(load_profile("grid_s1_en"), rng=np.random.default_rng(1)), RATE_HZ)
+    actor = AgentFace(StreamHost(load_profile("grid_s1_en"), rng=np.random.default_rng(1)), RATE_HZ)
     actor.painter = _PainterHere(renderer)  # type: ignore[assignment]
 
     async def pictures() -> list[bytes]:

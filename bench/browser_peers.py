@@ -20,11 +20,11 @@ import numpy as np
 from aiohttp import web
 
 from bench.talking import talking_face
-from fapengine.live.web.app import page_files
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import channel_weights
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.packing import normal_deltas
+from fapengine.server.web.app import page_files
 from tests.browser.chromium import Browser, find_chromium
 
 NAMES = ("three.js", "three.js, bare", "three.js, morphs", "our page")

@@ -20,12 +20,12 @@ import numpy as np
 from aiortc.rtp import RtcpSrPacket
 
 from fapengine.files.profiles import load_profile
-from fapengine.live.calls.tracks import VIDEO_HZ, FilmTracks
-from fapengine.live.film.soundtrack import RATE_HZ
-from fapengine.live.hub.messages import Spoken
-from fapengine.live.server.config import CallChoice, Listen, ServeConfig
-from fapengine.live.server.server import Server
+from fapengine.host.listeners import Spoken
 from fapengine.mesh.default_head.head import build_head
+from fapengine.server.calls.tracks import VIDEO_HZ, FilmTracks
+from fapengine.server.config import CallChoice, Listen, ServeConfig
+from fapengine.server.film.soundtrack import RATE_HZ
+from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.live.caller import Caller, watch
 
@@ -139,7 +139,7 @@ async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
         while server.hub.engine.utterance("anna", spoken.utterance) is not None:
             utterance = server.hub.engine.utterance("anna", spoken.utterance)
             now_s = server.hub.clock()
-            if utterance is not None and utterance.anchored:
+            if utterance is not None and utterance.state.is_placed:
                 zero_s = now_s - utterance.position_s(now_s)
             await asyncio.sleep(0.05)
         wall_s, cpu_s = time.monotonic() - begun_s, _cpu_s() - used_s

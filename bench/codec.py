@@ -5,7 +5,6 @@ stream once, and the 9 steps of a Fenwick tree of 4-byte counts for each symbol,
 """
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -14,7 +13,6 @@ import numpy as np
 
 from bench import plain_codec
 from bench.talking import talking_face
-from fapengine.codec.batch import encode_all
 from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, encode
 from fapengine.codec.warmup import warm_up
@@ -64,8 +62,6 @@ def main() -> None:
         start = time.perf_counter()
         encoder.frame(row)
         live.append(1000 * (time.perf_counter() - start))
-    batch = [track] * 8
-    one, many = best(lambda: encode_all(batch, workers=1), 2), best(lambda: encode_all(batch), 2)
     result = {
         "compiled": compiled,
         "frames_s": {name: round(value) for name, value in ours.items()},
@@ -74,7 +70,6 @@ def main() -> None:
         "part_of_limit": {name: round(ours[name] / limit, 4) for name in REFERENCE},
         "live_frame_ms": {"median": round(float(np.median(live)), 3), "p99": round(float(np.percentile(live, 99)), 3),
                           "first": round(live[0], 3)},
-        "batch": {"tracks": len(batch), "cores": os.cpu_count(), "speed_up": round(one / many, 2)},
     }  # fmt: skip
     print(json.dumps(result, indent=2))
     if compiled and min(result["ratio_to_plain"].values()) < FLOOR:

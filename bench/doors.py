@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.live.wire import osc
-from fapengine.live.wire.fap_osc import decode_frame
 from fapengine.mpeg4 import fap
+from fapengine.wire import osc
+from fapengine.wire.fap_osc import decode_frame
 from tests.live.stage import Sender
 from tests.processes import start
 
@@ -127,7 +127,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log"
         command = [
-            sys.executable, "-m", "fapengine", "serve", "--port", "0", "--web-port", str(free_port()), "--metrics", "0",
+            sys.executable, "-m", "fapengine", "serve", "--port", "0",
+            "--web-port", str(free_port()), "--metrics-port", "0",
             "--without", "all", "--log", "json", "--sink", f"osc://127.0.0.1:{watch.socket.getsockname()[1]}",
         ]  # fmt: skip
         with log.open("w") as file, start(command, stdout=file, stderr=file) as server:

@@ -9,10 +9,10 @@ phones, moved by the delay: mean and worst of the eight.
 
 import numpy as np
 
-from fapengine.ears.protocol import RATE_HZ
-from fapengine.live.hub import hearing
-from tests.unit.ears.speech import BABY, POPPIES, VOICES, Spoken, opening_mm, spoken
-from tests.unit.live.test_hearing import Stage, piecewise
+from fapengine.host import hearing
+from fapengine.recognition.protocol import RATE_HZ
+from tests.unit.host.test_hearing import Stage, piecewise
+from tests.unit.recognition.speech import BABY, POPPIES, VOICES, Spoken, opening_mm, spoken
 
 DELAYS_S = (0.3, 0.4, 0.5, 0.6, 1.5)
 FRAME_HZ = 200 / 3

@@ -2,9 +2,9 @@
 
     python -m bench.ear_join FOLDER WEIGHTS.npz [--without flite-kal16 ...] [--sentences 7]
 
-FOLDER is that of ``bench.ear_speech``. Of each speaker, a few sentences are heard by PocketSphinx's loop as
-:class:`fapengine.ears.joint_ear.JointEar` uses it, at the same look-ahead. The counts of (heard, true) frames become
-logarithms of P(heard | true) / P(heard), smoothed by 20 frames.
+FOLDER is that of ``bench.ear_speech``. A few sentences of each speaker go through PocketSphinx's loop as in
+:class:`fapengine.recognition.joint_recognizer.JointRecognizer`, with the same look-ahead. The counts of (heard, true)
+frames become logarithms of P(heard | true) / P(heard), smoothed by 20 frames.
 """
 
 import argparse
@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from bench.ear_speech import EITHER, LABELS
-from fapengine.ears.joint_ear import OtherEar
-from fapengine.ears.loudness import HOP
-from fapengine.ears.small_ear import LATE
-from fapengine.ears.sphinx_ear import BLOCK
+from fapengine.recognition.joint_recognizer import SphinxFrames
+from fapengine.recognition.loudness import HOP
+from fapengine.recognition.small_recognizer import LATE
+from fapengine.recognition.sphinx_recognizer import BLOCK
 
 SPEAKERS = ("flite-rms", "flite-awb", "flite-slt", "flite-kal16", "festival-ked", "people-en")
 SMOOTH = 20
@@ -26,7 +26,7 @@ STRUT = LABELS.index("ʌ")
 
 def heard(samples: np.ndarray) -> np.ndarray:
     """(T,): label that is heard in each frame when the small ear has scored it, -1 where none is known."""
-    ear = OtherEar(LABELS)
+    ear = SphinxFrames(LABELS)
     found, count = np.full(len(samples) // HOP, -1), 0
     for start in range(0, len(samples) - BLOCK + 1, BLOCK):
         ear.push(samples[start : start + BLOCK])

@@ -29,14 +29,13 @@ import numpy as np
 from scipy.signal import resample_poly
 
 from bench.ears import SENTENCES
-from fapengine.ears.loudness import HOP
-from fapengine.ears.pronunciations import MODEL_NAMES, heard_as, words_of
-from fapengine.ears.protocol import RATE_HZ
-from fapengine.ears.sphinx import ipa_of
-from fapengine.ears.sphinx_aligner import SphinxAligner
 from fapengine.files.sound import load_sound
+from fapengine.recognition.loudness import HOP
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.sphinx import MODEL_NAMES, heard_as, ipa_of, words_of
+from fapengine.recognition.sphinx_aligner import SphinxAligner
 from fapengine.speech.alphabets.convert import from_arpabet
-from fapengine.speech.formats.lines import parse_flite
+from fapengine.speech.formats.corpora import parse_flite
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.voices.espeak import EspeakVoice
 

@@ -2,11 +2,11 @@
 
     python -m bench.ear_train FOLDER -o ear.npz [--minutes 20] [--without flite-kal16 festival-kal ...]
 
-The network hears the bands of :mod:`fapengine.ears.mel` and names the phone of each frame of 10 ms
-(:mod:`fapengine.ears.small_net` says how it is made). Sound is changed at random, each time anew, so that it is not the
-speakers that are learned: the length of the throat (the bands' axis is stretched), tempo, microphone, telephone,
-loudness, echo, noise, other speakers and music. Loss: cross entropy of the phones, and of kinds of phones that look
-alike on lips. ``--without`` leaves speakers out, for honest figures on a voice that was never heard.
+The network hears the bands of :mod:`fapengine.recognition.small_net` and names the phone of each frame of 10 ms
+(:mod:`fapengine.recognition.small_net` says how it is made). Sound is changed at random, each time anew, so that it is
+not the speakers that are learned: the length of the throat (the bands' axis is stretched), tempo, microphone,
+telephone, loudness, echo, noise, other speakers and music. Loss: cross entropy of the phones, and of kinds of
+phones that look alike on lips. ``--without`` leaves speakers out, for honest figures on a voice that was never heard.
 
 It needs PyTorch: pip install --group ear. One processor core; seeded, so the same data, version and number of steps
 (``--steps``) give the same weights.
@@ -24,8 +24,18 @@ from torch import nn
 from torch.nn import functional
 
 from bench.ear_speech import EITHER, LABELS, UNKNOWN
-from fapengine.ears.mel import BANDS, FLOOR, LOUD, RunningMean, log_mel, windows
-from fapengine.ears.small_net import AHEAD, FRONT, OFFSETS, PAIR
+from fapengine.recognition.small_net import (
+    AHEAD,
+    BANDS,
+    FLOOR,
+    FRONT,
+    LOUD,
+    OFFSETS,
+    PAIR,
+    RunningMean,
+    log_mel,
+    windows,
+)
 
 CLASSES = len(LABELS)
 FRAMES = 400
@@ -47,7 +57,7 @@ Array = np.ndarray
 
 
 class Net(nn.Module):
-    """The network as PyTorch learns it; :mod:`fapengine.ears.small_net` runs it."""
+    """The network as PyTorch learns it; :mod:`fapengine.recognition.small_net` runs it."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()

@@ -27,19 +27,19 @@ from pathlib import Path
 import numpy as np
 
 from bench.rivals import rivals
-from fapengine.ears.joint_ear import JointEar
-from fapengine.ears.loudness import loudness_db
-from fapengine.ears.pronunciations import words_of
-from fapengine.ears.protocol import RATE_HZ, Ear
-from fapengine.ears.recording import follow, listen
-from fapengine.ears.small_ear import SmallEar
-from fapengine.ears.small_net import read_weights
-from fapengine.ears.sphinx_aligner import SphinxAligner
-from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.files.sound import load_sound
+from fapengine.recognition.joint_recognizer import JointRecognizer
+from fapengine.recognition.loudness import loudness_db
+from fapengine.recognition.protocol import RATE_HZ, Recognizer
+from fapengine.recognition.recording import follow, listen
+from fapengine.recognition.small_net import read_weights
+from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.sphinx import words_of
+from fapengine.recognition.sphinx_aligner import SphinxAligner
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from tests.unit.ears.speech import VOICES, Spoken, closures, met, opening_mm, spoken, spoken_by_espeak
+from tests.unit.recognition.speech import VOICES, Spoken, closures, met, opening_mm, spoken, spoken_by_espeak
 
 SENTENCES = (
     "Bright sunshine shimmers on the ocean.", "My baby brother bumped the big blue bowl.",
@@ -110,7 +110,7 @@ def alone(speech: Spoken) -> PhoneTrack:
 class Streamed:
     """An ear as it hears live, new for each sentence."""
 
-    def __init__(self, ear: Ear) -> None:
+    def __init__(self, ear: Recognizer) -> None:
         self._ear = ear
 
     def __call__(self, speech: Spoken) -> PhoneTrack:
@@ -123,9 +123,9 @@ EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
     "sound alone, without guessed words": loop_alone,
-    "sound alone, streamed: sphinx": Streamed(SphinxEar(0.15)),
-    "sound alone, streamed: small": Streamed(SmallEar(0.15)),
-    "sound alone, streamed: both": Streamed(JointEar(0.15)),
+    "sound alone, streamed: sphinx": Streamed(SphinxRecognizer(0.15)),
+    "sound alone, streamed: small": Streamed(SmallRecognizer(0.15)),
+    "sound alone, streamed: both": Streamed(JointRecognizer(0.15)),
     **rivals(),
 }
 """Name to what makes phones of a sentence; rivals where ``make oracles`` installed them."""
@@ -294,7 +294,10 @@ def main() -> None:
     if options.weights:
         weights = read_weights(options.weights.read_bytes())
         EARS.clear()
-        EARS["small"], EARS["both"] = Streamed(SmallEar(weights=weights)), Streamed(JointEar(weights=weights))
+        EARS["small"], EARS["both"] = (
+            Streamed(SmallRecognizer(weights=weights)),
+            Streamed(JointRecognizer(weights=weights)),
+        )
     if options.languages:
         languages()
     table(f"flite, {', '.join(options.voices)}", spoken_clips(options.voices), phones=True)

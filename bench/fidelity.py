@@ -30,12 +30,13 @@ import fapengine
 from bench.judge import Word
 from design.data_files import FOLDER, need
 from fapengine.capture.landmarks import FEATURE_POINTS
-from fapengine.capture.session import Interval
+from fapengine.capture.marker_track import Interval
 from fapengine.errors import FapEngineError
 from fapengine.files.profiles import load_profile
 from fapengine.files.report.parts import COOL, INK, WARM, new_figure, picture, table, to_svg, verdict
 from fapengine.files.report.parts import page as report_page
 from fapengine.geometry.rigid import RigidMotion
+from fapengine.laboratory.context_fit import fit_context, lean_on_phonetics
 from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.phones import captured_tokens, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
@@ -47,14 +48,11 @@ from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
-from fapengine.trajectory.context import fit_context
-from fapengine.trajectory.dominance import dominance as spread
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.methods import dominance as spread
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import PUSHED, WIDTH, extend, layer_faps
-from fapengine.trajectory.prior import lean_on_phonetics
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 ARRAYS = (
     "ids", "text", "fps", "n_frames", "offset", "marker_delta", "marker_step_mm", "marker_mediapipe", "marker_is_lip",

@@ -24,8 +24,7 @@ from fapengine.files.heads.built import load_built
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 RATE_HZ = 25.0
 SIZES = ((40, 75, 57), (40, 300, 57), (40, 75, 229), (40, 300, 229))

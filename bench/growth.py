@@ -10,8 +10,7 @@ import numpy as np
 from fapengine.capture.arrays import format_npz
 from fapengine.capture.c3d import format_c3d
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.table import format_table
-from fapengine.capture.trc import format_trc
+from fapengine.capture.table import format_table, format_trc
 from fapengine.codec.encoder import encode
 from fapengine.codec.fapfile import format_fap
 from fapengine.mpeg4.track import FapTrack

@@ -64,7 +64,7 @@ def command(stage: str, folder: Path, timings: Path, sound: Path, rate_hz: float
         head,
         "--size",
         f"{size}x{size}",
-        "--edges",
+        "--antialias",
         "soft",
         "-o",
         str(folder / "talk.mp4"),

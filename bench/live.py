@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from bench.live_load import listening, warming_s
-from fapengine.live.wire import osc
+from fapengine.wire import osc
 
 GOAL_SESSIONS, GOAL_LATE_MS = 500, 1000 / 60 + 5
 PROBE = "probe"
@@ -57,7 +57,8 @@ class Server:
         workers: int = 1,
     ) -> None:
         command = [
-            sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page", "--metrics", "0", "--log", "json",
+            sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page",
+            "--metrics-port", "0", "--log", "json",
             "--sink", f"osc://127.0.0.1:{frames_to}",
             "--sink", f"osc://127.0.0.1:{probe_to}?session={PROBE}",
             *(word for sink in sinks for word in ("--sink", sink)),

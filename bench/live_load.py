@@ -20,9 +20,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from fapengine.live.wire.speech_osc.schema import Moved
-from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.speech_osc.schema import Moved
+from fapengine.wire.speech_osc.sender import OscSender
 
 PHONES_HZ, CLAUSE_PHONES = 12.0, 24
 LEFT_S = 0.5

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from bench.live import Server, serving
 from bench.live_load import Load, listening, name_of
-from fapengine.live.wire import osc
-from fapengine.live.wire.framing import encode_length, encode_slip
+from fapengine.wire import osc
+from fapengine.wire.framing import encode_length, encode_slip
 
 MEMORY_GROWTH_MB = 4.0
 """From the middle of the run to its end: allocators settle, caches fill."""
@@ -142,7 +142,7 @@ def soak(seconds: float, sessions: int, *, seed: int = 0, tell: bool = False) ->
         bother.close()
         ear.close()
         other.close()
-        while now_s < start_s + seconds + 20 and (samples[-1].sessions or samples[-1].streams):
+        while now_s < start_s + seconds + 100 and (samples[-1].sessions or samples[-1].streams):
             time.sleep(0.5)  # the last words are said, and idle sessions closed
             now_s = time.monotonic()
             samples.append(look(server, start_s))

@@ -27,7 +27,7 @@ from sklearn.impute import IterativeImputer
 from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.models.missing import GapModel, fit_gaps
-from fapengine.models.scan_fit import fit_scan
+from fapengine.models.scans import fit_scan
 from fapengine.models.subset import factorise
 from fapengine.models.via_points import ViaPoints, extract_via_points
 

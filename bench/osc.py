@@ -12,10 +12,10 @@ import numpy as np
 from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from fapengine.live.engine.commands import Look
-from fapengine.live.wire import fap_osc, osc
-from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.engine.commands import Look
 from fapengine.mpeg4 import fap
+from fapengine.wire import fap_osc, osc
+from fapengine.wire.speech_osc import codec, schema
 
 SESSIONS = 500
 CROWD = 20

@@ -15,19 +15,19 @@ import numpy as np
 
 from bench.ears import SENTENCES, pronounce
 from fapengine.app.score import power_of
-from fapengine.ears.loudness import soundings
-from fapengine.ears.pronunciations import words_of
-from fapengine.ears.protocol import RATE_HZ
-from fapengine.ears.recording import Recording, follow, listen
-from fapengine.ears.sphinx_aligner import SphinxAligner
 from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.recognition.loudness import soundings
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.recording import Recording, follow, listen
+from fapengine.recognition.sphinx import words_of
+from fapengine.recognition.sphinx_aligner import SphinxAligner
 from fapengine.scoring.score import score_motion
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.speech.prosody import is_vowel, with_prosody
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from tests.english import english
-from tests.unit.ears.speech import BABY, FAPU_MM, spoken, spoken_by_espeak
+from tests.unit.recognition.speech import BABY, FAPU_MM, spoken, spoken_by_espeak
 
 PARTS_DB = (0, -20, 0, 12, 0)
 PAUSE_S = 0.5

@@ -8,7 +8,7 @@ cores slows both sides of a ratio. Ratios are medians over the rounds, with the 
 frames a second are of a case's best round, which is the one with the fewest neighbours. Processor time is that of all
 processes of a case, a browser's too. PYTHON is an interpreter with
 the group ``peers`` of pyproject.toml (by default this one); a peer that does not install or start is reported as
-absent. ``--page`` writes docs/render-speed.md and its plot.
+absent. ``--page`` writes the part of docs/measurements.md about drawing, and its plot.
 """
 
 import argparse

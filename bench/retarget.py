@@ -19,16 +19,17 @@ from numpy.typing import NDArray
 
 import fapengine
 from fapengine.files.heads.meshes import load_rig
-from fapengine.live.wire.shapes import ArkitFollower
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit, arkit_map, arkit_to_faps
+from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
 from fapengine.retarget.blend import weights_mm
 from fapengine.retarget.oculus import approximate_visemes, visemes_to_faps
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import VRM0_NAMES, approximate_presets, presets_to_faps
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.shapes import ArkitFollower
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,10 @@ from itertools import groupby
 from pathlib import Path
 from shutil import which
 
-from fapengine.speech.entry import Entry
 from fapengine.speech.formats.entries import track_of
 from fapengine.speech.formats.registry import parse_timings
-from fapengine.speech.phone_track import PhoneTrack
-from tests.unit.ears.speech import Spoken
+from fapengine.speech.phone_track import Entry, PhoneTrack
+from tests.unit.recognition.speech import Spoken
 
 HERE = Path(__file__).resolve().parent
 ORACLES = HERE.parent / "out" / "oracles"

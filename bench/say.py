@@ -102,7 +102,7 @@ def whole_program(text: str, edges: str) -> float:
             text,
             "-o",
             str(Path(folder) / "bench.mp4"),
-            "--edges",
+            "--antialias",
             edges,
         ]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -17,7 +17,7 @@ from bench.fidelity import NAMES, load
 from design.data_files import FOLDER
 from fapengine.files.profiles import load_profile
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.contacts import Contacts
+from fapengine.scoring.mouth import Contacts
 from fapengine.scoring.score import score_motion
 from fapengine.trajectory.faps import displacements_to_faps
 

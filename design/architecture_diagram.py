@@ -53,12 +53,6 @@ def core() -> set[str]:
     return {name.removeprefix("fapengine.") for name in contract["source_modules"]}
 
 
-def pure_rooms() -> set[str]:
-    """List the rooms of live that keep the same promise, where all of the room does."""
-    (contract,) = [entry for entry in contracts() if entry["name"].startswith("The live core knows")]
-    return {name.removeprefix("fapengine.live.") for name in contract["source_modules"]}
-
-
 def purpose(package: str) -> str:
     """Return the first line of the package's docstring."""
     path = ROOT / "fapengine" / package
@@ -93,9 +87,8 @@ def _package(x: float, y: float, width: float, height: float, name: str, colour:
         left = x + 12
         for room in inside:
             room_width = spare + LETTER * len(room)
-            fill = CORE_ROOM if name == "live" and room in pure_rooms() else ROOM
             shapes += [
-                f'<rect x="{left:.1f}" y="{y + 43}" width="{room_width:.1f}" height="23" rx="4" fill="{fill}"/>',
+                f'<rect x="{left:.1f}" y="{y + 43}" width="{room_width:.1f}" height="23" rx="4" fill="{ROOM}"/>',
                 f'<text x="{left + room_width / 2:.1f}" y="{y + 59}" class="room">{room}</text>',
             ]
             left += room_width + 5
@@ -115,7 +108,7 @@ def _document(height: float, shapes: list[str]) -> str:
         f'<rect x="{MARGIN + 300}" y="16" width="14" height="14" rx="3" fill="{CORE}"/>',
         f'<text x="{MARGIN + 322}" y="28" class="note">pure: values in, values out</text>',
         f'<text x="{MARGIN}" y="50" class="note">A package imports only from lower floors. Packages side by side do '
-        "not know each other. Small boxes: rooms, the upper floor first.</text>",
+        "not import each other. Small boxes: sub-packages, the upper layer first.</text>",
     ]
     return "\n".join(
         [

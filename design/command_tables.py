@@ -5,9 +5,9 @@
 
 from pathlib import Path
 
-from fapengine.live.engine import commands
-from fapengine.live.engine.command_table import Choice, Command, FieldSpec, defaults_of, fields_of
-from fapengine.live.wire.speech_osc import codec
+from fapengine.engine import commands
+from fapengine.engine.command_table import Choice, Command, FieldSpec, defaults_of, fields_of
+from fapengine.wire.speech_osc import codec
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 UNITS = {"rad": "rad", "s": "s"}

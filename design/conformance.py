@@ -30,12 +30,12 @@ class Clause:
 
 # fmt: off
 CLAUSES: tuple[Clause, ...] = (
-    Clause("6.2.2",       "1",    "sequence and visual object headers before a face",   "codec/startcodes.py",             "test_headers_of_a_visual_stream_are_passed", "done; header fields [MEM]"),
-    Clause("6.2.10",      "1, 3", "start codes, stuffing, end code",                    "codec/startcodes.py, codec/writer.py", "t29, all"),
+    Clause("6.2.2",       "1",    "sequence and visual object headers before a face",   "codec/bits.py",             "test_headers_of_a_visual_stream_are_passed", "done; header fields [MEM]"),
+    Clause("6.2.10",      "1, 3", "start codes, stuffing, end code",                    "codec/bits.py, codec/writer.py", "t29, all"),
     Clause("6.2.10",      "2",    "plane and temporal header",                          "codec/header.py",                 "t10, t11, t27"),
     Clause("6.2.10",      "16",   "body parameters (object mask 2, 3)",                 "codec/bodies.py",                 "test_bodies.py", "read to their end and left out; a BAP whose ranges were never sent is an UnsupportedError"),
     Clause("6.2.10",      "4",    "masks of types 0 to 3, fap_quant, gender",           "codec/header.py",                 "t02, t05, t06, t07, t09"),
-    Clause("6.3.10",      "5",    "symbol ranges: table, sent, persistent",             "codec/ranges.py, codec/planes.py", "t08, t14, t19, t21"),
+    Clause("6.3.10",      "5",    "symbol ranges: table, sent, persistent",             "codec/fields.py, codec/planes.py", "t08, t14, t19, t21"),
     Clause("7.12",        "6",    "quantiser and prediction",                           "codec/kernels.py",                "t01, t04, t15"),
     Clause("7.12",        "7",    "arithmetic coder: models, stuffing, segment end",    "codec/kernels.py",                "t16, t17, t30"),
     Clause("7.12",        "8",    "order of segments, visemes and expressions",         "codec/kernels.py, codec/fields.py", "t03, t20, t23, t25"),
@@ -53,14 +53,40 @@ CLAUSES: tuple[Clause, ...] = (
 # fmt: on
 
 HEAD = """<!-- Made by design/conformance.py; do not edit. -->
-# Conformance: the MPEG-4 face bitstream, predictive mode
+# Conformance
 
-"Section" is a section of [fba-format.md](fba-format.md), the description that the codec was written from and that error
-messages cite as "FBA section". Clauses are those of ISO/IEC 14496-2. They could not be checked against its text and only
-say where to look there: what the code does is shown by section and by vector, not by clause
-([references.md](references.md) tells what was at hand). Vectors t01 to t30 are streams of another encoder: each is encoded
-to the same bytes and decoded to the same values (tests/unit/codec/test_vectors.py). They lie in tests/vectors/fba, so
-this page can be proved in any clone: `make conformance`.
+## Test your own program
+
+If you wrote a program that speaks one of these formats, a suite tests it:
+
+```text
+python -m fapengine.conformance osc-server 127.0.0.1:9110
+python -m fapengine.conformance osc-sender 9110
+python -m fapengine.conformance page-server http://127.0.0.1:8110/
+python -m fapengine.conformance page-client 8110
+python -m fapengine.conformance fba-decoder 'mydecoder {in} {out}'
+python -m fapengine.conformance fba-encoder 'myencoder {in} {out}'
+```
+
+| suite | what it does | against |
+|---|---|---|
+| `osc-server` | sends requests to a server over UDP; `--token` if it has one | [osc.md](osc.md) |
+| `osc-sender` | listens for `--seconds` (10 by default) while your sender speaks; it ignores the first hello and the first phones | [osc.md](osc.md) |
+| `page-server` | sends requests to a server over its WebSocket | [page.md](page.md) |
+| `page-client` | is a server for your client, for `--seconds`; it disconnects once | [page.md](page.md) |
+| `fba-decoder` | gives your program streams (`.fba`); each value in the `.fap` that it writes must be right | [fba-format.md](fba-format.md) |
+| `fba-encoder` | gives your program `.fap`; its stream must be readable, and near | [fba-format.md](fba-format.md) |
+
+Each case is a line: the result, a number, what is required, and where that is documented. A failure adds what was found.
+
+`--json` prints the same for programs. Exit codes: 0 every case passed or did not occur; 1 one failed; 2 wrong use; 3 no
+answer, or the port is taken.
+
+## The face bitstream, clause by clause
+
+"Section" is a section of [fba-format.md](fba-format.md). Clauses are those of ISO/IEC 14496-2; they could not be checked
+against its text ([sources](fba-format.md#0-sources)). Vectors t01 to t30 are streams of another encoder, in
+tests/vectors/fba. Each is encoded to the same bytes and decoded to the same values: `make conformance`.
 
 | clause | section | what | module | vectors or tests | status |
 |---|---|---|---|---|---|

@@ -1,7 +1,17 @@
-"""Where the recorded data are that design scripts and benchmarks read, and what to do where they are not."""
+"""Recorded data that design scripts and benchmarks read, and the tables that they write into the package."""
 
 import argparse
+import hashlib
+import io
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import DIGESTS
 
 FOLDER = Path("data")
 """Folder of recorded data in a checkout; not part of the repository."""
@@ -28,3 +38,24 @@ def asked_path(doc: str | None, default: Path, *files: str) -> Path:
     for name in files:
         need(path / name)
     return path if files else need(path)
+
+
+def save_table(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a table and its digest as :func:`fapengine._arrays.read_table` reads them.
+
+    The bytes depend on the arrays alone: nothing is compressed, and every member has the same date.
+    """
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for key, values in arrays.items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.ascontiguousarray(values), version=(1, 0))
+            entry = zipfile.ZipInfo(f"{key}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            entry.create_system = 3  # the same on every system
+            archive.writestr(entry, member.getvalue())
+    path.write_bytes(buffer.getvalue())
+    sums = path.with_name(DIGESTS)
+    digests = dict(line.split()[::-1] for line in sums.read_text("ascii").splitlines()) if sums.exists() else {}
+    digests[path.name] = hashlib.sha256(buffer.getvalue()).hexdigest()
+    sums.write_text("".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items())), "ascii")
+    print(f"{path.name}: {len(buffer.getvalue()) / 1000:.0f} kB")

@@ -13,7 +13,7 @@ from fapengine.cli.main import app
 from fapengine.files.pictures import load_picture, save_png
 from fapengine.files.recordings import load_markers, save_markers
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.people import PEOPLE
+from fapengine.mesh.default_head.style import PEOPLE
 from tests.unit.laboratory.dense_made import make_face
 
 SIDE, FRAMES = 300, (0, 7, 16, 24, 33)

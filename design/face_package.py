@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 import fapengine
 from fapengine.files.heads.load import load_head
-from fapengine.live.web.head_binary import head_binary
-from fapengine.live.web.page_config import setup
 from fapengine.mpeg4 import fap
 from fapengine.retarget import arkit, moods
 from fapengine.retarget.blend import BlendMap, weights_mm
+from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES
+from fapengine.server.web.page_files import head_binary, setup
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "fapengine-face"
@@ -54,12 +54,12 @@ def version() -> str:
 def arkit_table() -> dict[str, object]:
     """Gather what ``arkit.js`` needs of :mod:`fapengine.retarget`."""
     openings, openers = arkit._openings()
-    rows, one_way = moods._rows(moods.ALL_MOODS)
+    rows, one_way = moods._rows(ALL_MOODS)
     lengths = weights_mm()
     return {
-        "names": arkit.ARKIT_NAMES,
+        "names": ARKIT_NAMES,
         "spoken": _map(arkit.speech_map(), helpers=arkit._helpers().tolist()),
-        "upper": _map(moods.mood_map(moods.ALL_MOODS), helpers=[]),
+        "upper": _map(moods.mood_map(ALL_MOODS), helpers=[]),
         "jaw": arkit.JAW,
         "close": arkit.CLOSE,
         "opposites": arkit._opposites(),

@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw
 
 from design import phones_sheet
 from design.imported_head import write_folder
+from fapengine.expressions import EXPRESSIONS
 from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import load_head
 from fapengine.files.pictures import font
@@ -31,7 +32,7 @@ from fapengine.render.camera import Camera, preset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
-from fapengine.trajectory.expression import EXPRESSIONS, MIXES, expression_faps
+from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.gestures import LIDS_FOLLOW
 
@@ -150,8 +151,8 @@ def main() -> None:
     )
     faces = {f"joy {share}": share * pose(profile, "joy") for share in (0.3, 0.6)}
     faces |= {name: pose(profile, name) for name in ("joy", "sadness", "anger", "fear", "disgust", "surprise")}
-    for mood in MIXES:
-        faces[mood.name.lower()] = expression_faps(profile)[:, EXPRESSIONS.index(mood)]
+    for mood in (each for each in EXPRESSIONS if each.mix):
+        faces[mood.label] = expression_faps(profile)[:, EXPRESSIONS.index(mood)]
     faces["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
     faces |= {"gaze left": gaze(0.45, 0), "gaze up": gaze(0, -0.3), "gaze down": gaze(0, 0.45)}
     sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)

@@ -1,4 +1,4 @@
-"""Measure what each ARKit shape does in FAPs, on a face that has them, and write ``fapengine/retarget/arkit_table.py``.
+"""Measure what each ARKit shape does in FAPs, on a face that has them, and write ``fapengine/retarget/arkit.npz``.
 
     python -m design.fit_arkit data
 
@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from design.data_files import FOLDER, asked_path
+from design.data_files import FOLDER, asked_path, save_table
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 
-TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "retarget" / "arkit_table.py"
+TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "retarget" / "arkit.npz"
 MIN_FAPU = 2.0  # smaller entries are noise of the half-precision fields
 NOT_SHAPES = (27, 28, 29, 30, *range(43, 48))  # eyes that bulge, pupils; the tongue, which rides on the jaw
 GAZE_RAD = 0.52  # 30 degrees: a full eyeLook shape; the eye's usual reach before the head follows
@@ -44,33 +44,11 @@ def main(data: Path) -> None:
             if abs(value) >= MIN_FAPU:
                 values[row.number] = round(value, 1)
         rows.append((name, values | gaze(name)))
-    lines = [
-        '"""What each ARKit shape does in FAPs at full weight, FAPU. Written by design/fit_arkit.py; do not edit.',
-        "",
-        "Measured on ICT-FaceKit (MIT licence, University of Southern California, Institute for Creative Technologies)",
-        "through the feature points of ISO/IEC 14496-2; gaze and tongue by definition (30 degrees; one MW0).",
-        '"""',
-        "",
-        "# fmt: off",
-        "ARKIT_FAPS: tuple[tuple[str, dict[int, float]], ...] = (",
-        *(line for name, values in rows for line in spell(name, values)),
-        ")",
-        "# fmt: on",
-    ]
-    TABLE.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"{len(rows)} shapes, {sum(len(values) for _, values in rows)} entries")
-
-
-def spell(name: str, values: dict[int, float]) -> list[str]:
-    """Wrap a row."""
-    lines, line = [], f'    ("{name}", {{'
-    for number, value in values.items():
-        entry = f"{number}: {value}, "
-        if len(line) + len(entry) > 116:
-            lines.append(line.rstrip())
-            line = "        "
-        line += entry
-    return [*lines, line.rstrip(", ") + "}),"]
+    table = np.zeros((len(rows), fap.FAP_COUNT))
+    for row, (_, values) in zip(table, rows, strict=True):
+        row[[fap.column(number) for number in values]] = list(values.values())
+    save_table(TABLE, {"arkit_names": np.array([name for name, _ in rows]), "arkit": table})
+    print(f"{len(rows)} shapes, {np.count_nonzero(table)} entries")
 
 
 def gaze(name: str) -> dict[int, float]:

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from design.data_files import FOLDER, asked_path
+from fapengine.expressions import Expression
 from fapengine.files.profiles import load_profile, save_profile
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import ExpressionTarget
 from fapengine.trajectory.faps import displacements_to_faps
 

@@ -15,16 +15,14 @@ from scipy.interpolate import CubicSpline
 from design.data_files import FOLDER, asked_path
 from design.fit_expressions import PROVENANCE, measure_expressions
 from fapengine.files.profiles import save_profile
+from fapengine.laboratory.context_fit import FRACTIONS, fit_context, lean_on_phonetics
 from fapengine.models.viseme_space import MARKERS, fit_viseme_space, sample_phones
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.profiles import PhoneTarget, Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import FRACTIONS, fit_context
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.prior import lean_on_phonetics
-from fapengine.trajectory.targets import resolve
-from fapengine.trajectory.tokens import tokens_of
+from fapengine.trajectory.context import tokens_of
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
@@ -278,9 +276,9 @@ def write(space, targets, faces, face, held_out_score, context, context_score, s
             "held_out_context": f"100 sentences, targets that depend on neighbours: {context_score}",
             "uncertainty": "points come from a video tracker: about 0.7 mm on the lips; depth is inferred",
             "never_heard": "ʃ and ʒ are the late part of CH and JH; ŋ ɔɪ ʊ ɝ never occur: the nearest letter stands in;"
-            " in context, their articulation (fapengine/trajectory/unheard.py)",
+            " in context, their articulation (fapengine/laboratory/context_fit.py)",
             "opening": "beside neighbours that they were not heard with, unrounded vowels, ɹ and l open as is usual"
-            " (fapengine/trajectory/prior.py)",
+            " (fapengine/laboratory/context_fit.py)",
             "expressions": PROVENANCE,
             "attribution": "Cooke, Barker, Cunningham, Shao: An audio-visual corpus for speech perception and automatic"
             " speech recognition, JASA 120 (2006); freely available for research use. ICT-FaceKit: Copyright (c) 2020"

@@ -1,4 +1,4 @@
-"""Make what each viseme and each expression does in FAPs, and write ``fapengine/retarget/viseme_table.py``.
+"""Make what each viseme and each expression does in FAPs, and write ``fapengine/retarget/visemes.npz``.
 
     python -m design.fit_visemes
 
@@ -15,19 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
+from design.data_files import save_table
 from fapengine._resources import profile_files
+from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import OF_FAP_2, VISEMES, Expression
+from fapengine.mpeg4.visemes import VISEMES
 from fapengine.profiles import Profile, parse_profile
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import BlendMap, weights_mm
 from fapengine.retarget.oculus import PLAIN, RELUCTANCE_MM
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 
-TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "retarget" / "viseme_table.py"
+TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "retarget" / "visemes.npz"
 PROFILE = "grid_s1_en"
 PHONES = {
     "PP": "p b m", "FF": "f v", "TH": "θ ð", "DD": "t d", "kk": "k ɡ", "CH": "tʃ dʒ ʃ ʒ", "SS": "s z", "nn": "n l",
@@ -79,7 +82,7 @@ def main() -> None:
     names = [viseme.label for viseme in VISEMES[1:]]
     spoken_rows = np.array([viseme_row(profile, name) for name in names])
     rows = GAIN * leaning(spoken_rows, recipe_rows(names), names)
-    feelings = {one.name.lower(): expression_row(profile, one) for one in OF_FAP_2 if one}
+    feelings = {one.name.lower(): expression_row(profile, one) for one in STANDARD_EXPRESSIONS}
     write(dict(zip(names, rows, strict=True)), feelings)
     choices = {
         "ours": rows, "speaker's": spoken_rows, "speaker's * 1.25": GAIN * spoken_rows, "recipes": recipe_rows(names),
@@ -153,32 +156,13 @@ def expression_row(profile: Profile, expression: Expression) -> np.ndarray:
 
 
 def write(visemes: dict[str, np.ndarray], feelings: dict[str, np.ndarray]) -> None:
-    lines = [
-        '"""What visemes and expressions do at full weight, FAPU. Written by design/fit_visemes.py; do not edit.',
-        "",
-        "From the shipped profile's speaker: visemes as our planner shapes them in clear speech, both sides evened.",
-        '"""',
-        "",
-        "# fmt: off",
-    ]
-    for name, table in (("VISEME_FAPS", visemes), ("EXPRESSION_FAPS", feelings)):
-        lines.append(f"{name}: tuple[tuple[str, dict[int, float]], ...] = (")
-        for key, row in table.items():
-            values = {n: round(float(row[n - 1]), 1) for n in range(3, 69) if abs(row[n - 1]) >= MIN_FAPU}
-            lines += spell(key, values)
-        lines.append(")")
-    TABLE.write_text("\n".join([*lines, "# fmt: on"]) + "\n", encoding="utf-8")
-
-
-def spell(name: str, values: dict[int, float]) -> list[str]:
-    lines, line = [], f'    ("{name}", {{'
-    for number, value in values.items():
-        entry = f"{number}: {value}, "
-        if len(line) + len(entry) > 116:
-            lines.append(line.rstrip())
-            line = "        "
-        line += entry
-    return [*lines, line.rstrip(", ") + "}),"]
+    arrays = {}
+    for key, rows in (("viseme", visemes), ("expression", feelings)):
+        table = np.array([*rows.values()])
+        table[:, : fap.column(3)] = 0.0
+        arrays[f"{key}_names"] = np.array([*rows])
+        arrays[key] = np.where(np.abs(table) >= MIN_FAPU, np.round(table, 1), 0.0)
+    save_table(TABLE, arrays)
 
 
 def recipe_rows(names: list[str]) -> np.ndarray:

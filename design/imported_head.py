@@ -1,4 +1,4 @@
-"""What an imported head looks like and costs: docs/pictures/imported.jpg, and the figures of docs/heads.md.
+"""What an imported head looks like and costs: docs/pictures/imported.jpg, and figures of docs/measurements.md.
 
     python -m design.imported_head data
 
@@ -22,7 +22,7 @@ from fapengine.files.pictures import contact_sheet
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.track import to_codable
 from fapengine.render.camera import preset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer

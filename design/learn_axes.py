@@ -1,4 +1,4 @@
-"""Find sex, build and age among the measured differences between faces: the table of ``faces_axes.py``.
+"""Find sex, build and age among the measured differences between faces: ``AXES`` in ``mesh/default_head/style.py``.
 
 python -m design.learn_axes
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mesh.default_head.faces import displacement
-from fapengine.mesh.default_head.faces_table import MODES
+from fapengine.mesh.default_head.style import MODES
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Lay our template over scanned faces: ``fapengine/mesh/default_head/faces_table.py``.
+"""Lay our template over scanned faces: ``fapengine/mesh/default_head/faces.npz``.
 
     python -m design.learn_faces data
 
@@ -10,9 +10,7 @@ modes, each of variance 1, turned and scaled so that 68 landmarks lie best on th
 The principal components of what is left are kept. All is made symmetric. The data are not part of the project.
 """
 
-import base64
 import csv
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,21 +22,22 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse.linalg import cg, splu
 from scipy.spatial import cKDTree
 
-from design.data_files import FOLDER, asked_path
+from design.data_files import FOLDER, asked_path, save_table
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.default_head import faces_table
+from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.eyes import CENTRE
+from fapengine.mesh.default_head.faces import STEP_MM
 from fapengine.mesh.default_head.head import build_parts
+from fapengine.mesh.default_head.mesh_builder import Rings
 from fapengine.mesh.default_head.points import locate
-from fapengine.mesh.default_head.rings import Rings
-from fapengine.mesh.default_head.style import LEVELS, HeadStyle
+from fapengine.mesh.default_head.style import LEVELS, MODES, HeadStyle
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.vertex_fields import vertex_normals
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "default_head" / "faces_table.py"
+TABLES = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "default_head"
 SKIN = 11248
 """Vertices of face, head and neck in the dense face."""
 SPRINGS = (30, 30, 10, 10, 4, 4, 2, 2, 1, 1, 0.5, 0.5, 0.25, 0.25)
@@ -48,7 +47,7 @@ LEVEL = ("2.2", "2.3", "2.4", "2.5", "8.3", "8.4")
 """Feature points of the line between the lips, whose height is the template's."""
 MARKS = 20.0
 """Weight of a feature point, in those of a vertex."""
-MODES, IDENTITIES = 16, 60
+IDENTITIES = 60
 EYE_MM = (15.5, 11.5)
 ANGLES_DEG = (*range(49), *range(52, 101, 4), 105, *range(110, 181, 10))
 HEIGHTS_MM = (*range(-138, -84, 6), *np.arange(-84, 62.1, 1.5).tolist(), *range(67, 143, 5))
@@ -112,9 +111,10 @@ def read_dense(face: "np.lib.npyio.NpzFile", marks: dict[str, int]) -> Dense:
 
 
 def read_template() -> Template:
-    # What hangs on the skin is built with the table, which may not be there yet: to the template it is zero.
-    faces_table.ANGLES_DEG, faces_table.HEIGHTS_MM, faces_table.MODES = ANGLES_DEG, HEIGHTS_MM, 0
-    faces_table.MOVES = pack(np.zeros(len(ANGLES_DEG) * len(HEIGHTS_MM) * 3))
+    # What hangs on the skin is built with the table, which may not exist yet: for the template it is zero.
+    angles, heights = np.deg2rad(ANGLES_DEG), np.array(HEIGHTS_MM)
+    empty = faces.FaceTable(angles, heights, np.zeros((len(angles), len(heights), 3)), np.zeros((0, 0, 0, 3)))
+    faces.face_table = lambda: empty
     builder, head = build_parts(HeadStyle(hair=False), LEVELS["normal"])
     points, places, triangles = builder.column("points_mm"), builder.column("place"), builder.triangles()
     on_skin = np.isfinite(places[:, 0]) & (builder.column("material") != Material.STRAND)
@@ -286,41 +286,16 @@ def on_grid(places: Array, moves: Array, angles_deg: tuple[float, ...], heights_
     return grid
 
 
-def pack(*tables: Array) -> str:
-    values = np.concatenate([np.round(100 * table).astype("<i2").ravel() for table in tables])
-    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
-
-
 def write(mean: Array, modes: Array) -> None:
     mean[[0, -1], :, 0] = modes[:, [0, -1], :, 0] = 0.0  # the middle stays in the middle
-    packed = pack(mean, modes)
-    print(f"{len(packed) / 1000:.0f} kB")
-    lines = [
-        '"""The measured face and how faces differ. Written by design/learn_faces.py; read by faces.py.',
-        "",
-        "Learned from the mean and the identity modes of ICT-FaceKit (MIT licence, University of Southern California,",
-        "Institute for Creative Technologies), which come from scans of people; NOTICE has its licence.",
-        '"""',
-        "",
-        "# fmt: off",
-        f"MODES = {len(modes)}",
-        *table_lines(packed, ANGLES_DEG, HEIGHTS_MM, "mm/100: the mean, then the modes at every second knot"),
-    ]
-    TABLE.write_text("\n".join(lines), encoding="utf-8")
+    write_table("faces.npz", ANGLES_DEG, HEIGHTS_MM, mean=mean, modes=modes)
 
 
-def table_lines(packed: str, angles_deg: tuple[float, ...], heights_mm: tuple[float, ...], what: str) -> list[str]:
-    """Lines of a module: the knots, and a table that is packed."""
-    knots = ((name, ", ".join(f"{value:g}" for value in values))
-             for name, values in (("ANGLES_DEG", angles_deg), ("HEIGHTS_MM", heights_mm)))  # fmt: skip
-    return [
-        *(f"{name}: tuple[float, ...] = ({values})  # noqa: E501" for name, values in knots),
-        f"MOVES = (  # base64 of zlib of int16, {what}",
-        *(f'    "{packed[start : start + 110]}"' for start in range(0, len(packed), 110)),
-        ")",
-        "# fmt: on",
-        "",
-    ]
+def write_table(name: str, angles_deg: tuple[float, ...], heights_mm: tuple[float, ...], **moves_mm: Array) -> None:
+    """Write knots and displacements as :mod:`fapengine.mesh.default_head.faces` reads them."""
+    steps = {key: np.round(values / STEP_MM).astype("<i2") for key, values in moves_mm.items()}
+    knots = {"angles_deg": np.array(angles_deg, "<f8"), "heights_mm": np.array(heights_mm, "<f8")}
+    save_table(TABLES / name, knots | steps)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Learn how the skin of a speaking face follows its feature points: ``fapengine/mesh/default_head/skin_table.py``.
+"""Learn how the skin of a speaking face follows its feature points: ``fapengine/mesh/default_head/skin.npz``.
 
     python -m design.learn_skin data
 
@@ -25,17 +25,15 @@ from design.learn_faces import (
     fill,
     nearest,
     on_grid,
-    pack,
     read_dense,
     read_template,
     registered,
-    table_lines,
+    write_table,
 )
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.skin import FAPS, mirror
 from fapengine.mpeg4 import fap
 
-TABLE = Path(__file__).resolve().parent.parent / "fapengine" / "mesh" / "default_head" / "skin_table.py"
 SKIN = 9409
 """Vertices of the face; behind them come head, sockets, teeth and eyes."""
 ANGLES_DEG, HEIGHTS_MM = tuple(range(0, 73, 2)), tuple(range(-96, 64, 3))
@@ -73,7 +71,7 @@ def main(data: Path) -> None:
     learned *= (1 - smoothstep((nearest_point - FADE_MM[0]) / (FADE_MM[1] - FADE_MM[0])))[:, None, None]
     ours = read_template()
     fields_on_grid = carried(ours, read_dense(face, layout), learned)
-    write(fields_on_grid)
+    write_table("skin.npz", ANGLES_DEG, HEIGHTS_MM, moves=fields_on_grid)
     outside = np.flatnonzero(~within_lips(points[:SKIN], points[[layout[name] for name in LIPS]]))
     judged = outside[nearest_point[outside] < NEAR_MM]
     real = displacement(postures[test], fields[:, judged])
@@ -140,22 +138,6 @@ def within_lips(points: Array, contour: Array) -> NDArray[np.bool_]:
     centre = contour.mean(axis=0)[:2]
     outline = Outline((contour[:, :2] - centre) * 1.04 + centre)
     return outline.contains_points(points[:, :2]) & (points[:, 2] > 60)
-
-
-def write(tables: Array) -> None:
-    packed = pack(tables)
-    print(f"{len(packed) / 1000:.0f} kB")
-    lines = [
-        '"""How skin follows feature points, on the left half of a face. Written by design/learn_skin.py.',
-        "",
-        "Learned from ICT-FaceKit (MIT licence, University of Southern California, Institute for Creative",
-        "Technologies) and from speech of the GRID corpus (Cooke et al. 2006), through the points of ISO/IEC 14496-2.",
-        '"""',
-        "",
-        "# fmt: off",
-        *table_lines(packed, ANGLES_DEG, HEIGHTS_MM, "mm/100 for a mm of each FAP"),
-    ]
-    TABLE.write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.fidelity import HELD_OUT, SEED, learn, load, to_lips
 from design.data_files import FOLDER, asked_path
-from fapengine.trajectory.stream import StreamingPlanner
+from fapengine.trajectory.stream import StreamingPlanner, jets_at, plan_together
 
 AHEAD_S = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0)
 
@@ -30,9 +30,10 @@ def main(path: Path) -> None:
             for time in np.arange(len(clip.points)) / corpus.rate_hz:
                 due = [phone for phone in waiting if phone.start_s - ahead_s <= time]
                 if due:
-                    planner.feed(due)
+                    planner.take(due)
+                    plan_together([planner])
                     waiting = waiting[len(due) :]
-                path_.append(planner.path([time])[0])
+                path_.append(jets_at([planner.plan_at(time)[0]], np.array([time]))[0, 0])
                 planner.settle(time)
             space = learned.profile.space
             moved = space.to_points_mm(np.stack(path_)[:, : space.mode_count])

@@ -1,4 +1,4 @@
-"""Write the rows of ``fapengine/speech/features.py`` from panphon's table (MIT); run it and paste.
+"""Write the rows of ``fapengine/speech/ipa.py`` from panphon's table (MIT); run it and paste.
 
 Usage: python design/phone_features.py
 """

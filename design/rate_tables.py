@@ -1,4 +1,4 @@
-"""Rate against error of the encoder's choices: writes docs/rate.md and docs/pictures/rate.svg.
+"""Rate against error of the encoder's choices: writes a section of docs/measurements.md, and docs/pictures/rate.svg.
 
 Run ``python -m design.rate_tables``. The track is bench/talking.py's: 60 s at 25 Hz, all 66 low-level FAPs.
 """
@@ -9,9 +9,9 @@ import matplotlib as mpl
 import numpy as np
 
 from bench.talking import talking_face
+from design import measurements
 from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, EncoderOptions, encode
-from fapengine.codec.fapfile import parse_fap
 from fapengine.codec.planes import STEPS
 from fapengine.mpeg4.track import FapTrack
 
@@ -21,18 +21,14 @@ from matplotlib import pyplot as plt
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 QUANTS = (1, 2, 3, 4, 6, 8, 11, 15, 20, 25, 31)
 TARGETS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
+SHOWN = ("q 1", "q 4", "q 31", "target 2.0", "target 4.0")
+"""Choices that the page shows; the plot shows all."""
 Row = tuple[str, float, float, float]
 
-HEAD = """<!-- Made by design/rate_tables.py; do not edit. -->
-# Rate and error
-
-What a stream costs, and how far the decoded values are off. Errors are in quantiser steps at q = 1 (QP of each FAP):
-RMS is the mean over the FAPs sent, the maximum is over everything. With the table's ranges a blink or a jump of the
-eyes leaves the range of one P plane and is caught up with in the next, so the maximum is more than half a step. A
-target below what q 31 costs cannot be met. Live rate control cannot look ahead, and every group learns anew. Every
-stream was decoded by the plain decoder.
-
-![kbit/s against error](pictures/rate.svg)
+TEXT = """
+What a stream costs, and how far decoded values are off, for a synthetic talking face (60 s at 25 Hz, 66 FAPs). Errors
+are in quantiser steps at q = 1; the maximum is over everything. With the table's ranges, a blink or a jump of the eyes
+needs two P planes, so the maximum is larger. Live rate control cannot look ahead.
 """
 
 
@@ -52,15 +48,9 @@ def live(track: FapTrack, options: EncoderOptions) -> bytes:
     return b"".join(encoder.frame(row) for row in track.values) + encoder.finish()
 
 
-def table(title: str, rows: list[Row]) -> str:
-    """One table in Markdown."""
-    lines = [f"\n## {title}\n", "| | kbit/s | RMS, steps | maximum, steps |", "|---|---|---|---|"]
-    return "\n".join(lines + [f"| {n} | {k:.3f} | {r:.3f} | {m:.1f} |" for n, k, r, m in rows]) + "\n"
-
-
-def tables(track: FapTrack, what: str) -> tuple[str, dict[str, list[Row]]]:
+def curves_of(track: FapTrack) -> dict[str, list[Row]]:
     """All choices for one track."""
-    curves = {
+    return {
         "table ranges": [measure(track, f"q {q}", encode(track, EncoderOptions(quant=q))) for q in QUANTS],
         "fitted ranges": [
             measure(track, f"q {q}", encode(track, EncoderOptions(quant=q, ranges="fitted"))) for q in QUANTS
@@ -70,7 +60,18 @@ def tables(track: FapTrack, what: str) -> tuple[str, dict[str, list[Row]]]:
         ],
         "rate control, live": [measure(track, f"target {k}", live(track, EncoderOptions(kbit_s=k))) for k in TARGETS],
     }
-    return "".join(table(f"{what}: {name}", rows) for name, rows in curves.items()), curves
+
+
+def table(curves: dict[str, list[Row]]) -> list[list[str]]:
+    """Rows of the page."""
+    names = {"table ranges": "table", "fitted ranges": "fitted", "rate control, fitted ranges": "fitted"}
+    shown = [
+        [f"{name}, {kind}", f"{kbit_s:.2f}", f"{rms:.2f} ({most:.1f})"]
+        for curve, kind in {**names, "rate control, live": "live"}.items()
+        for name, kbit_s, rms, most in curves[curve]
+        if name in SHOWN
+    ]
+    return [["", "kbit/s", "RMS (maximum)"], *shown]
 
 
 def plot(curves: dict[str, list[Row]], path: Path) -> None:
@@ -87,14 +88,16 @@ def plot(curves: dict[str, list[Row]], path: Path) -> None:
 
 
 def main() -> None:
-    text, curves = tables(talking_face(1500), "Synthetic talking face, 66 FAPs")
-    parts = [HEAD, text]
-    spoken = DOCS.parent / "out" / "demo.fap"
-    if spoken.exists():
-        own, _ = tables(parse_fap(spoken.read_bytes()), "A sentence spoken by `make demo`")
-        parts.append(own)
-    (DOCS / "pictures").mkdir(exist_ok=True)
-    (DOCS / "rate.md").write_text("".join(parts))
+    curves = curves_of(talking_face(1500))
+    section = {
+        "title": "Bit rate",
+        "text": TEXT,
+        "picture": ["rate.svg", "kbit/s against error"],
+        "table": table(curves),
+        "commands": ["python -m design.rate_tables"],
+    }
+    measurements.write_sections("rate", [section])
+    measurements.PAGE.write_text(measurements.page(), encoding="utf-8")
     plot(curves, DOCS / "pictures" / "rate.svg")
 
 

@@ -14,9 +14,8 @@ from fapengine.files.report.score_page import draw_openings, score_rows
 from fapengine.mpeg4.track import FapTrack
 from fapengine.scoring.mouth import mouth_of
 from fapengine.scoring.score import score_motion
-from fapengine.speech.formats.mouth_cues import cues_of_phones
 from fapengine.speech.formats.registry import parse_timings
-from fapengine.speech.formats.rhubarb_files import format_rhubarb
+from fapengine.speech.formats.rhubarb import cues_of_phones, format_rhubarb
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "score.svg"
 SENTENCE = "My baby fell off a boat. Five big umbrellas move."

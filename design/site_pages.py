@@ -1,20 +1,11 @@
-"""Hooks of mkdocs.yml: the page of the command line, from each verb's options, and the list of decisions."""
+"""Hook of mkdocs.yml: the page of the command line, from each command's options."""
 
-from pathlib import Path
 from typing import Any
 
 import typer
 from mkdocs.structure.files import File, Files
 
-from fapengine.cli.main import app
-
-
-def on_config(config: Any) -> None:
-    """List every decision in the navigation."""
-    docs = Path(config.docs_dir)
-    decisions = [path.relative_to(docs).as_posix() for path in sorted(docs.glob("adr/0*.md"))]
-    (explanation,) = [section["Explanation"] for section in config.nav if "Explanation" in section]
-    explanation.append({"Decisions": ["adr/README.md", *decisions]})
+from fapengine.cli.main import COMMANDS, app
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -26,11 +17,12 @@ def on_files(files: Files, config: Any) -> Files:
 def cli_page() -> str:
     """Write what ``--help`` says as Markdown."""
     root = typer.main.get_command(app)
-    text = ["# Command line\n", "What `fapengine VERB --help` says, made when this site was built.\n"]
+    text = ["# Command line\n", "The help of each command, made when this site was built.\n"]
     text.append(
-        "Exit codes: 0 done, 1 the data are wrong, 2 the call is wrong, 3 something of the machine is missing.\n"
+        "Exit codes: 0 success, 1 the data are wrong, 2 the call is wrong, 3 something is missing on this machine.\n"
     )
-    for name, command in root.commands.items():  # type: ignore[attr-defined]
+    for name in COMMANDS:
+        command = root.get_command(None, name)  # type: ignore[attr-defined]
         text += _command(f"fapengine {name}", command)
     return "\n".join(text)
 

@@ -14,7 +14,7 @@ from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.protocol import Speech
-from fapengine.voices.sound_level import SoundLevel
+from fapengine.voices.sounding import SoundLevel
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

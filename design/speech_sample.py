@@ -26,8 +26,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.profiles import Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 Array = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -209,7 +208,7 @@ def load_statistics() -> dict[str, NDArray[Any]]:
 def measure(folder: Path) -> dict[str, NDArray[Any]]:
     """Measure the statistics of ``speech_train.npz`` and ``markers.csv``."""
     from bench.fidelity import NAMES, load
-    from fapengine.models.pca import fit_components
+    from fapengine.models.viseme_space import fit_components
 
     profile, corpus = load_profile("grid_s1_en"), load(folder / "speech_train.npz")
     data = np.load(folder / "speech_train.npz")

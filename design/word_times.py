@@ -8,10 +8,10 @@ from itertools import groupby
 
 import numpy as np
 
-from fapengine.agents.spoken_words import adjusted
-from fapengine.ears.sphinx import ipa_of
-from fapengine.ears.sphinx_ear import SphinxEar
 from fapengine.files.sound import stream_sound
+from fapengine.host.words import adjusted
+from fapengine.recognition.sphinx import ipa_of
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.pronounce import pronounce_words
@@ -34,7 +34,7 @@ def main() -> None:
             words = _moved(_rows(data, "word", clip), off_ms / 1e3, rng)
             known = [(ipa_of(label), start_s) for label, start_s, _ in _rows(data, "phone", clip)]
             phones = [phone for phone in pronounce_words(words, voice) if not phone.is_silence]
-            ear = SphinxEar()
+            ear = SphinxRecognizer()
             heard = ear.push(np.concatenate(list(stream_sound(path, rate_hz=16_000)))) + ear.end()
             moved = [
                 phone

@@ -1,4 +1,4 @@
-// Reads /head.bin (layout: fapengine/live/web/head_binary.py). Arrays are views of the file, nothing is copied.
+// Reads /head.bin (layout: fapengine/server/web/head_binary.py). Arrays are views of the file, nothing is copied.
 
 const MAGIC = "FAPHEAD1";
 const KINDS = { float32: Float32Array, float64: Float64Array, uint32: Uint32Array, uint8: Uint8Array };

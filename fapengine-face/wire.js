@@ -1,4 +1,4 @@
-// Messages of the WebSocket (fapengine/live/web/messages.py says what they mean).
+// Messages of the WebSocket (fapengine/server/web/messages.py says what they mean).
 
 const FRAME_KIND = 1;
 const SOUND_KIND = 2;

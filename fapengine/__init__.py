@@ -7,27 +7,33 @@
 The names in ``__all__`` are the whole public interface; every other module is private by convention and may change
 without notice. A name is imported when it is first used: importing this package imports nothing heavy.
 
-The folders are floors; imports go down only (``pyproject.toml``, import-linter):
+The folders are layers; imports go down only (``pyproject.toml``, import-linter):
 
-====  ==========================================  ==========================================================
-16    ``cli`` ``conformance``                     one file a verb: options and printing; suites for programs of others
-15    ``batch``                                   corpora: a manifest, a journal, many machines
-14    ``app``                                     what a verb does, for Python too
-13    ``agents``                                  the face of a voice agent: LiveKit, Pipecat
-12    ``live``                                    sessions in real time
-11    ``render`` ``files`` ``voices`` ``ears``    the edge: pictures, paths, sound
-10    ``_resources`` ``_signals``                 the data inside the package; Ctrl-C while a library works
-9     ``laboratory`` ``scoring``                  recordings to a profile, with evidence; scores of lip syncs
-8     ``trajectory``                              speech to motion
-7     ``profiles``                                the data that make one face speak
-6     ``models`` ``speech`` ``retarget``          learned spaces; phones and timings; other rigs
-5     ``codec`` ``capture`` ``mesh``              FBA and ``.fap``; recordings; the head
-4     ``geometry``                                rotations and splines, without a face word
-3     ``mpeg4``                                   the standard's tables and ``FapTrack``
-2     ``_strict_toml``                            TOML into checked dataclasses
-1     ``_arrays`` ``_late``                       checked, read-only arrays; libraries imported when they are used
-0     ``errors``                                  all exceptions
-====  ==========================================  ==========================================================
+====  ===============================================  ==========================================================
+22    ``cli`` ``conformance``                          command line: options and printing; suites for other programs
+21    ``batch``                                        corpora: a manifest, a journal, many machines
+20    ``app``                                          what each command does, for Python too
+19    ``agents``                                       the face of a voice agent: LiveKit, Pipecat
+18    ``clients``                                      the other end of the wire: senders and viewers
+17    ``server``                                       listeners, sinks, the web page, calls, workers
+16    ``host``                                         engines with sound and words; one clock
+15    ``audio``                                        sound devices and their clocks
+14    ``render`` ``files`` ``voices`` ``recognition``  the edge: images, paths, speech in and out
+13    ``_resources`` ``_signals`` ``_child``           data inside the package; Ctrl-C; child processes
+12    ``wire``                                         packets: OSC, VMC, VRChat, Live Link, RTP
+11    ``engine``                                       sessions on an explicit clock
+10    ``laboratory`` ``scoring``                       recordings to a profile, with evidence; scores of lip sync
+9     ``trajectory``                                   speech to motion
+8     ``profiles``                                     the data that make one face speak
+7     ``models`` ``speech`` ``retarget``               learned spaces; phones and timings; other rigs
+6     ``codec`` ``capture`` ``mesh``                   FBA and ``.fap``; recordings; the head
+5     ``speaking``                                     the options of speaking, defined once
+4     ``geometry`` ``expressions``                     rotations and splines; the expressions, a row each
+3     ``mpeg4``                                        the standard's tables and ``FapTrack``
+2     ``_strict_toml``                                 TOML into checked dataclasses
+1     ``_arrays`` ``_late`` ``_counters``              checked arrays; imports on first use; sums of counts
+0     ``errors``                                       all exceptions
+====  ===============================================  ==========================================================
 """
 
 from importlib import import_module
@@ -38,19 +44,19 @@ if TYPE_CHECKING:
     from fapengine.app.heads import load_head
     from fapengine.app.motion import frames, load, save
     from fapengine.app.performance import Performance, animate, speak
+    from fapengine.clients.sender import Client
     from fapengine.codec.decoder import Decoder
     from fapengine.codec.encoder import Encoder, EncoderOptions
     from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+    from fapengine.expressions import Expression
     from fapengine.files.profiles import load_profile
-    from fapengine.live.clients.sender import Client
-    from fapengine.live.server.config import ServeConfig
-    from fapengine.live.server.server import Server
     from fapengine.mesh.default_head.style import HeadStyle
     from fapengine.mesh.face_mesh import FaceMesh as Head
     from fapengine.mpeg4.track import FapTrack
-    from fapengine.mpeg4.visemes import Expression
     from fapengine.profiles import Profile
     from fapengine.render.drawing import Drawing
+    from fapengine.server.config import ServeConfig
+    from fapengine.server.server import Server
     from fapengine.speech.phone_track import Phone, PhoneTrack
     from fapengine.trajectory.expression import Mood
     from fapengine.trajectory.style import Style
@@ -100,13 +106,13 @@ _MODULES = {
     "codec.encoder": ("Encoder", "EncoderOptions"),
     "errors": ("DataError", "FapEngineError", "ResourceError", "UsageError"),
     "files.profiles": ("load_profile",),
-    "live.clients.sender": ("Client",),
-    "live.server.config": ("ServeConfig",),
-    "live.server.server": ("Server",),
+    "clients.sender": ("Client",),
+    "server.config": ("ServeConfig",),
+    "server.server": ("Server",),
     "mesh.default_head.style": ("HeadStyle",),
     "mesh.face_mesh": ("Head",),
     "mpeg4.track": ("FapTrack",),
-    "mpeg4.visemes": ("Expression",),
+    "expressions": ("Expression",),
     "profiles": ("Profile",),
     "speech.phone_track": ("Phone", "PhoneTrack"),
     "trajectory.expression": ("Mood",),
@@ -136,11 +142,12 @@ def _module(module: str, name: str) -> Any:
     except ModuleNotFoundError as lack:
         if not lack.name or lack.name.partition(".")[0] not in _OF_EXTRAS:
             raise
+        from fapengine._late import how_to_install
         from fapengine.errors import ResourceError
 
         extra = _OF_EXTRAS[lack.name.partition(".")[0]]
-        message = f'{name}: {lack.name} is not installed; mend it with: pip install "fapengine[{extra}]"'
-        raise ResourceError(message) from lack
+        how = how_to_install(f'"fapengine[{extra}]"')
+        raise ResourceError(f"{name}: {lack.name} is not installed. {how}") from lack
 
 
 def __dir__() -> list[str]:

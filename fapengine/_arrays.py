@@ -1,12 +1,26 @@
-"""The one gate through which arrays enter our types."""
+"""Arrays that enter the package: checked ones in its types, and tables that it ships."""
 
+import hashlib
+import io
+import struct
+import zipfile
+import zlib
 from collections.abc import Sequence
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from fapengine.errors import UsageError
+from fapengine.errors import ResourceError, UsageError
+
+DIGESTS = "SHA256SUMS"
+"""File with the digests of the tables in its folder, in the format of ``sha256sum``."""
+
+DAMAGE = (
+    ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
+)  # fmt: skip
+"""Exceptions that zipfile and NumPy raise on archives that are truncated or damaged."""
 
 
 def frozen(
@@ -83,3 +97,23 @@ def _fits(got: tuple[int, ...], wanted: Sequence[str | int]) -> bool:
 
 def _spell(shape: Sequence[str | int]) -> str:
     return f"({', '.join(str(axis) for axis in shape)}{',' if len(shape) == 1 else ''})"
+
+
+def read_table(package: str, name: str) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an ``.npz`` file in a package: name to array, each of any shape (...).
+
+    Raises
+    ------
+    ResourceError
+        If the file is missing, or its SHA-256 digest is not the one in :data:`DIGESTS`.
+    """
+    folder = files(package)
+    try:
+        data = (folder / name).read_bytes()
+        digests = dict(line.split()[::-1] for line in (folder / DIGESTS).read_text("ascii").splitlines())
+    except OSError as error:
+        raise ResourceError(f"{name}: not found in {package}; reinstall fapengine") from error
+    if hashlib.sha256(data).hexdigest() != digests.get(name):
+        raise ResourceError(f"{name}: its digest is not the one in {DIGESTS}; reinstall fapengine")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)

@@ -1,7 +1,7 @@
-"""Libraries that are imported when they are first used, and missed with the line that mends the lack.
+"""Libraries that are imported on first use; a missing one is reported with the command that installs it.
 
-Whoever has numpy alone, in a small container or a browser, can plan, code and convert; what draws, plays or
-reads pictures asks for its library when it is called.
+With numpy alone, in a small container or a browser, fapengine plans, encodes and converts. Only what draws, plays or
+reads images needs more.
 """
 
 from importlib import import_module
@@ -19,21 +19,30 @@ _EXTRAS = {
     "kokoro-onnx": '"fapengine[kokoro]"',
     "usd-core": '"fapengine[usd]"',
     "DracoPy": '"fapengine[draco]"',
+    "pyvirtualcam": '"fapengine[camera]"',
+    "aiortc": '"fapengine[webrtc]"',
+    "nats-py": '"fapengine[nats]"',
+    "espeak-ng": '"fapengine[voice]"',
+    "PocketSphinx": '"fapengine[ear]"',
+    "onnxruntime": '"fapengine[ear-learned]"',
+    "distributed": '"fapengine[batch]"',
+    "prometheus_client": '"fapengine[live]"',
+    "glfw": '"fapengine[window]"',
 }
-"""Extra of each package that is part of one, as pip is told it."""
+"""Extra that contains each package, as pip spells it."""
 
 
 class Late(ModuleType):
-    """A module that is not there yet. Stateful.
+    """A module that is imported on first use. Stateful.
 
     Parameters
     ----------
     name : str
-        Of the module.
+        Module name.
     package : str
-        Name to install it by.
+        Name for pip.
     use : str
-        What it is for, for the message.
+        Purpose, for the error message.
     """
 
     def __init__(self, name: str, package: str, use: str) -> None:
@@ -42,13 +51,13 @@ class Late(ModuleType):
 
     def __getattr__(self, key: str) -> Any:
         name, package, use = self.__dict__["_late"]
-        if key.startswith("__"):  # what inspectors of modules ask for is no use of it
+        if key.startswith("__"):  # introspection does not need the library
             raise AttributeError(key)
         try:
             module = import_module(name)
             value = getattr(module, key) if hasattr(module, key) else import_module(f"{name}.{key}")
         except ImportError as error:
-            raise _missing(package, use) from error
+            raise missing(package, use) from error
         except OSError as error:
             raise ResourceError(f"{use}: {package} cannot be loaded ({error}); see fapengine doctor") from error
         self.__dict__[key] = value
@@ -56,26 +65,52 @@ class Late(ModuleType):
 
 
 def require(use: str, **modules: str) -> None:
-    """Refuse long work whose last step would lack a library; none is imported.
+    """Check that libraries are installed before long work starts; none is imported.
 
     Parameters
     ----------
     use : str
-        What it is for, for the message.
+        Purpose, for the error message.
     **modules : str
-        Name to install each by, by its module.
+        Module name and its name for pip.
 
     Raises
     ------
     ResourceError
-        For the first that is not installed, with the line that mends it.
+        If one is not installed; the message says how to install it.
     """
     for name, package in modules.items():
         if find_spec(name) is None:
-            raise _missing(package, use)
+            raise missing(package, use)
 
 
-def _missing(package: str, use: str) -> ResourceError:
-    return ResourceError(
-        f"{use}: {package} is not installed; mend it with: pip install {_EXTRAS.get(package, package)}"
-    )
+def needed(module: str, package: str, use: str) -> Any:
+    """Import a library that an extra installs; the parameters are those of :class:`Late`.
+
+    Raises
+    ------
+    ResourceError
+        If it is not installed; the message says how to install it.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise missing(package, use) from error
+
+
+def missing(package: str, use: str) -> ResourceError:
+    """Return the error that says how to install a package."""
+    return ResourceError(f"{use}: {package} is not installed. {how_to_install(_EXTRAS.get(package, package))}")
+
+
+def how_to_install(requirement: str) -> str:
+    """Return the sentence that ends an error message about a missing library.
+
+    Examples
+    --------
+    >>> how_to_install('"fapengine[live]"')
+    'Install it with: pip install "fapengine[live]" (in a checkout: pip install ".[live]")'
+    """
+    in_checkout = requirement.replace("fapengine[", ".[")
+    hint = f" (in a checkout: pip install {in_checkout})" if in_checkout != requirement else ""
+    return f"Install it with: pip install {requirement}{hint}"

@@ -1,4 +1,4 @@
-"""Find the shipped shaders, profiles and the page, in a checkout and in an installed wheel."""
+"""Find the shipped shaders, profiles and web page, in a checkout or an installed wheel."""
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -22,12 +22,12 @@ def shader_source(name: str) -> str:
     path = _data_folder("shaders") / name
     if not path.is_file():
         known = sorted(p.name for p in _data_folder("shaders").iterdir())
-        raise UsageError(f"shader: got {name!r}, expected one of {known}")
+        raise UsageError(f"shader: unknown name {name!r}; use {', '.join(known)}")
     return path.read_text(encoding="utf-8")
 
 
 def page_files() -> dict[str, bytes]:
-    """Return every file of the page in a browser as ``{name: bytes}``; the npm package's lie in ``face/``."""
+    """Return every file of the web page as ``{name: bytes}``; those of the npm package are in ``face/``."""
     folders = {"": _data_folder("web-page"), "face/": _data_folder("fapengine-face")}
     return {
         f"{prefix}{p.name}": p.read_bytes()
@@ -45,6 +45,7 @@ def profile_ids() -> list[str]:
 def profile_files(profile_id: str) -> dict[str, bytes]:
     """Return every file of a shipped profile as ``{name: bytes}``."""
     if profile_id not in profile_ids():
-        raise UsageError(f"profile: got {profile_id!r}, expected one of {profile_ids()} or a profile's folder")
+        names = ", ".join(profile_ids())
+        raise UsageError(f"profile: unknown profile {profile_id!r}; use {names}, or a profile folder")
     folder = _data_folder("profiles") / profile_id
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}

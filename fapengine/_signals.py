@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM that come while a library calls back into Python wait until it has returned."""
+"""Delay Ctrl-C and SIGTERM while a C library calls back into Python."""
 
 import signal
 import threading
@@ -9,12 +9,11 @@ from typing import Any
 
 @contextmanager
 def signals_kept() -> Iterator[list[int]]:
-    """Keep signals for the end of what is inside, in a list that inside can look at.
+    """Collect signals in a list while the block runs, and handle them at its end.
 
-    Python runs a signal's handler wherever Python code is, also where a library in C has called it. What the handler
-    raises there is printed and forgotten (ctypes: espeak-ng went on for minutes after Ctrl-C), or ends the program with
-    a segmentation fault where the library does not look (moderngl 5.13 while it describes a program: seen with 3 of
-    some 250 films that were stopped at their first frame, whose hidden files stayed).
+    Python runs signal handlers in any Python code, also in a callback from C. An exception raised there is printed and
+    dropped (ctypes: espeak-ng continued for minutes after Ctrl-C) or crashes the process (moderngl 5.13 while it
+    describes a program: 3 of about 250 videos that were stopped at their first frame).
 
     Examples
     --------

@@ -57,10 +57,21 @@ class Checked:
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(type(self), include_extras=True).items():
-            try:
-                _converted(getattr(self, name), kind)
-            except _UnfitError as trouble:
-                raise UsageError(f"{name}: {_complaint(getattr(self, name), kind)}") from trouble
+            check_value(name, getattr(self, name), kind)
+
+
+def check_value(name: str, value: object, kind: Any) -> None:
+    """Refuse a value that its annotation does not allow.
+
+    Raises
+    ------
+    UsageError
+        It begins with the name.
+    """
+    try:
+        _converted(value, kind)
+    except _UnfitError as trouble:
+        raise UsageError(f"{name}: {_complaint(value, kind)}") from trouble
 
 
 def parse_toml(
@@ -145,7 +156,7 @@ def _converted(value: Any, kind: Any) -> Any:
     origin, parts = get_origin(kind) or kind, get_args(kind)
     if origin is Annotated:
         value = _converted(value, parts[0])
-        if parts[1].low <= value <= parts[1].high:
+        if all(part.low <= value <= part.high for part in parts[1:] if isinstance(part, Between)):
             return value
     elif origin is Literal:
         if any(type(value) is type(part) and value == part for part in parts):
@@ -210,8 +221,8 @@ def _spell(kind: Any) -> str:
     """Say which values a type has."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        meta = parts[1]
-        return f"{_spell(parts[0])} of {meta.low:g}..{meta.high:g}"
+        ranges = "".join(f" of {part.low:g}..{part.high:g}" for part in parts[1:] if isinstance(part, Between))
+        return _spell(parts[0]) + ranges
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"
     if origin in (Union, UnionType):

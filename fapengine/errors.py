@@ -1,6 +1,6 @@
-"""All exceptions: three branches, by who must act.
+"""All exceptions, in three branches: the caller, the data or the machine must change.
 
-A message says *what: got ..., expected ... (at where; clause)*, with the values shown.
+A message has the form *subject: what is wrong (at where; clause)* and shows the values.
 """
 
 
@@ -12,8 +12,12 @@ class UsageError(FapEngineError, ValueError):
     """The caller must change the call."""
 
 
+class ElsewhereError(UsageError):
+    """A session that another process shows."""
+
+
 class NothingToSpeakError(UsageError):
-    """A text in which a voice finds nothing."""
+    """The text contains nothing to speak."""
 
 
 class DataError(FapEngineError, ValueError):
@@ -22,11 +26,11 @@ class DataError(FapEngineError, ValueError):
     Parameters
     ----------
     message : str
-        What was got and what was expected.
+        What is wrong, and what was expected.
     where : str, optional
-        File, line, key, byte and bit: where the trouble is.
+        File, line, key, byte or bit of the problem.
     clause : str, optional
-        Clause of the standard or section of the format description that was broken.
+        Clause of the standard, or section of the format description.
     """
 
     def __init__(self, message: str, *, where: str = "", clause: str = "") -> None:
@@ -46,7 +50,7 @@ def _rebuild(kind: type[DataError], message: str, where: str, clause: str) -> Da
 
 
 class TruncatedError(DataError):
-    """The data end too early; more bytes may cure it."""
+    """The data end too early; more bytes may complete them."""
 
 
 class ConformanceError(DataError):
@@ -54,12 +58,12 @@ class ConformanceError(DataError):
 
 
 class UnsupportedError(DataError):
-    """Legal data that fapengine does not handle; never guessed around."""
+    """Valid data that fapengine does not support."""
 
 
 class ProfileError(DataError):
-    """A profile is wrong; ``where`` is file and key."""
+    """A profile is invalid; ``where`` is file and key."""
 
 
 class ResourceError(FapEngineError, RuntimeError):
-    """The machine lacks something: no GPU, a port taken, no audio device, no voice."""
+    """Something is missing on the machine: a GPU, a free port, an audio device, a voice."""

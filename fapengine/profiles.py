@@ -15,15 +15,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import DAMAGE, frozen
 from fapengine._strict_toml import parse_toml, quoted, spell_path
-from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import ProfileError, UsageError
+from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
-from fapengine.mpeg4.visemes import OF_FAP_2, Expression
 from fapengine.speech import ipa
 
 SCHEMA = 1
@@ -34,13 +33,13 @@ Contact = Literal["none", "lips", "teeth"]
 """Contact that a phone makes: none, lip on lip (p b m), lower lip on upper teeth (f v)."""
 CONTACTS: tuple[Contact, ...] = get_args(Contact)
 FeatureKind = Literal["bias", "phone", "length", "way", "letter", "cross", "pair", "triple"]
-"""First word of a context feature's name; :mod:`fapengine.trajectory.context_features` tells what follows."""
+"""First word of a context feature's name; the rest is described in :mod:`fapengine.trajectory.context`."""
 FEATURE_KINDS: tuple[FeatureKind, ...] = get_args(FeatureKind)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PhoneTarget:
-    """Where one phone lies in the viseme space."""
+    """Points of one phone in the viseme space."""
 
     ipa: str
     """One IPA letter, or several for a diphthong or an affricate."""
@@ -61,7 +60,7 @@ class ExpressionTarget:
     target: NDArray[np.float64]
     """(K,) mode weights."""
     fap: NDArray[np.float64]
-    """(68,) FAPU: what the face does beyond the modes (brows, lids, cheeks, nose)."""
+    """(68,) FAPU: motion beyond the modes (brows, lids, cheeks, nose)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -150,7 +149,7 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
         lines += [
             "",
             "[[expression]]",
-            f"name = {quoted(expression.name.lower())}",
+            f"name = {quoted(expression.label)}",
             f"target = {_row(face.target)}",
             f"fap = {{ {faps} }}",
         ]
@@ -349,15 +348,15 @@ def _phones(rows: tuple[_Phone, ...], count: int) -> dict[str, PhoneTarget]:
             origin=row.origin,
         )
     if not phones:
-        raise _wrong("got no phone, expected some", "phone")
+        raise _wrong("contains no phone", "phone")
     return phones
 
 
 def _expressions(rows: tuple[_Expression, ...], count: int) -> dict[Expression, ExpressionTarget]:
     expressions: dict[Expression, ExpressionTarget] = {}
     for index, row in enumerate(rows):
-        if row.name not in [one.name.lower() for one in OF_FAP_2 if one]:
-            raise _wrong(f"got {row.name!r}, expected one of the six expressions", "expression", index, "name")
+        if row.name not in [one.label for one in STANDARD_EXPRESSIONS]:
+            raise _wrong(f"unknown value {row.name!r}; use one of the six expressions", "expression", index, "name")
         beyond = np.zeros(fap.FAP_COUNT)
         for name, value in row.fap.items():
             try:

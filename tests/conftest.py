@@ -5,11 +5,12 @@ import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests import slow_tests
+from tests import queues, slow_tests
 from tests.processes import start
 
 SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent.parent.parent / "shared"))
@@ -21,6 +22,9 @@ NO_DETECTOR, NO_LLVMPIPE = "face detector absent", "pictures are drawn by someth
 LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE)
 """The only reasons for which a test may be skipped."""
 ALSA = "</usr/share/alsa/alsa.conf>\npcm.!default { type pulse }\nctl.!default { type pulse }\n"
+
+NIGHTLY = {"nightly": 0}
+"""Number of tests with the marker ``nightly`` among those that were collected."""
 
 os.environ["FAPENGINE_CACHE"] = str(Path(__file__).resolve().parent.parent / "out" / "cache")  # not the user's own
 
@@ -68,11 +72,17 @@ def null_sink(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str,
 
 
 def _wait_for(socket: Path, server: subprocess.Popen[bytes]) -> None:
-    until = time.monotonic() + 10
+    until = time.monotonic() + 60
     while not socket.exists():
         if server.poll() is not None or time.monotonic() > until:
             pytest.fail(f"pulseaudio does not start (code {server.poll()}); .ci/system-packages installs it")
         time.sleep(0.05)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Give ``--dist loadfile`` its two queues."""
+    return queues.TwoQueues(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -89,15 +99,26 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(slow_tests.Meter())
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     slow = slow_tests.listed()
+    nightly = [item.nodeid for item in items if item.get_closest_marker("nightly")]
+    getattr(config, "workeroutput", NIGHTLY)["nightly"] = len(nightly)
     for item in items:
+        if queues.waits(item.nodeid):
+            item.add_marker("waits")
         if not slow.isdisjoint(slow_tests.names(item.nodeid)):
             item.add_marker("slow")
         if "shared" in getattr(item, "fixturenames", ()) and item.get_closest_marker("shared") is None:
             raise pytest.UsageError(f"{item.nodeid}: uses the fixture `shared`, so it must carry the marker `shared`")
         if item.get_closest_marker("shared") and item.get_closest_marker("conformance"):
             raise pytest.UsageError(f"{item.nodeid}: a test of conformance must run in every clone, without `shared`")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any, error: object) -> None:
+    """Learn from a worker how many tests are left to make nightly."""
+    NIGHTLY.update({"nightly": getattr(node, "workeroutput", {}).get("nightly", 0)})
 
 
 def _has_leave(report: pytest.TestReport) -> bool:
@@ -119,6 +140,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         for reason in LEAVE:
             count = sum(reason in str(report.longrepr) for report in skipped)
             reporter.write_line(f"{count} tests skipped: {reason}")
+    if NIGHTLY["nightly"] and "not nightly" in session.config.getoption("markexpr"):
+        reporter.write_line(f"{NIGHTLY['nightly']} tests left to make nightly")
     for report in strange:
         reporter.write_line(f"skipped without leave: {report.nodeid}: {report.longrepr}", red=True)
     if ran < wanted:

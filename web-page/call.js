@@ -132,7 +132,7 @@ async function hangUp(reason = "") {
   watching = null;
   face.srcObject = null;
   show();
-  tell("Nobody is called.");
+  tell("Not connected.");
   complain(reason);
   if (own && !own.over) await own.end().catch(() => "");
 }

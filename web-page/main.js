@@ -14,7 +14,7 @@ const LOOK_EVERY_MS = 80;
 const MAX_TEXT = 2000;
 const MAX_HISTORY = 50;
 const SINGLE_KEYS = ["/", "m", "b", "f", ...Array.from({ length: 9 }, (_, digit) => String(digit + 1))];
-const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "server is away, looking for it …" };
+const CONNECTIONS = { connected: "connected", connecting: "connecting …", waiting: "no server, trying again …" };
 
 const byId = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
@@ -161,7 +161,7 @@ class Page {
       return;
     }
     if (text.length > MAX_TEXT) {
-      this.told(`This text has ${text.length} letters; ${MAX_TEXT} are said at once. Nothing was sent.`, true);
+      this.told(`This text has ${text.length} characters; at most ${MAX_TEXT} are allowed. Nothing was sent.`, true);
       return;
     }
     this.session.pause(false);
@@ -172,7 +172,7 @@ class Page {
       byId("text").select();
       this.told("");
     } else {
-      this.told("The server is away; it will be looked for again.", true);
+      this.told("The server is not connected; trying again.", true);
     }
   }
 
@@ -212,9 +212,9 @@ class Page {
     try {
       const { samples, rate } = await samplesOf(await file.arrayBuffer());
       if (this.session.push(samples, rate)) this.told(`${file.name}: ${(samples.length / rate).toFixed(1)} s of sound`);
-      else this.told("The server is away; it will be looked for again.", true);
+      else this.told("The server is not connected; trying again.", true);
     } catch {
-      this.told(`${file.name}: got no sound that this browser can read, expected WAV, MP3, Ogg, M4A or the like`, true);
+      this.told(`${file.name}: got no sound that this browser can read, expected WAV, MP3, Ogg, M4A or similar`, true);
     }
     byId("recording").value = "";
   }
@@ -255,7 +255,7 @@ class Page {
   }
 
   async wear(name) {
-    this.told("The face is fetched …");
+    this.told("Loading the face …");
     try {
       const head = await headNamed(name);
       this.picture.wear(head);
@@ -292,7 +292,7 @@ class Page {
     const heard = {
       connection: (name) => this.connection(name),
       refused: (why) => this.notice(why || this.unseen()),
-      stand: (still) => this.told(still ? "Paused; Space goes on." : ""),
+      stand: (still) => this.told(still ? "Paused. Press Space to continue." : ""),
       begin: (utterance) => this.begin(utterance),
       phone: () => this.caption.follow(this.session.moment.index),
       message: (message) => this.message(message),

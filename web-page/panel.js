@@ -164,8 +164,8 @@ export class Panel {
     const id = `fap-${number}`;
     const input = made("input", { type: "range", id, min: low, max: high, step: 1, value: 0 });
     const output = made("output", { htmlFor: id, textContent: "0" });
-    const letGo = made("button", { type: "button", className: "let-go", textContent: "×", title: "Let it go" });
-    letGo.setAttribute("aria-label", `Let FAP ${number} go`);
+    const letGo = made("button", { type: "button", className: "let-go", textContent: "×", title: "Release" });
+    letGo.setAttribute("aria-label", `Release FAP ${number}`);
     const label = made("label", { htmlFor: id, textContent: name.replaceAll("_", " ") });
     label.title = `FAP ${number} ${name}: ${positive}, in ${unit}`;
     const index = made("span", { className: "number", textContent: number });

@@ -1,5 +1,12 @@
 // Shows a face of fapengine on a model in Unreal: fapengine serve --sink ws-json://127.0.0.1:9200
-// Add it as a component to the actor whose skeletal mesh has the morph targets.
+//
+// 1. Tools > New C++ Class > Actor Component, named FapengineFace. Replace its files with this one and FapengineFace.cpp.
+//    If other modules use your module's classes, write its YOURGAME_API before UFapengineFace.
+// 2. In YourGame.Build.cs: PublicDependencyModuleNames.AddRange(new[] { "WebSockets", "Json" }); then build.
+// 3. Add the component to the actor whose skeletal mesh has the morph targets. Address is the server's; Visemes uses
+//    the 15 of Oculus.
+// 4. The head: in the Animation Blueprint a Transform (Modify) Bone node with the component's Head as its rotation. Bones
+//    have their own axes; swap them until a nod is a nod.
 #pragma once
 
 #include "CoreMinimal.h"

@@ -44,7 +44,7 @@ from livekit.agents.voice.avatar import (
 )
 from livekit.agents.voice.avatar import AvatarSession as _AvatarSession
 
-from fapengine.agents.actor import Actor, ActorOptions
+from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.render.drawing import EDGES
 
 SAMPLE_RATE_HZ = 24_000
@@ -56,42 +56,42 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
 
     Parameters
     ----------
-    actor : Actor
+    face : AgentFace
     size : (int, int)
         Width and height of its pictures.
     """
 
-    def __init__(self, actor: Actor, size: tuple[int, int]) -> None:
-        self.actor, self._size = actor, size
+    def __init__(self, face: AgentFace, size: tuple[int, int]) -> None:
+        self.face, self._size = face, size
         self._ends_s: deque[float] = deque()
         """Times at which the sound of utterances that are over has been heard."""
 
     async def push_audio(self, frame: rtc.AudioFrame | AudioSegmentEnd) -> None:
         """Take sound, or the end of an utterance."""
         if isinstance(frame, AudioSegmentEnd):
-            self.actor.end()
+            self.face.end()
         else:
-            self.actor.sound(bytes(frame.data), frame.sample_rate, frame.num_channels)
+            self.face.sound(bytes(frame.data), frame.sample_rate, frame.num_channels)
 
     def clear_buffer(self) -> None:
         """Stop speaking."""
-        self.actor.interrupt(time.monotonic())
+        self.face.interrupt(time.monotonic())
         self._ends_s.clear()
 
     async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd]:
         """Yield sound and pictures at their pace, and the end of each utterance when it has been heard."""
-        await self.actor.ready()
+        await self.face.ready()
         while True:
-            await asyncio.sleep(self.actor.wait_s(time.monotonic()))
+            await asyncio.sleep(self.face.wait_s(time.monotonic()))
             now_s = time.monotonic()
-            frame, events = self.actor.frame(now_s)
+            frame, events = self.face.frame(now_s)
             for sound in frame.sounds:
                 data = sound.samples.astype("<i2").tobytes()
                 yield rtc.AudioFrame(data, sound.rate_hz, 1, len(sound.samples))
-            picture = await self.actor.picture(frame.faps)
+            picture = await self.face.picture(frame.faps)
             yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture)
             self._ends_s.extend(
-                now_s + self.actor.unplayed_s(now_s) for event in events if event.kind == "finished"
+                now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished"
             )  # fmt: skip
             while self._ends_s and self._ends_s[0] <= time.monotonic():
                 self._ends_s.popleft()
@@ -104,14 +104,14 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
     Parameters
     ----------
     **options
-        As of :class:`fapengine.agents.actor.ActorOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
+        As of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__()
         self._room: rtc.Room | None = None
-        self._options = ActorOptions(**options)
-        self._actor = Actor.open(self._options)
+        self._options = AgentOptions(**options)
+        self._face = AgentFace.open(self._options)
         self._runner: AvatarRunner | None = None
 
     @property
@@ -133,9 +133,9 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
             If the face cannot be drawn.
         """
         await super().start(agent_session, room)
-        await self._actor.ready()
+        await self._face.ready()
         output = QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
-        self._runner = runner_of(room, output, self._actor, self._options)
+        self._runner = runner_of(room, output, self._face, self._options)
         await self._runner.start()
         agent_session.output.replace_audio_tail(output)
 
@@ -148,7 +148,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         runner, self._runner = self._runner, None
         if runner is not None:
             await runner.aclose()
-        self._actor.close()
+        self._face.close()
 
     async def read(self, text: AsyncIterable[Any]) -> AsyncIterator[Any]:
         """Pass a transcription on, and take the words that have times: for ``Agent.transcription_node``.
@@ -157,9 +157,9 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
-            is_word = len(str(piece).split()) == 1 or self._actor.ear is None
+            is_word = len(str(piece).split()) == 1 or self._face.ear is None
             if isinstance(start_s, int | float) and is_word:
-                self._actor.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
+                self._face.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
             yield piece
 
     async def without_marks(self, text: AsyncIterable[str]) -> AsyncIterator[str]:
@@ -170,18 +170,18 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
             ends = [match.end() for match in _SENTENCE.finditer(waiting)]
             if ends:
                 ready, waiting = waiting[: ends[-1]], waiting[ends[-1] :]
-                yield self._actor.marks.expect(ready).rstrip() + " "
+                yield self._face.marks.expect(ready).rstrip() + " "
         if waiting.strip():
-            yield self._actor.marks.expect(waiting)
+            yield self._face.marks.expect(waiting)
 
 
-def runner_of(room: rtc.Room, sound: AudioReceiver, actor: Actor, options: ActorOptions) -> AvatarRunner:
+def runner_of(room: rtc.Room, sound: AudioReceiver, face: AgentFace, options: AgentOptions) -> AvatarRunner:
     """Make LiveKit's runner, which publishes both tracks in time with each other."""
     width, height = options.size
     return AvatarRunner(
         room,
         audio_recv=sound,
-        video_gen=FaceGenerator(actor, options.size),
+        video_gen=FaceGenerator(face, options.size),
         options=AvatarOptions(
             video_width=width, video_height=height, video_fps=options.frame_rate_hz,
             audio_sample_rate=SAMPLE_RATE_HZ, audio_channels=1,
@@ -189,30 +189,30 @@ def runner_of(room: rtc.Room, sound: AudioReceiver, actor: Actor, options: Actor
     )  # fmt: skip
 
 
-async def work(url: str, token: str, options: ActorOptions) -> None:
+async def work(url: str, token: str, options: AgentOptions) -> None:
     """Be an avatar in a room until it is left: hears ``lk.audio_stream`` and answers its RPCs.
 
     Parameters
     ----------
     url, token : str
         Of the room.
-    options : ActorOptions
+    options : AgentOptions
     """
-    actor, room = Actor.open(options), rtc.Room()
+    face, room = AgentFace.open(options), rtc.Room()
     left = asyncio.Event()
     room.on("disconnected", lambda _: left.set())
     runner = None
     try:
-        await actor.ready()
+        await face.ready()
         await room.connect(url, token)
-        runner = runner_of(room, DataStreamAudioReceiver(room), actor, options)
+        runner = runner_of(room, DataStreamAudioReceiver(room), face, options)
         await runner.start()
         await left.wait()
     finally:
         if runner is not None:
             await runner.aclose()
         await room.disconnect()
-        actor.close()
+        face.close()
 
 
 def main() -> None:
@@ -222,10 +222,10 @@ def main() -> None:
     parser.add_argument("token", help="access token of the avatar's participant")
     parser.add_argument("--head", default="default", help="name or folder of a head")
     parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--edges", choices=EDGES, default="soft", help="how edges are smoothed")
+    parser.add_argument("--antialias", choices=EDGES, default="soft", help="antialiasing")
     parser.add_argument("--rate", type=float, default=25.0, help="frames a second")
     given = parser.parse_args()
-    options = ActorOptions(head=given.head, size=tuple(given.size), edges=given.edges, frame_rate_hz=given.rate)
+    options = AgentOptions(head=given.head, size=tuple(given.size), edges=given.antialias, frame_rate_hz=given.rate)
     asyncio.run(work(given.url, given.token, options))
 
 

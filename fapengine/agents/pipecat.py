@@ -40,10 +40,10 @@ from pipecat.frames.frames import (
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor
 from pipecat.utils.text.base_text_filter import BaseTextFilter
 
-from fapengine.agents.actor import Actor, ActorOptions
-from fapengine.agents.mark_timer import MarkTimer
-from fapengine.agents.sound_queue import Sound
+from fapengine.agents.face import AgentFace, AgentOptions
+from fapengine.audio.sound_queue import Sound
 from fapengine.errors import FapEngineError
+from fapengine.host.words import MarkTimer
 
 PICTURE_AFTER_S = 0.01
 """Time in its sound at which a picture is pushed.
@@ -85,18 +85,18 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
     Parameters
     ----------
     head, size, edges, frame_rate_hz, profile, voice, style, seed, hears
-        As of :class:`fapengine.agents.actor.ActorOptions`.
+        As of :class:`fapengine.agents.face.AgentOptions`.
     **processor
         For Pipecat's ``FrameProcessor``, such as its name.
     """
 
-    def __init__(self, *, actor: Actor | None = None, options: ActorOptions | None = None, **given: Any) -> None:
-        names = ActorOptions.__dataclass_fields__
+    def __init__(self, *, face: AgentFace | None = None, options: AgentOptions | None = None, **given: Any) -> None:
+        names = AgentOptions.__dataclass_fields__
         processor = {name: given.pop(name) for name in tuple(given) if name not in names}
         super().__init__(**processor)
-        self._options = options or ActorOptions(**given)
-        self._actor = actor or Actor.open(self._options)
-        self.marks = MarkFilter(self._actor.marks)
+        self._options = options or AgentOptions(**given)
+        self._face = face or AgentFace.open(self._options)
+        self.marks = MarkFilter(self._face.marks)
         """Give it to the TTS: ``text_transforms=[("*", face.marks)]``."""
         self._loop: asyncio.Task[None] | None = None
         self._cuts = 0
@@ -141,7 +141,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             await self.push_frame(frame, direction)
         else:
             if isinstance(frame, TTSStoppedFrame | EndFrame | StopFrame):
-                self._actor.end()
+                self._face.end()
                 self._is_silent = False
                 early, self._early = self._early, []
                 for word in early:  # nothing sounded
@@ -154,17 +154,17 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         """End its task and its processes."""
         await super().cleanup()
         await self._stop()
-        self._actor.close()
+        self._face.close()
 
     def _hear(self, frame: TTSAudioRawFrame) -> None:
-        self._actor.sound(frame.audio, frame.sample_rate, frame.num_channels)
+        self._face.sound(frame.audio, frame.sample_rate, frame.num_channels)
         self._is_silent = False
-        self._first_ns.setdefault(self._actor.stage.newest, self.get_clock().get_time())
+        self._first_ns.setdefault(self._face.host.newest, self.get_clock().get_time())
 
     async def _read(self, frame: TTSTextFrame) -> None:
-        number = self._actor.stage.newest
+        number = self._face.host.newest
         first_ns = self._first_ns.get(number, frame.pts)
-        self._actor.word(frame.text, max(frame.pts - first_ns, 0) / 1e9)
+        self._face.word(frame.text, max(frame.pts - first_ns, 0) / 1e9)
         self._words.append((number, frame))
         await self._push_words()
 
@@ -180,7 +180,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
 
     async def _interrupt(self, frame: InterruptionFrame) -> None:
         self._cuts += 1
-        self._actor.interrupt(time.monotonic())
+        self._face.interrupt(time.monotonic())
         self._words.clear()
         self._early.clear()
         self._is_silent = False
@@ -192,22 +192,22 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
 
     async def _follow(self, frame: Frame) -> None:
         """Push a frame behind the sound that came before it."""
-        if self._actor.stage.is_speaking or self._behind:
-            self._behind.append((self._actor.stage.newest, frame))
+        if self._face.host.is_speaking or self._behind:
+            self._behind.append((self._face.host.newest, frame))
         else:
             await self.push_frame(frame)
 
     async def _show(self) -> None:
         """Push pictures and sound at their pace."""
-        actor = self._actor
+        face = self._face
         try:
-            await actor.ready()
+            await face.ready()
             while True:
-                await asyncio.sleep(actor.wait_s(time.monotonic()))
+                await asyncio.sleep(face.wait_s(time.monotonic()))
                 cuts = self._cuts
-                frame, events = actor.frame(time.monotonic())
+                frame, events = face.frame(time.monotonic())
                 await self._tell(events)
-                picture = OutputImageRawFrame(await actor.picture(frame.faps), self._options.size, "RGB")
+                picture = OutputImageRawFrame(await face.picture(frame.faps), self._options.size, "RGB")
                 if cuts != self._cuts:
                     continue  # interrupted while it was drawn: nobody is to hear this any more
                 picture.sync_with_audio = bool(frame.sounds)
@@ -228,7 +228,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 self._over = number
                 self._first_ns = {key: at_ns for key, at_ns in self._first_ns.items() if key > number}
                 self._delay_ns = {key: delay for key, delay in self._delay_ns.items() if key >= number}
-        while self._behind and (self._behind[0][0] <= self._over or not self._actor.stage.is_speaking):
+        while self._behind and (self._behind[0][0] <= self._over or not self._face.host.is_speaking):
             await self.push_frame(self._behind.popleft()[1])
 
     async def _stop(self) -> None:

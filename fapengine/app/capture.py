@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from fapengine.app.drawing import resized
 from fapengine.app.motion import LOADED, frames, save
 from fapengine.capture.held_face import FACE_MESH, FACE_MESH_468, HeldFace, hold_face
-from fapengine.capture.landmarks import FEATURE_POINTS, Picture, parse_landmarks
+from fapengine.capture.landmarks import FEATURE_POINTS, Picture, is_openface, parse_landmarks, parse_openface
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.openface import is_openface, parse_openface
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of, landmarks_of_pictures
 from fapengine.files.motion import load_motion
@@ -26,7 +25,7 @@ from fapengine.mpeg4.track import FapTrack
 
 CAMERA = "webcam"
 CAMERA_S = 10.0
-"""Time for which a camera is watched, if nobody says how long."""
+"""Default duration of a camera capture."""
 PUPILS_MM = 62.0
 """An adult's pupils are so far apart; sizes in mm are as true as that."""
 MARKERS = (".npz", ".c3d", ".trc")
@@ -36,7 +35,7 @@ OVERLAY_PX = 480
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaptureJob:
-    """What to watch, and what to write."""
+    """Input, output and options of a capture."""
 
     source: str
     """A film, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``."""
@@ -44,11 +43,11 @@ class CaptureJob:
     size: tuple[int, int] | None = None
     """Width and height in pixels of the pictures that landmarks are shares of."""
     rate_hz: float | None = None
-    """Frames a second of landmarks, whose file does not say."""
+    """Frame rate of landmarks; their file does not have it."""
     seconds: float = CAMERA_S
     """Time for which the camera is watched."""
     overlay: Path | None = None
-    """A film that shows our head beside the one that was watched."""
+    """Video of our head beside the captured one."""
     head: str = "default"
     model: Path | None = None
     """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
@@ -56,7 +55,7 @@ class CaptureJob:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """FAPs, and how they were got."""
+    """FAPs, and their origin."""
 
     track: FapTrack
     kind: str
@@ -67,22 +66,12 @@ class Captured:
 
 
 def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
-    """Watch, and write what the output's name asks for.
+    """Capture, and write the kind of output that its name says.
 
     Parameters
     ----------
-    job : CaptureJob
     on_frame : callable
         Called after each picture that the face detector has seen.
-
-    Raises
-    ------
-    UsageError
-        If a file cannot be read, or something is missing that its kind needs.
-    DataError
-        If its content is wrong, or it shows no face.
-    ResourceError
-        If there is no face detector, no camera, or the output cannot be written.
     """
     if job.overlay is not None and not (_is_film(job.source) and is_moving(job.overlay)):
         raise UsageError(f"overlay: got {job.overlay} beside {job.source}, expected a film (.mp4) beside a film")
@@ -131,13 +120,7 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
 
 
 def camera_number(source: str) -> int:
-    """Read a camera's number: ``webcam:1`` is the second one.
-
-    Raises
-    ------
-    UsageError
-        If it has none.
-    """
+    """Read a camera's number: ``webcam:1`` is the second one."""
     _, _, number = source.partition(":")
     if number and not (number.isascii() and number.isdigit()):
         raise UsageError(f"source: got {source!r}, expected {CAMERA}, or {CAMERA}:1 for the second one")
@@ -151,7 +134,7 @@ def _is_film(source: str) -> bool:
 def _seen(times_s: NDArray[np.float64], landmarks: NDArray[np.float64], kind: str) -> Captured:
     """Put frames at even times, and read them."""
     if len(times_s) < 2:
-        raise DataError(f"{kind}: got {len(times_s)} pictures, expected at least 2")
+        raise DataError(f"{kind}: needs at least 2 pictures, got {len(times_s)}")
     rate_hz = float(f"{(len(times_s) - 1) / (times_s[-1] - times_s[0]):.5g}")
     even = np.arange(round(times_s[-1] * rate_hz) + 1) / rate_hz
     nearest = np.abs(times_s[None] - even[:, None]).argmin(axis=1) if len(times_s) < 2000 else np.searchsorted(
@@ -168,7 +151,7 @@ def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured
 
 def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
     if job.size is None or job.rate_hz is None:
-        raise UsageError("landmarks: got no size or no rate, expected both: a file of landmarks has neither")
+        raise UsageError("landmarks: need both size and rate; a file of landmarks has neither")
     width, height = job.size
     raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
     return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")
@@ -185,7 +168,7 @@ def _markers(found: Captured, job: CaptureJob) -> MarkerTrack:
 
 
 def _overlay(job: CaptureJob, track: FapTrack) -> None:
-    """Write the watched film with our head beside it."""
+    """Write the captured video with our head beside it."""
     path = Path(job.source)
     drawing = resized(None, (OVERLAY_PX, OVERLAY_PX))
 

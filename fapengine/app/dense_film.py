@@ -1,4 +1,4 @@
-"""Recorded takes on dense faces: the films of papers 003 and 004."""
+"""Recorded takes on dense faces: the videos of papers 003 and 004."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from fapengine.laboratory.marker_driver import DrivenTake, Way
 
 TAKES = (".c3d", ".trc", ".npz", ".tsv")
-"""Endings of recordings of markers; a .csv may be one."""
+"""Endings of marker recordings; a .csv may be one."""
 
 
 def is_take(path: Path) -> bool:
-    """Tell whether a path is a recording of markers, not FAPs or shapes."""
+    """Whether a path is a marker recording, not FAPs or shapes."""
     return path.suffix.lower() in TAKES or is_table(path)
 
 
 def drive(path: Path, rig: "ModeRig", way: "Way" = "estimator") -> "DrivenTake":
-    """Drive a dense face's modes by a recording.
+    """Drive the modes of a dense face by a recording.
 
     Raises
     ------
@@ -45,16 +45,16 @@ def drive(path: Path, rig: "ModeRig", way: "Way" = "estimator") -> "DrivenTake":
 def takes_on_heads(
     takes: Sequence[Path], heads: Sequence[str], *, way: "Way" = "estimator", still_head: bool = False
 ) -> tuple[float, list[FaceMesh], list[list[Pose]], list[str]]:
-    """Lay takes onto dense faces, side by side: at the highest rate, until the longest ends.
+    """Apply takes to dense faces, side by side: at the highest rate, until the longest ends.
 
     Parameters
     ----------
     takes, heads : sequence
-        As many, or one of either.
+        Of equal length, or one of either.
     way : str
         ``"estimator"`` (paper 004) or ``"modes"`` (paper 003).
     still_head : bool
-        True to leave out what the head did.
+        True to leave out head motion.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def takes_on_heads(
     Raises
     ------
     UsageError
-        If a take is no recording of markers, or a head has no modes.
+        If a take is not a marker recording, or a head has no modes.
     DataError
         If a take does not show the face.
     """
@@ -103,7 +103,7 @@ def takes_on_heads(
 
 
 def at_rate(count: int, rate_hz: float, fps: float) -> list[int]:
-    """Frames that a film of another rate shows: at each of its times the one before.
+    """Frames shown by a video of another rate: at each of its times the last one before.
 
     Examples
     --------

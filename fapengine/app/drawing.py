@@ -1,7 +1,8 @@
-"""Faces side by side in one picture, and small changes of a drawing."""
+"""Several faces in one image, and small changes to drawing options."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,12 +12,14 @@ from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.camera import turned
-from fapengine.render.crowd import CrowdRenderer
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+
+if TYPE_CHECKING:
+    from fapengine.render.crowd import CrowdRenderer
 
 
 def resized(drawing: Drawing | None, size: tuple[int, int] | None) -> Drawing:
-    """Return a drawing, by default the plain one, with another picture size if one is stated."""
+    """Return drawing options, by default the standard ones, with another image size if given."""
     drawing = drawing or DEFAULT_DRAWING
     return drawing if size is None else replace(drawing, size=size)
 
@@ -24,7 +27,7 @@ def resized(drawing: Drawing | None, size: tuple[int, int] | None) -> Drawing:
 def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
     """Put tracks on one time axis: at the highest rate, each from its own start, until the longest ends.
 
-    Between its frames, where frames are skipped, and after its end a track stays as it was.
+    Between its frames, where frames are skipped, and after its end a track keeps its values.
 
     Parameters
     ----------
@@ -47,47 +50,49 @@ def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
 
 
 def crowd_columns(faces: int) -> int:
-    """Return how many faces stand side by side: up to four in one row."""
+    """Return the number of faces per row: up to four in one row."""
     return faces if faces <= 4 else -(-faces // round(faces**0.5))
 
 
 def crowd_size(drawing: Drawing, faces: int) -> tuple[int, int]:
-    """Return width and height, in pixels, of the picture of all faces."""
+    """Width and height, in pixels, of the image of all faces."""
     columns = crowd_columns(faces)
     return columns * drawing.size[0], -(-faces // columns) * drawing.size[1]
 
 
-def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> CrowdRenderer:
-    """Make the renderer of faces side by side; the size of ``drawing`` is that of one face.
+def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> "CrowdRenderer":
+    """Create the renderer for several faces; the size in ``drawing`` is that of one face.
 
     Raises
     ------
     UsageError
-        If the picture is too large.
+        If the image is too large.
     ResourceError
-        If there is no OpenGL.
+        If OpenGL is not available.
     """
+    from fapengine.render.crowd import CrowdRenderer
+
     return CrowdRenderer(meshes, drawing, columns=crowd_columns(len(meshes)))
 
 
 def draw_crowd(
-    crowd: CrowdRenderer, rows: NDArray[np.int32] | Sequence[Sequence[Pose]], rate_hz: float, *, turn_s: float = 0.0
+    crowd: "CrowdRenderer", rows: NDArray[np.int32] | Sequence[Sequence[Pose]], rate_hz: float, *, turn_s: float = 0.0
 ) -> Iterator[Picture]:
-    """Draw frames in turn.
+    """Draw frames one after the other.
 
     Parameters
     ----------
     crowd : CrowdRenderer
-    rows : (T, faces, 68) int32, FAPU, or a Pose a frame and face
+    rows : (T, faces, 68) int32, FAPU, or a Pose per frame and face
     rate_hz : float
-        Frames a second.
+        Frame rate.
     turn_s : float
-        Time in which the camera goes once round the head; 0: it stands still.
+        Time of one camera turn around the head; 0 for a fixed camera.
 
     Yields
     ------
     (height, width, 3 or 4) uint8
-        sRGB; colours are not multiplied with alpha.
+        sRGB, with straight alpha.
     """
     cameras = crowd.cameras
 

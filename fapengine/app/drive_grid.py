@@ -47,7 +47,7 @@ MOVED_BONES = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveJob:
-    """What to drive by what, and what to write."""
+    """Input, output and options of a driven grid."""
 
     grid: Path
     """Recording of all points to learn from, or a folder of meshes."""
@@ -70,7 +70,7 @@ class DriveJob:
 
 @dataclass(frozen=True, slots=True)
 class DriveReport:
-    """What drove, and how far off the others were."""
+    """The driving markers, and the errors of the others."""
 
     markers: tuple[str, ...]
     reason: str
@@ -95,15 +95,6 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
     ``rate_hz`` and ``units`` (so it is a recording too), ``driving`` (labels), ``weights`` (k, M), ``error_mm`` (M,),
     and the surface:
     ``grid_mm`` (N, 3), ``grid_triangles`` (F, 3), ``grid_weights`` (k, N).
-
-    Raises
-    ------
-    UsageError
-        If an output's name or a marker's is unknown, or the number of markers cannot be.
-    DataError
-        If a recording cannot be understood or lacks the driving markers.
-    ResourceError
-        If something cannot be written, or there is no OpenGL for the film.
     """
     if job.output.suffix != ".npz":
         raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")
@@ -112,7 +103,7 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
     track = load_markers(job.grid, rate_hz=job.rate_hz).markers
     unknown = [name for name in job.skull if name not in track.labels]
     if unknown:
-        raise UsageError(f"skull: got {unknown[0]!r}, expected some of {', '.join(track.labels[:12])}")
+        raise UsageError(f"skull: unknown marker {unknown[0]!r}; use some of {', '.join(track.labels[:12])}")
     labels = tuple(name for name in track.labels if name not in job.skull)
     reference = _reference(track, job.skull)
     rest, moved = _freed(track, labels, reference, job.grid)
@@ -126,7 +117,7 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
     )
     chosen, rate_hz, truth, has = choice.subset.primary, track.rate_hz, moved[learned:], np.ones(len(labels), bool)
     if 3 * len(chosen) > MAX_WEIGHTS and job.film is not None:
-        raise UsageError(f"markers: got {len(chosen)}, expected at most {MAX_WEIGHTS // 3} for a film")
+        raise UsageError(f"markers: must have at most {MAX_WEIGHTS // 3} for a film, got {len(chosen)}")
     if job.take is not None:
         names = tuple(labels[index] for index in chosen)
         truth, has, rate_hz = _other_take(job, job.take, labels, names, reference)
@@ -144,14 +135,14 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
 
 
 def _reference(track: MarkerTrack, skull: tuple[str, ...]) -> HeadReference:
-    """Take the skull as it stands in the first frame that shows it whole."""
+    """Skull markers in the first frame that shows all of them."""
     still = RigidMotion(np.eye(3), np.zeros(3))
     if not skull:
         return HeadReference((), np.zeros((0, 3)), still)
     band = track.select(skull)
     whole = np.flatnonzero(band.valid.all(axis=1))
     if not len(whole):
-        raise DataError(f"skull: got no frame that shows all of {', '.join(skull)}")
+        raise DataError(f"skull: no frame shows all of {', '.join(skull)}")
     return HeadReference(skull, band.positions_mm[whole[0]], still)
 
 
@@ -168,7 +159,9 @@ def _wanted(job: DriveJob, labels: tuple[str, ...]) -> int | list[int] | None:
         return job.markers
     unknown = [name for name in job.markers if name not in labels]
     if unknown:
-        raise UsageError(f"markers: got {unknown[0]!r}, expected some of {', '.join(labels[:12])} ..., or a number")
+        raise UsageError(
+            f"markers: unknown marker {unknown[0]!r}; use some of {', '.join(labels[:12])} ..., or a number"
+        )
     return [labels.index(name) for name in job.markers]
 
 
@@ -216,7 +209,6 @@ def dotted_mesh(grid: FaceGrid, rest_mm: Array, choice: Choice) -> FaceMesh:
         +z points out of the face.
     rest_mm : (M, 3) mm
         Markers, in the same space.
-    choice : Choice
     """
     count, k = len(rest_mm), len(choice.subset.primary)
     is_driving = np.isin(np.arange(count), choice.subset.primary)

@@ -12,22 +12,22 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.app.manner import DEFAULT_PROFILE, Expressions, moods_of
+from fapengine.app.manner import Expressions, moods_of
 from fapengine.app.performance import Performance, load_voice
-from fapengine.errors import UsageError
+from fapengine.audio.device import open_output
+from fapengine.engine.commands import Cancel, Command, Express, Pause, Resume
+from fapengine.engine.engine import Engine
+from fapengine.engine.gesture_methods import GestureMethods
+from fapengine.expressions import EXPRESSIONS
 from fapengine.files.profiles import load_profile
-from fapengine.live.audio.device import open_output
-from fapengine.live.audio.playback import Playback
-from fapengine.live.engine.commands import Cancel, Command, Express, Pause, Resume
-from fapengine.live.engine.engine import Engine
-from fapengine.live.engine.gesture_methods import GestureMethods
-from fapengine.live.hub.hub import Hub
-from fapengine.live.hub.pacer import FramePacer
-from fapengine.live.server.sink_address import FILMS, SOCKETS, SinkAddress, parse_sink
-from fapengine.live.server.sinks import DatagramSink
+from fapengine.host.hub import Hub
+from fapengine.host.pacer import FramePacer
+from fapengine.host.playback import Playback
 from fapengine.profiles import Profile
+from fapengine.server.sinks.kinds import datagram_sink, parse_sink
+from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.marks import read_marks
-from fapengine.trajectory.expression import EXPRESSIONS, mood_ramps
+from fapengine.trajectory.expression import mood_ramps
 from fapengine.trajectory.planner import rest_s
 from fapengine.trajectory.ramps import Ramp
 from fapengine.trajectory.style import Style
@@ -50,7 +50,7 @@ class _Waiting:
     utterance: int
     ramps: Sequence[Ramp]
     rest_s: float | None
-    """Time in the utterance by which gestures come to rest, if it is the last."""
+    """Time in the utterance by which gestures return to neutral, if it is the last."""
 
 
 @dataclass(slots=True)
@@ -90,7 +90,9 @@ class Face(GestureMethods):
     silent : bool
         Play no sound; the face keeps time by the clock. So it does on a machine without a sound card.
     sinks : sequence of str
-        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.live.server.sink_address`.
+        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.server.sinks.kinds`.
+    clock : callable
+        Seconds that only rise.
 
     Raises
     ------
@@ -117,19 +119,20 @@ class Face(GestureMethods):
         device: str | None = None,
         silent: bool = False,
         sinks: Sequence[str] = (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        addresses = [_datagrams(url) for url in sinks]
+        addresses = [parse_sink(url) for url in sinks]
         self._profile = profile if isinstance(profile, Profile) else load_profile(profile)
         engine = Engine(self._profile, rng=np.random.default_rng(seed), style=style or Style())
         self.rate_hz = rate_hz
-        self.hub = Hub(engine, rate_hz=rate_hz)
+        self.hub = Hub(engine, rate_hz=rate_hz, clock=clock)
         self.hub.open(SESSION)
         self.speaker = Playback(
             self.hub, SESSION, opens=lambda sample_rate_hz: open_output(sample_rate_hz, device=device, silent=silent)
         )
         self.errors = SoundErrors()
         self._voice = voice
-        self._sinks = [DatagramSink(self.hub, address) for address in addresses]
+        self._sinks = [datagram_sink(self.hub, address) for address in addresses]
         self._waiting: list[_Waiting] = []
         self._shown_s = -inf
         self._is_closed = False
@@ -150,7 +153,7 @@ class Face(GestureMethods):
         expressions: Expressions = (),
         is_last: bool = False,
     ) -> int:
-        """Say something, behind what is being said.
+        """Say something, after what is being said.
 
         Parameters
         ----------
@@ -190,19 +193,19 @@ class Face(GestureMethods):
         return utterance
 
     def tell(self, command: Command) -> None:
-        """Apply a command of :mod:`fapengine.live.engine.commands`."""
-        self.hub.apply(SESSION, command)
+        """Apply a command of :mod:`fapengine.engine.commands`."""
+        self.hub.host(SESSION).apply(command, self.hub.clock())
 
     def pause(self) -> None:
-        """Let sound and face stand still, the mouth at rest."""
+        """Pause sound and face, the mouth at neutral."""
         self.tell(Pause())
 
     def resume(self) -> None:
-        """Go on from where it was paused."""
+        """Resume from where it was paused."""
         self.tell(Resume())
 
     def stop(self) -> None:
-        """Fall silent, and come to rest."""
+        """Stop the sound, and return to neutral."""
         self.speaker.stop()
         self._waiting.clear()
         self.tell(Cancel())
@@ -247,7 +250,7 @@ class Face(GestureMethods):
 
     def frames(self) -> Iterator[NDArray[np.int32]]:
         """Yield each frame, (68,) int32 FAPU, when it is due, until nothing is being said and the face is at rest."""
-        ticks = Ticks(self.rate_hz)
+        ticks = Ticks(self.rate_hz, clock=self.hub.clock)
         while self.is_speaking:
             ticks.wait()
             yield self.frame()
@@ -289,14 +292,15 @@ class Ticks:
     skipped: int = 0
     """Count of frames whose time was over before they were asked for."""
     _pacer: FramePacer | None = None
-    _clock: Callable[[], float] = time.monotonic
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
 
     def wait(self) -> None:
         """Sleep until the next frame is due."""
         if self._pacer is None:
-            self._pacer = FramePacer(self.rate_hz, self._clock())
-        while (due := self._pacer.due(self._clock())) is None:
-            time.sleep(max(self._pacer.next_s - self._clock() - SLEEP_MARGIN_S / 2, 0.0))
+            self._pacer = FramePacer(self.rate_hz, self.clock())
+        while (due := self._pacer.due(self.clock())) is None:
+            self.sleep(max(self._pacer.next_s - self.clock() - SLEEP_MARGIN_S / 2, 0.0))
         self.frames += 1
         self.skipped += due[1]
 
@@ -307,10 +311,3 @@ def has_display() -> bool:
     import sys
 
     return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _datagrams(url: str) -> SinkAddress:
-    address = parse_sink(url)
-    if address.kind.endswith("+tcp") or address.kind in FILMS + SOCKETS:
-        raise UsageError(f"sinks: got {url!r}, expected one that sends datagrams; `fapengine serve` has streams")
-    return address

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.app.performance import pronounced
 from fapengine.errors import DataError, UsageError
-from fapengine.files.fap import save_fap
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.dense import ADAPTED
 from fapengine.files.heads.folder import OWNED as HEAD_FILES
 from fapengine.files.heads.folder import save_head
+from fapengine.files.motion import save_fap
 from fapengine.files.paths import replacing_folder
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import load_session
@@ -23,13 +22,14 @@ from fapengine.laboratory.dense_file import TOML_NAME as DENSE_TOML
 from fapengine.laboratory.dense_file import format_dense
 from fapengine.laboratory.densify import MIN_SCANS
 from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
-from fapengine.laboratory.playback import captured_faps
 from fapengine.laboratory.prepare import Prepared, prepare
 from fapengine.laboratory.setup import Setup
+from fapengine.laboratory.space import captured_faps
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.models.adapted_head import Nearness
 from fapengine.profiles import TOML_NAME
+from fapengine.speaking import DEFAULT_PROFILE
 
 DENSE_FILES = (DENSE_TOML, DENSE_ARRAYS)
 REPORT_NAME = "report.html"
@@ -41,7 +41,7 @@ STANDARD = DEFAULT_PROFILE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitJob:
-    """What to learn from, where to write, and what to write."""
+    """Input, output and options of a fit."""
 
     session: Path
     """Folder of recordings."""
@@ -70,22 +70,14 @@ def run_fit(
     on_take: Callable[[str, int], None] = lambda name, count: None,
     on_step: Callable[[str], None] = lambda step: None,
 ) -> tuple[Fitted, Nearness | None]:
-    """Learn from a session and write the profile; tell how near an adapted head comes to the dense face.
+    """Learn from a session and write the profile; also return how near an adapted head comes to the dense face.
 
     Parameters
     ----------
-    job : FitJob
     on_take : callable
         Called with the name of each take that is read, and the count of all.
     on_step : callable
         Called with the name of each step of :data:`fapengine.laboratory.fit.STEPS`.
-
-    Raises
-    ------
-    UsageError
-        If ``output`` is there and no profile.
-    DataError, ResourceError
-        As reading, fitting and writing say.
     """
     output = job.output
     check_folder(output)
@@ -126,7 +118,7 @@ def _read(
 
 
 def _return_memory() -> None:
-    """Give the recordings' memory back to the system now: glibc would keep it, and a session may be most of it."""
+    """Return the recordings' memory to the system now: glibc would keep it, and a session may be most of it."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.app.manner import DEFAULT_PROFILE
 from fapengine.errors import UsageError
 from fapengine.files.pictures import contact_sheet, save_png
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.deform import POSE_AU, POSE_FAPU, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.track import to_codable
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
+from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.faps import displacements_to_faps
 
 PICTURE_PX = 384
@@ -66,5 +66,5 @@ def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
     for expression, face in profile.expressions.items():
         moved_mm = profile.space.to_points_mm(face.target[None])
         rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap)
-        labels.append((expression.name.lower(), "expression"))
+        labels.append((expression.label, "expression"))
     return np.stack(rows), labels

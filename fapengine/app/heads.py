@@ -1,4 +1,4 @@
-"""Heads from whatever names one: our own, a style, a head's folder, or a mesh file."""
+"""Heads from any name: built-in, a style, the folder of a head, or a mesh file."""
 
 from pathlib import Path
 
@@ -20,13 +20,14 @@ def load_head(
     Parameters
     ----------
     name : str, Path or HeadStyle
-        ``"default"`` is our own head, ``"default:age=0.8"`` or a :class:`HeadStyle` is it with another look. Else a
-        folder that ``fapengine head import`` wrote, a profile with a dense face, or a mesh file (.glb, .gltf, .vrm;
-        with ``points`` also .obj, .ply, .stl), which is imported now.
+        ``"default"`` is the built-in head, ``"default:age=0.8"`` or a :class:`HeadStyle` the same with another look.
+        Else a
+        folder from ``fapengine head import``, a profile with a dense face, or a mesh file (.glb, .gltf, .vrm; with
+        ``points`` also .obj, .ply, .stl), which is imported.
     points : str or Path, optional
-        Table of feature points of a mesh file; needed where the file has no blendshapes.
+        Table of feature points of a mesh file; required if it has no blendshapes.
     mapping : str or Path, optional
-        Table (.toml) of what blendshapes with names of their own mean.
+        Table (.toml) of the meaning of other blendshape names.
 
     Returns
     -------
@@ -36,9 +37,9 @@ def load_head(
     Raises
     ------
     UsageError
-        If there is no such folder, file or look, or a mesh without blendshapes comes without points.
+        If there is no such folder, file or look, or points for a mesh without blendshapes are missing.
     DataError
-        If a file's content is wrong, or no face can be made of it.
+        If a file's content is wrong, or no face can be made from it.
     ResourceError
         If trimesh is needed and not installed.
     """

@@ -16,9 +16,9 @@ from fapengine.speech.formats.writing import WRITERS, check_writable, format_pho
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
-    from fapengine.ears.neighbours import Neighbours
-    from fapengine.ears.recording import Mismatch
-    from fapengine.ears.sphinx_aligner import SphinxAligner
+    from fapengine.recognition.neighbours import Neighbours
+    from fapengine.recognition.recording import Mismatch
+    from fapengine.recognition.sphinx_aligner import SphinxAligner
     from fapengine.speech.prosody import Sounding
     from fapengine.voices.protocol import Voice
 
@@ -44,12 +44,12 @@ class Hearing:
 
 
 def is_sound(path: Path) -> bool:
-    """Tell whether a name is that of sound or video."""
+    """Whether a name is that of sound or video."""
     return path.suffix.lower() in SOUND_SUFFIXES
 
 
 def read_text(path: Path) -> str:
-    """Read a text file. Raises ``UsageError`` if it cannot be read and ``DataError`` if it is no text."""
+    """Read a text file. Raises ``UsageError`` if it cannot be read and ``DataError`` if it is not text."""
     try:
         return decode_text(read_bytes(path), "text")
     except DataError as error:
@@ -62,7 +62,7 @@ def hear(
     transcript: str | None = None,
     language: str = "en-us",
     channel: int | None = None,
-    ear: Path | None = None,
+    recognizer: Path | None = None,
     on_heard: Callable[[float], None] = lambda _: None,
 ) -> Hearing:
     """Find the phones of a sound file.
@@ -72,29 +72,20 @@ def hear(
     path : Path
         Sound or video.
     transcript : str, optional
-        What is said; by default, phones are heard without it.
+        The spoken text; by default, phones are recognized without it.
     language : str
         Of the text: a voice of espeak-ng, which pronounces what the dictionary of American English lacks, and all of
         any other language.
     channel : int, optional
         Channel of the file, 1 for the first; by default the mean of all.
-    ear : Path, optional
-        Name of an ear that hears without a text, or a learned one (:mod:`fapengine.ears.choice`); by default
-        PocketSphinx with guessed words, or the small ear where PocketSphinx is not installed.
+    recognizer : Path, optional
+        Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default:
+        PocketSphinx with guessed words, or the built-in network if PocketSphinx is not installed.
     on_heard : callable
-        Called with the seconds of each piece that was heard.
-
-    Raises
-    ------
-    UsageError
-        If the file cannot be read, has no such channel, or there is no word in the text.
-    DataError
-        If the file holds no sound, or more than half of the text is not said in it.
-    ResourceError
-        If PocketSphinx, espeak-ng or onnxruntime is needed and not installed.
+        Called with the seconds of each piece that was processed.
     """
-    from fapengine.ears.choice import SPHINX, is_installed, new_ear
-    from fapengine.ears.recording import follow, listen, listen_by
+    from fapengine.recognition.choice import SPHINX, is_installed, new_recognizer
+    from fapengine.recognition.recording import follow, listen, listen_by
 
     def sound() -> Iterator[NDArray[np.int16]]:
         heard = 0
@@ -105,10 +96,12 @@ def hear(
             raise DataError(f"{path}: holds no sound")
 
     inspect_sound(path)  # refuses before models are loaded
-    if ear is not None and str(ear) != SPHINX and transcript is not None:
-        raise UsageError(f"ear: got {ear} and words, expected one of them: words are followed by PocketSphinx")
-    if transcript is None and (str(ear or SPHINX) != SPHINX or not is_installed(Path(SPHINX))):
-        recording = listen_by(new_ear(ear), sound(), on_heard=on_heard)
+    if recognizer is not None and str(recognizer) != SPHINX and transcript is not None:
+        raise UsageError(
+            f"recognizer: cannot be combined with a transcript, which always uses PocketSphinx; got {recognizer}"
+        )
+    if transcript is None and (str(recognizer or SPHINX) != SPHINX or not is_installed(Path(SPHINX))):
+        recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
     if transcript is None:
         recording = listen(sound(), words=_is_english(language), on_heard=on_heard)
@@ -129,16 +122,15 @@ def hear(
 
 
 def with_loudness(phones: PhoneTrack, samples: NDArray[np.int16], rate_hz: int) -> PhoneTrack:
-    """Give timings the loudness of their recording, and stress where they mark none (:mod:`fapengine.speech.prosody`).
+    """Add loudness, and where missing stress, of the recording to timings (:mod:`fapengine.speech.prosody`).
 
     Parameters
     ----------
     phones : PhoneTrack
-        Those that tell their loudness keep it.
+        Timings with loudness keep it.
     samples : (N,) int16
-    rate_hz : int
     """
-    from fapengine.ears.loudness import soundings_at
+    from fapengine.recognition.loudness import soundings_at
     from fapengine.speech.prosody import with_prosody
 
     if any(phone.loudness_db for phone in phones.phones):
@@ -148,15 +140,7 @@ def with_loudness(phones: PhoneTrack, samples: NDArray[np.int16], rate_hz: int) 
 
 
 def write_phones(hearing: Hearing, path: Path) -> None:
-    """Write phones as the name asks for: TextGrid, CTM, JSON (with loudness and pitch), ``.pho``.
-
-    Raises
-    ------
-    UsageError
-        If the name's ending is unknown.
-    ResourceError
-        If the file cannot be written.
-    """
+    """Write phones as the name asks for: TextGrid, CTM, JSON (with loudness and pitch), ``.pho``."""
     check_writable(path.suffix)
     if path.suffix.lower() == ".json":
         extra = [
@@ -169,8 +153,8 @@ def write_phones(hearing: Hearing, path: Path) -> None:
 
 
 def _aligner(transcript: str, pronouncer: "_Pronouncer") -> "SphinxAligner":
-    from fapengine.ears.pronunciations import words_of
-    from fapengine.ears.sphinx_aligner import SphinxAligner
+    from fapengine.recognition.sphinx import words_of
+    from fapengine.recognition.sphinx_aligner import SphinxAligner
 
     words = words_of(transcript)
     if not words:
@@ -200,7 +184,7 @@ class _Pronouncer:
         if self._voice is None and self._neighbours is None:
             self._load()
         if self._neighbours is not None:
-            from fapengine.ears.sphinx import ipa_of
+            from fapengine.recognition.sphinx import ipa_of
 
             names = self._neighbours.pronounce(word)
             return [Phone(ipa_of(name), 0.1 * n, 0.1 * (n + 1)) for n, name in enumerate(names)]
@@ -216,8 +200,8 @@ class _Pronouncer:
         try:
             self._voice = VoiceChoice(self.language).load()
         except ResourceError:
-            from fapengine.ears.neighbours import Neighbours
-            from fapengine.ears.sphinx import dictionary
+            from fapengine.recognition.neighbours import Neighbours
+            from fapengine.recognition.sphinx import dictionary
 
             if not _is_english(self.language):
                 raise

@@ -4,16 +4,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fapengine.errors import UsageError
-from fapengine.mpeg4.visemes import Expression
+from fapengine.expressions import EXPRESSION_NAMES, Expression
 from fapengine.profiles import Profile
+from fapengine.speaking import DEFAULT_PROFILE, MannerOptions, SpeakingOptions
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.expression import Mood, during_word
-from fapengine.trajectory.style import Style
+from fapengine.trajectory.style import Style, parse_method
 
-DEFAULT_PROFILE = "grid_s1_en"
-EXPRESSION_NAMES = tuple(expression.name.lower() for expression in Expression if expression)
+if TYPE_CHECKING:
+    from fapengine.voices.choice import VoiceChoice
 
 Expressions = Mapping[str | Expression, float] | Mapping[str, float] | Mapping[Expression, float] | Sequence[str | Mood]
 """Strengths by name, from beginning to end; or texts such as ``"joy:0.4@1.5-3"``, and moods with their own times."""
@@ -31,6 +33,37 @@ class Manner:
     """Chance of blinks, glances and head motion; the same seed, the same face."""
     rate_hz: float = 30.0
     """Frames a second, 1..240."""
+
+
+def manner_of(options: MannerOptions) -> Manner:
+    """Make a manner of the options of speaking.
+
+    Raises
+    ------
+    UsageError
+        If one is unknown.
+    """
+    style = Style(
+        articulation=options.articulation,
+        jaw=options.jaw,
+        lips=options.lips,
+        loudness_db=options.loudness,
+        method=parse_method(options.method),
+    ).without(options.without)
+    return Manner(
+        profile=options.profile,
+        style=style,
+        expressions=tuple(options.expression),
+        seed=options.seed,
+        rate_hz=options.fps,
+    )
+
+
+def voice_of(options: SpeakingOptions) -> "VoiceChoice":
+    """Make a voice that is not loaded yet of the options of speaking."""
+    from fapengine.voices.choice import VoiceChoice
+
+    return VoiceChoice(options.voice, options.rate, options.ssml)
 
 
 def expression_of(name: str | Expression) -> Expression:

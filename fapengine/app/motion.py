@@ -14,10 +14,8 @@ from fapengine.app.heads import load_head
 from fapengine.app.mouth_cues import check_cues, is_cues, save_cues_of_motion
 from fapengine.app.scene_choice import Into, check_scene, is_scene
 from fapengine.errors import UsageError
-from fapengine.files.animation import is_sequence
-from fapengine.files.fap import save_fap
-from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion
-from fapengine.files.moving import KINDS, check_moving, is_moving, write_moving
+from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, save_fap
+from fapengine.files.moving import KINDS, check_moving, is_moving, is_sequence, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
 from fapengine.files.sound import save_wav
@@ -25,7 +23,6 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
-from fapengine.retarget.blend_tracks import format_blend_csv
 
 if TYPE_CHECKING:
     from fapengine.codec.encoder import EncoderOptions
@@ -139,6 +136,8 @@ def save(
 
         write_bytes(path, encode(track, encoding or EncoderOptions(kbit_s=kbit_s)))
     elif path.suffix == ".csv":
+        from fapengine.retarget.blend_tracks import format_blend_csv
+
         write_bytes(path, format_blend_csv(track, shapes or "arkit"))
     elif path.suffix == ".wav":
         if sound is None:

@@ -5,9 +5,7 @@ from pathlib import Path
 from fapengine.errors import UsageError
 from fapengine.files.paths import write_bytes
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.rhubarb import approximate_shapes
-from fapengine.speech.formats.mouth_cues import MouthCue, cues_of_frames, cues_of_phones
-from fapengine.speech.formats.rhubarb_files import ENDINGS, format_rhubarb
+from fapengine.speech.formats.rhubarb import ENDINGS, MouthCue, cues_of_frames, cues_of_phones, format_rhubarb
 from fapengine.speech.phone_track import PhoneTrack
 
 RHUBARB = "rhubarb"
@@ -40,6 +38,8 @@ def save_cues_of_phones(path: Path, phones: PhoneTrack, duration_s: float, sound
 
 def save_cues_of_motion(path: Path, track: FapTrack, sound_file: Path | None = None) -> None:
     """Write the shapes that look like a motion. Raises ResourceError if the file cannot be written."""
+    from fapengine.retarget.rhubarb import approximate_shapes
+
     _save(path, cues_of_frames(approximate_shapes(track.even_values(), track.rate_hz), track.rate_hz), sound_file)
 
 

@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fapengine.app.hearing import hear, is_sound, with_loudness
-from fapengine.app.manner import DEFAULT_PROFILE, Expressions, Manner, check_expressions, moods_of
+from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Sound, save
 from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
 from fapengine.app.scene_choice import Into
+from fapengine.engine.commands import Express
+from fapengine.engine.marked import command_ramps, commands_of
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
-from fapengine.files.sound import load_sound
-from fapengine.live.engine.commands import Express
-from fapengine.live.engine.marked import command_ramps, commands_of
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
+from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.expression import Mood
@@ -80,7 +79,7 @@ class Performance:
             If there is no sound.
         """
         if self.sound is None:
-            raise UsageError("sound: got none, expected a performance with its sound")
+            raise UsageError("sound: this performance has no sound")
         samples, rate_hz = self.sound
         return Speech(
             samples=samples, sample_rate_hz=rate_hz, phones=self.phones, remarks=self.remarks, marks=self.marks
@@ -240,7 +239,7 @@ def animate(
     transcript: str | None = None,
     language: str = "en-us",
     channel: int | None = None,
-    ear: str | Path | None = None,
+    recognizer: str | Path | None = None,
     voice: str | VoiceChoice | Voice = "en-us",
     expressions: Expressions = (),
     style: Style | None = None,
@@ -263,8 +262,8 @@ def animate(
         Of the transcript.
     channel : int, optional
         Channel of the sound, 1 for the first; by default the mean of all.
-    ear : str or Path, optional
-        Learned ear of your own, an ONNX model (docs/how-to/sound.md); it hears without a transcript.
+    recognizer : str or Path, optional
+        Speech recognizer without a transcript: ``"small"``, ``"sphinx"``, ``"both"``, or an ONNX model of your own.
     voice : str or Voice
         Pronounces timings that have words only.
     expressions, style, profile, seed, rate_hz
@@ -279,18 +278,21 @@ def animate(
     ResourceError
         If a recording is to be heard and PocketSphinx is not installed.
     """
+    from fapengine.app.hearing import hear, is_sound, with_loudness  # recordings, which a text does not need
+    from fapengine.files.sound import load_sound
+
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
     if not isinstance(timings, PhoneTrack) and is_sound(Path(timings)):
         if sound is not None:
-            raise UsageError(f"sound: got {sound!r}, but {timings} is a recording itself; expected none")
-        model = Path(ear) if ear is not None else None
-        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel, ear=model)
+            raise UsageError(f"sound: cannot be used here: {timings} is a recording itself")
+        model = Path(recognizer) if recognizer is not None else None
+        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel, recognizer=model)
         return perform(hearing.phones, load_sound(Path(timings), channel=channel), manner, text=transcript or "")
-    if ear is not None:
-        raise UsageError(f"ear: got {str(ear)!r}, expected none with phone timings, for nothing is heard")
+    if recognizer is not None:
+        raise UsageError("recognizer: cannot be used with phone timings")
     if transcript is not None:
-        raise UsageError("transcript: got one, expected none with phone timings, which say themselves what is spoken")
+        raise UsageError("transcript: cannot be used with phone timings")
     from fapengine.files.timings import load_timings  # all formats; whoever speaks a text needs none
 
     phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))

@@ -18,7 +18,7 @@ CURVE = (0.5, 1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReduceJob:
-    """What to reduce, and what to write."""
+    """Input, output and options of a reduction."""
 
     take: Path
     bound_mm: float
@@ -37,13 +37,6 @@ def run_reduce(job: ReduceJob) -> list[Reduction]:
     -------
     list of Reduction
         Of the asked bound, then of its multiples in :data:`CURVE`.
-
-    Raises
-    ------
-    UsageError
-        If the bound is not positive, or the output is no archive.
-    DataError
-        If the recording has gaps.
     """
     if job.output.suffix != ".npz":
         raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")

@@ -1,4 +1,4 @@
-"""What a job did: files, figures, and how long each stage took."""
+"""Report of a job: its files, figures, and the time of each stage."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -6,41 +6,40 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fapengine.speech.reading import Reading, UnknownPhone
+from fapengine.speech.phone_track import Reading, UnknownPhone
 
 
 @dataclass(slots=True)
 class Report:
-    """Files, figures and times of a job, filled in while it runs. Stateful."""
+    """Files, figures and times of a job, filled while it runs. Stateful."""
 
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds by stage."""
     files: list[tuple[Path, str]] = field(default_factory=list)
-    """Paths that were written, each with what it is."""
+    """Written paths, each with its kind."""
     frames: int = 0
     rate_hz: float = 0.0
-    """Frames a second of the track."""
+    """Frame rate of the track."""
     duration_s: float = 0.0
-    """Length of the sound, or of the phones where there is none."""
+    """Duration of the sound, or of the phones if there is none."""
     phones: int = 0
-    """Count of phones that are no silence."""
+    """Number of phones that are not silence."""
     level: str = "phone"
-    """Units that the timings were given for: phones, words, characters."""
+    """Unit of the timings: phone, word or character."""
     unknown: tuple[UnknownPhone, ...] = ()
-    """Phones that no set explains."""
+    """Labels that no phone set contains."""
     reading: Reading | None = None
-    """Alphabet that the labels of a file were read in; None where they were IPA from the start, or are words."""
-
+    """Alphabet of the labels of a file; None if they are IPA already, or words."""
     notes: tuple[str, ...] = ()
-    """Remarks of the ear: words that a voice pronounced, places where text and sound differ."""
+    """Remarks of the recognizer: words that a voice pronounced, places where text and sound differ."""
     shows: Callable[[str], AbstractContextManager[object]] = nullcontext
-    """Opened with the name of each stage for as long as it lasts: tells a user what he waits for."""
+    """Context manager opened with the name of each stage, to show progress."""
     moved: str = ""
-    """Motion of an avatar in words."""
+    """Description of an avatar's motion."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what happens inside."""
+        """Measure the time of a block."""
         started_s = time.perf_counter()
         with self.shows(name):
             yield

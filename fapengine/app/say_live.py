@@ -1,19 +1,25 @@
-"""A sentence that is spoken and shown at once, on any screen."""
+"""A face on any screen, at once: it speaks a sentence, or what a microphone hears, half a second later."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.app.face import REST_S, Face, Ticks
+from fapengine.app.face import REST_S, SESSION, Face, Ticks
 from fapengine.app.manner import Manner, moods_of
+from fapengine.audio.microphone import Microphone
+from fapengine.errors import UsageError
 from fapengine.files.heads.load import DEFAULT_HEAD, load_levels
+from fapengine.host.hearing import DELAY_S, Hearing
+from fapengine.recognition.choice import check_recognizer
 from fapengine.render.drawing import Drawing
-from fapengine.render.panel import Panel
 from fapengine.render.window import FaceWindow
+from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.protocol import Speech
 
 
@@ -44,7 +50,7 @@ class LiveOutput:
     """Number of the sound device, or a part of its name; None: the system's."""
     silent: bool = False
     sinks: tuple[str, ...] = ()
-    """URLs: see :mod:`fapengine.live.server.sink_address`."""
+    """URLs: see :mod:`fapengine.server.sinks.kinds`."""
 
 
 def open_face(manner: Manner, output: LiveOutput) -> Face:
@@ -127,12 +133,83 @@ def _run(face: Face, screen: Screen, ticks: Ticks, utterance: int) -> None:
 
 
 def finish(face: Face, screen: Screen, ticks: Ticks, position_s: float = 0.0) -> None:
-    """Show how it comes to rest."""
+    """Show how the face returns to neutral."""
     until_s = face.hub.clock() + REST_S
     while face.hub.clock() < until_s:
         ticks.wait()
         if not screen.show(face.frame(screen.lead_s), position_s):
             return
+
+
+def listen_live(
+    manner: Manner,
+    output: LiveOutput,
+    open_screen: Callable[[], Screen],
+    *,
+    microphone: str | None = None,
+    recognizer: Path | None = None,
+) -> dict[str, object]:
+    """Show what the microphone hears until the viewer closes the screen, or interrupts.
+
+    Parameters
+    ----------
+    manner : Manner
+        Expressions are shown from the beginning to the end.
+    output : LiveOutput
+        Its sinks get the frames; no sound is played.
+    open_screen : callable
+        Makes the screen, when microphone, recognizer and face are ready.
+    microphone : str, optional
+        Number of the device, or a part of its name; by default the system's.
+    recognizer : Path, optional
+        Name of a recognizer, or an ONNX model (:mod:`fapengine.recognition.choice`).
+
+    Returns
+    -------
+    dict
+        Plain values: microphone, seconds heard, phones, frames.
+
+    Raises
+    ------
+    UsageError
+        If the profile, an expression, a sink or the rate cannot be.
+    ResourceError
+        If there is no microphone, no recognizer, or the screen cannot be opened.
+    """
+    if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
+        raise UsageError("expressions: got one with times, expected none of a microphone, whose words are not known")
+    check_recognizer(recognizer)
+    with Microphone(microphone) as source, open_face(manner, output) as face:
+        hearing = Hearing(face.hub, max_ears=1, model=recognizer)
+        try:
+            hearing.listen(SESSION, np.zeros(0, np.int16), source.rate_hz, source=source)  # the recognizer starts
+            for mood in moods_of(manner.expressions, PhoneTrack.of([])):
+                face.express(mood.expression, mood.strength)
+            with open_screen() as screen:
+                ticks = Ticks(manner.rate_hz)
+                with suppress(KeyboardInterrupt):  # the way to end it
+                    _listen(face, hearing, source, screen, ticks)
+                face.stop()
+                finish(face, screen, ticks)
+        finally:
+            hearing.close()
+    return {
+        "microphone": source.description, "heard_s": hearing.counts.heard_s, "phones": hearing.counts.phones,
+        "delay_s": DELAY_S, "frames": ticks.frames, "skipped": ticks.skipped, "rate_hz": manner.rate_hz,
+        "lost_pieces": source.dropped,
+    }  # fmt: skip
+
+
+def _listen(face: Face, hearing: Hearing, source: Microphone, screen: Screen, ticks: Ticks) -> None:
+    is_shown, begun_s = True, face.hub.clock()
+    while is_shown:
+        ticks.wait()
+        samples = source.take()
+        if len(samples):
+            hearing.listen(SESSION, samples, source.rate_hz, source=source)
+        now_s = face.hub.clock()
+        hearing.tick(now_s)
+        is_shown = screen.show(face.frame(screen.lead_s), now_s - begun_s)
 
 
 class WindowScreen:
@@ -155,10 +232,7 @@ class WindowScreen:
 
     def __init__(self, head: str = DEFAULT_HEAD, *, drawing: Drawing, rate_hz: float) -> None:
         finest, coarser = load_levels(head)
-        self._window = FaceWindow(
-            finest, drawing, coarser=coarser, title="fapengine", panel=Panel(), hold_hz=rate_hz,
-        )  # fmt: skip
-        self._window.hide_panel()
+        self._window = FaceWindow(finest, drawing, coarser=coarser, title="fapengine", hold_hz=rate_hz)
 
     @property
     def lead_s(self) -> float:

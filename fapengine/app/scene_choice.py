@@ -1,53 +1,54 @@
-"""Into whose file a motion goes: what is asked for, and which names and choices belong together.
+"""The target file of a motion: its options, and checks of names and options that belong together.
 
-The files themselves are :mod:`fapengine.app.scene_files`, whose imports a film does not need.
+The files themselves are written by :mod:`fapengine.app.scene_files`, with imports that a video does not need.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from fapengine.errors import UsageError
-from fapengine.models.keyed_curve import STRAIGHT, WAYS
 
 USD_ENDINGS = (".usda", ".usdc", ".usd")
 """Endings of USD files."""
 SCENES = (".glb", ".vrm", ".gltf")
-"""Endings of what a clip is put into."""
+"""Endings of files that a clip can be added to."""
 ENDINGS = (".glb", ".vrm", *USD_ENDINGS)
-"""Endings of what is written with an avatar inside."""
+"""Endings of files written with an avatar inside."""
 ANIMATION = ".vrma"
 """Ending of a motion for any VRM avatar."""
 
 
 @dataclass(frozen=True, slots=True)
 class Into:
-    """Whose file a motion goes into, and how."""
+    """Target file of a motion, and options."""
 
     avatar: Path
-    """A scene's file, or the name of a head, which is exported."""
-    keys: str = STRAIGHT
-    """``"linear"``: a key a frame; ``"cubic"``: few."""
+    """A scene file, or the name of a head to export."""
+    keys: str = "linear"
+    """``"linear"``: a key per frame; ``"cubic"``: few keys."""
     mapping: Path | None = None
-    """Table of what shapes of other names mean."""
+    """Table of the meaning of other shape names."""
 
 
 def is_scene(path: Path) -> bool:
-    """Tell whether a name is that of a file with an avatar inside, or of an animation for one."""
+    """Whether a name is a file with an avatar inside, or an animation for one."""
     return path.suffix.lower() in (*ENDINGS, ANIMATION)
 
 
 def check_scene(path: Path, into: Into | None) -> None:
-    """Refuse what does not belong together, before any work is done.
+    """Reject options that do not belong together, before any work is done.
 
     Raises
     ------
     UsageError
-        If a scene is to be written and none is given, or one is given and the name has another ending.
+        If a scene is to be written without an avatar, or an avatar is given and the name has another ending.
     """
     if into is None:
         if is_scene(path) and path.suffix.lower() != ANIMATION:
             raise UsageError(f"into: got none, expected the avatar that goes into {path} (into=AVATAR.glb)")
         return
+    from fapengine.models.via_points import STRAIGHT, WAYS
+
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"path: got {path}, expected a name that ends with {' or '.join(ENDINGS)} for into=AVATAR")
     if into.keys not in WAYS:
@@ -58,5 +59,5 @@ def check_scene(path: Path, into: Into | None) -> None:
 
 
 def is_usd(path: Path) -> bool:
-    """Tell whether a name is that of a USD file."""
+    """Whether a name is a USD file."""
     return path.suffix.lower() in USD_ENDINGS

@@ -1,4 +1,4 @@
-"""How good is a lip sync, whoever made it: recordings, timings and sound from files, scored."""
+"""Scores of lip syncs: recordings, timings and sound from files."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.app.manner import DEFAULT_PROFILE, Manner
+from fapengine.app.manner import Manner
 from fapengine.app.performance import perform, pronounced
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of
@@ -18,11 +18,10 @@ from fapengine.files.timings import load_timings
 from fapengine.files.video import FILMS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
-from fapengine.scoring.contacts import CLOSED_MM
-from fapengine.scoring.mouth import Mouth, mouth_of
+from fapengine.scoring.mouth import CLOSED_MM, Mouth, mouth_of, mouth_of_landmarks
 from fapengine.scoring.score import Score, score_mouth
-from fapengine.scoring.seen import mouth_of_landmarks
 from fapengine.scoring.timing import GRID_HZ
+from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.style import Style
 
@@ -34,7 +33,7 @@ STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreJob:
-    """What to score, and against what."""
+    """Input, reference and options of a score."""
 
     made: Path
     """Recording: anything that :func:`fapengine.load` reads, or a film of a talking head."""
@@ -53,7 +52,7 @@ class ScoreJob:
     voice: str = "en-us"
     """Voice that pronounces timings which have words only."""
     read_phones: Callable[[Path], PhoneTrack] = load_timings
-    """Reader of the timings; by default what their format is, their content tells."""
+    """Reader of the timings; by default their content decides the format."""
     output: Path | None = None
     """File for the report, HTML; None for none."""
 
@@ -63,18 +62,8 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
 
     Parameters
     ----------
-    job : ScoreJob
     on_frame : callable
         Called after each frame of a film that the face detector has seen.
-
-    Raises
-    ------
-    UsageError
-        If a file cannot be read, or the plan is asked for without phones or beside another recording.
-    DataError
-        If a file's content is wrong.
-    ResourceError
-        If the report cannot be written, or matplotlib or the face detector is not installed.
     """
     if job.plan and (job.phones is None or job.against is not None):
         raise UsageError("plan: expected phones, and no other recording to compare with")
@@ -104,7 +93,7 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
 
 
 def is_film(path: Path) -> bool:
-    """Tell whether a name is that of a film."""
+    """Whether a name is that of a video."""
     return path.suffix.lower() in FILMS
 
 
@@ -130,7 +119,7 @@ def _has_sound(path: Path) -> bool:
 
 
 def plan_of(phones: PhoneTrack, rate_hz: float) -> FapTrack:
-    """Plan what the shipped profile does with phones: a yardstick for others, not a person's truth."""
+    """Plan phones with the shipped profile: a yardstick for others, not a recorded person."""
     return perform(phones, None, Manner(profile=DEFAULT_PROFILE, style=STILL, rate_hz=min(max(rate_hz, 25), 240))).track
 
 
@@ -145,7 +134,7 @@ def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
 
 
 def notes_of(job: ScoreJob, score: Score) -> list[str]:
-    """Say in sentences what was compared, and what stands behind the figures."""
+    """Sentences about what was compared, and how."""
     notes = [f"{score.frames} frames in {score.duration_s:.2f} s; lips count as closed below {job.closed_mm:g} mm."]
     if job.against is not None:
         notes.append(f"Compared with {job.against.name}.")

@@ -12,8 +12,8 @@ from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.app.scene_choice import Into, check_scene, is_scene
 from fapengine.errors import DataError, UsageError
-from fapengine.files.fap import save_fap
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
+from fapengine.files.motion import save_fap
 from fapengine.files.moving import KINDS, beside, check_moving, is_moving, moving_files, write_moving
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png, straight
@@ -22,8 +22,7 @@ from fapengine.files.video import CODECS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
-from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.speech.unknown import find_unknown
+from fapengine.speech.phone_track import Phone, PhoneTrack, find_unknown
 
 MAX_SHEET_PHONES = 40
 """Phones on a contact sheet; of longer speech, evenly chosen ones."""

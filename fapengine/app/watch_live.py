@@ -24,7 +24,7 @@ from fapengine.app.say_live import Screen
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.landmarks import MAX_SIDE, Detector
 from fapengine.files.video import FILMS, camera_pictures, stream_pictures
-from fapengine.laboratory.watched_live import EASE_S, HOLD_S, WatchedFace
+from fapengine.laboratory.watched import EASE_S, HOLD_S, WatchedFace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.trajectory.style import Style
@@ -51,7 +51,7 @@ class WatchJob:
     seconds: float | None = None
     """Time after which it ends; None: when the film or the viewer does."""
     sinks: tuple[str, ...] = ()
-    """URLs: see :mod:`fapengine.live.server.sink_address`."""
+    """URLs: see :mod:`fapengine.server.sinks.kinds`."""
     server: str | None = None
     """Page of ``fapengine serve``, with the session that is moved: ``http://127.0.0.1:8110/?session=anna``."""
     output: Path | None = None
@@ -200,7 +200,13 @@ class Eyes:
             return None if self._left else taken
 
 
-def watch_live(job: WatchJob, open_screen: Callable[[], Screen]) -> dict[str, object]:
+def watch_live(
+    job: WatchJob,
+    open_screen: Callable[[], Screen],
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> dict[str, object]:
     """Let a camera move a face until the viewer closes the screen, interrupts, or the film ends.
 
     Parameters
@@ -208,6 +214,8 @@ def watch_live(job: WatchJob, open_screen: Callable[[], Screen]) -> dict[str, ob
     job : WatchJob
     open_screen : callable
         Makes the screen, when camera and face are there.
+    clock, sleep : callable
+        The monotonic clock, and what waits by it.
 
     Returns
     -------
@@ -223,16 +231,18 @@ def watch_live(job: WatchJob, open_screen: Callable[[], Screen]) -> dict[str, ob
     ResourceError
         If there is no camera, no detector or no server, or the screen cannot be opened.
     """
-    pictures = _pictures(job.source)
+    pictures = _pictures(job.source, clock, sleep)
     rows: list[NDArray[np.int32]] = []
     with ExitStack() as stack:
-        face = stack.enter_context(Face(style=Style.still(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks))
-        link = _Link(job.server) if job.server is not None else None
+        face = stack.enter_context(
+            Face(style=Style.still(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks, clock=clock)
+        )
+        link = _Link(job.server, clock) if job.server is not None else None
         if link is not None:
             stack.callback(link.close)
-        eyes = stack.enter_context(Eyes(pictures, lambda: Detector(job.model)))
+        eyes = stack.enter_context(Eyes(pictures, lambda: Detector(job.model), clock))
         screen = stack.enter_context(open_screen())
-        ticks = Ticks(job.rate_hz)
+        ticks = Ticks(job.rate_hz, clock=clock, sleep=sleep)
         begun_s = face.hub.clock()
         with suppress(KeyboardInterrupt):  # the way to end it
             _run(job, face, eyes, screen, ticks, link, rows)
@@ -249,7 +259,7 @@ def watch_live(job: WatchJob, open_screen: Callable[[], Screen]) -> dict[str, ob
     }  # fmt: skip
 
 
-def _pictures(source: str) -> Pictures:
+def _pictures(source: str, clock: Callable[[], float], sleep: Callable[[float], None]) -> Pictures:
     if source.partition(":")[0] == CAMERA:
         return camera_pictures(camera_number(source), seconds=np.inf)
     path = Path(source)
@@ -257,7 +267,7 @@ def _pictures(source: str) -> Pictures:
         raise UsageError(f"source: got {source!r}, expected {CAMERA}, or a film in place of it, to move a face now")
     if not path.is_file():
         raise UsageError(f"{path}: cannot be read (no such file)")
-    return at_their_times(stream_pictures(path, max_side=MAX_SIDE))
+    return at_their_times(stream_pictures(path, max_side=MAX_SIDE), clock, sleep)
 
 
 def _run(
@@ -270,7 +280,7 @@ def _run(
         now_s = face.hub.clock()
         faps = eyes.faps(now_s)
         values = {number: int(faps[fap.column(number)]) for number in NUMBERS}
-        face.hub.perform(SESSION, values)
+        face.hub.host(SESSION).perform(values, now_s)
         if link is not None:
             link.perform(values)
         if job.output is not None:
@@ -293,10 +303,10 @@ class _Link:
         If nobody answers there, or aiohttp is missing.
     """
 
-    def __init__(self, url: str) -> None:
-        from fapengine.live.clients.websocket_viewer import WebSocketViewer
+    def __init__(self, url: str, clock: Callable[[], float]) -> None:
+        from fapengine.clients.websocket_viewer import WebSocketViewer
 
-        self._viewer = WebSocketViewer(url)
+        self._viewer = WebSocketViewer(url, clock=clock)
         until_s = time.monotonic() + FOUND_S
         while self._viewer.state != "open":
             if time.monotonic() > until_s:

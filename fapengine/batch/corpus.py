@@ -1,21 +1,192 @@
-"""A run from its folder: what it was asked for is kept beside what it made, so that it can be asked about again."""
+"""A corpus: its manifest, and its run, which is kept in the folder of what it makes.
 
+A manifest is a table (CSV), lines of JSON, or a pattern of files; every mistake is found before anything is done.
+"""
+
+import csv
 import glob
+import io
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import msgspec
 
 from fapengine.batch.journal import Done, load_journals
-from fapengine.batch.manifest import parse_manifest, rows_of_pattern
-from fapengine.batch.rows import KINDS, Options, Row
+from fapengine.batch.rows import FILES, KINDS, LISTS, OPTION_NAMES, PROFILE, Options, Row
 from fapengine.batch.work import Digests, key_of
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
 
 RECORD = "batch.json"
+COLUMNS = ("id", "text", "timings", "audio", "session", *OPTION_NAMES)
+NAME = re.compile(r"[\w+-][\w.+ -]*(/[\w+-][\w.+ -]*)*")
+"""An id: a file's name, in folders if it has slashes; no part begins with a dot."""
+MAX_ERRORS = 20
+"""Mistakes that a message lists; it counts the others."""
+
+
+def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: Options) -> tuple[Row, ...]:
+    """Read a manifest and check all of it.
+
+    Parameters
+    ----------
+    data : bytes
+        CSV with a header, or a JSON object a line. Columns are ``id`` and ``text``, ``timings``, ``audio`` or
+        ``session``, and any option of the verbs; an empty cell is the default. Lists are JSON lists, or texts apart by
+        ``;``.
+    where : str
+        Name of the manifest, for messages.
+    folder : Path
+        Folder that file names are relative to.
+    kind : str
+        What rows become: one of :data:`fapengine.batch.rows.KINDS`.
+    defaults : Options
+        For rows that say nothing else.
+
+    Raises
+    ------
+    DataError
+        Lists every row that cannot be, with its line: unknown columns, values out of range, files that are not there,
+        ids that are no names or are there twice.
+    """
+    errors: list[str] = []
+    rows: list[Row] = []
+    seen: dict[str, int] = {}
+    for line, cells in _lines(data, where):
+        try:
+            row = _row(cells, line, folder, defaults)
+            row.check(kind)
+            name = row.id.casefold()  # some file systems do not tell a from A
+            if name in seen:
+                raise UsageError(f"id: got {row.id!r} again, as in line {seen[name]}; expected each once")
+            seen[name] = line
+            rows.append(row)
+        except (DataError, UsageError) as error:
+            errors.append(f"line {line}: {error.message if isinstance(error, DataError) else error}")
+    if errors:
+        more = f"\nand {len(errors) - MAX_ERRORS} more" if len(errors) > MAX_ERRORS else ""
+        raise DataError(f"{where}: {len(errors)} rows cannot be:\n" + "\n".join(errors[:MAX_ERRORS]) + more)
+    if not rows:
+        raise DataError(f"{where}: got no row, expected some")
+    return tuple(rows)
+
+
+def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Options) -> tuple[Row, ...]:
+    """Make a row of each file: a recording or timings, named by its stem; or of each folder, for profiles.
+
+    Parameters
+    ----------
+    paths : list of Path
+    text : str, optional
+        File with the words of each recording; ``{stem}`` stands for its name.
+
+    Raises
+    ------
+    UsageError
+        If two files have one stem, or a file of words is not there.
+    """
+    from fapengine.app.hearing import is_sound, read_text
+
+    defaults.check(kind)
+    rows = []
+    folders = [path for path in paths if path.is_dir()]
+    for number, path in enumerate(sorted(folders if kind == PROFILE else paths), 1):
+        if kind == PROFILE:
+            rows.append(Row(id=path.name, session=path, options=defaults, line=number))
+            continue
+        words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
+        source: dict[str, Any] = {"audio": path, "text": words} if is_sound(path) else {"timings": path}
+        rows.append(Row(id=path.stem, options=defaults, line=number, **source))
+    counts = Counter(row.id.casefold() for row in rows)
+    if twice := [row.id for row in rows if counts[row.id.casefold()] > 1]:
+        raise UsageError(f"manifest: got two files called {twice[0]}, expected a name of its own for each")
+    return tuple(rows)
+
+
+def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Cells by column, row by row, and the line that each begins in."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{where}: is no UTF-8 text ({error.reason})", where=f"byte {error.start}") from error
+    if text.lstrip()[:1] == "{":
+        for line, entry in enumerate(text.splitlines(), 1):
+            if entry.strip():
+                yield line, _json_row(entry, line, where)
+        return
+    reader = csv.reader(io.StringIO(text), strict=True)
+    try:
+        header = [cell.strip() for cell in next(reader, [])]
+        _check_header(header, where)
+        before = reader.line_num
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                if len(cells) > len(header):
+                    told = f"{where}: got {len(cells)} cells, expected {len(header)}; quote texts with commas"
+                    raise DataError(told, where=f"line {before + 1}")
+                yield before + 1, {name: cell for name, cell in zip(header, cells, strict=False) if cell.strip()}
+            before = reader.line_num
+    except csv.Error as error:
+        raise DataError(f"{where}: is no table: {error}", where=f"line {reader.line_num}") from error
+
+
+def _check_header(header: list[str], where: str) -> None:
+    unknown = [name for name in header if name not in COLUMNS]
+    if unknown or "id" not in header or len(set(header)) < len(header):
+        what = f"unknown {', '.join(map(repr, unknown))}" if unknown else ", ".join(header) or "none"
+        expected = f"id and some of {', '.join(COLUMNS[1:])}, once each"
+        raise DataError(f"{where}: columns: got {what}; expected {expected}", where="line 1")
+
+
+def _json_row(entry: str, line: int, where: str) -> Mapping[str, Any]:
+    try:
+        value = json.loads(entry)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{where}: is not JSON: {error}", where=f"line {line}") from error
+    if not isinstance(value, dict):
+        raise DataError(f"{where}: got {type(value).__name__}, expected an object", where=f"line {line}")
+    return {name: cell for name, cell in value.items() if cell is not None}
+
+
+def _row(cells: Mapping[str, Any], line: int, folder: Path, defaults: Options) -> Row:
+    if unknown := [name for name in cells if name not in COLUMNS]:
+        raise DataError(f"{unknown[0]}: got an unknown column, expected one of {', '.join(COLUMNS)}")
+    name = str(cells.get("id", "")).strip()
+    if not NAME.fullmatch(name) or PurePosixPath(name).name.endswith((".", " ")):
+        raise DataError(f"id: got {name!r}, expected a file's name, with / for folders")
+    places: dict[str, Path] = {}
+    for column in FILES:
+        if column in cells:
+            places[column] = folder / str(cells[column]).strip()
+            if column == "session":
+                if not places[column].is_dir():
+                    raise DataError(f"{column}: got {cells[column]}, which is no folder that is there")
+            elif not places[column].is_file() and not (column == "into" and not places[column].suffix):
+                raise DataError(f"{column}: got {cells[column]}, which is not there")
+    given = {key: _value(key, cells[key]) for key in cells if key in OPTION_NAMES}
+    given |= {key: str(places[key]) for key in ("into", "map") if key in places and places[key].is_file()}
+    try:
+        chosen = msgspec.convert({**given}, Options, strict=False) if given else defaults
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at `$.")
+        raise DataError(f"{place.rstrip('`')}: {message}") from error
+    options = replace(defaults, **{key: getattr(chosen, key) for key in given})
+    text = str(cells["text"]) if "text" in cells else None
+    return Row(
+        id=name, text=text, timings=places.get("timings"), audio=places.get("audio"), session=places.get("session"),
+        options=options, line=line,
+    )  # fmt: skip
+
+
+def _value(key: str, value: object) -> object:
+    if key in LISTS and isinstance(value, str):
+        return [part.strip() for part in value.split(";") if part.strip()]
+    return value.strip() if isinstance(value, str) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +208,7 @@ class Corpus:
         UsageError
             If it cannot be read, or no file is found.
         DataError
-            If rows cannot be; all of them are told at once.
+            If rows cannot be read; the message lists all of them.
         """
         if self.kind not in KINDS:
             raise UsageError(f"to: got {self.kind!r}, expected one of {', '.join(KINDS)}")

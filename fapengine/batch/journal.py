@@ -121,7 +121,7 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         try:
             self._file.close()
-        except OSError:  # what could not be written has been told
+        except OSError:  # that it could not be written was raised before
             os.close(self._file.fileno())
 
 

@@ -4,35 +4,29 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
-from fapengine.app.manner import DEFAULT_PROFILE, Manner, check_expressions
+from fapengine.app.manner import Manner, check_expressions, manner_of, voice_of
 from fapengine.app.scene_choice import Into, check_scene
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.moving import check_moving
 from fapengine.files.outputs import files_in
 from fapengine.laboratory.fit import FitOptions
-from fapengine.models.keyed_curve import STRAIGHT
+from fapengine.models.via_points import STRAIGHT
 from fapengine.render.drawing import Drawing
-from fapengine.retarget.shape_sets import shape_set
-from fapengine.trajectory.style import Style, parse_method
-from fapengine.voices.choice import VoiceChoice
+from fapengine.retarget.blend_tracks import shape_set
+from fapengine.speaking import SpeakingOptions
 
 PROFILE = "profile"
 KINDS = ("fba", "fap", "mp4", "csv", "glb", PROFILE)
 """Kinds of files that rows may become; a profile is a folder of them."""
-LISTS = ("expression", "without")
-"""Options that hold several values; in a table they stand apart by ``;``."""
 FILES = ("session", "timings", "audio", "into", "map")
 """Columns that name files, or a folder of recordings, relative to the manifest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class Options(SpeakingOptions):
     """Options of ``say``, ``animate``, ``encode``, ``convert`` and ``fit``, with their names and defaults."""
 
-    voice: str = "en-us"
-    rate: int = 160
-    ssml: bool = False
     language: str = "en-us"
     channel: int | None = None
     format: str | None = None
@@ -40,16 +34,6 @@ class Options:
     alphabet: str | None = None
     columns: str | None = None
     strict: bool = False
-    expression: tuple[str, ...] = ()
-    profile: str = DEFAULT_PROFILE
-    fps: float = 30.0
-    articulation: float = 1.0
-    jaw: float = 1.0
-    lips: float = 1.0
-    loudness: float = 0.0
-    method: str = "context"
-    without: tuple[str, ...] = ()
-    seed: int = 1
     head: str = "default"
     camera: str = "front"
     background: str = "studio"
@@ -72,15 +56,8 @@ class Options:
 
     def manner(self) -> Manner:
         """How the face speaks. Raises UsageError for what cannot be."""
-        style = Style(
-            articulation=self.articulation, jaw=self.jaw, lips=self.lips, loudness_db=self.loudness,
-            method=parse_method(self.method),
-        )  # fmt: skip
         check_expressions(self.expression)
-        return Manner(
-            profile=self.profile, style=style.without(self.without), expressions=self.expression, seed=self.seed,
-            rate_hz=self.fps,
-        )  # fmt: skip
+        return manner_of(self)
 
     def drawing(self) -> Drawing:
         """How the face is drawn. Raises UsageError for what cannot be."""
@@ -89,10 +66,6 @@ class Options:
     def encoding(self) -> EncoderOptions:
         """How a stream is coded. Raises UsageError for what cannot be."""
         return EncoderOptions(quant=self.quant, kbit_s=self.kbps)
-
-    def voice_choice(self) -> VoiceChoice:
-        """Whose voice speaks a text. Raises UsageError for what cannot be."""
-        return VoiceChoice(self.voice, self.rate, self.ssml)
 
     def avatar(self) -> Into | None:
         """Return the avatar that a motion goes into."""
@@ -117,7 +90,7 @@ class Options:
             It begins with the option's name.
         """
         self.manner()
-        self.voice_choice()
+        voice_of(self)
         if kind == "fba":
             self.encoding()
         elif kind == "mp4":
@@ -133,6 +106,8 @@ class Options:
 
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))
+LISTS = tuple(each.name for each in fields(Options) if each.default == ())
+"""Options that hold several values; in a table they stand apart by ``;``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

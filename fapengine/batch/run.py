@@ -4,18 +4,15 @@ Engines take shards of rows and give back what became of them, in any order. A s
 and its rows are tried one at a time; a row that ends its worker :data:`MAX_TRIES` times is named as the one that does.
 """
 
-import os
-import signal
-import threading
+import pickle
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
+from fapengine._child import Child, Parent, command, end_soon_with_parent
 from fapengine.batch.journal import Done, Journal, load_journals
 from fapengine.batch.rows import Row
 from fapengine.batch.work import Digests, Job, do_rows, key_of
@@ -123,65 +120,54 @@ def serially(shards: list[Shard], job: Job) -> Iterator[list[Done]]:
 
 
 def on_this_machine(workers: int) -> Engine:
-    """Make an engine of processes on this machine; one that is killed is replaced."""
+    """Make an engine of child processes; one that ends is replaced."""
 
     def engine(shards: list[Shard], job: Job) -> Iterator[list[Done]]:
         waiting = deque(shards)
-        suspects: deque[Shard] = deque()
-        while waiting or suspects:
-            # What was there when a worker ended is tried alone, so that it is known who ends it.
-            queue, count, at_once = (waiting, workers, 2 * workers) if waiting else (suspects, 1, 1)
+        idle = [_worker() for _ in range(min(workers, len(shards)))]
+        running: dict[Future[list[Done]], tuple[Shard, Child]] = {}
+        with ThreadPoolExecutor(max(workers, 1)) as pool:
             try:
-                yield from _through_pool(queue, count, at_once, job, suspects)
-            except BrokenProcessPool:
-                ready = [shard for shard in suspects if shard.tries >= MAX_TRIES]
-                for shard in ready:
-                    suspects.remove(shard)
-                    yield shard.failed()
+                while waiting or running:
+                    while waiting and idle:
+                        shard, child = waiting.popleft(), idle.pop()
+                        running[pool.submit(_asked, child, shard, job)] = shard, child
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        shard, child = running.pop(future)
+                        try:
+                            result = future.result()
+                        except EOFError:
+                            child.close()
+                            idle.append(_worker())
+                            waiting += (again := shard.again())
+                            if len(again) == 1 and again[0].tries >= MAX_TRIES:
+                                yield waiting.pop().failed()
+                        else:
+                            idle.append(child)
+                            yield result
+            finally:
+                for child in (*idle, *(child for _, child in running.values())):
+                    child.close()
 
     return engine
 
 
-def _through_pool(
-    queue: deque[Shard], workers: int, at_once: int, job: Job, suspects: deque[Shard]
-) -> Iterator[list[Done]]:
-    """Give shards to a pool, so many at once; when it breaks, those go to the suspects."""
-    os.environ |= ONE_THREAD
-    running: dict[Future[list[Done]], Shard] = {}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
-        try:
-            while queue or running:
-                while queue and len(running) < at_once:
-                    shard = queue[0]  # a pool that is broken refuses it, and it stays where it is
-                    running[pool.submit(do_rows, shard.rows, shard.keys, job)] = shard
-                    queue.popleft()
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    del running[future]
-                    yield result
-        except BrokenProcessPool:
-            for future, shard in running.items():
-                if future.done() and future.exception() is None:
-                    yield future.result()
-                else:
-                    suspects += shard.again()
-            raise
-        except GeneratorExit:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+def _worker() -> Child:
+    return Child("batch", command(__name__), environment=ONE_THREAD)
 
 
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the process that asked, and end with it, whatever ends that."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    asker = parent_process()
-    assert asker is not None
+def _asked(child: Child, shard: Shard, job: Job) -> list[Done]:
+    work = pickle.dumps((do_rows, shard.rows, shard.keys, job))
+    done: list[Done] = pickle.loads(child.ask({}, work)[1])
+    return done
 
-    def watch() -> None:
-        asker.join()
-        os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+def main(parent: Parent) -> None:
+    """Be a worker: do the shards that come."""
+    end_soon_with_parent()
+    for _, work in parent.messages():
+        do, *arguments = pickle.loads(work)
+        parent.tell({}, pickle.dumps(do(*arguments)))
 
 
 def on_dask(address: str) -> Engine:

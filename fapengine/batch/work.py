@@ -8,6 +8,7 @@ from pathlib import Path
 
 import fapengine
 from fapengine.app.fit import run_fit
+from fapengine.app.manner import voice_of
 from fapengine.app.motion import save
 from fapengine.app.performance import Performance, animate, perform, pronounced, speak
 from fapengine.app.talk import refuse_unknown
@@ -20,9 +21,9 @@ from fapengine.files.sound import load_sound
 from fapengine.files.timings import load_timings
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
-from fapengine.speech.unknown import find_unknown
+from fapengine.speech.phone_track import find_unknown
 from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.fresh import FreshVoices
+from fapengine.voices.process import FreshVoices
 from fapengine.voices.protocol import Speech
 
 
@@ -100,7 +101,7 @@ def perform_row(row: Row) -> Performance:
     else:
         assert row.text is not None
         performance = speak(
-            row.text, voice=_Fresh(options.voice_choice()), expressions=manner.expressions, style=manner.style,
+            row.text, voice=_Fresh(voice_of(options)), expressions=manner.expressions, style=manner.style,
             profile=profile, seed=options.seed, rate_hz=options.fps,
         )  # fmt: skip
     if options.strict:

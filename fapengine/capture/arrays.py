@@ -2,26 +2,22 @@
 
 import io
 import math
-import struct
 import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.raw import RawTrack
+from fapengine._arrays import DAMAGE
+from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError
 
 POSITION_NAMES = ("positions", "positions_mm", "markers", "points")
-DAMAGE = (
-    ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
-)  # fmt: skip
-"""Exceptions that zipfile and NumPy raise on archives that are cut or spoiled."""
 MAX_FREE_BYTES, MAX_RATIO = 1 << 26, 100
-"""Size that all arrays may have as float64, bytes, whatever the archive has, and in times of the archive. Real
-motion packs to a half or a tenth; a small file cannot ask for gigabytes."""
+"""Bounds for the unpacked size as float64: in bytes for any archive, and as a multiple of the archive.
+
+Real motion packs to a half or a tenth; a small file cannot ask for gigabytes.
+"""
 
 
 def parse_npz(data: bytes) -> RawTrack:
@@ -30,36 +26,34 @@ def parse_npz(data: bytes) -> RawTrack:
     Raises
     ------
     DataError
-        If the archive is damaged, lacks positions or labels, or their shapes do not fit; ``where`` is the array.
+        If the archive is damaged, has no positions or labels, or their shapes do not fit; ``where`` is the array.
     """
     try:
         size, most = _unpacked_bytes(data), max(MAX_FREE_BYTES, MAX_RATIO * len(data))
         if size > most:
-            raise DataError(f"NPZ: got {size} bytes of numbers in an archive of {len(data)}, expected at most {most}")
+            raise DataError(f"NPZ: {size} bytes of numbers in an archive of {len(data)}; must be at most {most}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             arrays_by_name = {name: arrays[name] for name in arrays.files}
     except DataError:
         raise
     except (*DAMAGE, MemoryError) as error:  # a header may claim any shape
-        raise DataError(f"NPZ: is damaged, or holds Python objects: {error}") from error
+        raise DataError(f"NPZ: damaged, or contains Python objects: {error}") from error
     name = next((name for name in POSITION_NAMES if name in arrays_by_name), None)
     if name is None:
-        raise DataError(f"NPZ: got arrays {sorted(arrays_by_name)}, expected one of {', '.join(POSITION_NAMES)}")
+        raise DataError(f"NPZ: needs {' or '.join(POSITION_NAMES)}, has {sorted(arrays_by_name)}")
     positions = arrays_by_name[name]
     if positions.ndim != 3 or positions.shape[2] != 3 or not positions.size or positions.dtype.kind not in "fiu":
-        raise DataError(
-            f"NPZ: got {positions.dtype} of shape {positions.shape}, expected numbers (T, M, 3)", where=name
-        )
+        raise DataError(f"NPZ: must be numbers (T, M, 3), got {positions.dtype} of shape {positions.shape}", where=name)
     positions = positions.astype(np.float64)
     labels = arrays_by_name.get("labels", np.zeros(0, "U1"))
     if labels.dtype.kind not in "US" or labels.shape != positions.shape[1:2]:
         raise DataError(
-            f"NPZ: got {labels.dtype} of shape {labels.shape}, expected {positions.shape[1]} strings", where="labels"
+            f"NPZ: must be {positions.shape[1]} strings, got {labels.dtype} of shape {labels.shape}", where="labels"
         )
     valid = arrays_by_name.get("valid")
     if valid is not None:
         if valid.shape != positions.shape[:2]:
-            raise DataError(f"NPZ: got shape {valid.shape}, expected {positions.shape[:2]}", where="valid")
+            raise DataError(f"NPZ: must have shape {positions.shape[:2]}, got {valid.shape}", where="valid")
         positions[~valid.astype(bool)] = np.nan
     positions[~np.isfinite(positions).all(axis=-1)] = np.nan
     units = arrays_by_name.get("units")
@@ -74,7 +68,7 @@ def parse_npz(data: bytes) -> RawTrack:
 
 
 def _unpacked_bytes(data: bytes) -> int:
-    """Size of all arrays as float64, by what their headers claim; nothing is unpacked."""
+    """Size of all arrays as float64, from their headers; nothing is unpacked."""
     size = 0
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         for entry in archive.infolist():
@@ -94,7 +88,7 @@ def _rate(arrays_by_name: dict[str, NDArray[Any]]) -> float | None:
     if rate is None:
         return None
     if rate.size != 1 or rate.dtype.kind not in "fiu" or not (np.isfinite(rate).all() and float(rate.ravel()[0]) > 0):
-        raise DataError(f"NPZ: got {rate!r:.40}, expected one positive number", where="rate_hz")
+        raise DataError(f"NPZ: must be one positive number, got {rate!r:.40}", where="rate_hz")
     return float(rate.ravel()[0])
 
 

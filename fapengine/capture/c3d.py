@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 Blocks of 512 bytes: a header, parameters in groups, data. Each frame holds four numbers for every point (x, y, z and a
-word whose sign says whether the point was seen) and the analog samples, which are stepped over. Numbers are floats, or
+word whose sign says whether the point was seen) and the analog samples, which are skipped. Numbers are floats, or
 integers times POINT:SCALE, in the byte order of one of three processors; DEC floats are IEEE floats with their halves
-exchanged, times four. Float data of this machine's byte order are viewed where they lie, so a memory map is read frame
-by frame only where it is asked for.
+exchanged, times four. Float data in this machine's byte order are used in place, so a memory map is read frame by frame
+only where needed.
 
-Layout: the C3D user guide, sections on header, parameters and 3D data. The frame count has four homes, because the
-first two are 16 bits wide; the largest that the data can hold is believed.
+Layout: the C3D user guide, sections on header, parameters and 3D data. The frame count is stored in four places,
+because the first two are 16 bits wide; the largest count that the data can hold is used.
 """
 
 import struct
@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.raw import RawTrack
+from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError, TruncatedError
 
 Buffer = bytes | memoryview
@@ -30,9 +29,9 @@ INTEL, DEC, MIPS = 84, 85, 86
 POINT_WORDS = 4
 MAX_POINTS = 20_000
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Parameters of POINT that list what a body model has written between the markers (Vicon's names)."""
+"""Parameters of POINT that list the results of a body model among the markers (Vicon's names)."""
 PAGES = 64
-"""LABELS, LABELS2, ... are followed so far."""
+"""Largest number of LABELS, LABELS2, ... that are read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,19 +59,22 @@ def parse_c3d(data: Buffer) -> RawTrack:
     Parameters
     ----------
     data : bytes or memoryview
-        The whole file; a memory map serves.
+        The whole file; a memory map works too.
 
     Raises
     ------
     TruncatedError
         If it ends before its data do.
     DataError
-        If it is no C3D, or its header contradicts itself; ``where`` is the byte.
+        If it is not C3D, or its header contradicts itself; ``where`` is the byte.
     """
     if len(data) < BLOCK:
-        raise TruncatedError(f"C3D: got {len(data)} bytes, expected at least a header of {BLOCK}", where="byte 0")
+        raise TruncatedError(f"C3D: must have a header of {BLOCK} bytes, got {len(data)} bytes", where="byte 0")
     if data[1] != KEY or not data[0]:
-        raise DataError(f"C3D: got {bytes(data[:2]).hex(' ')}, expected a parameter block and 50", where="byte 0")
+        raise DataError(
+            f"not a C3D file: starts with {bytes(data[:2]).hex(' ')} instead of a parameter block and 50",
+            where="byte 0",
+        )
     start = (data[0] - 1) * BLOCK
     if len(data) < start + 4:
         raise TruncatedError("C3D: ends before its parameters", where=f"byte {start}")
@@ -80,14 +82,14 @@ def parse_c3d(data: Buffer) -> RawTrack:
         data[start + 3]
     )
     if processor is None:
-        raise DataError(f"C3D: got processor {data[start + 3]}, expected 84, 85 or 86", where=f"byte {start + 3}")
+        raise DataError(f"C3D: processor must be 84, 85 or 86, got {data[start + 3]}", where=f"byte {start + 3}")
     header = processor.integers(data, 10, 0).view(np.uint16 if processor.order == "<" else ">u2").astype(int)
     scale, rate = float(processor.floats(data, 1, 12)[0]), float(processor.floats(data, 1, 20)[0])
     parameters = _parameters(data, start, _parameters_end(data, start, int(header[8])), processor)
     point = parameters.get("POINT", {})
     count = int(_number(point, "USED", header[1]))
     if not 0 < count <= MAX_POINTS:
-        raise DataError(f"C3D: got {count} points, expected 1..{MAX_POINTS}", where="byte 2, or POINT:USED")
+        raise DataError(f"C3D: must have 1 to {MAX_POINTS} points, got {count}", where="byte 2, or POINT:USED")
     scale, rate = _number(point, "SCALE", scale), _number(point, "RATE", rate)
     begin, remarks = _data_begin(data, start, [int(_number(point, "DATA_START", 0)), int(header[8])])
     real = scale < 0
@@ -97,9 +99,7 @@ def parse_c3d(data: Buffer) -> RawTrack:
     labels, outputs = _labels(point, count), _model_outputs(point)
     kept = [index for index, label in enumerate(labels) if label not in outputs]
     if len(kept) < count:
-        remarks += (
-            f"{count - len(kept)} trajectories are a model's results (angles, forces ...), no markers: left out",
-        )
+        remarks += (f"{count - len(kept)} trajectories are model outputs (angles, forces ...), not markers: left out",)
     values = (processor.floats if real else processor.integers)(data, frames * words, begin)
     table = values.reshape(frames, words)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
     table = table if len(kept) == count else table[:, kept]
@@ -120,32 +120,32 @@ def parse_c3d(data: Buffer) -> RawTrack:
 
 
 def _parameters_end(data: Buffer, start: int, data_block: int) -> int:
-    """Byte behind the parameters: what lies there is no record, whatever the last one says of a next.
+    """Byte after the parameters; data there is not a record, whatever the offset of the last one says.
 
-    The number of their blocks and the block of the data may each be 0 or wrong; the later end is believed.
+    The number of parameter blocks and the block of the data may each be 0 or wrong; the later end is used.
     """
     return min(max(start + BLOCK * data[start + 2], (data_block - 1) * BLOCK), len(data)) or len(data)
 
 
 def _data_begin(data: Buffer, start: int, blocks: list[int]) -> tuple[int, tuple[str, ...]]:
-    """Byte of the first frame: as POINT:DATA_START or the header say, else behind the parameters."""
+    """Byte of the first frame: from POINT:DATA_START or the header, else after the parameters."""
     for at, block in enumerate(blocks):
         if start < (block - 1) * BLOCK < len(data):
-            note = f"POINT:DATA_START is {blocks[0]}: the header's block {block} is believed"
+            note = f"POINT:DATA_START is {blocks[0]}: using the header's block {block}"
             return (block - 1) * BLOCK, (note,) if at and blocks[0] else ()
     begin = start + BLOCK * data[start + 2]
     if not start < begin < len(data):
         raise DataError(
-            f"C3D: got data in blocks {blocks} of {len(data) // BLOCK}, expected them behind the parameters",
+            f"C3D: data must be after the parameters, got blocks {blocks} of {len(data) // BLOCK}",
             where="byte 16, and POINT:DATA_START",
         )
     return begin, (
-        f"the file does not tell where its data begin: taken from block {begin // BLOCK + 1}, behind the parameters",
+        f"the file does not say where its data begin: read from block {begin // BLOCK + 1}, after the parameters",
     )
 
 
 def _parameters(data: Buffer, start: int, end: int, processor: _Processor) -> Parameters:
-    """Walk the chain of groups and parameters; each record says where the next one begins."""
+    """Follow the chain of groups and parameters; each record holds the offset of the next."""
     groups: dict[int, str] = {}
     by_group: dict[int, dict[str, NDArray[np.float64] | list[str]]] = {}
     at = start + 4
@@ -217,13 +217,13 @@ def _labels(point: dict[str, NDArray[np.float64] | list[str]], count: int) -> tu
 
 
 def _model_outputs(point: dict[str, NDArray[np.float64] | list[str]]) -> set[str]:
-    """Labels of trajectories that a body model has written: angles and forces, no places."""
+    """Labels of trajectories that a body model wrote: angles and forces, not positions."""
     listed = (point.get(name) for name in MODEL_OUTPUTS)
     return {label for labels in listed if isinstance(labels, list) for label in labels if label}
 
 
 def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) -> tuple[int, tuple[str, ...]]:
-    """Believe the largest count that the data can hold; without any, all that they hold."""
+    """Choose the largest count that the data can hold; without a count, all frames in the file."""
     claims = [int(header[4]) - int(header[3]) + 1]
     point, trial = parameters.get("POINT", {}), parameters.get("TRIAL", {})
     claims += [int(_number(point, name, 0)) % 65536 if name == "FRAMES" else int(_number(point, name, 0))
@@ -236,18 +236,18 @@ def _frame_count(parameters: Parameters, header: NDArray[np.int_], room: int) ->
     if room < 1:
         raise TruncatedError("C3D: ends before its first frame", where="data")
     if claimed < 1:
-        return room, (f"no frame count: the {room} frames that the file holds",)
+        return room, (f"no frame count: all {room} frames in the file are read",)
     held = [claim for claim in claims if 1 <= claim <= room]
     if not held:
-        raise TruncatedError(f"C3D: got room for {room} frames, expected {claimed}", where="data")
+        raise TruncatedError(f"C3D: truncated, has {room} of {claimed} frames", where="data")
     return max(held), ()
 
 
 def format_c3d(track: MarkerTrack) -> bytes:
     """Write a recording: Intel floats, mm, gaps with residual -1 at the origin.
 
-    Labels of more than 255 markers go on in LABELS2 and so on; more than 65,535 frames are told by
-    TRIAL:ACTUAL_END_FIELD and POINT:LONG_FRAMES.
+    Labels after the 255th go to LABELS2 and so on; a count above 65,535 frames goes to TRIAL:ACTUAL_END_FIELD and
+    POINT:LONG_FRAMES.
     """
     frames, count = track.positions_mm.shape[:2]
     parameters, blocks = _written_parameters(track, 0)

@@ -1,6 +1,6 @@
-"""From what a file says to what it means: missing markers, units, axes, names.
+"""From what a file says to what it means: missing markers, units, axes, labels; and checks for implausible motion.
 
-Nothing here is silent: whatever is changed on a suspicion comes back as a note.
+Nothing here is silent: every correction made on a guess comes back as a note.
 """
 
 import re
@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.raw import RawTrack
+from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError, UsageError
 
 Array = NDArray[np.float64]
@@ -19,23 +18,23 @@ Array = NDArray[np.float64]
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Length of one unit in mm."""
 SENTINELS = (-16512.0, 16512.0, 9999.0, -9999.0, 99999.0, -99999.0, 999999.0, -999999.0, 9999999.0, -9999999.0)
-"""Numbers that stand for "not seen" in exports of several systems."""
+"""Numbers that mean "not seen" in exports of several systems."""
 ABSURD = 1e6
-"""Distance in mm, 1 km, beyond which no marker lies."""
+"""Distance in mm, 1 km, beyond which a marker is taken as missing."""
 FACE_MM = (40.0, 700.0)
 """Diagonal of the box around a face's markers, from lips alone to a whole head."""
 BODY_MM = (900.0, 2600.0)
 """Diagonal of the box around the markers of a whole body."""
 SHOWN = 3
-"""Labels that a remark lists."""
+"""Labels listed in a note."""
 UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
 POINT_NAME = re.compile(r"^(?:fdp|fp|p)?[ _-]?(\d{1,2})[._-](\d{1,2})$", re.IGNORECASE)
 FRAMES_FOR_SIZE = 500
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 MIN_ZEROS = 3
-"""Number of zeros in one marker from which on they mean "not seen"; fewer may be its position."""
+"""Number of zero positions of one marker from which they mean "not seen"; fewer may be real."""
 MAX_COORDINATE = 1e9
-"""Greatest coordinate, in any unit: a thousand kilometres in millimetres."""
+"""Largest coordinate, in any unit: a thousand kilometres in millimetres."""
 
 
 def understand(
@@ -68,15 +67,15 @@ def understand(
     """
     notes = list(raw.notes)
     if not raw.positions.size:
-        raise DataError(f"recording: got shape {raw.positions.shape}, expected frames and markers")
+        raise DataError(f"recording: contains no frames or no markers, got shape {raw.positions.shape}")
     rate = rate_hz if rate_hz is not None else raw.rate_hz
     if rate is None:
-        raise DataError("recording: got no rate and no rising times, expected frames a second")
+        raise DataError("recording: frame rate missing; give a rate, or rising times")
     labels, kept = _names(raw.labels, notes)
     positions = raw.positions if len(kept) == len(raw.labels) else raw.positions[:, kept]
     positions = _without_sentinels(positions, labels, notes)
     if (beyond := np.abs(positions) > MAX_COORDINATE).any():
-        raise DataError(f"recording: got a coordinate of {positions[beyond][0]:g}, expected at most {MAX_COORDINATE:g}")
+        raise DataError(f"recording: coordinates must be at most {MAX_COORDINATE:g}, got {positions[beyond][0]:g}")
     scale = _scale(positions, raw.units, units, notes)
     positions = positions if scale == 1.0 else positions * scale
     positions = _without_absurd(positions, labels, notes)
@@ -88,13 +87,13 @@ def understand(
 
 
 def _names(raw_names: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], list[int]]:
-    """Bare labels, and the columns that have one."""
+    """Labels without prefixes, and the columns that have one."""
     names = [name.strip() for name in raw_names]
     kept = [index for index, name in enumerate(names) if name and not UNLABELLED.match(name.split(":")[-1])]
     if len(kept) < len(names):
-        notes.append(f"{len(names) - len(kept)} trajectories without a name are left out")
+        notes.append(f"{len(names) - len(kept)} trajectories without a label are left out")
     if not kept:
-        raise DataError(f"recording: got {len(names)} trajectories and no name, expected labelled markers")
+        raise DataError(f"recording: none of {len(names)} trajectories is labelled")
     prefixes = {names[index].rpartition(":")[0] for index in kept}
     labels = [names[index].rpartition(":")[2] if len(prefixes) == 1 else names[index] for index in kept]
     labels = [f"{int(m[1])}.{int(m[2])}" if (m := POINT_NAME.match(label)) else label for label in labels]
@@ -102,12 +101,12 @@ def _names(raw_names: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...],
 
 
 def _different(labels: Sequence[str], notes: list[str]) -> tuple[str, ...]:
-    """Labels that come again get a number: old systems cut them to four letters."""
+    """Append numbers to repeated labels: old systems cut them to four characters."""
     twice = [label for label, count in Counter(labels).items() if count > 1]
     if not twice:
         return tuple(labels)
     notes.append(
-        f"labels {', '.join(twice[:SHOWN])}{' ...' if twice[SHOWN:] else ''} come more than once: later ones are"
+        f"labels {', '.join(twice[:SHOWN])}{' ...' if twice[SHOWN:] else ''} are repeated: later ones are"
         f" called {again(twice[0])} ..."
     )
     given: dict[str, None] = {}
@@ -121,12 +120,12 @@ def _different(labels: Sequence[str], notes: list[str]) -> tuple[str, ...]:
 
 
 def again(label: str, number: int = 2) -> str:
-    """Name the second, third ... marker that bears a label."""
+    """Name the second, third ... marker with the same label."""
     return f"{label}#{number}"
 
 
 def _without_sentinels(positions: Array, labels: Sequence[str], notes: list[str]) -> Array:
-    """Zeros and numbers that stand for "not seen" become gaps."""
+    """Replace zeros and numbers that mean "not seen" by gaps."""
     large = np.abs(positions) >= min(map(abs, SENTINELS))
     for value in SENTINELS if large.any() else ():
         hits = np.any(positions == value, axis=-1)
@@ -158,9 +157,9 @@ def _most(hits: NDArray[np.bool_], labels: Sequence[str]) -> str:
 
 
 def _scale(positions: Array, stated: str | None, units: str | None, notes: list[str]) -> float:
-    """Factor to mm: as asked for, as the file says, else mm where that gives a face."""
+    """Factor to mm: as requested, as the file says, else mm if that gives the size of a face."""
     if units is not None and units.lower() not in UNITS_MM:
-        raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
+        raise UsageError(f"units: unknown unit {units!r}; use {', '.join(UNITS_MM)}")
     unit = (units or stated or "").lower()
     if unit and unit not in UNITS_MM:
         notes.append(f"the file's unit {unit!r} is unknown")
@@ -177,10 +176,10 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
         others.insert(0, f"m would make it {size * UNITS_MM['m']:.0f} mm, a body")
     hint = f" ({'; '.join(others)})" if others else ""
     if unit and not fits:
-        notes.append(f"the markers span {(size or 0) * factor:.4g} mm, which is no face: wrong units?{hint}")
+        notes.append(f"the markers span {(size or 0) * factor:.4g} mm, which is not a face: wrong units?{hint}")
     elif not unit and not fits:
         raise DataError(
-            f"units: not stated, and the markers span {size:.4g} of them, expected mm{hint}; say units=UNIT"
+            f"units: not stated, and the markers span {size:.4g} of them, not a face in mm{hint}; give units=UNIT"
         )
     elif not unit:
         notes.append(f"units are not stated: taken as mm{'' if size is None else f', the markers span {size:.0f}'}")
@@ -188,7 +187,7 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
 
 
 def _diagonal(positions: Array) -> float | None:
-    """Of the box around the median places of some frames; None where fewer than three markers are seen there."""
+    """Diagonal of the box around the median positions of some frames; None if fewer than three markers are seen."""
     positions = positions[:: max(1, len(positions) // FRAMES_FOR_SIZE)]
     seen = ~np.isnan(positions[..., 0]).all(axis=0)
     if seen.sum() < 3:
@@ -198,19 +197,19 @@ def _diagonal(positions: Array) -> float | None:
 
 
 def _axis(up: str | None, stated: str | None, notes: list[str]) -> str:
-    """Spell the axis that points up as one of :data:`AXES`."""
+    """Normalise the axis that points up to one of :data:`AXES`."""
     axis = (up or stated or "+y").strip().lower()
     axis = axis if axis[:1] in ("+", "-") else f"+{axis}"
     if axis in AXES:
         return axis
     if up:
-        raise UsageError(f"up: got {up!r}, expected one of {', '.join(AXES)}")
+        raise UsageError(f"up: unknown axis {up!r}; use {', '.join(AXES)}")
     notes.append(f"the file's upward axis {stated!r} is unknown: taken as +y")
     return "+y"
 
 
 def _turned(positions: Array, up: str) -> Array:
-    """Turn so that ``up`` becomes +y, without mirroring."""
+    """Rotate so that ``up`` becomes +y, without mirroring."""
     number, sign = "xyz".index(up[1]), 1.0 if up[0] == "+" else -1.0
     if up == "+y":
         return positions
@@ -219,3 +218,62 @@ def _turned(positions: Array, up: str) -> Array:
     rotation[0, 1 if number == 0 else 0] = 1.0
     rotation[2] = np.cross(rotation[0], rotation[1])
     return np.asarray(positions @ rotation.T)
+
+
+MAX_SPEED_MM_S = 1500.0
+"""Lips and jaw stay below a fifth of this in speech; a fast head turn comes close."""
+EXCHANGE_SHARE = 0.5
+"""Markers have swapped if swapping them back leaves less than this fraction of their steps."""
+SHOWN_FINDINGS = 5
+
+
+def check_track(track: MarkerTrack) -> tuple[str, ...]:
+    """Check a track for implausible motion.
+
+    Returns
+    -------
+    findings : tuple of str
+        Markers that swap from one frame to the next, jump, or never move; each names marker and frame.
+    """
+    return (*_exchanges(track), *_constant(track))
+
+
+def _exchanges(track: MarkerTrack) -> list[str]:
+    before, after = track.positions_mm[:-1], track.positions_mm[1:]
+    step = np.nan_to_num(np.linalg.norm(after - before, axis=-1))
+    limit = max(MAX_SPEED_MM_S / track.rate_hz, 3.0)
+    both = track.valid[1:] & track.valid[:-1]
+    known = np.where(both | ~both.any(axis=1, keepdims=True), step, np.nan)  # a step that no marker shows is 0
+    jumps = step - np.nanmedian(known, axis=1, keepdims=True) > limit  # against what the head as a whole does
+    remarks = []
+    for frame in np.flatnonzero(jumps.any(axis=1)):
+        movers = np.flatnonzero(jumps[frame])
+        pairs = _pairs(before[frame, movers], after[frame, movers], step[frame, movers])
+        for first, other in pairs:
+            names = track.labels[movers[first]], track.labels[movers[other]]
+            remarks.append(f"markers {names[0]} and {names[1]} exchange places at frame {frame + 1}")
+        paired = {index for pair in pairs for index in pair}
+        remarks += [
+            f"marker {track.labels[movers[n]]} jumps by {step[frame, movers[n]]:.0f} mm at frame {frame + 1}"
+            for n in range(len(movers))
+            if n not in paired
+        ]
+    if len(remarks) > SHOWN_FINDINGS:
+        remarks = [*remarks[:SHOWN_FINDINGS], f"and {len(remarks) - SHOWN_FINDINGS} more jumps"]
+    return remarks
+
+
+def _pairs(before: NDArray[np.float64], after: NDArray[np.float64], step: NDArray[np.float64]) -> list[tuple[int, int]]:
+    across = np.linalg.norm(after[:, None] - before[None], axis=-1)
+    total = across + across.T
+    near = total < EXCHANGE_SHARE * (step[:, None] + step[None])
+    return [(int(first), int(other)) for first, other in np.argwhere(np.triu(near, 1))]
+
+
+def _constant(track: MarkerTrack) -> list[str]:
+    if track.frame_count < 2:
+        return []
+    shown = np.where(np.isnan(track.positions_mm), -np.inf, track.positions_mm).max(axis=0)
+    lowest = np.where(np.isnan(track.positions_mm), np.inf, track.positions_mm).min(axis=0)
+    still = (shown == lowest).all(axis=-1) & (track.valid.sum(axis=0) > 1)
+    return [f"marker {track.labels[index]} never moves" for index in np.flatnonzero(still)]

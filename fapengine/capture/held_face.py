@@ -1,12 +1,11 @@
-"""A face that a detector saw, with its head held still: landmarks of a film in the head's own axes, mm.
+"""Landmarks from a video with head motion removed: the face in the head's own axes, mm.
 
 Theory of operation
 -------------------
 Landmarks are those of MediaPipe's face mesh (:data:`FACE_MESH`): 478 points, in pixels, with a depth of the same scale
-that is guessed from one picture; or the 68 of OpenFace (:data:`FACE_68`). Points that no expression moves tell where
-the head is: their mean shape over the film is the head, and each frame's scale, turn and place are taken out. The
-distance of the pupils is what the caller says, which makes millimetres. Frames in which no face is seen are filled in
-from those beside them.
+inferred from one image; or the 68 of OpenFace (:data:`FACE_68`). Points that no expression moves give the head pose:
+their mean shape over the video is the head, and scale, rotation and position of each frame are removed. The pupil
+distance, given by the caller, converts to millimetres. Frames without a face are interpolated.
 """
 
 from dataclasses import dataclass, replace
@@ -23,13 +22,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class FaceModel:
-    """What a detector's landmarks are."""
+    """Layout of a detector's landmarks."""
 
     count: int
     steady: tuple[int, ...]
     """Landmarks that no expression moves."""
     pupils: tuple[tuple[int, ...], tuple[int, ...]]
-    """Landmarks between which the right and the left pupil lie."""
+    """Landmarks whose mean is the right and the left pupil."""
     corners: tuple[tuple[int, int], tuple[int, int]]
     """Corners of the right and the left eye."""
     top: int
@@ -51,46 +50,46 @@ FACE_MESH_468 = replace(FACE_MESH, count=468, pupils=FACE_MESH.corners)
 """The same without irises."""
 FACE_68 = FaceModel(68, (27, 28, 29, 30, 36, 39, 42, 45, 0, 16), ((36, 39), (42, 45)), ((36, 39), (42, 45)), 27, 8)
 MIN_SEEN_SHARE = 0.5
-"""Share of the frames in which a face must be seen."""
+"""Fraction of the frames in which a face must be found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldFace:
-    """Landmarks of a head that stands still, and what it did. Arrays are read-only."""
+    """Landmarks with head motion removed, and that motion. Arrays are read-only."""
 
     still_mm: Array
     """(T, N, 3): to the subject's left, up, out of the face."""
     turns: Array
     """(T, 3, 3): rotation of the head from its mean pose, in the same axes."""
     poses: Array
-    """(T, 3, 3): the same against the camera: a head that looks into it is not turned. Where up is, is a guess."""
+    """(T, 3, 3): rotation relative to the camera; identity if the head faces it. The upright direction is estimated."""
     seen: NDArray[np.bool_]
-    """(T,): frames in which a face was seen."""
+    """(T,): frames in which a face was found."""
 
 
 def hold_face(times_s: Array, landmarks: ArrayLike, *, pupils_mm: float, model: FaceModel = FACE_MESH) -> HeldFace:
-    """Take the head's motion out of landmarks.
+    """Remove head motion from landmarks.
 
     Parameters
     ----------
     times_s : (T,) float64, s
         Rising, from 0.
     landmarks : (T, N, 3) array_like, px or mm
-        To the right, down, and away from the camera; NaN where no face was seen.
+        To the right, down, and away from the camera; NaN where no face was found.
     pupils_mm : float
-        Distance of the pupils.
+        Distance between the pupils.
     model : FaceModel
-        Whose landmarks they are.
+        Layout of the landmarks.
 
     Raises
     ------
     DataError
-        If a face is seen in less than half of the frames, or in fewer than two.
+        If a face is found in fewer than half of the frames, or in fewer than two.
     """
     points = frozen(landmarks, "landmarks", ("T", model.count, 3), np.float64, finite=False)
     seen = ~np.isnan(points).any(axis=(1, 2))
     if seen.sum() < 2 or seen.mean() < MIN_SEEN_SHARE:
-        raise DataError(f"film: got a face in {int(seen.sum())} of {len(seen)} frames, expected one in most of them")
+        raise DataError(f"video: only {int(seen.sum())} of {len(seen)} frames show a face; most must")
     head, fit = _steadied(_filled(times_s, points, seen), model)
     still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
     upright, scale = _upright(still, model), _scale(still, model, pupils_mm)
@@ -101,24 +100,24 @@ def hold_face(times_s: Array, landmarks: ArrayLike, *, pupils_mm: float, model: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownHead:
-    """A head that was seen before: what :func:`hold_face` finds in a whole film, for frames that come one by one."""
+    """A head learned in advance: frames can then be processed one at a time, as :func:`hold_face` does a video."""
 
     model: FaceModel
     steady: Array
-    """(K, 3): its points that no expression moves, of size 1."""
+    """(K, 3): its points that no expression moves, normalised to size 1."""
     upright: Array
-    """(3, 3): turns those axes into the head's."""
+    """(3, 3): rotates those axes to the head's."""
     scale: float
-    """Millimetres of size 1."""
+    """Millimetres per unit of size."""
 
     def hold(self, landmarks: ArrayLike) -> tuple[Array, Array]:
-        """Hold frames still: (T, N, 3) landmarks as of :func:`hold_face`, a face in each.
+        """Remove head motion from frames, (T, N, 3) landmarks as for :func:`hold_face`, each with a face.
 
         Returns
         -------
         still_mm : (T, N, 3)
         poses : (T, 3, 3)
-            Both as of :class:`HeldFace`.
+            Both as in :class:`HeldFace`.
         """
         points = frozen(landmarks, "landmarks", ("T", self.model.count, 3), np.float64)
         head, fit = _steadied(points, self.model, self.steady)
@@ -127,7 +126,7 @@ class KnownHead:
 
 
 def learn_head(landmarks: ArrayLike, *, pupils_mm: float, model: FaceModel = FACE_MESH) -> KnownHead:
-    """Learn a head from frames that show it: (T, N, 3) landmarks as of :func:`hold_face`, a face in each."""
+    """Learn a head from frames, (T, N, 3) landmarks as for :func:`hold_face`, each with a face."""
     points = frozen(landmarks, "landmarks", ("T", model.count, 3), np.float64)
     head, fit = _steadied(points, model)
     still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
@@ -136,7 +135,7 @@ def learn_head(landmarks: ArrayLike, *, pupils_mm: float, model: FaceModel = FAC
 
 
 def _steadied(points: Array, model: FaceModel, template: Array | None = None) -> tuple[Array, RigidMotion]:
-    """Points to the left, up, out of the face, of size 1 about 0; and the motions that lay them on the template."""
+    """Points to the left, up, out of the face, of size 1 about 0; and the motions that fit them to the template."""
     head = points * (1.0, -1.0, -1.0)
     steady = head[:, model.steady]
     middle = steady.mean(axis=1, keepdims=True)
@@ -164,7 +163,7 @@ def _mean_rotation(rotations: Array) -> Array:
 
 
 def _upright(still: Array, model: FaceModel) -> Array:
-    """Rotation (3, 3) that lays the eyes level and the forehead above the chin."""
+    """Rotation (3, 3) that makes the eyes level and puts the forehead above the chin."""
     mean = still.mean(axis=0)
     right_eye, left_eye = (mean[list(corners)].mean(axis=0) for corners in model.corners)
     left, up = left_eye - right_eye, mean[model.top] - mean[model.chin]

@@ -1,12 +1,14 @@
-"""Recordings as CSV and TSV: a row a marker (long), a row a frame (wide), and exports of Vicon, Qualisys, OptiTrack.
+"""Recordings as text: CSV and TSV tables, exports of Vicon, Qualisys and OptiTrack, and TRC of OpenSim.
 
-The header decides:
+The header of a table decides:
 
-* long: columns named marker (or label), x, y, z and frame or time;
-* wide: columns ``NAME_x NAME_y NAME_z`` (or ``NAME.x``, ``NAME:X``, ``NAME X``);
-* Vicon Nexus: a row of names, each over its first column, a row ``Frame, Sub Frame, X, Y, Z ...``, a row of units;
+* long, one marker per row: columns named marker (or label), x, y, z and frame or time;
+* wide, one frame per row: columns ``NAME_x NAME_y NAME_z`` (or ``NAME.x``, ``NAME:X``, ``NAME X``);
+* Vicon Nexus: a row of names, each above its first column, a row ``Frame, Sub Frame, X, Y, Z ...``, a row of units;
 * OptiTrack Motive: ``Format Version`` in the first cell, rows ``Type``, ``Name`` ..., then ``Frame, Time (Seconds)``;
 * Qualisys QTM: lines ``NO_OF_FRAMES``, ``FREQUENCY``, ``MARKER_NAMES`` ..., then numbers.
+
+TRC, the format of Motion Analysis and OpenSim, has five header lines, then a line per frame.
 """
 
 import re
@@ -15,8 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.raw import RawTrack
+from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.capture.text import decode_text, numbers, rate_of, split_rows, whole
 from fapengine.errors import DataError, TruncatedError
 
@@ -30,22 +31,22 @@ MARKER_WORDS, FRAME_WORDS, TIME_WORDS = (
 AXIS = re.compile(r"^(?P<name>.+?)[\s_.:\-]*(?P<axis>[xyz])(?:\s*[\[(](?P<unit>\w+)[\])])?$", re.IGNORECASE)
 LENGTH_UNITS = {"mm", "cm", "m", "in", "inch"}
 SEARCHED = 40
-"""Lines in which a header is looked for."""
+"""Lines searched for a header."""
 
 
 def parse_table(data: bytes) -> RawTrack:
-    """Read a recording.
+    """Read a recording in CSV or TSV.
 
     Raises
     ------
     TruncatedError
         If there is a header, but no frame.
     DataError
-        If no header is understood, or a cell is no number; ``where`` is line and column.
+        If no header is recognized, or a cell is not a number; ``where`` is line and column.
     """
     rows = split_rows(decode_text(data, "table"))
     if not any(any(row) for row in rows):
-        raise DataError("table: got nothing, expected a header and numbers", where="line 1")
+        raise DataError("table: empty", where="line 1")
     first = rows[0][0].lower() if rows[0] else ""
     if first == "format version":
         return _optitrack(rows)
@@ -61,7 +62,7 @@ def parse_table(data: bytes) -> RawTrack:
         if sum(match is not None for match in axis_matches) >= 3 and words.count("x") == 0:
             return _wide(rows, line, axis_matches, words)
     raise DataError(
-        "table: got no header that names markers, expected columns marker, x, y, z or NAME_x, NAME_y, NAME_z",
+        "table: no header with markers; use columns marker, x, y, z or NAME_x, NAME_y, NAME_z",
         where="line 1",
     )
 
@@ -69,7 +70,7 @@ def parse_table(data: bytes) -> RawTrack:
 def _body(rows: Rows, line: int) -> Rows:
     body = [row for row in rows[line:] if any(row)]
     if not body:
-        raise TruncatedError("table: got a header and no frame", where=f"line {line + 1}")
+        raise TruncatedError("table: contains no frames", where=f"line {line + 1}")
     return body
 
 
@@ -83,26 +84,24 @@ def _long(rows: Rows, line: int, words: list[str]) -> RawTrack:
     assert marker is not None
     when = frame if frame is not None else time
     if when is None:
-        raise DataError("table: got no column frame or time, expected one", where=f"line {line + 1}")
+        raise DataError("table: column frame or time missing", where=f"line {line + 1}")
     short = next((n for n, row in enumerate(body) if len(row) <= marker or not row[marker]), None)
     if short is not None:
-        raise DataError("table: got no marker name", where=f"line {line + 2 + short}, column {marker + 1}")
+        raise DataError("table: marker name missing", where=f"line {line + 2 + short}, column {marker + 1}")
     labels = tuple(dict.fromkeys(row[marker] for row in body))
     cells = [[row[c] if c < len(row) else "" for c in (when, time or 0, *map(words.index, "xyz"))] for row in body]
     table = numbers(cells if time is not None else [[c[0], "", *c[2:]] for c in cells], 5, line + 2)
     moments, places = np.unique(table[:, 0], return_inverse=True)
     if np.isnan(moments).any():
         bad = int(np.isnan(table[:, 0]).argmax())
-        raise DataError("table: got an empty frame or time", where=f"line {line + 2 + bad}, column {when + 1}")
+        raise DataError("table: frame or time missing", where=f"line {line + 2 + bad}, column {when + 1}")
     positions = np.full((len(moments), len(labels), 3), np.nan)
     index = {name: number for number, name in enumerate(labels)}
     columns = np.array([index[row[marker]] for row in body])
     twice = np.bincount(places * len(labels) + columns, minlength=1)
     if twice.max() > 1:
         at = int(twice.argmax())
-        raise DataError(
-            f"table: got marker {labels[at % len(labels)]!r} twice at {moments[at // len(labels)]:g}, expected once"
-        )
+        raise DataError(f"table: marker {labels[at % len(labels)]!r} is repeated at {moments[at // len(labels)]:g}")
     positions[places, columns] = table[:, 2:]
     times = np.full(len(moments), np.nan)
     times[places] = table[:, 1]
@@ -121,7 +120,7 @@ def _wide(rows: Rows, line: int, axis_matches: list[re.Match[str] | None], words
     partial = next((name for name, axes in columns.items() if len(axes) < 3), None)
     if partial is not None:
         raise DataError(
-            f"table: got {'/'.join(sorted(columns[partial]))} of marker {partial!r}, expected x, y and z",
+            f"table: marker {partial!r} has {'/'.join(sorted(columns[partial]))} only; needs x, y and z",
             where=f"line {line + 1}",
         )
     body = _body(rows, line + 1)
@@ -137,7 +136,7 @@ def _wide(rows: Rows, line: int, axis_matches: list[re.Match[str] | None], words
 
 
 def _spread(names: Sequence[str], axes: Sequence[str]) -> tuple[tuple[str, ...], list[int]]:
-    """Names stand over the first of their three columns: labels, and the columns of all coordinates in order."""
+    """Labels, and the columns of all coordinates in order; a name is above the first of its three columns."""
     labels, order, name = [], [], ""
     for index, axis in enumerate(axes):
         name = names[index] if index < len(names) and names[index] else name
@@ -148,16 +147,16 @@ def _spread(names: Sequence[str], axes: Sequence[str]) -> tuple[tuple[str, ...],
 
 
 def _vicon(rows: Rows, line: int) -> RawTrack:
-    """Blocks follow each other in the file; the trajectories are the one whose axes are X, Y, Z."""
+    """Read Nexus; of the blocks in the file, the trajectories are the one with axes X, Y, Z."""
     labels, order = _spread(rows[line - 1] if line else [], rows[line])
     if not labels or not all(labels):
-        raise DataError("table: got no marker names over X, Y, Z", where=f"line {line}")
+        raise DataError("table: marker names above X, Y, Z missing", where=f"line {line}")
     units = rows[line + 1] if line + 1 < len(rows) else []
     unit = next((cell.lower() for cell in units if cell.lower() in LENGTH_UNITS), None)
     stop = next((n for n in range(line + 1, len(rows)) if not any(rows[n])), len(rows))
     body = [row for row in rows[line + 1 : stop] if row[0].lstrip("-").isdigit()]
     if not body:
-        raise TruncatedError("table: got a header and no frame", where=f"line {line + 1}")
+        raise TruncatedError("table: contains no frames", where=f"line {line + 1}")
     table = numbers(body, len(rows[line]), line + 2 + bool(unit))
     rates = [row[0] for row in rows[:line] if len([c for c in row if c]) == 1 and row[0].replace(".", "").isdigit()]
     return RawTrack(
@@ -175,7 +174,7 @@ def _optitrack(rows: Rows) -> RawTrack:
     names = next((row for row in rows[:SEARCHED] if "Name" in row[:2]), None)
     kinds = next((row for row in rows[:SEARCHED] if "Type" in row[:2]), None)
     if line is None or names is None:
-        raise DataError("table: got no rows Name and Frame, expected those of Motive", where="line 1")
+        raise DataError("table: rows Name and Frame of a Motive export missing", where="line 1")
     labels, order = _spread(names, rows[line])
     if kinds is not None:  # bones and rigid bodies have positions too
         kept = [
@@ -185,7 +184,7 @@ def _optitrack(rows: Rows) -> RawTrack:
         ]
         labels, order = tuple(labels[n] for n in kept), [c for n in kept for c in order[3 * n : 3 * n + 3]]
     if not labels:
-        raise DataError("table: got no column of a marker, expected some", where=f"line {line + 1}")
+        raise DataError("table: contains no marker columns", where=f"line {line + 1}")
     table = numbers(_body(rows, line + 1), len(rows[line]), line + 2)
     units = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "inch"}
     return RawTrack(
@@ -202,12 +201,12 @@ def _qualisys(rows: Rows) -> RawTrack:
     labels = tuple(name for name in facts["MARKER_NAMES"] if name)
     line = next((n for n, row in enumerate(rows) if row and _is_number(row[0])), None)
     if not labels or line is None:
-        raise TruncatedError("table: got no frame under MARKER_NAMES", where=f"line {len(rows)}")
+        raise TruncatedError("table: no frames after MARKER_NAMES", where=f"line {len(rows)}")
     body = _body(rows, line)
     extra = max(len(row) for row in body) - 3 * len(labels)
     if extra < 0 or extra > 3:
         raise DataError(
-            f"table: got {3 * len(labels) + extra} columns, expected {3 * len(labels)}, or frame and time before them",
+            f"table: must have {3 * len(labels)} columns, or frame and time before them, got {3 * len(labels) + extra}",
             where=f"line {line + 1}",
         )
     skipped = 2 if extra >= 2 else 0  # frame and time; a tab behind the last column makes one more
@@ -230,7 +229,7 @@ def _is_number(cell: str) -> bool:
 
 
 def format_table(track: MarkerTrack, *, long: bool = False, delimiter: str = ",") -> bytes:
-    """Write a recording, mm: a row a frame, or with ``long`` a row a marker that was seen."""
+    """Write a recording in mm: one frame per row, or with ``long`` one visible marker per row."""
     times: NDArray[np.float64] = np.arange(track.frame_count) / track.rate_hz
     if long:
         lines = [delimiter.join(("frame", "time", "marker", "x", "y", "z"))]
@@ -243,4 +242,94 @@ def format_table(track: MarkerTrack, *, long: bool = False, delimiter: str = ","
         for index, frame in enumerate(track.positions_mm):
             cells = ("" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel())
             lines.append(delimiter.join((str(index), f"{times[index]:.6f}", *cells)))
+    return ("\n".join(lines) + "\n").encode()
+
+
+FIRST_COLUMNS = 2
+"""Frame number and time."""
+
+
+def parse_trc(data: bytes) -> RawTrack:
+    """Read a recording in TRC.
+
+    Raises
+    ------
+    TruncatedError
+        If it ends within its header, or without a frame.
+    DataError
+        If a header field or a cell is wrong; ``where`` is the line.
+    """
+    lines = decode_text(data, "TRC").splitlines()
+    if not lines or not lines[0].startswith("PathFileType"):
+        raise DataError(f"TRC: must start with PathFileType, got {(lines or [''])[0]!r:.40}", where="line 1")
+    if len(lines) < 6:
+        raise TruncatedError(
+            f"TRC: must have a header of 5 lines and frames, got {len(lines)} lines", where=f"line {len(lines)}"
+        )
+    rows = [[cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in lines]
+    fields = dict(zip((key.lower() for key in rows[1]), rows[2], strict=False))
+    labels, columns = _trc_names(rows[3][FIRST_COLUMNS:])
+    if not labels:
+        raise DataError("TRC: contains no marker names", where="line 4")
+    first = next((n for n in range(4, len(rows)) if rows[n] and rows[n][0].lstrip("-").isdigit()), None)
+    if first is None:
+        raise TruncatedError("TRC: contains no frames", where=f"line {len(rows)}")
+    body = [row for row in rows[first:] if any(row)]
+    filled = np.array([max(n for n, cell in enumerate(row) if cell) + 1 for row in body])
+    held, odd = divmod(int(filled.max()) - FIRST_COLUMNS, 3)
+    if odd and held >= columns[-1] + 1:
+        raise DataError(
+            f"TRC: {filled.max()} cells; must be {FIRST_COLUMNS} and three for each of"
+            f" {len(labels)} named or more markers",
+            where=f"line {first + int(filled.argmax()) + 1}",
+        )
+    count = max(held, columns[-1] + 1)
+    table = numbers(body, FIRST_COLUMNS + 3 * count, first + 1)
+    stated = _trc_rate(fields)
+    positions = whole(table[:, FIRST_COLUMNS:].reshape(len(table), count, 3)[:, columns])
+    wanted = fields.get("nummarkers", "")
+    notes: tuple[str, ...] = ()
+    if count > len(labels):
+        notes = (f"{count - len(labels)} of {count} trajectories have no name and are left out",)
+    elif wanted.isdigit() and int(wanted) != len(labels):
+        notes = (f"NumMarkers says {wanted}, but {len(labels)} are named",)
+    return RawTrack(
+        positions=positions,
+        labels=labels,
+        rate_hz=stated or rate_of(table[:, 1]),
+        units=fields.get("units") or None,
+        notes=notes,
+    )
+
+
+def _trc_names(cells: list[str]) -> tuple[tuple[str, ...], list[int]]:
+    """Labels, and the trajectory index of each: a label is above the first of three columns, or they are contiguous."""
+    at = [index for index, cell in enumerate(cells) if cell]
+    spread = all(index % 3 == 0 for index in at)
+    return tuple(cells[index] for index in at), [index // 3 for index in at] if spread else list(range(len(at)))
+
+
+def _trc_rate(fields: dict[str, str]) -> float | None:
+    try:
+        rate = float(fields.get("datarate", ""))
+    except ValueError:
+        return None
+    return rate if np.isfinite(rate) and rate > 0 else None
+
+
+def format_trc(track: MarkerTrack) -> bytes:
+    """Write a recording in mm; positions that were not seen are left empty."""
+    frames, count = track.positions_mm.shape[:2]
+    rate = f"{track.rate_hz:.10g}"
+    lines = [
+        "PathFileType\t4\t(X/Y/Z)\tfapengine.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate}\t{rate}\t{frames}\t{count}\tmm\t{rate}\t1\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(track.labels) + "\t\t",
+        "\t\t" + "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, count + 1)),
+        "",
+    ]
+    for index, frame in enumerate(track.positions_mm):
+        cells = ("" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel())
+        lines.append(f"{index + 1}\t{index / track.rate_hz:.6f}\t" + "\t".join(cells))
     return ("\n".join(lines) + "\n").encode()

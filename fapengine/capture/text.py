@@ -11,11 +11,11 @@ from fapengine.errors import DataError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "."})
 LIMIT = 1 << 17
-"""Longest cell; a longer one is no table."""
+"""Longest cell; longer ones are not a table's."""
 
 
 def decode_text(data: bytes, name: str) -> str:
-    """Decode UTF-8 (with or without mark), UTF-16 with mark, or Latin-1 as old systems write it.
+    """Decode UTF-8 (with or without BOM), UTF-16 with BOM, or Latin-1 as old systems write it.
 
     Raises
     ------
@@ -30,17 +30,17 @@ def decode_text(data: bytes, name: str) -> str:
         except UnicodeDecodeError:
             text = data.decode("latin-1")
     if "\0" in text:
-        raise DataError(f"{name}: got NUL bytes, expected text", where=f"character {text.index(chr(0))}")
+        raise DataError(f"{name}: is not text, contains NUL bytes", where=f"character {text.index(chr(0))}")
     return text
 
 
 def split_rows(text: str) -> list[list[str]]:
-    """Cells of every line, stripped; the delimiter is the one of tab, ``;`` and ``,`` that the longest line has most.
+    """Split text into stripped cells; the delimiter is the most frequent of tab, ``;`` and ``,`` in the longest line.
 
     Raises
     ------
     DataError
-        If a cell is too long to be one.
+        If a cell is too long.
     """
     longest = max(text.splitlines(), key=len, default="")
     delimiter = max("\t;,", key=longest.count)
@@ -52,12 +52,12 @@ def split_rows(text: str) -> list[list[str]]:
 
 
 def numbers(rows: Sequence[Sequence[str]], width: int, first_line: int) -> NDArray[np.float64]:
-    """Cells as numbers, (R, width) float64; empty cells, missing ends of lines and NA are NaN, decimal commas points.
+    """Parse cells, (R, width) float64; empty cells, missing line ends and NA are NaN, decimal commas are points.
 
     Raises
     ------
     DataError
-        For a cell that is no number; ``where`` is line and column.
+        For a cell that is not a number; ``where`` is line and column.
     """
     table = np.full((len(rows), width), np.nan)
     for index, row in enumerate(rows):
@@ -68,18 +68,18 @@ def numbers(rows: Sequence[Sequence[str]], width: int, first_line: int) -> NDArr
                 table[index, column] = float(cell.replace(",", "."))
             except ValueError as error:
                 raise DataError(
-                    f"got {cell!r:.40}, expected a number", where=f"line {first_line + index}, column {column + 1}"
+                    f"not a number: {cell!r:.40}", where=f"line {first_line + index}, column {column + 1}"
                 ) from error
     table[~np.isfinite(table)] = np.nan
     return table
 
 
 def whole(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where one coordinate of a marker is missing, the marker is: (T, M, 3) -> (T, M, 3)."""
+    """Set all three coordinates to NaN where one is: (T, M, 3) -> (T, M, 3)."""
     return np.where(np.isnan(positions).any(axis=-1, keepdims=True), np.nan, positions)
 
 
 def rate_of(times_s: NDArray[np.float64]) -> float | None:
-    """Frames a second of rising times, (T,) s, to five digits; None where they are too few or do not rise."""
+    """Frame rate of rising times, (T,) s, to five digits; None if there are too few or they do not rise."""
     steps = np.diff(times_s[~np.isnan(times_s)])
     return float(f"{1.0 / np.median(steps):.5g}") if len(steps) and np.median(steps) > 0 else None

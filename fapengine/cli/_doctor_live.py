@@ -19,7 +19,7 @@ class LackError(Exception):
 def window() -> str:
     """Open a hidden window."""
     from fapengine.app.face import has_display
-    from fapengine.render.desktop import try_window
+    from fapengine.render.window import try_window
 
     if not has_display():
         raise LackError(
@@ -33,8 +33,8 @@ def sound() -> str:
     """Open the default device and see whether its clock runs."""
     import time
 
+    from fapengine.audio.device import Player, devices
     from fapengine.errors import ResourceError
-    from fapengine.live.audio.device import Player, devices
 
     outputs = devices()
     if not outputs:
@@ -119,14 +119,14 @@ def ear() -> str:
 
     import numpy as np
 
-    from fapengine.ears.choice import chosen
-    from fapengine.ears.process import EarProcess
-    from fapengine.ears.protocol import RATE_HZ
+    from fapengine.recognition.choice import SMALL, chosen
+    from fapengine.recognition.process import RecognizerProcess
+    from fapengine.recognition.protocol import RATE_HZ
 
     noise = np.random.default_rng(1).normal(0.0, 1000.0, RATE_HZ).astype(np.int16)
     begun_s = time.monotonic()
     ready_s = np.inf
-    process = EarProcess.open()
+    process = RecognizerProcess.open()
     try:
         process.begin()
         process.push(noise, RATE_HZ)
@@ -135,14 +135,16 @@ def ear() -> str:
             now_s = time.monotonic()
             ready_s = min(ready_s, now_s) if process.is_ready else np.inf
             if now_s - begun_s > EAR_S:
-                raise LackError(f"its process did not answer within {EAR_S:g} s", "")
+                raise LackError(f"its process did not answer within {EAR_S:g} s", "end what else is running")
             time.sleep(0.01)
     finally:
         process.close()
     speed = 1.0 / max(time.monotonic() - ready_s, 1e-3)
     found = f"{chosen(None)}, {speed:.1f} x real time, ready in {ready_s - begun_s:.1f} s"
+    if str(chosen(None)) == SMALL:
+        found += "; PocketSphinx is not installed, so the small recognizer is used alone"
     if speed < 1.0:
-        raise LackError(f"{found}: too slow for live sound", "")
+        raise LackError(f"{found}: too slow for live sound", "end what else is running, or use a faster machine")
     return found
 
 
@@ -154,7 +156,7 @@ def microphone() -> str:
     LackError
         If there is none.
     """
-    from fapengine.live.audio.microphone import microphones
+    from fapengine.audio.microphone import microphones
 
     found = microphones()
     if not found:

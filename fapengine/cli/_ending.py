@@ -1,4 +1,4 @@
-"""How the program ends: our errors are one line and an exit code, and Ctrl-C leaves nothing half written."""
+"""Program exit: errors become one line and an exit code; Ctrl-C leaves no partial files."""
 
 import contextlib
 import os
@@ -15,21 +15,20 @@ EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (Usa
 
 
 DEBUG, FAULT = "FAPENGINE_DEBUG", 70
-"""Variable that, set to anything, shows the traceback of a bug; exit code of one (EX_SOFTWARE of sysexits.h)."""
+"""Environment variable that shows tracebacks of internal errors; their exit code (EX_SOFTWARE of sysexits.h)."""
 EXITS = (
-    "Exit codes: 0 it is done; 1 a file's content is wrong; 2 the call is wrong, or a row of batch failed;"
-    " 3 the machine lacks something, or a server is not there;"
-    f" {FAULT} a bug of fapengine; 128 + N ended by signal N (Ctrl-C: 130)."
+    "Exit codes: 0 success; 1 invalid file; 2 invalid usage, or a batch row failed; 3 missing dependency, device or"
+    f" server; {FAULT} internal error (please report it); 128 + N killed by signal N (Ctrl-C: 130)."
 )
-"""Meaning of each exit code, for the help."""
+"""Exit codes, for the help."""
 
 
 def run_to_the_end(command_line: Callable[[], object]) -> None:
-    """Run a command line; an error of ours is one line and an exit code, another one is said to be a bug."""
+    """Run a command line. Expected errors print one line; any other exception is reported as an internal error."""
     _leave_in_order()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that has no IPA still shows the rest
+            stream.reconfigure(errors="backslashreplace")  # a terminal without IPA still shows the rest
     try:
         try:
             command_line()
@@ -39,20 +38,20 @@ def run_to_the_end(command_line: Callable[[], object]) -> None:
     except FapEngineError as error:
         _end(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 3))
     except MemoryError:
-        _end("not enough memory; give it less at once", 3)
-    except OSError as error:  # our files are dealt with elsewhere: this is the terminal, or a full disk
+        _end("out of memory; process less at a time", 3)
+    except OSError as error:  # files are handled elsewhere: this is the terminal, or a full disk
         _end(f"output: cannot be written ({error.strerror or error})", 3)
     except Exception as error:
         if os.environ.get(DEBUG):
             raise
-        if isinstance(error, ModuleNotFoundError) and find_spec("scipy") is None:  # planning and coding do without
-            _end("scipy is not installed; mend it with: pip install scipy", 3)
+        if isinstance(error, ModuleNotFoundError) and find_spec("scipy") is None:  # planning and coding do not need it
+            _end("scipy is not installed. Install it with: pip install scipy", 3)
         told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        _end(f"{told}; this is a bug of fapengine, please report it with what {DEBUG}=1 shows", FAULT)
+        _end(f"{told}; this is a bug in fapengine. Please report it, with the output of {DEBUG}=1", FAULT)
 
 
 def _leave_in_order() -> None:
-    """Leave by Ctrl-C, SIGTERM and the end of the terminal alike, nothing half written; a second one does not wait."""
+    """Handle Ctrl-C, SIGTERM and SIGHUP alike, without partial files; a second signal exits at once."""
     left = False
 
     def leave(number: int, _: object) -> None:
@@ -74,14 +73,14 @@ def _leave_in_order() -> None:
 
 
 def _end(message: str, code: int) -> NoReturn:
-    """Say in one line why, and end."""
+    """Print one line and exit."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError):
-            sys.stderr.write(f"fapengine: {' '.join(message.split(chr(10)))}\n")  # a file's words may hold lines
+            sys.stderr.write(f"fapengine: {' '.join(message.split(chr(10)))}\n")
             sys.stderr.flush()
     if sys.stdout is not None:
         try:
             sys.stdout.flush()
-        except OSError:  # what cannot be written now cannot be at the end either, and Python would say so at length
+        except OSError:  # else Python would print a traceback when it flushes again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""Options of the verbs that listen, and the bar while they do."""
+"""Options of the commands that recognize speech, and their progress bar."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,57 +8,53 @@ import typer
 if TYPE_CHECKING:
     from fapengine.app.hearing import Hearing
 
-HEARING = "What is heard"
+HEARING = "Speech recognition"
 
 Text = Annotated[
     Path | None,
-    typer.Option(
-        "--text", "-t", help="File with the words that are said: closer than without.", rich_help_panel=HEARING
-    ),
+    typer.Option("--text", "-t", help="Transcript file. Improves accuracy.", rich_help_panel=HEARING),
 ]
 Transcript = Annotated[
-    str | None, typer.Option("--transcript", help="The words themselves.", rich_help_panel=HEARING)
+    str | None, typer.Option("--transcript", help="Transcript as text.", rich_help_panel=HEARING)
 ]  # fmt: skip
 Language = Annotated[
     str,
-    typer.Option(
-        "--language", help="Of the words: en-us, de, fr-fr, ...; without words, no matter.", rich_help_panel=HEARING
-    ),
+    typer.Option("--language", help="Language of the transcript: en-us, de, fr-fr, ...", rich_help_panel=HEARING),
 ]
 Channel = Annotated[
     str | None,
     typer.Option(
         "--channel",
         metavar="NUMBER|each",
-        help="Channel of the sound, 1 for the first; else the mean. each: a file for every one, OUT-1, OUT-2, ...: two"
-        " speakers in two channels.",
+        help="Audio channel, 1 for the first. Default: the mean of all. each: one output per channel (OUT-1, OUT-2),"
+        " for one speaker per channel.",
         rich_help_panel=HEARING,
     ),
 ]
-EarModel = Annotated[
+RecognizerName = Annotated[
     Path | None,
     typer.Option(
-        "--ear",
-        metavar="EAR",
-        help="What hears without words: small (a network of our own), sphinx, both, or MODEL.onnx, a learned ear"
-        " of yours with its labels beside it in MODEL.json.",
+        "--recognizer",
+        metavar="NAME",
+        help="Speech recognizer without a transcript: small (built-in network), sphinx (PocketSphinx), both, or"
+        " MODEL.onnx, your own network with its labels in MODEL.json.",
         rich_help_panel=HEARING,
     ),
 ]
 EACH = "each"
 MAX_EACH = 8
-"""Channels that are taken for speakers of their own at most."""
+"""Largest number of channels for ``each``."""
 
 
 def channels_of(
     channel: str | None, path: Path | None, output: Path, *, has_words: bool = False
 ) -> list[tuple[int | None, Path]]:
-    """List the channels to be taken, and where the result of each goes; None is the mean of all.
+    """List the channels to read, and the output of each; None is the mean of all.
 
     Raises
     ------
     UsageError
-        If it is no number, or each of several is meant with the words of one.
+        If it is not a number, or ``each`` is combined with one transcript.
     """
     from fapengine.errors import UsageError
     from fapengine.files.sound import inspect_sound
@@ -67,22 +63,20 @@ def channels_of(
         return [(None, output)]
     if channel != EACH:
         if not channel.isdecimal():
-            raise UsageError(f"channel: got {channel!r}, expected a number from 1 on, or {EACH}")
+            raise UsageError(f"channel: must be a number from 1, or {EACH}, got {channel!r}")
         return [(int(channel), output)]
     if path is None:
-        raise UsageError(f"channel: got {EACH}, which is of a recording; expected a number or none with timings")
+        raise UsageError(f"channel: {EACH} works with recordings only, not with timings")
     if has_words:
-        raise UsageError(
-            f"channel: got {EACH} and words, which are of one; expected one at a time with words of its own"
-        )
+        raise UsageError(f"channel: {EACH} cannot be combined with a transcript; process one channel at a time")
     count = inspect_sound(path).channels
     if count > MAX_EACH:
-        raise UsageError(f"channel: got {EACH} of {count}, expected {MAX_EACH} channels or fewer")
+        raise UsageError(f"channel: {EACH} supports at most {MAX_EACH} channels, got {count}")
     return [(n, output.with_name(f"{output.stem}-{n}{output.suffix}")) for n in range(1, count + 1)]
 
 
 def transcript_of(text: Path | None, transcript: str | None) -> str | None:
-    """Return the words of either option.
+    """Return the transcript of either option.
 
     Raises
     ------
@@ -93,17 +87,19 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     from fapengine.errors import UsageError
 
     if text is not None and transcript is not None:
-        raise UsageError("--text, --transcript: got both, expected one")
+        raise UsageError("--text and --transcript: use only one")
     return read_text(text) if text is not None else transcript
 
 
 def hear_with_bar(
-    path: Path, *, transcript: str | None, language: str, channel: int | None, ear: Path | None
+    path: Path, *, transcript: str | None, language: str, channel: int | None, recognizer: Path | None
 ) -> "Hearing":
-    """Hear a file under a bar that counts its seconds. Raises as :func:`fapengine.app.hearing.hear`."""
+    """Recognize a file with a progress bar; see :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
     from fapengine.cli._progress import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
-        return hear(path, transcript=transcript, language=language, channel=channel, ear=ear, on_heard=advance)
+        return hear(
+            path, transcript=transcript, language=language, channel=channel, recognizer=recognizer, on_heard=advance
+        )

@@ -1,4 +1,4 @@
-"""Bars and spinners on standard error, on a terminal only: what a user waits for, and for how long."""
+"""Progress bars and spinners on standard error, on a terminal only."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,11 +15,11 @@ from rich.progress import (
 )
 
 WAITS = {"voice": "speaking", "read": "reading", "plan": "planning"}
-"""Stages of a report that show no bar of their own, and what a user is told of each."""
+"""Stages of a report without a progress bar, and the label of each."""
 
 
 class Advance:
-    """One progress bar; a call moves it on. Stateful."""
+    """One progress bar; a call advances it. Stateful."""
 
     def __init__(self, progress: Progress, total: int, description: str) -> None:
         self._progress, self._task = progress, progress.add_task(description, total=total)
@@ -30,7 +30,7 @@ class Advance:
 
 @contextmanager
 def progress(description: str, total: int) -> Iterator[Advance]:
-    """Show a progress bar, on a terminal only; what it gives is called after each step."""
+    """Show a progress bar, on a terminal only; call the yielded object after each step."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -39,12 +39,12 @@ def progress(description: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def working(on_what: str) -> Iterator[None]:
-    """Show that work goes on, and for how long, on a terminal only: for work whose length nobody knows before.
+    """Show a spinner with the elapsed time, on a terminal only, for work of unknown length.
 
     Parameters
     ----------
     on_what : str
-        What is done, or the name of a stage of :data:`WAITS`; other stages show a bar of their own.
+        Label, or a stage of :data:`WAITS`; other stages have a progress bar.
     """
     console = Console(stderr=True)
     told = WAITS.get(on_what, on_what if " " in on_what else "")

@@ -1,4 +1,4 @@
-"""``fapengine say --live``: a window or a line of the terminal, and the result in words."""
+"""``fapengine say --live``: a window or a terminal line, and the printed result."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,8 @@ from pathlib import Path
 from rich.console import Console
 
 from fapengine.app.face import has_display
-from fapengine.app.listen_live import listen_live
 from fapengine.app.manner import Manner
-from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, say_live
+from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, listen_live, say_live
 from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.errors import ResourceError
 from fapengine.render.drawing import Drawing
@@ -28,11 +27,11 @@ def say_now(
     drawing: Drawing,
     window: bool | None,
 ) -> dict[str, object]:
-    """Say it in a window, or on the terminal where there is no display; ``window`` insists on one of them."""
+    """Say it in a window, or in the terminal if there is no display; ``window`` forces one of them."""
     return say_live(
         speech, text, manner, output,
         lambda: _screen(speech.phones, manner, head=head, drawing=drawing, window=window),
-        on_silence=lambda reason: _note(f"no sound ({reason}); the face keeps time by the clock"),
+        on_silence=lambda reason: _note(f"no sound ({reason}); the face follows the system clock"),
     )  # fmt: skip
 
 
@@ -41,18 +40,18 @@ def listen_now(
     manner: Manner,
     output: LiveOutput,
     *,
-    ear: Path | None,
+    recognizer: Path | None,
     head: str,
     drawing: Drawing,
     window: bool | None,
 ) -> dict[str, object]:
-    """Show what a microphone hears, where :func:`say_now` would show it; until the viewer ends it."""
+    """Drive the face from a microphone until the user stops it."""
     return listen_live(
         manner,
         output,
         lambda: _screen(None, manner, head=head, drawing=drawing, window=window),
         microphone=microphone,
-        ear=ear,
+        recognizer=recognizer,
     )
 
 
@@ -74,7 +73,7 @@ def _note(text: str) -> None:
 
 
 def print_live(result: dict[str, object], *, as_json: bool) -> None:
-    """Print what was shown, and how far face and sound were apart."""
+    """Print the frame counts and the offset between face and sound."""
     if as_json:
         print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
         return
@@ -89,7 +88,7 @@ def print_live(result: dict[str, object], *, as_json: bool) -> None:
 
 
 def print_heard(result: dict[str, object], *, as_json: bool) -> None:
-    """Print what a microphone's face has heard and shown."""
+    """Print what was recognized and shown."""
     if as_json:
         print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
         return

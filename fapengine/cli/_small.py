@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from fapengine.cli._ending import run_to_the_end
+from fapengine.speaking import DEFAULT_PROFILE
 
 MEND = "mend it with: pip install typer rich"
 STANDARD = {"animate": ".fap", "encode": ".fba", "decode": ".fap", "convert": ".csv"}
 """Ending of what ``-o -`` writes to standard output."""
-FBA_START = b"\x00\x00\x01"
 
 
 def main() -> None:
@@ -88,7 +88,7 @@ def _convert(chosen: Namespace) -> dict[str, Any]:
 
 def _encode(chosen: Namespace) -> dict[str, Any]:
     from fapengine.codec.encoder import EncoderOptions, encode
-    from fapengine.files.fap import load_fap
+    from fapengine.files.motion import load_fap
     from fapengine.files.paths import write_bytes
 
     _check(chosen)
@@ -101,8 +101,8 @@ def _encode(chosen: Namespace) -> dict[str, Any]:
 def _decode(chosen: Namespace) -> dict[str, Any]:
     from dataclasses import replace
 
-    from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
+    from fapengine.files.motion import save_fap
 
     _check(chosen)
     decoded = load_fba(chosen.source)
@@ -113,26 +113,11 @@ def _decode(chosen: Namespace) -> dict[str, Any]:
 
 
 def _inspect(chosen: Namespace) -> dict[str, Any]:
-    from fapengine._resources import profile_ids
-    from fapengine.cli import _inspect_fba, _inspect_media, _inspect_profile, _inspect_timings
-    from fapengine.errors import ResourceError
-    from fapengine.files.fba import load_fba
-    from fapengine.files.paths import read_bytes
-    from fapengine.files.profiles import load_profile
-    from fapengine.files.timings import load_timings
-    from fapengine.speech.formats.registry import guess_format
+    from fapengine.app.inspection.kinds import find_kind
+    from fapengine.app.inspection.report import Source
 
-    path: Path = chosen.source
-    if str(path) in profile_ids() or (path / "profile.toml").is_file():
-        return _inspect_profile.describe(load_profile(str(path)))
-    data = read_bytes(path)
-    if data.startswith(FBA_START):
-        return _inspect_fba.describe(load_fba(path, errors="resync", with_costs=True), len(data))
-    if (found := guess_format(data, ending=path.suffix)) is not None:
-        return _inspect_timings.describe(load_timings(path), found.name, found.tool)
-    if path.suffix.lower() == ".fap":
-        return _inspect_media.describe_motion(path)
-    raise ResourceError(f"{path}: got no FAPs, stream, phone timings or profile; to look into others, {MEND}")
+    source = Source(chosen.source)
+    return find_kind(source).describe(source).facts
 
 
 def _check(chosen: Namespace) -> None:
@@ -157,7 +142,7 @@ VERBS: dict[str, tuple[Callable[[Namespace], dict[str, Any]], str, list[tuple[tu
         "phone timings to FAPs (.fap, .fba), a table of shapes (.csv) or an avatar's motion (.glb, .vrma)",
         [
             (("--expression", "-e"), {"action": "append", "default": [], "help": "joy:0.4, joy:0.4@1.5-3, ..."}),
-            (("--profile",), {"default": "grid_s1_en", "help": "whose way of speaking: a shipped name or a folder"}),
+            (("--profile",), {"default": DEFAULT_PROFILE, "help": "whose way of speaking: a shipped name or a folder"}),
             (("--fps",), {"type": float, "default": 30.0, "help": "frames a second"}),
             (("--seed",), {"type": int, "default": 1, "help": "chance of blinks, glances and head motion"}),
             _SHAPES,

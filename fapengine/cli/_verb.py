@@ -11,16 +11,23 @@ import textwrap
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, fields, is_dataclass
-from typing import Any
+from math import isfinite
+from types import NoneType
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
+from fapengine._strict_toml import Between, check_value
 from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.speaking import Described
+
+MANNER = "Speech and motion"
+"""Title of the options of :mod:`fapengine.speaking` in a verb's help."""
 
 ALIASES = {
     "path": "output", "rate_hz": "fps", "rate_wpm": "rate", "expressions": "expression", "sinks": "sink",
-    "kbit_s": "kbps", "loudness_db": "loudness", "format": "log", "metrics_port": "metrics",
-    "offset_s": "offset",
+    "kbit_s": "kbps", "loudness_db": "loudness", "format": "log", "edges": "antialias",
+    "offset_s": "offset", "bus": "nats", "sound": "play",
 }  # fmt: skip
 """Library's names of parameters to those of the verbs, where they differ."""
 at_end: ContextVar[Callable[[Callable[[], object]], object]] = ContextVar("at_end")
@@ -41,12 +48,16 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
             parameters += [_option(field) for field in fields(parameter.annotation)]
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    kinds = {parameter.name: parameter.annotation for parameter in parameters}
+    parameters = [_spelled(parameter) for parameter in parameters]
 
     def run(context: typer.Context, **values: Any) -> None:
-        for name, group in groups.items():
-            values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
         at_end.set(context.call_on_close)
         try:
+            for name, value in values.items():
+                values[name] = _checked(name, value, kinds[name])
+            for name, group in groups.items():
+                values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
             function(**values)
         except FapEngineError as error:
             raise _reworded(error, _flags(context)) from error
@@ -93,8 +104,8 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
 
     Examples
     --------
-    >>> with_flags("size: got 3, expected edges=soft", {"size": "--size", "edges": "--edges"})
-    '--size: got 3, expected --edges soft'
+    >>> with_flags("size: got 3, expected edges=soft", {"size": "--size", "antialias": "--antialias"})
+    '--size: got 3, expected --antialias soft'
     """
 
     def option(match: re.Match[str]) -> str:
@@ -107,6 +118,63 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
     name, colon, rest = text.partition(":")
     name = ALIASES.get(name, name)
     return f"{flags[name]}{colon}{rest}" if names_parameter and colon and name in flags else text
+
+
+def _checked(name: str, value: Any, kind: Any) -> Any:
+    """Refuse a number that is infinite or none, and an option of speaking that is out of its range."""
+    if isinstance(value, float) and not isfinite(value):
+        raise UsageError(f"{name}: got {value}, expected a number")
+    if _described(kind) is None or value is None:
+        return value
+    value = tuple(value) if isinstance(value, list) else value
+    check_value(name, value, kind)
+    return value
+
+
+def _described(kind: Any) -> Described | None:
+    """Find the description of an option of speaking; None for other annotations."""
+    parts = [meta for each in (kind, *get_args(kind)) if get_origin(each) is Annotated for meta in get_args(each)[1:]]
+    return next((meta for meta in parts if isinstance(meta, Described)), None)
+
+
+def _spelled(parameter: inspect.Parameter) -> inspect.Parameter:
+    """Make an option of the command line of one of speaking; other parameters stay as they are."""
+    kind = parameter.annotation
+    described = _described(kind)
+    if described is None:
+        return parameter
+    is_optional = NoneType in get_args(kind)
+    if is_optional:
+        kind = next(each for each in get_args(kind) if each is not NoneType)
+    plain, *metas = get_args(kind)
+    bounds = next((f"{meta.low:.15g} to {meta.high:.15g}" for meta in metas if isinstance(meta, Between)), "")
+    option = typer.Option(
+        f"--{parameter.name}",
+        *([described.short] if described.short else []),
+        help=described.help.format(range=bounds, choices=", ".join(described.choices)),
+        rich_help_panel=MANNER,
+        autocompletion=_complete_voice if parameter.name == "voice" else _completion(described.choices),
+    )
+    plain, default = (list[str], list(parameter.default)) if plain == tuple[str, ...] else (plain, parameter.default)
+    return parameter.replace(annotation=Annotated[plain | None if is_optional else plain, option], default=default)
+
+
+def _completion(choices: tuple[str, ...]) -> Callable[[str], list[str]] | None:
+    def complete(incomplete: str) -> list[str]:
+        return [choice for choice in choices if choice.startswith(incomplete.lower())]
+
+    return complete if choices else None
+
+
+def _complete_voice(incomplete: str) -> list[tuple[str, str]]:
+    """Codes of voices that begin so, each with its name, for the shell."""
+    from fapengine.errors import ResourceError
+    from fapengine.voices.espeak import voices
+
+    try:
+        return [(code, name) for code, name in voices().items() if code.startswith(incomplete.lower())]
+    except ResourceError:
+        return []
 
 
 def _option(field: "Field[Any]") -> inspect.Parameter:

@@ -1,4 +1,4 @@
-"""``fapengine align``: a recording to timed phones, with its text or without."""
+"""``fapengine align``: find the phones of a recording, with or without a transcript."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,25 +10,26 @@ from fapengine.cli import options as shared
 
 
 def align(
-    sound: Annotated[Path, typer.Argument(help="WAV, FLAC, MP3, Ogg, Opus, M4A or any video.")],
+    sound: Annotated[Path, typer.Argument(help="Recording: WAV, FLAC, MP3, Ogg, Opus, M4A or any video.")],
     text: _hearing.Text = None,
     transcript: _hearing.Transcript = None,
     language: _hearing.Language = "en-us",
     channel: _hearing.Channel = None,
-    ear: _hearing.EarModel = None,
+    recognizer: _hearing.RecognizerName = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help=".TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA).")
+        Path,
+        typer.Option("--output", "-o", help="Output file: .TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA)."),
     ] = Path("out/talk.TextGrid"),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Find when each phone of a recording is said.
+    """Find the time of each phone in a recording.
 
         fapengine align talk.wav --text talk.txt -o talk.TextGrid
-        fapengine align talk.wav -o talk.json    # its words are not known
+        fapengine align talk.wav -o talk.json    # without a transcript
 
-    With the words that are said (--text, --transcript) half of the phones lie within 10 ms of where they are; without
-    them, one in ten of p b m is missed. A TextGrid can be mended by hand in Praat, and animated as any timings.
+    With a transcript (--text, --transcript), half of the phones are within 10 ms of their true times. Without one, one
+    in ten of p, b and m is missed. Correct a TextGrid by hand in Praat, then use it with `fapengine animate`.
     """
     import json
 
@@ -41,12 +42,12 @@ def align(
 
     check_writable(output.suffix)
     tracks = channels_of(channel, sound, output, has_words=text is not None or transcript is not None)
-    writing.check([path for _, path in tracks], [sound, text, ear])
+    writing.check([path for _, path in tracks], [sound, text, recognizer])
     words = transcript_of(text, transcript)
     results = []
     console = Console(highlight=False)
     for number, path in tracks:
-        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, ear=ear)
+        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, recognizer=recognizer)
         write_phones(hearing, path)
         spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
         results.append({

@@ -1,4 +1,4 @@
-"""``fapengine animate``: a recording, or phone timings and their sound, to a talking face."""
+"""``fapengine animate``: turn a recording, or phone timings, into a talking face."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,17 +7,18 @@ import typer
 
 from fapengine.cli import _hearing
 from fapengine.cli import options as shared
+from fapengine.speaking import DEFAULT_VOICE, MannerOptions
 
 
 def animate(
     source: Annotated[
-        Path, typer.Argument(help="Sound or video; or phone timings, whose format is found from the content.")
+        Path, typer.Argument(help="Audio or video, or phone timings. The format of timings is detected.")
     ],
-    manner: shared.MannerOptions,
+    manner: MannerOptions,
     drawing: shared.DrawingOptions,
     avatar: shared.AvatarOptions,
     audio: Annotated[
-        Path | None, typer.Option("--audio", "-a", help="The sound of timings: WAV, MP3, FLAC, Ogg or any video.")
+        Path | None, typer.Option("--audio", "-a", help="Sound of the timings: WAV, MP3, FLAC, Ogg or any video.")
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
     shapes: shared.Shapes = None,
@@ -25,29 +26,30 @@ def animate(
     transcript: _hearing.Transcript = None,
     language: _hearing.Language = "en-us",
     channel: _hearing.Channel = None,
-    ear: _hearing.EarModel = None,
+    recognizer: _hearing.RecognizerName = None,
     voice: Annotated[
-        str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
-    ] = "en-us",
+        str, typer.Option("--voice", "-v", help="Voice that pronounces timings without phones.")
+    ] = DEFAULT_VOICE,
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
     timings: shared.TimingOptions = shared.TimingOptions(),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Animate a recording, or phone timings that another tool made.
+    """Animate a recording, or phone timings from another tool.
 
         fapengine animate talk.wav --text talk.txt -o out/talk.mp4
         fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
         fapengine animate talk.wav --into avatar.glb -o out/spoken.glb
         fapengine animate two.wav --channel each -o out/two.mp4    # two speakers
 
-    Phones of a recording are heard: with its words (--text, --transcript) about as well as if they were timed by hand;
-    without them the mouth still follows. Music and noise do not move it.
+    The phones of a recording are recognized. With a transcript (--text, --transcript) they are nearly as accurate as
+    timed by hand; without one, the mouth still follows the speech. Music and noise do not move it.
 
-    Two speakers in two channels give two tracks: out/two-1.mp4 and out/two-2.mp4.
+    With --channel each, two speakers in two channels give two videos: out/two-1.mp4 and out/two-2.mp4.
     """
     from fapengine.app.hearing import is_sound, with_loudness
+    from fapengine.app.manner import manner_of
     from fapengine.app.mouth_cues import RHUBARB
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
@@ -61,15 +63,13 @@ def animate(
 
     listens = is_sound(source)
     of_timings = {"--audio": audio, **timings.given}
-    of_sound = {"--text": text, "--transcript": transcript, "--ear": ear}
+    of_sound = {"--text": text, "--transcript": transcript, "--recognizer": recognizer}
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
-            kind = (
-                "a recording; expected phone timings" if listens else "no name of a recording; expected .wav, .mp3, ..."
-            )
-            raise UsageError(f"{name}: got {value}, but {source} is {kind} with it")
+            kind = "a recording; it needs phone timings" if listens else "not a recording; it needs .wav, .mp3, ..."
+            raise UsageError(f"{name}: cannot be used here: {source} is {kind}")
     output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
-    chosen, how, into = manner.value(), drawing.value(), avatar.value()
+    chosen, how, into = manner_of(manner), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
     has_words = text is not None or transcript is not None
     tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
@@ -78,7 +78,7 @@ def animate(
     has_sound = listens or audio is not None
     writing.check(
         [name for _, path in tracks for name in outputs_of(path, sound=has_sound, inputs=inputs, recording=True)],
-        [*inputs, text, ear, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
+        [*inputs, text, recognizer, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
     )
     words = transcript_of(text, transcript) if listens else None
     reports: list[Report] = []
@@ -87,7 +87,9 @@ def animate(
         reports.append(report)
         if listens:
             with report.stage("listen"):
-                hearing = hear_with_bar(source, transcript=words, language=language, channel=number, ear=ear)
+                hearing = hear_with_bar(
+                    source, transcript=words, language=language, channel=number, recognizer=recognizer
+                )
             phones, report.notes = hearing.phones, hearing.notes
         else:
             with report.stage("read"):

@@ -1,4 +1,4 @@
-"""``fapengine batch``: a corpus, on one machine or many."""
+"""``fapengine batch``: process a corpus, on one machine or many."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,39 +12,47 @@ def batch(
     manifest: Annotated[
         str,
         typer.Argument(
-            help="Table (.csv, .jsonl) with a row an utterance: id; text, timings or audio; any option of the verbs. Or"
-            " a pattern of files ('wav/*.wav'); or the folder of a run, with --status, --verify or --retry-failed."
-            " For profiles, a row a speaker: id, session; or a pattern of folders."
+            help="Table (.csv, .jsonl) with one row per utterance: id; text, timings or audio; any option of the"
+            " commands. Or a file pattern ('wav/*.wav'), or the folder of an earlier run with --status, --verify or"
+            " --retry-failed. For profiles: one row per speaker (id, session), or a pattern of folders."
         ),
     ],
     avatar: shared.AvatarOptions,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder that the files go into.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Output folder.")] = None,
     to: Annotated[
-        str, typer.Option("--to", help="fba, fap, mp4, csv, glb (with --into or a column of it), or profile, as fit.")
+        str,
+        typer.Option(
+            "--to", help="Output type: fba, fap, mp4, csv, glb (with --into, or a column into) or profile (see `fit`)."
+        ),
     ] = "fba",
     text: Annotated[
-        str | None, typer.Option("--text", help="Of a pattern: the words of each recording, 'txt/{stem}.txt'.")
+        str | None, typer.Option("--text", help="With a file pattern: transcript of each recording, 'txt/{stem}.txt'.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=0, help="Processes; by default one a core. 0: none but this.")
+        int | None,
+        typer.Option(
+            "--workers", min=0, max=1024, help="Number of processes. Default: one per core. 0 uses this process only."
+        ),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Workers of a Dask scheduler instead.")
+        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of a Dask scheduler.")
     ] = None,
     shard: Annotated[
-        str | None, typer.Option("--shard", metavar="K/N", help="Every Nth row from the Kth on, for job arrays.")
+        str | None,
+        typer.Option("--shard", metavar="K/N", help="Process every Nth row from the Kth on, for job arrays."),
     ] = None,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do rows again that failed.")] = False,
-    status: Annotated[bool, typer.Option("--status", help="Tell how far a run is, and do nothing.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Process failed rows again.")] = False,
+    status: Annotated[bool, typer.Option("--status", help="Print the progress of a run and exit.")] = False,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Read every file again and tell which are not as they were written.")
+        bool, typer.Option("--verify", help="Check every output file against its recorded digest and exit.")
     ] = False,
     as_json: shared.AsJson = False,
     no_overwrite: Annotated[
-        bool, typer.Option("--no-overwrite", help="Refuse to replace files that no earlier run of the folder wrote.")
+        bool,
+        typer.Option("--no-overwrite", help="Do not overwrite files that an earlier run of the folder did not write."),
     ] = False,
 ) -> None:
-    """Make a file of every utterance of a corpus; go on where an earlier run was ended.
+    """Process every utterance of a corpus. Resumes an interrupted run.
 
         fapengine batch corpus.csv -o out/corpus --to fba
         fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
@@ -52,9 +60,9 @@ def batch(
         fapengine batch out/corpus --retry-failed
         fapengine batch 'recordings/*' -o profiles --to profile
 
-    A row becomes what `say` (text), `animate` (timings, audio) and `encode` or `convert` make of it with the same
-    options, to the byte; a session what `fit` learns from it. All mistakes of the manifest are told before anything is
-    done; a row that fails is a line of the report (index.csv, index.html), and the exit code is 2.
+    Each row gives the same bytes as `say` (text), `animate` (timings, audio), `encode`, `convert` or `fit` with the
+    same options. All errors in the manifest are reported before any work starts. A row that fails is listed in the
+    report (index.csv, index.html), and the exit code is 2.
     """
     import json
     import os
@@ -79,19 +87,17 @@ def batch(
         else:
             _tell(manifest, state.rows, state.done, [f"{one.id}: {one.error}" for one in state.failed], state.left)
             for name in state.damaged:
-                typer.echo(f"{name}: its file or its input is not as it was")
+                typer.echo(f"{name}: the file or its input has changed")
         if state.failed or state.damaged:
             raise typer.Exit(2)
         return
     if is_run:
         if not retry_failed:
-            raise UsageError(
-                f"manifest: got the folder {folder}, expected --status, --verify or --retry-failed with it"
-            )
+            raise UsageError(f"manifest: {folder} is a folder; use --status, --verify or --retry-failed")
         output, corpus = folder, load_corpus(folder)
     else:
         if output is None:
-            raise UsageError("output: got none, expected a folder")
+            raise UsageError("output: missing; give a folder with --output")
         avatar.value()
         into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
         options = Options(keys=avatar.keys, into=into, map=mapping)
@@ -145,7 +151,7 @@ def _share(shard: str | None) -> tuple[int, int]:
         return 1, 1
     number, slash, count = shard.partition("/")
     if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
-        raise UsageError(f"shard: got {shard!r}, expected K/N such as 3/40, K from 1 to N")
+        raise UsageError(f"shard: must be K/N such as 3/40, with K from 1 to N, got {shard!r}")
     return int(number), int(count)
 
 

@@ -1,4 +1,4 @@
-"""``fapengine convert``: face motion from one file format to another."""
+"""``fapengine convert``: convert face motion between file formats."""
 
 from pathlib import Path
 
@@ -12,52 +12,52 @@ OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".
 def convert(
     motion: Path = typer.Argument(
         ...,
-        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv; Azure's frames, .json), or VMC (.osc);"
-        " a recording of markers (.c3d, .trc, .npz) --into a dense face.",
+        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv; Azure frames, .json), or VMC (.osc);"
+        " with --into a dense face, a marker recording (.c3d, .trc, .npz).",
     ),
     output: Path = typer.Option(
         ...,
         "--output",
         "-o",
-        help="FAPs (.fap); a table of shapes and the head (.csv); mouth shapes (.json, .tsv, .xml, .dat); with --into,"
-        " an avatar (.glb, .vrm) or a head of ours (.usda, .usdc); an animation for VRM avatars (.vrma). - is a"
-        " table, to standard output; -.fap says another kind.",
+        help="FAPs (.fap); weights and head rotation (.csv); mouth cues (.json, .tsv, .xml, .dat); with --into,"
+        " an avatar (.glb, .vrm) or a built-in head (.usda, .usdc); an animation for VRM avatars (.vrma). - writes a"
+        " table to standard output; -.fap chooses another type.",
     ),
     shapes: str | None = typer.Option(
         None,
         "--shapes",
-        help="Of the table: arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets of an avatar); of"
-        " .vrma: vrm1 (the default) or arkit; of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
+        help="Shapes of a table: arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets). Of .vrma: vrm1"
+        " (the default) or arkit. Of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
     ),
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Convert face motion: FAPs to blend shapes or visemes of avatars, and back; or into an avatar's own file.
+    """Convert face motion: FAPs to blendshapes or visemes, and back, or into an avatar file.
 
-        fapengine convert talk.fap -o talk.csv                     # ARKit's 52
+        fapengine convert talk.fap -o talk.csv                     # 52 ARKit weights
         fapengine convert talk.fap --shapes oculus -o visemes.csv
         fapengine convert livelink.csv -o take.fap
         fapengine convert take.fap --shapes rhubarb -o take.json
         fapengine convert take.fap --into avatar.glb -o spoken.glb
         fapengine convert take.c3d --into profiles/s03 -o dense.glb
 
-    With --into any tool opens the file, and the avatar speaks in it; the modes of a dense face become morph targets.
+    With --into, the result is the avatar with an animation that any tool plays. The modes of a dense face become morph
+    targets.
     """
     from fapengine.app.dense_film import is_take
-    from fapengine.app.mouth_cues import RHUBARB, check_cues, is_cues, save_cues_of_motion
+    from fapengine.app.motion import save
+    from fapengine.app.mouth_cues import RHUBARB, check_cues
     from fapengine.app.scene_choice import check_scene, is_scene
     from fapengine.app.scene_files import save_scene, save_take_scene
     from fapengine.cli._result import print_result
     from fapengine.errors import UsageError
-    from fapengine.files.fap import save_fap
     from fapengine.files.motion import load_motion
-    from fapengine.files.paths import is_standard, standard_output, write_bytes
-    from fapengine.retarget.blend_tracks import format_blend_csv
+    from fapengine.files.paths import is_standard, standard_output
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
     if output.suffix not in OUT_KINDS:
-        raise UsageError(f"--output: got {output}, expected a name that ends with {' or '.join(OUT_KINDS)}")
+        raise UsageError(f"--output: unknown file type {output}; use {', '.join(OUT_KINDS)}")
     check_cues(output, shapes)
     into = avatar.value()
     check_scene(output, into)
@@ -70,12 +70,8 @@ def convert(
     moved = ""
     if is_scene(output):
         moved = save_scene(output, track, into, shapes=shapes, name=motion.stem)
-    elif is_cues(output):
-        save_cues_of_motion(output, track)
-    elif output.suffix == ".fap":
-        save_fap(output, track)
     else:
-        write_bytes(output, format_blend_csv(track, shapes or "arkit"))
+        save(track, output, shapes=shapes)
     facts = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz} | (
         {"moved": moved} if moved else {}
     )

@@ -1,4 +1,4 @@
-"""``fapengine decode``: an FBA stream to a track of FAPs."""
+"""``fapengine decode``: decode an FBA stream into FAPs."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from fapengine.cli import options as shared
 def decode(
     stream: Path = typer.Argument(..., help="FBA stream (.fba)."),
     output: Path = typer.Option(..., "--output", "-o", help="FAPs as text (.fap)."),
-    resync: bool = typer.Option(False, "--resync", help="Go on behind damage, and say what was lost."),
+    resync: bool = typer.Option(False, "--resync", help="Continue after damage, and report what was lost."),
     exact_rate: bool = typer.Option(
-        False, "--exact-rate", help="Write rates such as 30000/1001 in full; otherwise as whole frames a second."
+        False, "--exact-rate", help="Write frame rates such as 30000/1001 exactly instead of rounded."
     ),
     fill: bool = typer.Option(
-        False, "--fill", help="Write what a face shows: FAPs that were not sent are held, or taken from their partners."
+        False, "--fill", help="Fill in FAPs that were not sent: hold them, or copy the other side."
     ),
     single_numbers: bool = typer.Option(
         False, "--single-numbers", help="Write FAP 1 and 2 as one number each, as Greta reads them."
@@ -32,8 +32,8 @@ def decode(
     from fapengine.cli._progress import working
     from fapengine.cli._result import print_result
     from fapengine.codec.interpolate import fill_track
-    from fapengine.files.fap import save_fap
     from fapengine.files.fba import load_fba
+    from fapengine.files.motion import save_fap
     from fapengine.files.paths import is_standard, standard_output
 
     output = standard_output(output, ".fap")
@@ -54,7 +54,7 @@ def decode(
     if as_json:
         return
     if decoded.body_planes:
-        typer.echo(f"{stream}: {decoded.body_planes} planes carry a body, which is left out", err=True)
+        typer.echo(f"{stream}: {decoded.body_planes} planes contain body parameters, which are ignored", err=True)
     for loss in decoded.losses:
         typer.echo(
             f"lost: bits {loss.start_bit} to {loss.end_bit}, {loss.frames_dropped} frames dropped: {loss.reason}",

@@ -1,4 +1,4 @@
-"""``fapengine doctor``: what this machine can do, and the one line that mends each lack."""
+"""``fapengine doctor``: check the installation, and show how to fix each problem."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -9,7 +9,7 @@ from fapengine.cli._doctor_live import LackError
 from fapengine.errors import FapEngineError
 
 ESSENTIAL = ("OpenGL", "video")
-"""Parts without which no face is drawn; ``doctor`` then exits with 3."""
+"""Parts that rendering needs; without them ``doctor`` exits with 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,19 +19,19 @@ class Finding:
     part: str
     works: bool
     found: str
-    """State of the part, or the reason why it does not work."""
+    """State of the part, or why it does not work."""
     mend: str = ""
-    """The command that mends it; empty where nothing is needed."""
+    """Command that fixes it; empty if nothing is needed."""
 
 
 def doctor(as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON.")) -> None:
-    """Say what works on this machine (OpenGL, window, voices, video, sound, ear, ports, extras), how to mend the rest.
+    """Check the installation (OpenGL, voices, video, sound, ports, extras) and show how to fix problems.
 
-    Opens the sound card for a moment, silently. Exits with 3 where no face could be drawn.
+    Opens the sound card briefly, without playing sound. Exits with 3 if faces cannot be rendered.
     """
     from fapengine.cli import _doctor_live as live
-    from fapengine.live.server.config import OSC_PORT, WEB_PORT
-    from fapengine.live.wire.vmc import MARIONETTE_PORT
+    from fapengine.server.config import OSC_PORT, WEB_PORT
+    from fapengine.wire.vmc import MARIONETTE_PORT
 
     findings = [
         _check("Python", "", _python),
@@ -42,7 +42,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check("video", 'pip install --upgrade "fapengine[video]"', _video),
         _check("sound", "sudo apt-get install -y libportaudio2", live.sound),
         _check("ear", 'pip install "fapengine[ear]"', live.ear),
-        _check("microphone", "plug one in; only live sound needs it", live.microphone),
+        _check("microphone", "connect one; only live input needs it", live.microphone),
         _check(f"port {OSC_PORT}, OSC in", "fapengine serve --port N", lambda: live.port_in(OSC_PORT)),
         _check(f"port {WEB_PORT}, page", "fapengine serve --web-port N", lambda: live.port_in(WEB_PORT)),
         _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),
@@ -82,8 +82,8 @@ def _python() -> str:
 
 
 def _profile() -> str:
-    from fapengine.app.manner import DEFAULT_PROFILE
     from fapengine.files.profiles import load_profile
+    from fapengine.speaking import DEFAULT_PROFILE
 
     profile = load_profile(DEFAULT_PROFILE)
     return f"{profile.id}, {len(profile.phones)} phones, {len(profile.expressions)} expressions"
@@ -107,7 +107,7 @@ def _voices() -> str:
 
 def _video() -> str:
     import av
-    import PIL  # noqa: F401  pictures are drawn on by it
+    import PIL  # noqa: F401
 
     encoders = [name for name in ("libx264", "libopenh264", "libvpx-vp9", "aac", "libopus") if _can_encode(name)]
     if not any(name in encoders for name in ("libx264", "libopenh264")):
@@ -131,7 +131,7 @@ def _print_table(findings: list[Finding]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table("", "part", "found", "to mend it", box=None, pad_edge=False)
+    table = Table("", "part", "found", "to fix it", box=None, pad_edge=False)
     for finding in findings:
         sign = "[green]✓[/]" if finding.works else "[red]✗[/]"
         table.add_row(sign, finding.part, escape(finding.found), escape(finding.mend))

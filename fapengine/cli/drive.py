@@ -1,4 +1,4 @@
-"""``fapengine drive``: a face moved by a few of its markers."""
+"""``fapengine drive``: drive a face from a few of its markers."""
 
 from pathlib import Path
 
@@ -10,35 +10,41 @@ from fapengine.cli import options as shared
 def drive(
     drawing: shared.DrawingOptions,
     grid: Path = typer.Argument(
-        ..., help="Recording of the whole face to learn from (.c3d, .trc, .npz, .csv), or a folder of meshes."
+        ..., help="Recording of all markers to learn from (.c3d, .trc, .npz, .csv), or a folder of meshes."
     ),
     markers: str | None = typer.Option(
         None,
         "--markers",
-        help="Which drive, as 8.2,2.1,5.3, or how many, as 9: QR with column pivoting chooses. By default the error"
-        " decides how many.",
+        help="Driving markers: names such as 8.2,2.1,5.3, or a number such as 9, chosen by QR with column pivoting."
+        " Default: chosen by --tolerance.",
     ),
     take: Path | None = typer.Option(
-        None, "--take", help="Recording that drives; by default the last quarter of GRID, which is then not learned."
+        None,
+        "--take",
+        help="Driving recording. Default: the last quarter of GRID, which is then not used for learning.",
     ),
     output: Path = typer.Option(..., "--output", "-o", help="Motion of all markers, weights and surface (.npz)."),
-    film: Path | None = typer.Option(None, "--film", help="Film of the surface (.mp4, .gif ...), markers as dots."),
-    skull: str | None = typer.Option(
-        None, "--skull", help="Markers that follow the skull alone, as LFHD,RFHD,TOP; without them the head stands."
+    film: Path | None = typer.Option(
+        None, "--film", help="Video of the surface with the markers as dots (.mp4, .gif ...)."
     ),
-    columns: int = typer.Option(48, "--columns", min=4, max=400, help="Points of the surface from side to side."),
-    tolerance: float = typer.Option(0.35, "--tolerance", help="Mean error in mm that the number of markers may leave."),
-    fps: float | None = typer.Option(None, "--fps", min=1.0, help="Frames a second of a folder of meshes."),
+    skull: str | None = typer.Option(
+        None, "--skull", help="Markers on the skull, such as LFHD,RFHD,TOP. Default: the head does not move."
+    ),
+    columns: int = typer.Option(48, "--columns", min=4, max=400, help="Points of the surface from left to right."),
+    tolerance: float = typer.Option(
+        0.35, "--tolerance", min=0.0, max=100.0, help="Largest mean error for the chosen number of markers, in mm."
+    ),
+    fps: float | None = typer.Option(None, "--fps", min=1.0, max=1000.0, help="Frame rate of a folder of meshes."),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Move a face by a few of its markers, and tell how far off the others are (paper 000).
+    """Drive a face from a few of its markers, and report the error of the others (paper 000).
 
         fapengine drive talk.c3d --skull LFHD,RFHD,TOP --markers 9 -o driven.npz
         fapengine drive talk.c3d --markers 9 -o driven.npz --film driven.mp4
 
-    Each chosen marker moves every other by one weight, and each point of a surface between them by cubic interpolation.
-    The rest position is the recording's first.
+    Each chosen marker moves every other marker by one weight, and the surface between them by cubic interpolation. The
+    first frame of the recording is the neutral position.
     """
     from fapengine.app.drive_grid import DriveJob, run_drive
 

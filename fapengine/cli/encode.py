@@ -1,4 +1,4 @@
-"""``fapengine encode``: a track of FAPs to an FBA stream."""
+"""``fapengine encode``: encode FAPs into an FBA stream."""
 
 from pathlib import Path
 
@@ -9,19 +9,31 @@ from fapengine.cli import options as shared
 
 def encode(
     track: Path = typer.Argument(..., help="FAPs as text (.fap)."),
-    output: Path = typer.Option(..., "--output", "-o", help="Stream to write: .fba, or .mp4 with the voice beside it."),
-    audio: Path | None = typer.Option(None, "--audio", "-a", help="With .mp4: the voice, from the first frame on."),
-    epf: Path | None = typer.Option(None, "--epf", help="Parameter file that says everything plane by plane."),
-    quant: int | None = typer.Option(None, "--quant", "-q", help="fap_quant, 0 (off) to 31; 1 by default."),
-    kbps: float | None = typer.Option(None, "--kbps", help="Target in kbit/s: chooses the quantiser."),
-    intra_every: int | None = typer.Option(None, "--intra-every", help="Frames from I plane to I plane; 0: one only."),
-    max_error_mm: float | None = typer.Option(
-        None, "--max-error-mm", help="Coarsest quantiser that keeps every feature point of an adult face so near."
+    output: Path = typer.Option(..., "--output", "-o", help="Output stream: .fba, or .mp4 with sound."),
+    audio: Path | None = typer.Option(None, "--audio", "-a", help="With .mp4: the sound, from the first frame."),
+    epf: Path | None = typer.Option(None, "--epf", help="Encoder parameter file, with settings for each plane."),
+    quant: int | None = typer.Option(
+        None, "--quant", "-q", min=0, max=31, help="Quantizer fap_quant, 0 (off) to 31. Default: 1."
     ),
-    fitted: bool = typer.Option(False, "--fitted", help="Send ranges fitted to the data where that is shorter."),
-    moving_only: bool = typer.Option(False, "--moving-only", help="Leave out FAPs that do not move."),
-    clamp: bool = typer.Option(False, "--clamp", help="With --epf: code the nearest symbol out of range, no error."),
-    start_codes: bool = typer.Option(False, "--start-codes", help="A start code before each I plane."),
+    kbps: float | None = typer.Option(
+        None, "--kbps", min=0.001, max=1e6, help="Target bit rate in kbit/s; chooses the quantizer."
+    ),
+    intra_every: int | None = typer.Option(
+        None, "--intra-every", min=0, max=1_000_000, help="Frames between I planes. 0: only one."
+    ),
+    max_error_mm: float | None = typer.Option(
+        None,
+        "--max-error-mm",
+        min=0.0,
+        max=100.0,
+        help="Use the coarsest quantizer that keeps every feature point of an adult face within this error, in mm.",
+    ),
+    fitted: bool = typer.Option(False, "--fitted", help="Send ranges fitted to the data if that is shorter."),
+    moving_only: bool = typer.Option(False, "--moving-only", help="Omit FAPs that do not move."),
+    clamp: bool = typer.Option(
+        False, "--clamp", help="With --epf: clamp values that are out of range instead of failing."
+    ),
+    start_codes: bool = typer.Option(False, "--start-codes", help="Write a start code before each I plane."),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -30,7 +42,7 @@ def encode(
         fapengine encode talk.fap --quant 4 --intra-every 125 -o talk.fba
         fapengine encode talk.fap --audio talk.wav -o talk.mp4
 
-    An MP4 holds a voice and a face track in one file; decode, inspect and render read it.
+    An MP4 file holds sound and face track together. `decode`, `inspect` and `render` read it.
     """
     from fapengine.cli._progress import working
     from fapengine.cli._result import print_result
@@ -38,23 +50,23 @@ def encode(
     from fapengine.codec.encoder import encode as encode_track
     from fapengine.codec.epf import encode_orders
     from fapengine.errors import UsageError
-    from fapengine.files.fap import load_fap
     from fapengine.files.fba import load_epf
+    from fapengine.files.motion import load_fap
     from fapengine.files.paths import is_standard, standard_output, write_bytes
     from fapengine.mpeg4.fapu import Fapu
 
     output = standard_output(output, ".fba")
     film = output.suffix.lower() == ".mp4"
     if audio is not None and not film:
-        raise UsageError(f"--audio: got {audio} with {output.name}, expected -o NAME.mp4")
+        raise UsageError(f"--audio: requires an .mp4 output, got {output.name}")
     if epf is not None and film:
-        raise UsageError("--epf: got it with .mp4, which wants a start code before every plane; expected .fba")
+        raise UsageError("--epf: cannot be used with .mp4, which needs a start code before every plane; write .fba")
     writing.check([output], [track, epf, audio])
     with working(f"reading {track.name}"):
         faps = load_fap(track)
     if epf is not None:
         if any(choice is not None for choice in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:
-            raise UsageError("--epf: got other choices beside it, expected it alone (or with --clamp, --start-codes)")
+            raise UsageError("--epf: can only be combined with --clamp and --start-codes")
         data = encode_orders(load_epf(epf), faps, clamp=clamp, plane_start_codes=start_codes)
     else:
         face = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)  # an adult's
@@ -86,7 +98,7 @@ def encode(
 def _write_film(output: Path, stream: bytes, rate_hz: float, audio: Path | None) -> None:
     from fapengine.codec.decoder import decode
     from fapengine.codec.elementary import LEVELS, access_units, level_of
-    from fapengine.files.fba_film import write_fba_film
+    from fapengine.files.fba import write_fba_film
     from fapengine.files.sound import load_sound
 
     decoded = decode(stream)

@@ -1,4 +1,4 @@
-"""``fapengine fit``: a capture session to a face model, with a report."""
+"""``fapengine fit``: learn a profile from a motion-capture session, with a report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,34 +14,44 @@ if TYPE_CHECKING:
 
 
 def fit(
-    session: Path = typer.Argument(..., help="Folder of recordings with phone timings beside them, and session.toml."),
-    output: Path = typer.Option(..., "--output", "-o", help="Profile to write, a folder: profiles/NAME."),
-    modes: int | None = typer.Option(None, "--modes", help="Components of the space; by default 99 % of the variance."),
-    subset: int | None = typer.Option(None, "--subset", help="Markers in the subset; by default the error decides."),
-    tolerance: float = typer.Option(0.35, "--tolerance", help="Mean error in mm that the subset may leave."),
-    held_out: float = typer.Option(0.2, "--held-out", help="Share of takes to judge by, 0 to 0.5."),
-    units: str | None = typer.Option(None, "--units", help="mm, cm, m or inch, for recordings that do not say."),
-    up: str | None = typer.Option(None, "--up", help="Axis that points up: +y, +z, ..."),
-    seed: int = typer.Option(1, "--seed", min=0, help="Chance of the split into takes to learn from and to judge by."),
-    voice: str = typer.Option("en-us", "--voice", "-v", help="Who pronounces timings that have words only."),
-    report: bool = typer.Option(True, "--report/--no-report", help="Write report.html beside the profile."),
-    faps: bool = typer.Option(False, "--faps", help="Write every take as captured FAPs too: takes/TAKE.fap."),
+    session: Path = typer.Argument(..., help="Folder with recordings, their phone timings, and session.toml."),
+    output: Path = typer.Option(..., "--output", "-o", help="Profile folder to write: profiles/NAME."),
+    modes: int | None = typer.Option(
+        None, "--modes", min=1, max=1000, help="Components of the viseme space. Default: 99 % of the variance."
+    ),
+    subset: int | None = typer.Option(
+        None, "--subset", min=1, max=10_000, help="Markers in the subset. Default: chosen by --tolerance."
+    ),
+    tolerance: float = typer.Option(
+        0.35, "--tolerance", min=0.0, max=100.0, help="Largest mean error of the marker subset, in mm."
+    ),
+    held_out: float = typer.Option(
+        0.2, "--held-out", min=0.0, max=0.5, help="Fraction of the takes held out for testing."
+    ),
+    units: str | None = typer.Option(None, "--units", help="Units of recordings without units: mm, cm, m or inch."),
+    up: str | None = typer.Option(None, "--up", help="Up axis: +y, +z, ..."),
+    seed: int = typer.Option(
+        1, "--seed", min=0, max=2**63 - 1, help="Random seed of the split into training and held-out takes."
+    ),
+    voice: str = typer.Option("en-us", "--voice", "-v", help="Voice that pronounces timings without phones."),
+    report: bool = typer.Option(True, "--report/--no-report", help="Write report.html into the profile folder."),
+    faps: bool = typer.Option(False, "--faps", help="Also write every take as FAPs: takes/TAKE.fap."),
     adapt: bool = typer.Option(
         False,
         "--adapt",
-        help="Put our own head, with its eyes and teeth, on to the dense face: --head takes the profile.",
+        help="Fit the built-in head, with eyes and teeth, to the dense face, for --head PROFILE.",
     ),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Learn a face model from motion capture: markers that matter, viseme space, phones, dense face.
+    """Learn a face model from motion capture: marker subset, viseme space, phones, dense face.
 
         fapengine fit recordings/S03 -o profiles/s03
         fapengine say "Hello." --profile profiles/s03 -o hello.mp4
 
-    SESSION holds recordings (C3D, TRC, CSV, TSV, NPZ, face landmarks, mesh sequences) and, for each, phone timings of
-    the same name. Markers named as feature points of the standard (8.1, 2.10 ...) need nothing more; what the files
-    do not say stands in session.toml.
+    SESSION contains recordings (C3D, TRC, CSV, TSV, NPZ, face landmarks, mesh sequences), each with phone timings of
+    the same name. Markers named like the standard's feature points (8.1, 2.10 ...) need no configuration; everything
+    else is set in session.toml.
     """
     from fapengine.app.fit import OWNED, FitJob, check_folder, describe
     from fapengine.files.outputs import files_in
@@ -65,11 +75,11 @@ def fit(
         if nearness is not None:
             from fapengine.cli._nearness import spell_nearness
 
-            typer.echo(f"{output / 'head'}: our own head on the dense face; {spell_nearness(nearness)}")
+            typer.echo(f"{output / 'head'}: built-in head fitted to the dense face; {spell_nearness(nearness)}")
 
 
 def _run(job: "FitJob") -> "tuple[Fitted, Nearness | None]":
-    """Run the job under a progress bar, on a terminal only."""
+    """Run the job with a progress bar."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -98,4 +108,4 @@ def _print(output: Path, fitted: "Fitted", *, report: bool) -> None:
     typer.echo("\n".join(lines))
     typer.echo(f"{output}: {len(fitted.profile.phones)} phones, {len(fitted.profile.expressions)} expressions")
     if report:
-        typer.echo(f"look at {output / 'report.html'}")
+        typer.echo(f"report: {output / 'report.html'}")

@@ -1,4 +1,4 @@
-"""``fapengine head``: bring your own head, and look at what each FAP does to it."""
+"""``fapengine head``: import, export and check heads."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
     from fapengine.mesh.rig.import_head import ImportedHead
 
-head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args_is_help=True)
+head = typer.Typer(name="head", add_completion=False, help="Import, export and check heads.", no_args_is_help=True)
 
 
 @head.command("import")
@@ -20,43 +20,47 @@ head = typer.Typer(help="Bring your own head: any mesh, moved by FAPs.", no_args
 def import_head(
     mesh: Path = typer.Argument(
         ...,
-        help="A face with shapes: .glb, .gltf, .vrm or ICT-FaceKit's folder; any neutral face with --points: these,"
-        " .obj, .ply or .stl, in any unit and axes; or a profile whose dense face was learned from scans.",
+        help="A face with blendshapes: .glb, .gltf, .vrm or an ICT-FaceKit folder. With --points, any neutral face:"
+        " these, .obj, .ply or .stl, in any units and axes. Or a profile with a dense face.",
     ),
     points: Path | None = typer.Option(
         None,
         "--points",
-        help="Feature points: a table with columns point, vertex, or point, x, y, z; or Xface's or Visage's .fdp.",
+        help="Feature points: a table with columns point, vertex, or point, x, y, z; or an Xface or Visage .fdp file.",
     ),
     mapping: Path | None = typer.Option(
-        None, "--map", help="What shapes of other names mean (.toml): ARKit's names, visemes, or FAPs."
+        None, "--map", help="TOML file that maps blendshape names to ARKit names, visemes or FAPs."
     ),
     adapt: bool = typer.Option(
-        False, "--adapt", help="Put our own head, with its eyes, teeth and FAPs, on to the mesh: a scan needs no slits."
+        False,
+        "--adapt",
+        help="Fit the built-in head, with eyes, teeth and FAPs, to the mesh. For scans with a closed mouth.",
     ),
-    output: Path = typer.Option(..., "--output", "-o", help="Head to write, a folder: heads/NAME."),
+    output: Path = typer.Option(..., "--output", "-o", help="Head folder to write: heads/NAME."),
     licence: str | None = typer.Option(
-        None, "--licence", help="Whose work it is; kept with the head. By default a profile's own, or: not stated."
+        None,
+        "--licence",
+        help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'.",
     ),
-    as_json: bool = typer.Option(False, "--json", help="Say what was found as JSON."),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Make a head of a mesh; say, animate, render and serve take it with --head.
+    """Make a head from a mesh, for --head of say, animate, render and serve.
 
         fapengine head import avatar.glb -o heads/mine
-        fapengine head check heads/mine    # what each FAP does to it
+        fapengine head check heads/mine    # shows the effect of each FAP
         fapengine head import profiles/s03 -o heads/s03
         fapengine head import scan.ply --points face.csv --adapt -o heads/mine
 
-    Shapes (morph targets) named as ARKit, Oculus or VRM name them are found by name; other names are told with --map.
-    Feature points are found by what the shapes move; --points corrects some, and gives all where there are no shapes:
-    at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be slit, as in every face that can speak.
+    Blendshapes (morph targets) with ARKit, Oculus or VRM names are recognized; map other names with --map. Feature
+    points are found from what the blendshapes move. --points corrects some of them, and is required without
+    blendshapes: at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be open cuts in the mesh.
 
-    --adapt takes a scan's shape and colours for our own head: feature points, and contours through them, move it, and
-    its skin is laid onto the scan. The distances before and after are told. Its mouth may be closed. A profile with a
-    dense face is such a scan, too.
+    --adapt gives the built-in head the shape and colours of a scan: it is fitted to the feature points and to contours
+    through them, then to the surface. The distances before and after are printed. The scan's mouth may be closed. A
+    profile with a dense face counts as a scan.
 
-    A dense face keeps its modes: recorded takes move it (fapengine render TAKE --head heads/s03), and FAPs do.
+    A dense face keeps its modes: recorded takes drive it (fapengine render TAKE --head heads/s03), and so do FAPs.
     """
     import json
     from dataclasses import asdict, replace
@@ -75,7 +79,7 @@ def import_head(
         imported, info, nearness = adapt_head_file(mesh, points, mapping)
     elif is_profile(mesh):
         if mapping is not None:
-            raise UsageError(f"--map: got {mapping}, but a profile's modes have no other names")
+            raise UsageError("--map: cannot be used with a profile")
         imported, rig, info = load_dense_head(mesh, points)
     else:
         imported, info = import_head_file(mesh, points, mapping)
@@ -97,9 +101,9 @@ def import_head(
     if nearness is not None:
         typer.echo(spell_nearness(nearness))
     if info.lacking and info.used:
-        typer.echo(f"shapes of ARKit that it lacks: {', '.join(info.lacking)}")
+        typer.echo(f"missing ARKit shapes: {', '.join(info.lacking)}")
     if imported.unused:
-        typer.echo(f"shapes that nothing asks for: {', '.join(imported.unused)}")
+        typer.echo(f"unused shapes: {', '.join(imported.unused)}")
     if imported.missing:
         typer.echo(f"FAPs without motion: {_spell(imported.missing)}")
 
@@ -130,18 +134,18 @@ def _spell(numbers: tuple[int, ...]) -> str:
 @head.command()
 @verb
 def export(
-    name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a folder."),
+    name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a head folder."),
     output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb; .usda, .usdc)."),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Write a head as an avatar that any tool opens: ARKit's 52 shapes, Oculus' 15 visemes, joints and textures.
+    """Export a head as an avatar, with 52 ARKit shapes, 15 Oculus visemes, joints and textures.
 
         fapengine head export woman -o woman.glb
         fapengine head export woman -o woman.usdc
 
-    Our own heads are free for any use under Apache-2.0; the file says so. An imported head keeps the licence that was
-    stated when it was imported.
+    The built-in heads are licensed under Apache-2.0, which the file states. An imported head keeps the licence given at
+    import.
     """
     from fapengine.app.scene_files import export_head
     from fapengine.cli._result import print_result
@@ -158,12 +162,12 @@ def export(
 @head.command()
 @verb
 def check(
-    name: str = typer.Argument("default", help="Folder of a head, or default."),
-    output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Picture to write (.png)."),
-    as_json: bool = typer.Option(False, "--json", help="Say what is missing as JSON."),
+    name: str = typer.Argument("default", help="Head folder, or default."),
+    output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Image to write (.png)."),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Draw every FAP, phone and expression on a head, and say which FAPs do nothing and which shapes are missing.
+    """Render every FAP, phone and expression of a head, and list FAPs without effect and missing shapes.
 
     fapengine head check heads/mine -o out/mine.png
     """
@@ -184,8 +188,8 @@ def check(
         }  # fmt: skip
         typer.echo(json.dumps(report, indent=2))
         return
-    typer.echo(f"{output}: {count} pictures")
+    typer.echo(f"{output}: {count} images")
     if still:
         typer.echo(f"FAPs without motion: {_spell(still)}")
     if info.used and info.lacking:
-        typer.echo(f"shapes of ARKit that its file lacks: {', '.join(info.lacking)}")
+        typer.echo(f"missing ARKit shapes: {', '.join(info.lacking)}")

@@ -1,108 +1,98 @@
-"""``fapengine inspect``: say what is in a file or a profile, whatever it is."""
+"""``fapengine inspect``: describe a file, a profile or a head."""
 
+from itertools import zip_longest
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from fapengine.cli import options as shared
 
-PICTURES = (".gif", ".webp", ".png", ".jpg", ".jpeg")
-MARKERS = (".c3d", ".trc", ".npz")
-LANDMARKS = (".json", ".jsonl", ".csv")
-FBA_STARTS = (b"\x00\x00\x01",)
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from fapengine.app.inspection.report import Report, Table
 
 
 def inspect(
     path: Path = typer.Argument(
         ...,
-        help="What to look into: .fba, .fap, a table of shapes, phone timings, a sound, a film, a picture, a recording"
-        " of markers (.c3d, .trc, .csv, .npz, a folder of meshes), landmarks of a face, OpenFace's table, an avatar or"
-        " scan, a profile or a head.",
+        help="FAPs, an FBA stream, a table of weights, phone timings, audio, video, an image, a marker recording, face"
+        " landmarks or an OpenFace table, an avatar, a scan, a profile or a head.",
     ),
-    everything: bool = typer.Option(False, "--all", help="Every plane, not only the first ones."),
-    plot: Path | None = typer.Option(None, "--plot", help="Draw the findings into a picture (.png)."),
+    everything: bool = typer.Option(False, "--all", help="Show every row, not only the first ones."),
+    plot: Path | None = typer.Option(None, "--plot", help="Plot the content to an image (.png)."),
     sliders: Path | None = typer.Option(
-        None, "--sliders", help="Of a profile: write a page with a slider for each component (.html)."
+        None, "--sliders", help="For a profile: write a web page with a slider for each component (.html)."
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     timings: shared.TimingOptions = shared.TimingOptions(),
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Say what is in a file, a profile or a head; what a file is, its bytes decide.
+    """Describe a file, a profile or a head. The file type is detected from the content.
 
     fapengine inspect talk.fba
     fapengine inspect take.c3d
     fapengine inspect grid_s1_en --plot faces.png --sliders components.html
     """
-    from fapengine._resources import profile_ids
-    from fapengine.app.hearing import SOUND_SUFFIXES
-    from fapengine.cli._inspect_avatar import SCENE_ENDINGS, inspect_avatar
-    from fapengine.cli._inspect_markers import inspect_markers
-    from fapengine.cli._inspect_media import inspect_head, inspect_motion, inspect_picture, inspect_recording
-    from fapengine.cli._inspect_watched import inspect_watched
-    from fapengine.errors import UnsupportedError, UsageError
-    from fapengine.files.fba_film import read_fba_film
-    from fapengine.files.paths import is_mp4, read_bytes
-    from fapengine.files.recordings import MESHES, is_table, mesh_files
-    from fapengine.mesh.default_head.people import parse_person
-    from fapengine.retarget.blend_tracks import is_blend_table
-    from fapengine.retarget.vmc_recording import is_vmc_recording
-    from fapengine.speech.formats.registry import guess_format
+    import json
 
-    file_format = timings.file_format
+    from fapengine.app.inspection.kinds import find_kind
+    from fapengine.app.inspection.report import Source
+    from fapengine.errors import UsageError
+    from fapengine.files.paths import write_bytes
+    from fapengine.files.pictures import save_png
+
     writing.check([output for output in (plot, sliders) if output is not None], [path])
-    is_profile = (path / "profile.toml").is_file() or str(path) in profile_ids()
-    if sliders is not None and not is_profile:
-        raise UsageError(f"--sliders: got {path}, expected a profile (folder or name)")
-    if is_profile:
-        from fapengine.cli._inspect_profile import inspect_profile
-
-        inspect_profile(str(path), as_json=as_json, plot=plot, sliders=sliders)
-        return
-    if (path / "head.toml").is_file() or (not path.exists() and parse_person(str(path)) is not None):
-        inspect_head(str(path), as_json=as_json, plot=plot)
-        return
-    if (
-        path.suffix.lower() in LANDMARKS
-        and path.is_file()
-        and not file_format
-        and inspect_watched(path, as_json=as_json)
-    ):
-        return
-    if path.suffix.lower() in MARKERS or (path.is_dir() and mesh_files(path)) or (not file_format and is_table(path)):
-        inspect_markers(path, as_json=as_json, everything=everything, plot=plot)
-        return
-    if path.suffix.lower() in (*SCENE_ENDINGS, *MESHES):
-        inspect_avatar(path, as_json=as_json, plot=plot)
-        return
-    data = read_bytes(path)
-    head = data[:4]
-    if head.startswith(FBA_STARTS) or (is_mp4(data) and read_fba_film(path) is not None):
-        from fapengine.cli._inspect_fba import inspect_fba
-
-        inspect_fba(path, as_json=as_json, everything=everything, plot=plot)
-    elif file_format is None and (is_blend_table(data) or is_vmc_recording(data)):
-        inspect_motion(path, "shapes, as FAPs", as_json=as_json, everything=everything, plot=plot)
-    elif file_format is not None or guess_format(data, ending=path.suffix) is not None:
-        from fapengine.cli._inspect_timings import inspect_timings
-
-        inspect_timings(
-            path, timings.load(path), as_json=as_json, everything=everything, plot=plot, file_format=file_format
-        )
-    elif path.suffix.lower() == ".fap":
-        inspect_motion(path, "FAPs", as_json=as_json, everything=everything, plot=plot)
-    elif path.suffix.lower() in SOUND_SUFFIXES:
-        inspect_recording(path, as_json=as_json, plot=plot)
-    elif path.suffix.lower() in PICTURES:
-        inspect_picture(path, as_json=as_json, plot=plot)
-    elif path.suffix.lower() == ".bap":
-        raise UnsupportedError(
-            f"{path}: got body animation parameters (.bap), which move a body, expected what moves a face (.fap)"
-        )
+    source = Source(path, timings.file_format, timings.tier, timings.alphabet, timings.columns)
+    report = find_kind(source).describe(source)
+    if sliders is not None:
+        if report.sliders is None:
+            raise UsageError(f"--sliders: {path} is not a profile")
+        write_bytes(sliders, report.sliders())
+    if plot is not None:
+        save_png(plot, report.draw(path))
+    if as_json:
+        typer.echo(json.dumps(report.facts, ensure_ascii=False))
     else:
-        raise UnsupportedError(
-            f"{path}: got {head.hex(' ')}, expected an FBA stream (00 00 01 ..), a .fap file, a table of shapes, phone"
-            " timings, a sound, a film, a picture, a recording of markers (.c3d, .trc, .csv, .npz), an avatar (.glb,"
-            " .vrm), or the folder of a profile or a head",
-            where="byte 0",
-        )
+        _print(report, everything=everything)
+
+
+def _print(report: "Report", *, everything: bool) -> None:
+    """Print the lines and tables of a report."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    for warning in report.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    for part in report.text:
+        if isinstance(part, str):
+            console.print(_shown(part), soft_wrap=True)
+            continue
+        count = len(part.rows) if everything or part.shown is None else part.shown
+        for row in _drawn(part, count):
+            console.print(row, soft_wrap=not part.columns)
+        if count < len(part.rows):
+            console.print(part.more.format(len(part.rows) - count), soft_wrap=True)
+
+
+def _drawn(table: "Table", count: int) -> "list[RenderableType]":
+    """Make the first rows of a table: lines, or one table."""
+    from rich import table as rich_table
+
+    if not table.columns:
+        return [_shown(str(row)) for row in table.rows[:count]]
+    drawn = rich_table.Table(*table.columns, box=None, pad_edge=False)
+    for column in drawn.columns[: table.right]:
+        column.justify = "right"
+    for row, style in zip_longest(table.rows[:count], table.styles[:count]):
+        drawn.add_row(*map(_shown, row), style=style)
+    return [drawn]
+
+
+def _shown(text: str) -> "RenderableType":
+    from rich.text import Text
+
+    from fapengine.app.inspection.report import Markup
+
+    return str(text) if isinstance(text, Markup) else Text(text)

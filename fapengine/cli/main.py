@@ -1,62 +1,53 @@
-"""Joins the verbs; how the program ends is :mod:`fapengine.cli._ending`'s.
+"""The command line: which commands there are, and how their modules are found.
 
-A verb's module imports typer alone at its top; everything heavy is imported inside its function, so that
-``fapengine --help`` answers at once.
+A command's module is imported when it runs or is listed: ``fapengine say`` imports none of the others. How the program
+ends is in :mod:`fapengine.cli._ending`.
 """
 
-import typer
+from importlib import import_module
+from typing import Any
 
-from fapengine.cli import (
-    align,
-    animate,
-    batch,
-    capture,
-    convert,
-    decode,
-    doctor,
-    drive,
-    encode,
-    fit,
-    head,
-    inspect,
-    reduce,
-    render,
-    say,
-    score,
-    serve,
-    view,
-)
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
 from fapengine.cli._ending import EXITS, run_to_the_end
 from fapengine.cli._verb import verb
 
+COMMANDS = (
+    "say", "serve", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert", "inspect",
+    "score", "fit", "drive", "reduce", "doctor", "head",
+)  # fmt: skip
+"""Commands in the order in which ``--help`` lists them. To add one: its module in this package, and its name here."""
+
+
+class Commands(TyperGroup):
+    """A group of commands whose modules are imported on demand."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command; None for an unknown name."""
+        if cmd_name not in COMMANDS:
+            return None
+        function = getattr(import_module(f"fapengine.cli.{cmd_name}"), cmd_name)
+        if isinstance(function, typer.Typer):
+            return get_command(function)
+        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        single.command(cmd_name)(verb(function))
+        return get_command(single)
+
+
 app = typer.Typer(
     name="fapengine",
-    help="Speech to MPEG-4 facial animation: sentences or phone timings in, FAP streams and a talking face out.",
+    cls=Commands,
+    help="Create talking faces from text, recordings or phone timings.",
     epilog=EXITS,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-
-VERBS = (
-    say.say,
-    serve.serve,
-    view.view,
-    animate.animate,
-    batch.batch,
-    align.align,
-    capture.capture,
-    render.render,
-    encode.encode,
-    decode.decode,
-    convert.convert,
-    inspect.inspect,
-    score.score,
-    fit.fit,
-    drive.drive,
-    reduce.reduce,
-    doctor.doctor,
-)
-"""Verbs in the order in which ``--help`` lists them. To add one: its own file, and its function here."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -72,11 +63,6 @@ def _options(
     version: bool = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version."),
 ) -> None:
     pass
-
-
-for _verb in VERBS:
-    app.command()(verb(_verb))
-app.add_typer(head.head, name="head")
 
 
 def main() -> None:

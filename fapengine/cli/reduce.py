@@ -1,4 +1,4 @@
-"""``fapengine reduce``: a recording as a few via points, and back at any rate."""
+"""``fapengine reduce``: reduce a recording to via points."""
 
 from pathlib import Path
 
@@ -8,15 +8,19 @@ from fapengine.cli.options import AsJson, WriteOptions
 
 
 def reduce(
-    take: Path = typer.Argument(..., help="Recording of markers (.c3d, .trc, .csv, .npz) without gaps."),
-    bound: str = typer.Option("0.5mm", "--bound", help="Largest distance of any marker in any frame, mm."),
+    take: Path = typer.Argument(..., help="Marker recording without gaps (.c3d, .trc, .csv, .npz)."),
+    bound: str = typer.Option("0.5mm", "--bound", help="Largest error of any marker in any frame, such as 0.5mm."),
     output: Path = typer.Option(..., "--output", "-o", help="Via points and the reduction curve (.npz)."),
-    back: Path | None = typer.Option(None, "--back", help="The curve through them as a recording (.trc, .c3d, .npz)."),
-    fps: float | None = typer.Option(None, "--fps", min=1.0, help="Frames a second of --back; by default the take's."),
+    back: Path | None = typer.Option(
+        None, "--back", help="Write the curve through the via points as a recording (.trc, .c3d, .npz)."
+    ),
+    fps: float | None = typer.Option(
+        None, "--fps", min=1.0, max=1000.0, help="Frame rate of --back. Default: that of the take."
+    ),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Keep a motion as a few poses, between which it moves with the least jerk (paper 004).
+    """Reduce a motion to a few poses, connected by minimum-jerk motion (paper 004).
 
     fapengine reduce take.c3d --bound 0.5mm -o via.npz
     fapengine reduce take.c3d -o via.npz --back take60.trc --fps 60
@@ -27,7 +31,7 @@ def reduce(
     try:
         bound_mm = float(bound.removesuffix("mm"))
     except ValueError as error:
-        raise UsageError(f"--bound: got {bound!r}, expected millimetres such as 0.5mm") from error
+        raise UsageError(f"--bound: must be millimetres such as 0.5mm, got {bound!r}") from error
     writing.check([path for path in (output, back) if path is not None], [take])
     curve = run_reduce(ReduceJob(take=take, bound_mm=bound_mm, output=output, back=back, rate_hz=fps))
     if as_json:

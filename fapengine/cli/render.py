@@ -1,4 +1,4 @@
-"""``fapengine render``: FAPs or recorded takes to a video, an animation, numbered pictures or one picture."""
+"""``fapengine render``: render FAPs or recorded takes to a video, animation, image sequence or image."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,14 +12,17 @@ if TYPE_CHECKING:
 
     from fapengine.mesh.deform import Pose
 
+MAX_S = 86_400.0
+"""Largest time of an option."""
+
 
 def render(
     drawing: shared.DrawingOptions,
     track: Annotated[
         list[Path],
         typer.Argument(
-            help="FAPs (.fap, .fba), or blend shapes (.csv, Azure's .json); or, for a dense face, recordings of markers"
-            " (.c3d, .trc, .npz, .csv, .tsv); several stand side by side."
+            help="FAPs (.fap, .fba) or blendshapes (.csv, Azure .json); for a dense face, marker recordings (.c3d,"
+            " .trc, .npz, .csv, .tsv). Several are shown side by side."
         ),
     ],
     output: Annotated[
@@ -27,36 +30,40 @@ def render(
         typer.Option(
             "--output",
             "-o",
-            help="Video (.mp4, .webm, .mkv, .mov), animation (.gif, .webp), pictures (frame_%04d.png, or a folder),"
-            " or .png for one frame.",
+            help="Video (.mp4, .webm, .mkv, .mov), animation (.gif, .webp), image sequence (frame_%04d.png, or a"
+            " folder), or .png for one frame.",
         ),
     ] = Path("out/render.mp4"),
-    audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video, from its start.")] = None,
-    at: Annotated[float, typer.Option("--at", help="With .png: which second to draw.")] = 0.0,
-    sheet: Annotated[int, typer.Option("--sheet", help="With .png: a contact sheet of so many moments.")] = 0,
+    audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video.")] = None,
+    at: Annotated[float, typer.Option("--at", min=0.0, max=MAX_S, help="With .png: time to render, in seconds.")] = 0.0,
+    sheet: Annotated[
+        int, typer.Option("--sheet", min=0, max=400, help="With .png: contact sheet with this number of frames.")
+    ] = 0,
     head: Annotated[
         list[str],
         typer.Option(
-            "--head", help="Whose face, once or once a face: default, an imported head's folder, or a profile's."
+            "--head",
+            help="Head, once, or once per track: same values as `say --head`, or a profile with a dense face.",
         ),
     ] = ["default"],  # noqa: B006  typer copies it
     turntable: Annotated[
-        float, typer.Option("--turntable", help="The camera goes once round the head in so many seconds.")
+        float,
+        typer.Option("--turntable", min=0.0, max=MAX_S, help="Orbit the camera around the head, in seconds per turn."),
     ] = 0.0,
-    wire: Annotated[bool, typer.Option("--wire", help="Draw the mesh's edges over the face.")] = False,
+    wire: Annotated[bool, typer.Option("--wire", help="Draw the wireframe over the face.")] = False,
     fps: Annotated[
-        float | None, typer.Option("--fps", min=1.0, help="Frames a second; by default the track's.")
+        float | None, typer.Option("--fps", min=1.0, max=1000.0, help="Frame rate. Default: that of the track.")
     ] = None,
     by: Annotated[
-        str, typer.Option("--by", help="Of a recording: estimator (paper 004), or modes (paper 003).")
+        str, typer.Option("--by", help="For marker recordings: estimator (paper 004) or modes (paper 003).")
     ] = "estimator",
     still_head: Annotated[
-        bool, typer.Option("--still-head", help="Of a recording: leave out the motion of the head.")
+        bool, typer.Option("--still-head", help="For marker recordings: leave out the head motion.")
     ] = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Draw FAPs that are there already, or a recorded take on the dense face that was learned from its session.
+    """Render existing FAPs, or a recorded take on the dense face of its session.
 
     fapengine render talk.fba --audio talk.wav -o out/talk.mp4
     fapengine render talk.fap --turntable 4 --wire -o out/turn.webp
@@ -71,10 +78,9 @@ def render(
     from fapengine.cli._progress import progress
     from fapengine.cli._result import print_result
     from fapengine.errors import UsageError
-    from fapengine.files.animation import is_sequence
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
-    from fapengine.files.moving import KINDS, check_moving, is_moving, moving_files, write_moving
+    from fapengine.files.moving import KINDS, check_moving, is_moving, is_sequence, moving_files, write_moving
     from fapengine.files.pictures import contact_sheet, save_png
     from fapengine.files.sound import load_sound
     from fapengine.files.video import CODECS
@@ -82,19 +88,19 @@ def render(
 
     is_one = output.suffix == ".png" and not is_sequence(output)
     if not (is_one or is_moving(output)):
-        raise UsageError(f"--output: got {output}, expected a name that ends with {KINDS}, or .png")
+        raise UsageError(f"--output: unknown file type {output}; use {KINDS} or .png")
     if audio and output.suffix not in CODECS:
-        raise UsageError(f"--audio: got {audio}, but {output.suffix} holds no sound; expected {', '.join(CODECS)}")
-    if turntable < 0 or sheet < 0 or (sheet and not is_one):
-        raise UsageError(f"--turntable, --sheet: got {turntable:g}, {sheet}, expected 0 or more, --sheet with .png")
+        raise UsageError(f"--audio: {output.suffix} cannot contain sound; use {', '.join(CODECS)}")
+    if sheet and not is_one:
+        raise UsageError(f"--sheet: requires a .png output, got {output.name}")
     faces = max(len(track), len(head))
     for name, count in (("track", len(track)), ("--head", len(head))):
         if count not in (1, faces):
-            raise UsageError(f"{name}: got {count}, expected one, or one for each of {faces} faces")
+            raise UsageError(f"{name}: got {count}; give one, or one for each of the {faces} faces")
     writing.check([output] if is_one else moving_files(output), [*track, audio, *head, drawing.background])
     way = next((name for name in WAYS if name == by), None)
     if way is None:
-        raise UsageError(f"--by: got {by!r}, expected {' or '.join(WAYS)}")
+        raise UsageError(f"--by: unknown value {by!r}; use {' or '.join(WAYS)}")
     how = drawing.value(wire=wire)
     rows: NDArray[np.int32] | list[list[Pose]]
     done: tuple[dict[str, float], str]
@@ -124,7 +130,7 @@ def render(
             done = {"moments": len(pictures)}, f"{len(pictures)} moments"
         elif is_one:
             if not 0 <= at <= last_s:
-                raise UsageError(f"--at: got {at} s, the track lasts {last_s:.2f} s")
+                raise UsageError(f"--at: {at} s is past the end; the track lasts {last_s:.2f} s")
             moment = int(np.ceil(round(at * rate_hz, 6)))
             save_png(output, next(draw_crowd(crowd, rows[moment : moment + 1], rate_hz)))
             done = {"frames": 1, "at_s": moment / rate_hz}, "one frame"

@@ -1,4 +1,4 @@
-"""``fapengine say``: a sentence to a talking face."""
+"""``fapengine say``: turn a sentence into a talking face."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,16 +6,17 @@ from typing import Annotated
 import typer
 
 from fapengine.cli import options as shared
+from fapengine.speaking import SpeakingOptions
 
 
 def say(
-    voice: shared.VoiceOptions,
-    manner: shared.MannerOptions,
+    speaking: SpeakingOptions,
+    voices: shared.VoiceList,
     drawing: shared.DrawingOptions,
     avatar: shared.AvatarOptions,
     live_output: shared.LiveOptions,
     text: Annotated[
-        str | None, typer.Argument(help="What to say; - reads it from standard input. Not with --mic.")
+        str | None, typer.Argument(help="Text to say. Use - to read standard input. Cannot be used with --mic.")
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
     shapes: shared.Shapes = None,
@@ -27,7 +28,7 @@ def say(
         bool,
         typer.Option(
             "--live",
-            help="Speak and move now, in a window or on the terminal; writes no file.",
+            help="Play now, in a window or in the terminal. Writes no file.",
             rich_help_panel=shared.LIVE,
         ),
     ] = False,
@@ -35,7 +36,7 @@ def say(
         bool,
         typer.Option(
             "--mic",
-            help="With --live and without a text: the microphone moves the face, half a second behind it. Ctrl-C ends.",
+            help="Drive the face from the microphone, with about 0.5 s of latency. Requires --live and no TEXT.",
             rich_help_panel=shared.LIVE,
         ),
     ] = False,
@@ -44,24 +45,29 @@ def say(
         typer.Option(
             "--mic-device",
             metavar="DEVICE",
-            help="Of --mic: a number or a part of its name; `fapengine doctor` lists them.",
+            help="Microphone for --mic: its number, or part of its name. `fapengine doctor` lists devices.",
             rich_help_panel=shared.LIVE,
         ),
     ] = None,
-    ear: Annotated[
+    recognizer: Annotated[
         Path | None,
-        typer.Option("--ear", metavar="EAR", help="Of --mic: what hears, as of animate.", rich_help_panel=shared.LIVE),
+        typer.Option(
+            "--recognizer",
+            metavar="NAME",
+            help="Speech recognizer for --mic: small, sphinx, both or MODEL.onnx. See `fapengine animate --help`.",
+            rich_help_panel=shared.LIVE,
+        ),
     ] = None,
     window: Annotated[
         bool | None,
         typer.Option(
             "--window/--no-window",
-            help="Of --live; by default where there is a display.",
+            help="Show --live in a window. Default: on if there is a display.",
             rich_help_panel=shared.LIVE,
         ),
     ] = None,
 ) -> None:
-    """Say a sentence: writes a video of a talking face, its FAPs, the sound, and a picture of every phone.
+    """Turn a sentence into a talking face. Writes a video, its FAPs, the sound and a contact sheet.
 
         fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4
         fapengine say "[laughs] Oh really? 🤔 Yes." -o out/marks.mp4
@@ -69,14 +75,15 @@ def say(
         fapengine say "Hello there." --live
         fapengine say --live --mic --sink vmc://127.0.0.1
 
-    Beside OUT.mp4 stand OUT.fap, OUT.wav and OUT.png (contact sheet); so they do beside an animation, or a folder of
-    numbered pictures. Marks in the text move the face and are not spoken.
+    Also writes OUT.fap, OUT.wav and OUT.png (a contact sheet) next to a video, animation or image sequence. Inline
+    cues such as [laughs] or emoji move the face and are not spoken.
 
-    With --live nothing is written: the sound is played, and the face follows the sound card's clock. With --live --mic
-    nobody need write a text: you say it.
+    With --live, nothing is written: the sound plays now, and the face stays in sync with it. Add --mic to speak
+    yourself instead of giving a text.
     """
     import sys
 
+    from fapengine.app.manner import manner_of, voice_of
     from fapengine.app.mouth_cues import RHUBARB
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
@@ -90,35 +97,37 @@ def say(
     from fapengine.speech.text.normal_form import decoded, speakable
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
-    chosen, how, into = manner.value(), drawing.value(), avatar.value()
+    chosen, how, into = manner_of(speaking), drawing.value(), avatar.value()
     if mic or mic_device is not None:
         if text is not None or not live:
-            given = f"the text {text!r:.40}" if text is not None else "no --live"
-            raise UsageError(f"--mic: got {given} with it, expected --live and no text")
+            need = "requires --live" if not live else "cannot be used with a text; use --live --mic without TEXT"
+            raise UsageError(f"--mic: {need}")
         from fapengine.cli._say_live import listen_now, print_heard
 
-        heard = listen_now(mic_device, chosen, live_output.value(), ear=ear, head=head, drawing=how, window=window)
+        heard = listen_now(
+            mic_device, chosen, live_output.value(), recognizer=recognizer, head=head, drawing=how, window=window
+        )
         print_heard(heard, as_json=as_json)
         return
     if text is None:
-        raise UsageError("text: got none, expected what to say; --live --mic lets you say it")
+        raise UsageError("text: missing; give a text, or use --live --mic to speak")
     check(output, chosen, how, shapes=shapes, into=into)
     if not live:
         writing.check(
-            outputs_of(output, sound=True), [head, manner.profile, drawing.background, avatar.into, avatar.mapping]
+            outputs_of(output, sound=True), [head, speaking.profile, drawing.background, avatar.into, avatar.mapping]
         )
     report = Report(shows=working)
     if text == "-" and sys.stdin is None:
-        raise UsageError("text: got -, but standard input is closed; expected a text")
+        raise UsageError("text: - reads standard input, but it is closed")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
-        speech = voice.value().load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    marked = read_marks(words, ssml=voice.ssml)
-    shown = " ".join(speakable(marked.text).text.split()) if voice.ssml else speakable(marked.text).text.strip()
+        speech = voice_of(speaking).load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    marked = read_marks(words, ssml=speaking.ssml)
+    shown = " ".join(speakable(marked.text).text.split()) if speaking.ssml else speakable(marked.text).text.strip()
     for remark in speech.remarks:
         typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
     if strict:
-        refuse_unknown(speech.phones, f"voice {voice.voice}")
+        refuse_unknown(speech.phones, f"voice {speaking.voice}")
     if live:
         from fapengine.cli._say_live import print_live, say_now
 

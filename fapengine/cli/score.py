@@ -1,4 +1,4 @@
-"""``fapengine score``: how good is a lip sync, whoever made it."""
+"""``fapengine score``: score a lip sync."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,41 +12,52 @@ def score(
     made: Annotated[
         Path,
         typer.Argument(
-            help="The recording: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM shapes (.csv, .json), VMC (.osc);"
-            " or a film of a talking head (.mp4, .webm, ...), which a face detector looks at."
+            help="The lip sync: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv, .json), VMC (.osc),"
+            " or a video of a talking head (.mp4, .webm, ...), which needs the face detector."
         ),
     ],
     against: Annotated[
-        Path | None, typer.Option("--against", help="Another recording of the same speech: the truth.")
+        Path | None, typer.Option("--against", help="Reference: a captured recording of the same speech.")
     ] = None,
-    phones: Annotated[Path | None, typer.Option("--phones", help="Timings of what is said, in any format.")] = None,
+    phones: Annotated[Path | None, typer.Option("--phones", help="Phone timings, in any format.")] = None,
     plan: Annotated[
-        bool, typer.Option("--plan", help="With --phones: compare with fapengine's own plan, as if it were a truth.")
+        bool, typer.Option("--plan", help="With --phones: use fapengine's own plan as the reference.")
     ] = False,
-    audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Its sound: do lips grow with loudness?")] = None,
+    audio: Annotated[
+        Path | None, typer.Option("--audio", "-a", help="Sound, to compare lip opening with loudness.")
+    ] = None,
     offset: Annotated[
-        float, typer.Option("--offset", help="Seconds of the others at which the recording begins.")
+        float,
+        typer.Option(
+            "--offset", min=-86_400.0, max=86_400.0, help="Start of the lip sync within the other files, in seconds."
+        ),
     ] = 0.0,
     closed_mm: Annotated[
-        float, typer.Option("--closed-mm", help="Opening against rest below which lips count as closed.")
+        float,
+        typer.Option(
+            "--closed-mm",
+            min=0.0,
+            max=100.0,
+            help="Lip opening relative to neutral below which lips count as closed, in mm.",
+        ),
     ] = 1.0,
     voice: Annotated[
-        str, typer.Option("--voice", "-v", help="Whose pronunciation, where the timings have words only.")
+        str, typer.Option("--voice", "-v", help="Voice that pronounces timings without phones.")
     ] = "en-us",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with pictures (.html).")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with plots (.html).")] = None,
     as_json: AsJson = False,
     timings: TimingOptions = TimingOptions(),
     writing: WriteOptions = WriteOptions(),
 ) -> None:
-    """Score a lip sync, anybody's: closures, timing, likeness, loudness, head and blinks.
+    """Score any lip sync: closures, timing, similarity, loudness, head motion and blinks.
 
         fapengine score theirs.csv --phones talk.TextGrid -o out/score.html
         fapengine score theirs.csv --against mocap.fap --json
         fapengine score talk.mp4 --phones talk.TextGrid    # any video
 
-    Against phones it tells whether p b m close and f v meet the teeth, and how late; against a true recording also how
-    like its lips are. A video needs the face detector (docs/how-to/score.md). A recording of a tool that gives visemes
-    only: fapengine animate makes a motion of it first.
+    With --phones, it reports whether p b m close and f v meet the teeth, and how late. With --against, also the
+    similarity to the reference. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes
+    only, use `fapengine animate` first.
     """
     from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
     from fapengine.cli._progress import progress
@@ -56,7 +67,7 @@ def score(
 
     for flag, value in timings.given.items():
         if value is not None and phones is None:
-            raise UsageError(f"{flag}: got {value} without --phones, whose timings it is for")
+            raise UsageError(f"{flag}: requires --phones")
     job = ScoreJob(
         made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
         voice=voice, read_phones=timings.load, output=output,
@@ -65,7 +76,7 @@ def score(
         writing.check([output], [made, against, phones, audio])
     films = [each for each in (made, against) if each is not None and is_film(each)]
     if films:
-        with progress("looking, frames", sum(map(count_pictures, films))) as advance:
+        with progress("detecting, frames", sum(map(count_pictures, films))) as advance:
             found = run_score(job, on_frame=advance)
     else:
         found = run_score(job)
@@ -81,4 +92,4 @@ def score(
     for note in notes_of(job, found):
         typer.echo(note)
     if output is not None:
-        typer.echo(f"look at {output}")
+        typer.echo(f"report: {output}")

@@ -1,77 +1,95 @@
-"""``fapengine serve``: faces in real time, for senders of phones and for whoever shows them."""
+"""``fapengine serve``: a live server for text, phones and audio that shows faces."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fapengine import speaking
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
-    from fapengine.live.server.config import ServeConfig
-    from fapengine.live.server.server import Server
-    from fapengine.live.server.watchdog import Watchdog
-    from fapengine.live.server.workers import Workers
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
+    from fapengine.server.cluster.workers import Workers
+    from fapengine.server.config import ServeConfig
+    from fapengine.server.server import Server
+    from fapengine.server.watchdog import Watchdog
 
 
 def serve(
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="A TOML file with all of this and more; options go before it.")
+        Path | None, typer.Option("--config", "-c", help="TOML configuration file. Command-line options override it.")
     ] = None,
     host: Annotated[
-        str | None, typer.Option("--host", help="Where to listen; 0.0.0.0 lets the network in. [default: 127.0.0.1]")
+        str | None,
+        typer.Option(
+            "--host", help="Address to listen on. Use 0.0.0.0 for all interfaces, and set --token. [default: 127.0.0.1]"
+        ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option("--port", "-p", min=0, max=65535, help="OSC in, UDP and TCP. [default: 9110]")
+        int | None,
+        typer.Option(
+            "--port", "-p", min=0, max=65535, help="Port for OSC, UDP and TCP. 0 picks a free port. [default: 9110]"
+        ),
     ] = None,
     web_port: Annotated[
         int | None,
-        typer.Option("--web-port", "-w", min=0, max=65535, help="The page; 0: any free port. [default: 8110]"),
+        typer.Option(
+            "--web-port",
+            "-w",
+            min=0,
+            max=65535,
+            help="Port for the web page and WebSocket. 0 picks a free port. [default: 8110]",
+        ),
     ] = None,
-    no_page: Annotated[bool, typer.Option("--no-page", help="Serve no page.")] = False,
+    no_page: Annotated[bool, typer.Option("--no-page", help="Do not serve the web page.")] = False,
     sink: Annotated[
         list[str],
         typer.Option(
             "--sink",
             "-s",
-            help="Send frames on, as KIND://HOST:PORT: osc, named, vmc, vrchat, livelink, fba (UDP), fba+tcp or rtp;"
-            " or as video: camera://, rtmp://HOST/PATH, srt://HOST:PORT. May be given again.",
+            help=f"Send frames to this URL: {shared.SINKS}. ?session=NAME chooses a face. Repeatable.",
+            autocompletion=shared.complete_sink,
         ),
     ] = [],  # noqa: B006  typer copies it
-    sound: Annotated[
+    play: Annotated[
         str | None,
         typer.Option(
-            "--sound",
-            help="Play what this session's voice says through this machine's loudspeaker, and let its face follow;"
-            " 'face' is the session of one-line senders and of the page.",
+            "--play",
+            metavar="SESSION",
+            help="Play this session's voice on the server's audio output. The default session is 'face'.",
         ),
     ] = None,
     device: shared.Device = None,
-    listen_audio: Annotated[
+    mic: Annotated[
         str | None,
         typer.Option(
-            "--listen-audio",
+            "--mic",
             metavar="DEVICE",
-            help="Let a microphone of this machine move the session 'face': default, a number or a part of its name.",
+            help="Drive the session 'face' from a microphone on the server: default, its number, or part of its name.",
         ),
     ] = None,
-    ear: Annotated[
+    recognizer: Annotated[
         str | None,
-        typer.Option("--ear", metavar="EAR", help="What hears all sound that comes in, as of animate."),
+        typer.Option(
+            "--recognizer",
+            metavar="NAME",
+            help="Speech recognizer for incoming audio: small, sphinx, both or MODEL.onnx. See `fapengine animate"
+            " --help`.",
+        ),
     ] = None,
     webrtc: Annotated[
         bool,
         typer.Option(
             "--webrtc",
-            help="Take calls at the page's port: WHEP shows a face as video and sound, WHIP lets sound move it, and"
-            " /call.html does both.",
+            help="Enable WebRTC on the web port: /whep streams video and audio, /whip receives audio, /call.html is a"
+            " demo page.",
         ),
     ] = False,
     token: Annotated[
         str | None,
-        typer.Option("--token", envvar="FAPENGINE_TOKEN", help="What senders and pages must know to be let in."),
+        typer.Option("--token", envvar="FAPENGINE_TOKEN", help="Secret that clients and browsers must present."),
     ] = None,
     workers: Annotated[
         int | None,
@@ -79,79 +97,93 @@ def serve(
             "--workers",
             min=1,
             max=256,
-            help="Processes that show faces: one for each core. One more gives them their sessions. [default: 1]",
+            help="Number of worker processes, one per core. A dispatcher process assigns sessions to them. Linux only."
+            " [default: 1]",
         ),
     ] = None,
-    bus: Annotated[
+    nats: Annotated[
         str | None,
         typer.Option(
-            "--bus",
+            "--nats",
             metavar="nats://HOST:PORT",
-            help="Share the sessions with all machines that are given the same NATS server.",
+            help="Share sessions with every server that uses the same NATS server.",
         ),
     ] = None,
-    metrics: Annotated[
+    metrics_port: Annotated[
         int | None,
-        typer.Option("--metrics", min=0, max=65535, help="Prometheus text at this port, /metrics; 0: any free one."),
+        typer.Option(
+            "--metrics-port", min=0, max=65535, help="Port for Prometheus metrics, at /metrics. 0 picks a free port."
+        ),
     ] = None,
-    log: Annotated[str | None, typer.Option("--log", help="text, or json: an object a line. [default: text]")] = None,
+    log: Annotated[
+        str | None, typer.Option("--log", help="Log format: text or json (one object per line). [default: text]")
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log every utterance.")] = False,
-    profile: Annotated[
-        str | None, typer.Option("--profile", help="Whose way of speaking: a shipped name or a folder.")
-    ] = None,
+    profile: speaking.ProfileName | None = None,
     head: Annotated[
-        str | None, typer.Option("--head", help="Whose face the page shows: default, or an imported head's folder.")
+        str | None, typer.Option("--head", help="Head shown on the web page. Same values as `say --head`.")
     ] = None,
-    fps: Annotated[float | None, typer.Option("--fps", help="Frames a second. [default: 60]")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Chance of blinks, glances and head motion.")] = None,
-    without: shared.Without = [],  # noqa: B006
+    fps: speaking.Fps | None = None,
+    articulation: speaking.Articulation | None = None,
+    jaw: speaking.Jaw | None = None,
+    lips: speaking.Lips | None = None,
+    loudness: speaking.Loudness | None = None,
+    method: speaking.MethodName | None = None,
+    without: speaking.Without = (),
+    seed: speaking.Seed | None = None,
+    voice: speaking.Voice | None = None,
+    rate: speaking.Rate | None = None,
+    ssml: speaking.Ssml | None = None,
 ) -> None:
-    """Run the live engine: phones in over OSC, faces out, and a page that shows one.
+    """Run a live server: receives text, phones or audio, and shows faces in the browser and in other programs.
 
         fapengine serve
         fapengine serve --sink vmc://127.0.0.1:39539 --sink osc://127.0.0.1:9100
         fapengine serve --workers 8
 
-    A sender of one line is enough (python-osc, Pure Data, anything that speaks OSC to port 9110):
+    Any OSC client can make the face speak (python-osc, Pure Data, Max), on port 9110:
 
         /phoneme s "m"      /phoneme s "a" f 0.2      /viseme s "O"
         /tts/text s "Hello there."      /tts/stop
 
-    The robust way, with repeats, acknowledgements and clocks: fapengine.live.clients.sender; docs/osc.md tells of both.
-    A face goes on to other programs through sinks.
+    For lossless delivery and clock synchronization, use fapengine.Client. See docs/osc.md. Use --sink to send the face
+    to other programs.
 
-    One process shows faces on one core; --workers 8 has eight behind the same ports. If one dies, others speak on.
-    With --bus nats://HOST:4222 so do machines.
+    One process uses one core. --workers 8 starts eight behind the same ports; if one fails, the others continue.
+    --nats nats://HOST:4222 does the same across machines.
 
-    Ctrl-C or SIGTERM: the faces come to rest, then the server ends.
+    Ctrl-C or SIGTERM returns all faces to neutral and stops the server.
     """
     from dataclasses import replace
 
     from fapengine.errors import UsageError
-    from fapengine.live.server.config import ServeConfig, load_config, overridden
-    from fapengine.live.server.sink_address import parse_sink
+    from fapengine.server.config import ServeConfig, load_config, overridden
+    from fapengine.server.sinks.kinds import parse_sink
 
     for url in sink:
         parse_sink(url)
     own = load_config(config) if config else ServeConfig()
     listen = overridden(
-        own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics, token=token, workers=workers
+        own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics_port, token=token, workers=workers
     )
-    speaker = overridden(own.sound, session=sound, device=device, microphone=listen_audio, ear=ear)
+    speaker = overridden(own.sound, session=play, device=device, microphone=mic, recognizer=recognizer)
     if speaker.device and not speaker.session:
-        raise UsageError(f"--device: got {speaker.device!r}, expected --sound SESSION with it")
+        raise UsageError("--device: requires --play SESSION")
+    style = overridden(
+        own.style, articulation=articulation, jaw=jaw, lips=lips, loudness_db=loudness, method=method
+    )  # fmt: skip
     calls = overridden(own.calls, on=True if webrtc else None)
     if calls.on and (no_page or listen.web_port is None):
-        raise UsageError("--webrtc: got no page's port to call at, expected a --web-port with it")
+        raise UsageError("--webrtc: requires the web page; remove --no-page, or set --web-port")
     chosen = ServeConfig(
         listen=replace(listen, web_port=None) if no_page else listen,
         face=overridden(own.face, profile=profile, head=head, rate_hz=fps, seed=seed),
-        style=own.style.without(without),
-        voice=own.voice,
+        style=style.without(without),
+        voice=overridden(own.voice, name=voice, rate_wpm=rate, ssml=ssml),
         sound=speaker,
         calls=calls,
         limits=own.limits,
-        bus=overridden(own.bus, url=bus),
+        bus=overridden(own.bus, url=nats),
         log=overridden(own.log, format=log, level="debug" if verbose else None),
         sinks=(*own.sinks, *sink),
     )
@@ -163,18 +195,18 @@ def _start(config: "ServeConfig") -> None:
 
     from fapengine.files.heads.load import load_head
     from fapengine.files.profiles import load_profile
-    from fapengine.live.server.logs import begin_log
-    from fapengine.live.server.watchdog import start_watchdog
+    from fapengine.server.logs import begin_log
+    from fapengine.server.watchdog import start_watchdog
 
     _need_extra()
     if config.calls.on:
-        from fapengine.live.calls.calls import need_aiortc
+        from fapengine.server.calls.calls import need_aiortc
 
         need_aiortc()
     begin_log(config.log.level, config.log.format)
     face = load_head(config.face.head) if config.listen.web_port is not None else None
     profile = load_profile(config.face.profile)
-    if config.has_parent:  # workers load head and profile themselves: here it is seen that they can
+    if config.has_parent:  # workers load head and profile themselves; this checks that they can
         asyncio.run(_run_workers(config))
         return
     with start_watchdog(config.sinks, config.face.rate_hz) as watchdog:
@@ -182,27 +214,20 @@ def _start(config: "ServeConfig") -> None:
 
 
 def _need_extra() -> None:
-    """Refuse at once what would fail in the middle: the server's libraries are an extra."""
-    from importlib import import_module
-
-    from fapengine.errors import ResourceError
+    """Check the server's libraries, which are an extra, before anything starts."""
+    from fapengine._late import needed
 
     for name in ("aiohttp", "prometheus_client"):
-        try:
-            import_module(name)
-        except ImportError as error:
-            raise ResourceError(
-                f'serve: {name} is not installed; mend it with: pip install "fapengine[live]"'
-            ) from error
+        needed(name, name, "serve")
 
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
     import asyncio
     import signal
 
-    from fapengine.live.server.collecting import collect_now_and_then
-    from fapengine.live.server.server import Server
-    from fapengine.live.server.server import serve as serve_until_stopped
+    from fapengine.server.load import collect_now_and_then
+    from fapengine.server.server import Server
+    from fapengine.server.server import serve as serve_until_stopped
 
     server = Server(config, profile, head)
     server.hub.listeners.on_frames(lambda frames: guard.tell(frames.sessions))
@@ -223,7 +248,7 @@ async def _run_workers(config: "ServeConfig") -> None:
     import asyncio
     import signal
 
-    from fapengine.live.server.workers import Workers, serve_with_workers
+    from fapengine.server.cluster.workers import Workers, serve_with_workers
 
     workers = Workers(config)
     loop = asyncio.get_running_loop()
@@ -233,11 +258,11 @@ async def _run_workers(config: "ServeConfig") -> None:
 
 
 def _announce(server: "Server | Workers") -> None:
-    """Say where everything is: for people on standard output, for programs in the log."""
+    """Print all addresses, or log them as JSON."""
     import logging
     from urllib.parse import quote
 
-    from fapengine.live.server.server import Server
+    from fapengine.server.server import Server
 
     config = server.config
     host, port = server.osc_address
@@ -266,9 +291,9 @@ def _announce(server: "Server | Workers") -> None:
             typer.echo(f"{what:<8} {where}")
         typer.echo("Ctrl-C stops.")
     if isinstance(server, Server) and server.speaker is not None and server.speaker.is_silent:
-        log.warning("no sound; the face keeps time by the clock: %s", server.speaker.description)
+        log.warning("no sound; the face follows the system clock: %s", server.speaker.description)
     if config.listen.host not in ("127.0.0.1", "::1", "localhost") and not config.listen.token:
-        log.warning("everybody in the network may speak here: set a token")
+        log.warning("no token is set: anyone on the network can connect")
 
 
 def _sound_lines(server: "Server") -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""``fapengine view``: a window with a live face and its controls."""
+"""``fapengine view``: show a face in a window."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -6,56 +6,63 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fapengine import speaking
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
-    from fapengine.app.view_sources import Source
+    from fapengine.app.view import Source
 
 CHECKED_HZ = 22_050
-"""Sample rate at which a named device is tried; one that does not know it is opened with its own."""
+"""Sample rate at which a named device is tried first."""
 
 
 def view(
     live_output: shared.LiveOptions,
-    voice: shared.VoiceOptions,
+    voices: shared.VoiceList,
     source: Annotated[
         str | None,
         typer.Argument(
-            help="FAPs (.fap, .fba, .csv, .json), a server (http://127.0.0.1:8110/, as `fapengine serve` prints it),"
-            " or a port for OSC frames (osc://127.0.0.1:9100). Without one, a face that speaks what you type."
+            help="FAPs (.fap, .fba, .csv, .json), a server (http://127.0.0.1:8110/, as `fapengine serve` prints it), or"
+            " a port for OSC frames (osc://127.0.0.1:9100). Default: a local face that says --say."
         ),
     ] = None,
-    audio: Annotated[Path | None, typer.Option("--audio", help="Sound of the file; the face follows it.")] = None,
-    session: Annotated[str | None, typer.Option("--session", help="Whose face, of a server or a port.")] = None,
-    say: Annotated[list[str], typer.Option("--say", help="Say this first. May be given again.")] = [],  # noqa: B006
-    profile: shared.ProfileName = "grid_s1_en",
+    audio: Annotated[Path | None, typer.Option("--audio", help="Sound of the file. The face follows it.")] = None,
+    session: Annotated[str | None, typer.Option("--session", help="Session to show, of a server or a port.")] = None,
+    say: Annotated[list[str], typer.Option("--say", help="Text to say first. Repeatable.")] = [],  # noqa: B006
+    voice: speaking.Voice = speaking.DEFAULT_VOICE,
+    rate: speaking.Rate = speaking.DEFAULT_RATE_WPM,
+    ssml: speaking.Ssml = False,
+    profile: speaking.ProfileName = speaking.DEFAULT_PROFILE,
     head: shared.HeadName = "default",
     camera: shared.CameraName = "front",
     size: shared.Size = "900x660",
-    fps: shared.Fps = 60.0,
-    without: shared.Without = [],  # noqa: B006
-    seed: shared.Seed = 1,
-    seconds: Annotated[float | None, typer.Option("--for", help="Close after so many seconds.")] = None,
-    shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG when it closes.")] = None,
+    fps: speaking.Fps = 60.0,
+    without: speaking.Without = (),
+    seed: speaking.Seed = 1,
+    seconds: Annotated[
+        float | None, typer.Option("--for", min=0.0, max=86_400.0, help="Close the window after this time, in seconds.")
+    ] = None,
+    shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG file when it closes.")] = None,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
-    """Open a window with a face: your own words, a file, or a live session.
+    """Show a face in a window: a local face, a file, or a live session.
 
-        fapengine view
+        fapengine view --say "Hello there."
         fapengine view out/demo.fap --audio out/demo.wav
         fapengine view http://127.0.0.1:8110/
 
-    Pull the face to turn it, wheel to come nearer; 1 to 4 cameras, R front, space pause, B blink, S stop, Enter types,
-    Tab hides the panel, Q closes.
+    Drag the face to turn it, use the wheel to zoom; 1 to 4 cameras, R front, space pause, B blink, S stop, Q closes.
+    Sliders and a text line are on the page of `fapengine serve`.
     """
     from fapengine.app.manner import Manner
     from fapengine.app.view import ViewOptions, run_window
+    from fapengine.audio.device import open_output
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_levels
-    from fapengine.live.audio.device import open_output
     from fapengine.render.drawing import Drawing
     from fapengine.trajectory.style import Style
+    from fapengine.voices.choice import VoiceChoice
 
     if audio is not None and (source is None or "://" in source):
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
@@ -63,25 +70,28 @@ def view(
         raise UsageError(f"--for: got {seconds} s, expected a positive time")
     if shot is not None:
         writing.check([shot], [source, audio, head, profile])
-    options = ViewOptions(
-        drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot, sentences=tuple(say)
-    )  # fmt: skip
+    options = ViewOptions(drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot)
     manner = Manner(profile=profile, style=Style().without(without), seed=seed, rate_hz=fps)
+    chosen = VoiceChoice(voice, rate, ssml)
     device, silent = live_output.device, live_output.silent
     if device is not None and not silent:
-        open_output(CHECKED_HZ, device=device).close()  # a wrong one is an error now, not at the first sentence
+        open_output(CHECKED_HZ, device=device).close()  # report a wrong device now, not at the first sentence
     finest, coarser = load_levels(head)
 
     def open_source() -> "Source":
-        from fapengine.app import view_sources
+        from fapengine.app.face import LEAD_S, TAIL_S
         from fapengine.app.say_live import open_face
+        from fapengine.app.view import FaceSource, open_file, open_url
 
         if source is None:
+            spoken = [chosen.load().speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S) for text in say]
             face = open_face(manner, live_output.value())
-            return view_sources.SpeakingSource(face, lambda text: voice.value().load().speak(text))
+            for text, speech in zip(say, spoken, strict=True):
+                face.say(speech, text=text)
+            return FaceSource(face)
         if "://" in source:
-            return view_sources.open_url(source, session=session, voice=voice.voice, device=device, silent=silent)
-        return view_sources.open_file(Path(source), audio, device=device, silent=silent)
+            return open_url(source, session=session, texts=say, voice=chosen.name, device=device, silent=silent)
+        return open_file(Path(source), audio, device=device, silent=silent)
 
     report = run_window(finest, coarser, open_source, options)
     if as_json:

@@ -19,10 +19,9 @@ import numpy as np
 
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits
-from fapengine.codec.fields import Bools, Ints
+from fapengine.codec.fields import UNIT, Bools, Ints
 from fapengine.codec.header import LIST_MARKER_EVERY, expect_predictive
 from fapengine.codec.planes import INT32_TOP, Models
-from fapengine.codec.ranges import UNIT
 from fapengine.errors import ConformanceError, UnsupportedError
 
 
@@ -66,17 +65,7 @@ class BodyHeader:
 
 
 def read_body_header(reader: BitReader) -> BodyHeader:
-    """Read the fields of the body, up to the arithmetic data.
-
-    Raises
-    ------
-    TruncatedError
-        If the bits end within it.
-    ConformanceError
-        For a marker of 0, and for mask type 2, which bodies do not have.
-    UnsupportedError
-        For DCT mode.
-    """
+    """Read the fields of the body, up to the arithmetic data."""
     quant = reader.read(5, "bap_quant")
     mask: list[bool] = []
     for index, group in enumerate(BODY_GROUPS, start=1):
@@ -127,13 +116,7 @@ class BodyState:
         self._found: Ints = np.zeros((4, count), np.int64)
 
     def begin_intra(self, header: BodyHeader, where: str) -> None:
-        """Take over mask and ranges, and forget the models.
-
-        Raises
-        ------
-        UnsupportedError
-            For a BAP whose ranges were never sent.
-        """
+        """Take over mask and ranges, and forget the models."""
         scale = SCALES[header.quant] or 1
         for side, magnitudes in enumerate(header.ranges):
             if magnitudes is not None:
@@ -143,7 +126,7 @@ class BodyState:
         unknown = np.flatnonzero(header.mask & ~self._sent.all(0))
         if len(unknown):
             raise UnsupportedError(
-                f"BAP {CODED_BAPS[unknown[0]]}: got no range, and its default range is not known", where=where,
+                f"BAP {CODED_BAPS[unknown[0]]}: range is missing, and its default range is not known", where=where,
                 clause="FBA section 16",
             )  # fmt: skip
         i_max, i_min, p_max, p_min = self._ranges

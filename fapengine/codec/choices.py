@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.codec.fields import LOW_LEVEL_FIELDS, Bools, Ints
+from fapengine.codec.fields import LOW_LEVEL_FIELDS, MAX_SENT, UNIT, Bools, Ints, SentRanges
 from fapengine.codec.planes import STEPS
-from fapengine.codec.ranges import MAX_SENT, UNIT, SentRanges
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 

@@ -21,12 +21,11 @@ from typing import Literal
 
 import numpy as np
 
+from fapengine.codec import bits
 from fapengine.codec import kernels as k
-from fapengine.codec import startcodes
 from fapengine.codec.bits import BitReader, Bits, place, unpack
 from fapengine.codec.bodies import BodyState, read_body_header
 from fapengine.codec.fields import FIELD_COUNT, FIELD_FAPS, FIELD_NAMES, Ints, track_of
-from fapengine.codec.frames import Frame, Loss, Planes
 from fapengine.codec.header import (
     BODY,
     FACE,
@@ -37,7 +36,7 @@ from fapengine.codec.header import (
     read_plane_start,
     read_skip,
 )  # fmt: skip
-from fapengine.codec.planes import PlaneState
+from fapengine.codec.planes import Frame, Loss, Planes, PlaneState
 from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import ConformanceError, DataError, TruncatedError
 from fapengine.mpeg4.track import FapTrack
@@ -229,7 +228,7 @@ class Decoder:
 
     def _begin(self, *, final: bool) -> bool:
         try:
-            self._at = 8 * startcodes.skip_preamble(np.packbits(self._bits).tobytes())
+            self._at = 8 * bits.skip_preamble(np.packbits(self._bits).tobytes())
         except TruncatedError:
             if not final:
                 return False
@@ -241,7 +240,7 @@ class Decoder:
         left = len(self._bits) - self._at
         if not left:
             if final:
-                raise TruncatedError("got no plane", where=self._where())
+                raise TruncatedError("contains no plane", where=self._where())
             return False
         if self._bits[self._at]:
             return self._intra(final=final)
@@ -287,7 +286,7 @@ class Decoder:
         return True
 
     def _start_code(self, code: int) -> None:
-        if code in (startcodes.PLANE_START, startcodes.OLD_PLANE_START):
+        if code in (bits.PLANE_START, bits.OLD_PLANE_START):
             self._at = (self._at // 8 + 1) * 8 + 32
             self._fresh = True
         elif 0xB0 <= code <= 0xBF:
@@ -490,11 +489,6 @@ def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) 
         From the first start code on.
     errors, with_costs
         As :class:`Decoder`.
-
-    Raises
-    ------
-    DataError
-        With byte, bit and section of the format: for damage if ``errors`` is "strict"; if no frame at all was found.
     """
     decoder = Decoder(errors=errors, with_costs=with_costs)
     planes = decoder.feed_planes(data)
@@ -502,7 +496,7 @@ def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) 
     if decoder.trouble is not None:
         raise decoder.trouble
     if not planes:
-        raise DataError("got no frame", where=place(0))
+        raise DataError("contains no frame", where=place(0))
     values = np.concatenate([part.values for part in planes])
     flags = np.concatenate([part.flags for part in planes])
     numbers = np.concatenate([part.numbers for part in planes])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fapengine.codec.bits import FACE_TYPE, OBJECT_START, PLANE_START, SEQUENCE_START, VISUAL_OBJECT, code
 from fapengine.codec.decoder import Decoded, decode
-from fapengine.codec.startcodes import FACE_TYPE, OBJECT_START, PLANE_START, SEQUENCE_START, VISUAL_OBJECT, code
 from fapengine.errors import DataError
 
 START_CODE_BYTES = 4
@@ -66,11 +66,6 @@ def access_units(stream: bytes, decoded: Decoded | None = None) -> list[AccessUn
         A face stream with a start code before every plane.
     decoded : Decoded, optional
         The same stream decoded, where that has been done.
-
-    Raises
-    ------
-    DataError
-        If the stream is damaged, or planes share bytes.
     """
     decoded = decode(stream) if decoded is None else decoded
     extents = np.concatenate([part.extents for part in decoded.planes])

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 from fapengine.codec import kernels as k
 from fapengine.codec.choices import MAX_QUANT, coarsest_quant, fit_ranges, guaranteed_quant, moving, quantise
 from fapengine.codec.choices import table_ranges as table_as_sent
-from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, rows_of
+from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, SentRanges, rows_of
 from fapengine.codec.header import FrameRate, IntraHeader, mask_types_of
 from fapengine.codec.planes import PlaneState
-from fapengine.codec.ranges import SentRanges
 from fapengine.codec.writer import StreamWriter, check_selects
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
@@ -72,11 +71,11 @@ class EncoderOptions:
 
     def __post_init__(self) -> None:
         if not 0 <= self.quant <= MAX_QUANT:
-            raise UsageError(f"quant: got {self.quant}, expected 0..{MAX_QUANT}")
+            raise UsageError(f"quant: must be 0 to {MAX_QUANT}, got {self.quant}")
         if self.intra_every < 0:
-            raise UsageError(f"intra_every: got {self.intra_every}, expected 0 or more frames")
+            raise UsageError(f"intra_every: must be 0 or more frames, got {self.intra_every}")
         if self.kbit_s is not None and not (np.isfinite(self.kbit_s) and self.kbit_s > 0):
-            raise UsageError(f"kbit_s: got {self.kbit_s}, expected a positive rate")
+            raise UsageError(f"kbit_s: must be a positive rate, got {self.kbit_s}")
         if self.max_error_mm is not None and (self.fapu is None or not self.max_error_mm > 0):
             raise UsageError(f"max_error_mm: got {self.max_error_mm} with fapu {self.fapu}, expected mm > 0 and a face")
         if self.max_error_mm is not None and self.kbit_s is not None:
@@ -92,11 +91,6 @@ class EncoderOptions:
 def encode(track: FapTrack, options: EncoderOptions | None = None) -> bytes:
     """Encode a whole track.
 
-    Raises
-    ------
-    UsageError
-        If the track is empty, its rate cannot be sent, or a viseme does not exist.
-
     Examples
     --------
     >>> still = FapTrack.of([[0] * 68] * 25, rate_hz=25.0)
@@ -105,7 +99,7 @@ def encode(track: FapTrack, options: EncoderOptions | None = None) -> bytes:
     """
     options = options or EncoderOptions()
     if not len(track):
-        raise UsageError("track: got no frames, expected at least one")
+        raise UsageError("track: contains no frames")
     values, flags = rows_of(track)
     values[:, BLENDS] = np.clip(values[:, BLENDS], 0, 63)
     check_selects(values[track.mask[:, 0]], True, False)
@@ -318,7 +312,7 @@ class Encoder:
         """
         row, flags = self._lay_out(values, viseme, expression)
         if skip < 0:
-            raise UsageError(f"skip: got {skip}, expected 0 or more")
+            raise UsageError(f"skip: must be 0 or more, got {skip}")
         every = self.options.group_frames(self._rate_hz)
         intra = self._intra_wanted or (every > 0 and self._since_intra >= every)
         begun = self._writer.state.ranges is not None

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools, Ints, rows_of
+from fapengine.codec.fields import GROUPS, LISTS, LOW_LEVEL_COUNT, Bools, Ints, SentRanges, rows_of
 from fapengine.codec.header import FACE, FrameRate, IntraHeader, TimeCode
-from fapengine.codec.ranges import LISTS, SentRanges
 from fapengine.codec.writer import StreamWriter, check_selects
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
 RANGE_TAGS = ("FIX", "FIN", "FPX", "FPN")
-"""Tags in the order of :data:`fapengine.codec.ranges.LISTS`."""
+"""Tags in the order of :data:`fapengine.codec.fields.LISTS`."""
 BODY_TAGS = frozenset({"BFR", "BRR", "BTC", "BSK", "BMT", "BQU", "BIX", "BIN", "BPX", "BPN"})
 COUNTS = {"FBM": 1, "FFR": 1, "ISI": 1, "FRR": 3, "TC": 4, "SKN": 1, "FQU": 1, "GDR": 1, "CDM": 1}
 LIMITS = {"ISI": 1, "FQU": 31, "GDR": 1, "CDM": 1, "FBM": 3}
@@ -57,11 +56,11 @@ class _Held:
     def order(self) -> PlaneOrder:
         where = f"line {self.line}"
         if self.frame is None:
-            raise DataError("frame: got no FFR, expected its number", where=where)
+            raise DataError("frame: FFR is missing", where=where)
         if not self.intra:
             return PlaneOrder(frame=self.frame, skip=self.skip)
         if self.mask is None:
-            raise DataError("first I plane: got no FMT, expected masks", where=where)
+            raise DataError("first I plane: FMT is missing", where=where)
         try:
             ranges = SentRanges.covering(*self.lists)
         except UsageError as error:
@@ -116,22 +115,14 @@ class _Words:
                 raise DataError(f"{what}: got {word[:20]!r}, expected a whole number", where=f"line {line}")
             number = int(word) if word[1:].isdigit() or word.isdigit() else high + 1
             if not low <= number <= high:
-                raise DataError(f"{what}: got {word[:20]}, expected {low}..{high}", where=f"line {line}")
+                raise DataError(f"{what}: must be {low} to {high}, got {word[:20]}", where=f"line {line}")
             numbers.append(number)
         self._at += count
         return numbers
 
 
 def parse_epf(data: bytes) -> tuple[PlaneOrder, ...]:
-    """Read a parameter file.
-
-    Raises
-    ------
-    DataError
-        With the line, for anything that is no such file.
-    UnsupportedError
-        For body parameters and DCT mode.
-    """
+    """Read a parameter file."""
     words = _Words(data)
     held = _Held()
     orders: list[PlaneOrder] = []
@@ -148,7 +139,7 @@ def parse_epf(data: bytes) -> tuple[PlaneOrder, ...]:
             raise DataError(f"got {tag[:20]!r}, expected FBM first", where=f"line {line}")
         _read_tag(tag, words, held, line)
     if not started:
-        raise TruncatedError("parameter file: got no frame, expected FBM", where="line 1")
+        raise TruncatedError("parameter file: contains no frame; FBM is missing", where="line 1")
     orders.append(held.order())
     return tuple(orders)
 
@@ -252,11 +243,6 @@ def encode_orders(
         Code the nearest symbol for values out of range, instead of an error.
     plane_start_codes : bool
         Write a start code before each I plane, the first included.
-
-    Raises
-    ------
-    UsageError
-        If the first plane is not intra, the track has no such frame, or a value is out of range.
     """
     if not orders or orders[0].header is None:
         raise UsageError("orders: expected an I plane first")

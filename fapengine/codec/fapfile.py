@@ -98,13 +98,7 @@ class _Tokens:
 
 
 def parse_fap(data: bytes) -> FapTrack:
-    """Read a ``.fap`` file.
-
-    Raises
-    ------
-    DataError
-        With the line, for anything that is no such file; frames must rise, numbers must be finite.
-    """
+    """Read a ``.fap`` file."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -112,7 +106,7 @@ def parse_fap(data: bytes) -> FapTrack:
     lines = ((number, line) for number, line in enumerate(text.splitlines(), start=1) if _says_something(line))
     header = next(lines, None)
     if header is None:
-        raise TruncatedError("FAP file: got no header, expected '2.1 name rate frames'", where="line 1")
+        raise TruncatedError("FAP file: header is missing ('2.1 name rate frames')", where="line 1")
     name, rate_hz = _header(*header)
     masks, numbers = bytearray(), array("i")  # a frame's rows one behind the other: an hour as lists takes a gigabyte
     count = 0
@@ -121,7 +115,7 @@ def parse_fap(data: bytes) -> FapTrack:
         numbers.extend((frame.number, *frame.values, *frame.viseme, *frame.expression))
         count += 1
     if not count:
-        raise TruncatedError("FAP file: got no frame", where=f"line {header[0]}")
+        raise TruncatedError("FAP file: contains no frames", where=f"line {header[0]}")
     table = np.frombuffer(numbers, np.int32).reshape(count, -1)
     first, visemes, expressions = np.split(table[:, 1:], np.cumsum([fap.FAP_COUNT, VISEME_NUMBERS]), axis=1)
     try:
@@ -152,7 +146,7 @@ def _header(number: int, line: str) -> tuple[str, float]:
     except ValueError as error:
         raise DataError(f"frame rate: got {fields[-2]!r}, expected a number", where=where) from error
     if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise DataError(f"frame rate: got {fields[-2]}, expected a positive number", where=where)
+        raise DataError(f"frame rate: must be a positive number, got {fields[-2]}", where=where)
     return " ".join(fields[1:-2]) or "unnamed", rate_hz
 
 

@@ -6,9 +6,8 @@ from fractions import Fraction
 import numpy as np
 
 from fapengine.codec.bits import BitReader, BitWriter
-from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools
+from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools, SentRanges
 from fapengine.codec.kernels import SKIP_LIMIT
-from fapengine.codec.ranges import SentRanges
 from fapengine.errors import ConformanceError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
 
@@ -38,11 +37,6 @@ class FrameRate:
     @classmethod
     def nearest(cls, rate_hz: float) -> "FrameRate":
         """Find the rate that can be sent nearest to ``rate_hz``.
-
-        Raises
-        ------
-        UsageError
-            If the nearest one is off by more than 1 %.
 
         Examples
         --------
@@ -184,15 +178,7 @@ def read_skip(reader: BitReader) -> int:
 
 
 def read_plane_start(reader: BitReader) -> PlaneStart:
-    """Read what follows ``is_intra`` = 1, up to the fields of the face or of the body.
-
-    Raises
-    ------
-    TruncatedError
-        If the bits end within it.
-    ConformanceError
-        For an empty object mask, a time code or rate that cannot be.
-    """
+    """Read what follows ``is_intra`` = 1, up to the fields of the face or of the body."""
     where = reader.where()
     objects = reader.read(2, "fba_object_mask")
     if not objects:
@@ -203,17 +189,7 @@ def read_plane_start(reader: BitReader) -> PlaneStart:
 
 
 def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
-    """Read the fields of the face, up to the arithmetic data.
-
-    Raises
-    ------
-    TruncatedError
-        If the bits end within it.
-    ConformanceError
-        For a marker of 0.
-    UnsupportedError
-        For DCT mode.
-    """
+    """Read the fields of the face, up to the arithmetic data."""
     quant = reader.read(5, "fap_quant")
     mask, types = _read_masks(reader)
     gender = reader.read(1, "suggested_gender")
@@ -224,13 +200,7 @@ def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
 
 
 def expect_predictive(reader: BitReader) -> None:
-    """Read the coding type, which must not be DCT.
-
-    Raises
-    ------
-    UnsupportedError
-        If it is.
-    """
+    """Read the coding type, which must not be DCT."""
     where = reader.where()
     if reader.read(1, "coding type"):
         raise UnsupportedError("coding type: got 1, DCT mode", where=where, clause="FBA section 13")

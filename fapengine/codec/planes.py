@@ -1,17 +1,32 @@
-"""The state that encoder and decoder share: ranges, steps, predictors and models of the 73 fields."""
+"""Planes: the state that encoder and decoder share, and what the decoder returns (frames, blocks of planes, losses).
 
+The state is ranges, steps, predictors and models of the 73 fields.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.codec import kernels as k
-from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, LOW_LEVEL_FIELDS, VISEME_FIELDS, Bools, Ints
+from fapengine.codec.fields import (
+    EXPRESSION_FIELDS,
+    FIELD_COUNT,
+    LOW_LEVEL_FIELDS,
+    VISEME_FIELDS,
+    Bools,
+    Ints,
+    apply_sent,
+    default_ranges,
+)
 from fapengine.codec.header import IntraHeader
-from fapengine.codec.ranges import apply_sent, default_ranges
+from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import OF_FAP_2, VISEMES
+from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, VISEMES
 
-VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(OF_FAP_2) - 1
+VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(FAP_2_EXPRESSIONS) - 1
 BLEND_TOP = 63
 INT32_TOP = 2**31 - 1
 STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)
@@ -113,3 +128,91 @@ def blend_limit(quant: int) -> int:
     (8, 63)
     """
     return (BLEND_TOP + quant // 2) // quant if quant else BLEND_TOP
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One decoded plane."""
+
+    number: int
+    """Frame number from 0; grows by 1 and by the frames skipped."""
+    time_s: float
+    """Time by the frame rates and time codes sent; from 0 where there is no time code."""
+    intra: bool
+    header: IntraHeader
+    """Header of the I plane in force: masks, quantiser."""
+    row: Ints
+    """(73,) int64, values in the order of :mod:`fapengine.codec.fields`, FAPU; 0 where never sent."""
+    flags: Ints
+    """(3,) viseme_def, init_face, expression_def."""
+
+    def fap(self, number: int) -> int:
+        """Value of a low-level FAP, 3..68, in FAPU."""
+        if not 3 <= number <= 68:
+            raise UsageError(f"FAP: must be 3 to 68, got {number}")
+        return int(self.row[LOW_LEVEL_FIELDS.start + number - 3])
+
+    @property
+    def values(self) -> Ints:
+        """(68,) FAPU; 0 in the columns of FAP 1 and 2 and of FAPs that are not sent."""
+        return np.concatenate([[0, 0], np.where(self.header.mask[2:], self.row[LOW_LEVEL_FIELDS], 0)])
+
+    @property
+    def viseme(self) -> tuple[int, ...]:
+        """Select1, select2, blend, def; zeros where FAP 1 is not sent. The blend is not clamped."""
+        return (*self.row[VISEME_FIELDS].tolist(), int(self.flags[0])) if self.header.mask[0] else (0,) * 4
+
+    @property
+    def expression(self) -> tuple[int, ...]:
+        """Select1, intensity1, select2, intensity2, init_face, def; likewise."""
+        if not self.header.mask[1]:
+            return (0,) * 6
+        return (*self.row[EXPRESSION_FIELDS].tolist(), *self.flags[1:].tolist())
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Planes:
+    """N planes of one kind under one header."""
+
+    header: IntraHeader
+    intra: bool
+    values: Ints
+    """(N, 73) int64."""
+    flags: Ints
+    """(N, 3) int64."""
+    extents: Ints
+    """(N, 3) int64: first bit, bit behind, frames skipped after it."""
+    numbers: Ints
+    """(N,) int64, frame numbers."""
+    times_s: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def split(self, at: int) -> "tuple[Planes, Planes]":
+        """Cut in two."""
+        names = ("values", "flags", "extents", "numbers", "times_s")
+        head = replace(self, **{name: getattr(self, name)[:at] for name in names})
+        return head, replace(self, **{name: getattr(self, name)[at:] for name in names})
+
+    def frames(self) -> Iterator[Frame]:
+        """One :class:`Frame` a plane."""
+        for n in range(len(self)):
+            yield Frame(
+                int(self.numbers[n]), float(self.times_s[n]), self.intra, self.header, self.values[n], self.flags[n]
+            )
+
+
+@dataclass(slots=True)
+class Loss:
+    """A stretch of the stream that could not be decoded; its end is filled in when it is found.
+
+    Stateful.
+    """
+
+    start_bit: int
+    end_bit: int | None
+    """First bit that could be decoded again; None while it is sought."""
+    frames_dropped: int
+    """Frames that had been decoded and were thrown away, since damage is seen late."""
+    reason: str

@@ -13,11 +13,10 @@ import copy
 import numpy as np
 
 from fapengine.codec import kernels as k
-from fapengine.codec.bits import BitReader, Bits
+from fapengine.codec.bits import PLANE_START, BitReader, Bits
 from fapengine.codec.fields import FIELD_COUNT
 from fapengine.codec.header import BODY, IntraHeader, read_face_header, read_plane_start
 from fapengine.codec.planes import PlaneState
-from fapengine.codec.startcodes import PLANE_START
 from fapengine.errors import DataError
 
 PROOF = 8

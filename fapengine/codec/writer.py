@@ -3,11 +3,10 @@
 import numpy as np
 
 from fapengine.codec import kernels
-from fapengine.codec.bits import BitWriter
+from fapengine.codec.bits import END, OBJECT_START, PLANE_START, BitWriter, code
 from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_FAPS, FIELD_NAMES, VISEME_FIELDS, Ints
 from fapengine.codec.header import IntraHeader, write_intra_header
 from fapengine.codec.planes import PlaneState
-from fapengine.codec.startcodes import END, OBJECT_START, PLANE_START, code
 from fapengine.errors import UsageError
 
 BITS_A_SYMBOL = 17
@@ -110,13 +109,7 @@ class StreamWriter:
 
 
 def check_selects(targets: Ints, mask_viseme: bool, mask_expression: bool) -> None:
-    """Refuse viseme and expression numbers that do not exist.
-
-    Raises
-    ------
-    UsageError
-        With the frame.
-    """
+    """Refuse viseme and expression numbers that do not exist."""
     for on, fields, every, top, what in (
         (mask_viseme, VISEME_FIELDS, 1, 14, "viseme_select"),
         (mask_expression, EXPRESSION_FIELDS, 2, 6, "expression_select"),
@@ -124,4 +117,4 @@ def check_selects(targets: Ints, mask_viseme: bool, mask_expression: bool) -> No
         chosen = targets[:, fields][:, : 2 * every : every]
         if on and len(chosen) and (chosen.min() < 0 or chosen.max() > top):
             bad = int(np.argwhere((chosen < 0) | (chosen > top))[0, 0])
-            raise UsageError(f"{what} in frame {bad}: got {chosen[bad].tolist()}, expected 0..{top}")
+            raise UsageError(f"{what} in frame {bad}: must be 0 to {top}, got {chosen[bad].tolist()}")

@@ -14,8 +14,7 @@ from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.conformance.cases import BreachError, Case, demand
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
-from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.track import FapTrack, to_codable
 
 PROGRAM_S = 60.0
 """Time that a program may take for a second of motion."""

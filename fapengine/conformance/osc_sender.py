@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from fapengine.conformance.cases import Case, NotTriedError, demand
 from fapengine.conformance.osc_server import GOOD, ROBUST
 from fapengine.errors import DataError
-from fapengine.live.server.listeners import bound
-from fapengine.live.wire import osc
-from fapengine.live.wire.speech_osc import codec, schema
-from fapengine.live.wire.speech_osc.codec import surplus
+from fapengine.server.intake.listeners import bound
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import codec, schema
+from fapengine.wire.speech_osc.codec import surplus
 
 INSTANCE, COOKIE = 41, 90_210
 

@@ -11,8 +11,8 @@ from typing import Self, TypeVar
 
 from fapengine.conformance.cases import Case, demand
 from fapengine.errors import DataError, ResourceError
-from fapengine.live.wire import osc
-from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import codec, schema
 
 SIMPLE, ROBUST, GOOD, WRONG = (
     f"docs/osc.md: {section}"
@@ -49,13 +49,7 @@ class OscServer:
             own.close()
 
     def caller(self) -> "Caller":
-        """Speak from a new socket, for a new session.
-
-        Raises
-        ------
-        ResourceError
-            If the host is unknown.
-        """
+        """Speak from a new socket, for a new session."""
         try:
             family, kind, _, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
             own = socket.socket(family, kind)

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from fapengine.clients.websocket_viewer import web_socket_of
 from fapengine.conformance.cases import Case, NotTriedError, demand
 from fapengine.errors import DataError, ResourceError
-from fapengine.live.clients.websocket_viewer import web_socket_of
-from fapengine.live.web.messages import FRAME, FRAME_KIND, parse_request, parse_sound, text_of
 from fapengine.mpeg4 import fap
+from fapengine.server.web.messages import FRAME, FRAME_KIND, parse_request, parse_sound, text_of
 
 SOCKET, WRONG = "docs/page.md: The WebSocket", "docs/page.md: What each side sees when something goes wrong"
 FRAME_BYTES = 288
@@ -39,13 +39,7 @@ class PageServer:
         for_s: float = LISTENED_S,
         session: str = "conformance",
     ) -> list[Any]:
-        """Connect, send, and collect: texts as dicts, frames as bytes, the close as its code.
-
-        Raises
-        ------
-        ResourceError
-            If nobody answers there.
-        """
+        """Connect, send, and collect: texts as dicts, frames as bytes, the close as its code."""
         return asyncio.run(self._exchange(texts, until, for_s, session))
 
     async def _exchange(
@@ -188,13 +182,7 @@ class PageClient:
 
 
 async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str = "127.0.0.1") -> PageClient:
-    """Be a server for one client, for so long: a face that moves, messages of a later version, one end.
-
-    Raises
-    ------
-    ResourceError
-        If the port is taken.
-    """
+    """Be a server for one client, for so long: a face that moves, messages of a later version, one end."""
     from aiohttp import WSMsgType, web
 
     client = PageClient()

@@ -2,17 +2,19 @@
 
 python detector_program.py [face_landmarker.task]
 
-In, on standard input: width and height as two uint32, little-endian, then pictures of so many sRGB bytes each. Out, on
-standard output: a byte 1 when the detector is there; then for each picture (478, 3) float32, pixels from the top left
-and depth; NaN where no face was found.
+A message on standard input and output is as in fapengine/_child.py: two lengths (<II, bytes), a JSON object and raw
+bytes. In: width and height, and a picture of so many sRGB bytes. Out, for each picture: (478, 3) float32, pixels from
+the top left and depth; NaN where no face was found.
 """
 
+import json
 import os
 import struct
 import sys
 from contextlib import contextmanager
 
 LANDMARKS = 478
+LENGTHS = struct.Struct("<II")
 
 
 def main() -> None:
@@ -21,18 +23,20 @@ def main() -> None:
     os.dup2(2, 1)  # what the detector prints is no answer
     import numpy as np
 
-    width, height = struct.unpack("<II", sys.stdin.buffer.read(8))
-    size = np.array([width, height, width], dtype=np.float32)
+    pictures = sys.stdin.buffer
     with _detector(sys.argv[1] if len(sys.argv) > 1 else None) as find:
-        answers.write(b"\1")
-        answers.flush()
-        while len(data := sys.stdin.buffer.read(width * height * 3)) == width * height * 3:
+        while len(lengths := pictures.read(LENGTHS.size)) == LENGTHS.size:
+            size, data_size = LENGTHS.unpack(lengths)
+            head, data = json.loads(pictures.read(size)), pictures.read(data_size)
+            width, height = head["width"], head["height"]
+            size_px = np.array([width, height, width], np.float32)
             found = np.full((LANDMARKS, 3), np.nan, np.float32)
             picture = np.frombuffer(data, np.uint8).reshape(height, width, 3)
             points = find(np.ascontiguousarray(picture))
             if points:
-                found[:] = [(point.x, point.y, point.z) for point in points] * size
-            answers.write(found.tobytes())
+                found[:] = [(point.x, point.y, point.z) for point in points] * size_px
+            answer = found.tobytes()
+            answers.write(LENGTHS.pack(2, len(answer)) + b"{}" + answer)
             answers.flush()
 
 

@@ -1,30 +1,28 @@
-"""Landmarks of the face in a film, by MediaPipe's face mesh in an environment of its own.
+"""Face landmarks in a video, by MediaPipe's face mesh in a separate Python environment.
 
-The detector wants an older NumPy than this package, so it is another Python: the one that :data:`VARIABLE` names, or
-that of ``make detector`` beside this one. It gets one picture at a time (:mod:`.detector_program`), so memory
-does not grow with the film.
+The detector needs an older NumPy than this package, so it runs in another Python: the one in :data:`VARIABLE`, or the
+one that ``make detector`` installs. It receives one image at a time (:mod:`.detector_program`), so memory does not grow
+with the video.
 """
 
 import os
-import struct
-import subprocess
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self, cast
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._child import Child
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.video import stream_pictures
 
 VARIABLE = "FAPENGINE_DETECTOR"
 """Environment variable with the path of a Python that has mediapipe."""
 MAX_SIDE = 640
-"""Longer side of the pictures that the detector gets."""
+"""Longer side of the images sent to the detector."""
 LANDMARKS = 478
 
 
@@ -34,7 +32,7 @@ def detector_python() -> Path:
     Raises
     ------
     ResourceError
-        If there is none.
+        If it is not installed.
     """
     named = os.environ.get(VARIABLE)
     path = Path(named) if named else Path(sys.prefix) / "detector" / "bin" / "python"
@@ -49,13 +47,13 @@ def detector_python() -> Path:
 def landmarks_of(
     path: Path, *, model: Path | None = None, on_frame: Callable[[], None] = lambda: None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Find the face in every frame of a film.
+    """Find the face in every frame of a video.
 
     Parameters
     ----------
     path : Path
     model : Path, optional
-        MediaPipe's ``face_landmarker.task``, for its newer wheels, which have no model inside.
+        MediaPipe's ``face_landmarker.task``, for its newer wheels, which do not include a model.
     on_frame : callable
         Called after each frame.
 
@@ -71,9 +69,9 @@ def landmarks_of(
     UsageError
         If the file cannot be read.
     DataError
-        If it holds no picture, or is damaged.
+        If it contains no images, or is damaged.
     ResourceError
-        If the detector is not there, or ends.
+        If the detector is not installed, or ends.
     """
     if not path.is_file():
         detector_python()  # the detector's own message goes first
@@ -90,9 +88,9 @@ def landmarks_of_pictures(
     model: Path | None = None,
     on_frame: Callable[[], None] = lambda: None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Find the face in pictures as they come: time in s and (H, W, 3) sRGB each, all of one size.
+    """Find the face in images as they arrive: time in s and (H, W, 3) sRGB each, all of one size.
 
-    Returns and raises as :func:`landmarks_of`; without a picture, both arrays are empty.
+    Returns and raises as :func:`landmarks_of`; without images, both arrays are empty.
     """
     times_s: list[float] = []
     found: list[NDArray[np.float32]] = []
@@ -106,30 +104,21 @@ def landmarks_of_pictures(
 
 
 class Detector:
-    """The detector's program, for pictures of one size as they come. Use it in ``with``.
+    """The detector's process, for images of one size. Use it as a context manager.
 
-    Stateful.
-
-    Parameters
-    ----------
-    model : Path, optional
-        As of :func:`landmarks_of`.
+    Stateful. ``model`` is that of :func:`landmarks_of`.
 
     Raises
     ------
     ResourceError
-        If it is not there.
+        If it is not installed.
     """
 
     def __init__(self, model: Path | None = None) -> None:
         self._python = detector_python()
         program = Path(__file__).with_name("detector_program.py")
         command = [str(self._python), "-I", str(program), *([str(model)] if model else [])]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        self._given, self._answers = _pipe(self._process.stdin), _pipe(self._process.stdout)
-        self._is_begun = False
+        self._child = Child("face detector", command, is_quiet=True)
 
     def __enter__(self) -> Self:
         return self
@@ -140,37 +129,20 @@ class Detector:
         self.close()
 
     def find(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Find the face in a picture, (H, W, 3) sRGB: (478, 3) px, NaN where there is none.
+        """Find the face in an image, (H, W, 3) sRGB: (478, 3) px, NaN without one.
 
         Raises
         ------
         ResourceError
             If the detector has ended.
         """
-        size = LANDMARKS * 3 * 4
+        height, width, _ = picture.shape
         try:
-            if not self._is_begun:
-                self._given.write(struct.pack("<II", picture.shape[1], picture.shape[0]))
-            self._given.write(picture.tobytes())
-            self._given.flush()
-            if not self._is_begun and self._answers.read(1) != b"\1":
-                raise BrokenPipeError
-            self._is_begun = True
-            data = self._answers.read(size)
-            if len(data) < size:
-                raise BrokenPipeError
-        except (BrokenPipeError, ValueError) as error:  # ended by itself, or closed
+            _, data = self._child.ask({"width": width, "height": height}, picture.tobytes())
+        except EOFError as error:
             raise ResourceError(f"face detector: {self._python} has ended; does it have mediapipe?") from error
         return np.frombuffer(data, np.float32).reshape(LANDMARKS, 3)
 
     def close(self) -> None:
-        """End it."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._given, self._answers):
-            with suppress(OSError):
-                pipe.close()
-
-
-def _pipe(pipe: object) -> BinaryIO:
-    return cast("BinaryIO", pipe)
+        """End the process."""
+        self._child.close()

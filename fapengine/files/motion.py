@@ -1,20 +1,46 @@
-"""Face motion from any file that holds it, as FAPs."""
+"""Face motion from files: ``.fap`` text, FBA streams, tables of blendshapes and recorded VMC streams."""
 
 from pathlib import Path
 
+from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.errors import DataError
-from fapengine.files.fap import load_fap
-from fapengine.files.paths import is_mp4, read_bytes
+from fapengine.files.paths import is_mp4, read_bytes, write_bytes
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.blend_tracks import parse_blend_track
-from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
+
+
+def load_fap(path: Path) -> FapTrack:
+    """Read ``.fap`` text.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read.
+    DataError
+        If it is not a FAP file; the message names it.
+    """
+    try:
+        return parse_fap(read_bytes(path))
+    except DataError as error:
+        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
+
+
+def save_fap(path: Path, track: FapTrack, *, single_numbers: bool = False) -> None:
+    """Write ``.fap`` text, version 2.1; see :func:`fapengine.codec.fapfile.format_fap`.
+
+    Raises
+    ------
+    ResourceError
+        If it cannot be written.
+    """
+    write_bytes(path, format_fap(track, single_numbers=single_numbers).encode())
+
 
 BLEND_ENDINGS = (".csv", ".json", ".jsonl")
 RECORDED_ENDINGS = (".osc",)
 
 
 def load_motion(path: Path) -> FapTrack:
-    """Read FAPs: an FBA stream (alone or in an MP4 file), blend shapes (.csv, .json), a recorded VMC stream, .fap text.
+    """Read FAPs: an FBA stream (alone or in an MP4 file), blendshapes (.csv, .json), a VMC recording, or .fap text.
 
     Raises
     ------
@@ -29,6 +55,11 @@ def load_motion(path: Path) -> FapTrack:
         from fapengine.files.fba import load_fba
 
         return fill_track(load_fba(path))
+    if path.suffix.lower() == ".fap":
+        return load_fap(path)
+    from fapengine.retarget.blend_tracks import parse_blend_track
+    from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
+
     recorded = is_vmc_recording(data)
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:
         return load_fap(path)

@@ -1,39 +1,42 @@
-"""Names to write, looked at before any work: none is a file that is read, and what would be replaced is known."""
+"""Checks of output names before any work: none is an input, and files that would be replaced are known."""
 
 import contextlib
 import os
-from collections.abc import Collection, Iterable, Iterator
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
+from urllib.parse import unquote
 
-from fapengine.errors import ResourceError, UsageError
-from fapengine.files.animation import is_sequence, sequence_files
-from fapengine.files.paths import is_standard
+from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.files.moving import is_sequence, sequence_files
+from fapengine.files.paths import is_standard, read_bytes
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overwrite: bool = True) -> tuple[Path, ...]:
-    """Refuse outputs that cannot be meant.
+    """Reject outputs that are probably mistakes.
 
     Parameters
     ----------
     outputs : iterable of Path
-        Names that will be written; ``frame_%04d.png`` stands for all files of the sequence.
+        Names that will be written; ``frame_%04d.png`` means all files of the sequence.
     inputs : iterable of Path
-        Files that are read, with those that they name beside them, and folders whose files are read.
+        Files that are read, including those that they reference, and folders with files to read.
     overwrite : bool
         False to refuse to replace anything.
 
     Returns
     -------
     tuple of Path
-        Files that are there under these names.
+        Existing files with these names.
 
     Raises
     ------
     UsageError
-        If an output is one of the inputs, under whatever name; if two outputs are one file; if one is a folder; or if
-        one is there and may not be replaced.
+        If an output is one of the inputs, under any name; if two outputs are one file; if one is a folder; or if one
+        exists
+        and may not be replaced.
     ResourceError
-        If the folder of an output cannot be written to.
+        If the folder of an output is not writable.
     """
     read = {_identity(file) for path in inputs for file in _files_of(path)}
     seen: dict[Path, Path] = {}
@@ -61,7 +64,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
 
 
 def marks_of(paths: Iterable[Path]) -> dict[Path, tuple[int, ...] | None]:
-    """Note by what a file is told from another one that takes its place; None where none is there."""
+    """Identity of each file, to notice when another one replaces it; None for missing ones."""
     marks: dict[Path, tuple[int, ...] | None] = {}
     for path in paths:
         marks[path] = None
@@ -72,7 +75,7 @@ def marks_of(paths: Iterable[Path]) -> dict[Path, tuple[int, ...] | None]:
 
 
 def files_in(folder: Path, owned: Collection[str]) -> list[Path]:
-    """Names of files that are written into a folder: those of ``owned`` without ``*``, and what is there of others."""
+    """List files written into a folder: names in ``owned`` without ``*``, and existing files that match the others."""
     return [
         path
         for pattern in owned
@@ -82,7 +85,7 @@ def files_in(folder: Path, owned: Collection[str]) -> list[Path]:
 
 
 def listed(paths: Collection[Path], most: int = 6) -> str:
-    """Spell paths in a line.
+    """Format paths for one line.
 
     Examples
     --------
@@ -101,8 +104,6 @@ def _identity(path: Path) -> tuple[int, int]:
 def _files_of(path: Path) -> Iterator[Path]:
     if not path.exists():
         return
-    from fapengine.files.named_files import files_named_in
-
     if path.is_dir():
         yield from (file for file in path.rglob("*") if file.is_file())
         setup = path / "session.toml"
@@ -113,10 +114,77 @@ def _files_of(path: Path) -> Iterator[Path]:
 
 
 def _check_folder(output: Path) -> None:
-    """Refuse a name in a folder that nothing can be written to."""
+    """Reject a name in a folder that is not writable."""
     place = output.resolve()
     folder = next(parent for parent in place.parents if os.path.lexists(parent))
     if not folder.is_dir():
         raise ResourceError(f"{output}: cannot be written ({folder} is no folder)")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ResourceError(f"{output}: cannot be written (Permission denied: {folder})")
+
+
+PLY_HEADER = 1 << 16
+"""Bytes of a PLY that may contain the name of its texture."""
+
+
+def files_named_in(path: Path) -> Iterator[Path]:
+    """Yield the files that a file references, by its content; none if it cannot be read (reported elsewhere).
+
+    Examples
+    --------
+    >>> list(files_named_in(Path("heard.onnx")))
+    [PosixPath('heard.json')]
+    """
+    if (names := NAMES.get(path.suffix.lower())) is None:
+        return
+    try:
+        yield from (path.parent / name for name in names(path))
+    except (FapEngineError, ValueError):
+        return
+
+
+def _of_gltf(path: Path) -> list[str]:
+    from fapengine.files.gltf.document import text_of_gltf
+    from fapengine.files.gltf.json_cursor import parse_json
+
+    root = parse_json(text_of_gltf(read_bytes(path)), "glTF")
+    rows = [row for kind in ("buffers", "images") for row in root.items(kind) if "uri" in row]
+    return [unquote(uri) for row in rows if not (uri := row.string("uri")).startswith("data:")]
+
+
+def _of_obj(path: Path) -> Iterator[str]:
+    for library in _found(rb"^[ \t]*mtllib[ \t]+(.+)$", read_bytes(path)):
+        yield library
+        if (path.parent / library).is_file():
+            yield from _found(rb"^[ \t]*map_kd[ \t]+(.+)$", read_bytes(path.parent / library))
+
+
+def _of_ply(path: Path) -> Iterator[str]:
+    header, _, _ = read_bytes(path)[:PLY_HEADER].partition(b"end_header")
+    yield from _found(rb"^comment[ \t]+texturefile[ \t]+(.+)$", header)
+
+
+def _of_toml(path: Path) -> Iterator[str]:
+    """Yield the scans of a session, which may be in other folders, and the files that they reference."""
+    import tomllib
+
+    scans = tomllib.loads(read_bytes(path).decode()).get("scan", [])
+    for scan in scans if isinstance(scans, list) else ():
+        name = scan.get("file") if isinstance(scan, dict) else None
+        if isinstance(name, str):
+            yield name
+            yield from (str(named) for named in files_named_in((path.parent / name).absolute()))
+
+
+def _found(pattern: bytes, data: bytes) -> list[str]:
+    return [name.decode(errors="surrogateescape").strip() for name in re.findall(pattern, data, re.MULTILINE | re.I)]
+
+
+NAMES: dict[str, Callable[[Path], "list[str] | Iterator[str]"]] = {
+    **dict.fromkeys((".gltf", ".glb", ".vrm"), _of_gltf),
+    ".obj": _of_obj,
+    ".ply": _of_ply,
+    ".toml": _of_toml,
+    ".onnx": lambda path: [path.with_suffix(".json").name],
+}
+"""Readers of the names in a file, by its ending; the names are relative to its folder."""

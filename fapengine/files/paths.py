@@ -1,12 +1,12 @@
-"""Opening and writing, with errors that name the path. A file or folder is written whole, or what stood there stays.
+"""Opening and writing, with errors that name the path. A file or folder is written completely, or the old one is kept.
 
 Theory of operation
 -------------------
-What is written grows beside its target under a hidden name, ``.talk.part-0f3a….mp4``, and takes the target's place by
-one call of the system when it is whole. Whoever writes holds a lock (flock) on the hidden name, which ends with its
-process: one that nobody holds was left by a process that was killed, and the next one that writes the same target
-removes it. Errors and signals that Python hears of remove it at once; :func:`remove_unfinished` does so for what is
-still open at the end of the program, where an exception may have come between two lines.
+Output is written next to its target under a hidden name, ``.talk.part-0f3a….mp4``, and replaces the target by one
+system call when it is complete. The writer holds a lock (flock) on the hidden name, which ends with its process: an
+unlocked one was left by a process that was killed, and is removed when the same target is written again. Errors and
+signals that Python handles remove it at once; :func:`remove_unfinished` does so for open ones at the end of the
+program, where an exception may have come between two lines.
 """
 
 import atexit
@@ -32,33 +32,33 @@ except ImportError:  # Windows: nothing is locked, and nothing that was left is 
     fcntl = None  # type: ignore[assignment]
 
 MAX_STEM = 100
-"""Letters of the target's name that the hidden name repeats."""
+"""Characters of the target's name that the hidden name repeats."""
 RENAME_EXCHANGE = 2
-"""Flag of Linux' renameat2: two names change places."""
+"""Flag of Linux' renameat2: exchange two names."""
 AT_FDCWD = -100
 
 _process = os.getpid()
 _unfinished: dict[Path, int | None] = {}
-"""Hidden names that this process writes now, each with the file descriptor that holds its lock."""
+"""Hidden names that this process is writing, each with the file descriptor that holds its lock."""
 
 
 STANDARD = "-"
-"""Name that stands for standard input, or output."""
+"""Name of standard input or output."""
 
 
 @lru_cache(maxsize=1)
 def _whole(stream: BinaryIO) -> bytes:
-    """Read a stream to its end, once, however often it is asked for."""
+    """Read a stream to its end, once; later calls return the same bytes."""
     return stream.read()
 
 
 def is_standard(path: Path) -> bool:
-    """Tell whether a name stands for standard input or output: ``-``, or ``-.csv`` to say what is written."""
+    """Whether a name means standard input or output: ``-``, or ``-.csv`` to give the format."""
     return path.stem == STANDARD and str(path) == path.name
 
 
 def standard_output(path: Path, ending: str) -> Path:
-    """Give ``-`` the ending of what it shall get; other names stay."""
+    """Add to ``-`` the ending of its format; other names are unchanged."""
     return path.with_name(f"{STANDARD}{ending}") if str(path) == STANDARD else path
 
 
@@ -177,7 +177,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 @atexit.register
 def remove_unfinished() -> None:
-    """Remove what this process has begun and not finished; for the end of the program."""
+    """Remove unfinished output of this process; for the end of the program."""
     if os.getpid() == _process:
         for path in list(_unfinished):
             _remove(path)
@@ -186,7 +186,7 @@ def remove_unfinished() -> None:
 
 @contextmanager
 def _hidden(target: Path, folder: Path) -> Iterator[Path]:
-    """Choose a hidden name for a target; what is there under it at the end is removed."""
+    """Choose a hidden name for a target; an existing file of that name is removed at the end."""
     _remove_left_over(target, folder)
     new = folder / f".{target.stem[:MAX_STEM]}.part-{secrets.token_hex(8)}{target.suffix}"
     _unfinished[new] = None  # before it is made: a signal may come at any line
@@ -198,7 +198,7 @@ def _hidden(target: Path, folder: Path) -> Iterator[Path]:
 
 
 def _begin(path: Path, make: Callable[[], int]) -> int:
-    """Make a hidden file or folder, and hold its lock; returns the file descriptor that does."""
+    """Create a hidden file or folder, and lock it; returns the file descriptor of the lock."""
     while True:
         held = _unfinished[path] = make()
         if fcntl is None:
@@ -222,7 +222,7 @@ def _forget(path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or folder, if it is there; what cannot be removed stays."""
+    """Remove a file or folder, if it exists; failures are ignored."""
     with contextlib.suppress(OSError):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
@@ -252,7 +252,7 @@ def _owned_files(folder: Path, owned: Collection[str]) -> set[Path]:
 
 
 def _may_be_exchanged(target: Path, owned: Collection[str]) -> bool:
-    """Tell whether a folder holds our files alone, and nothing but its name is needed."""
+    """Whether a folder contains only files of ours, and can be replaced as a whole."""
     if not target.is_dir() or Path.cwd().is_relative_to(target) or not os.access(target.parent, os.W_OK):
         return False
     ours = _owned_files(target, owned)
@@ -261,7 +261,7 @@ def _may_be_exchanged(target: Path, owned: Collection[str]) -> bool:
 
 
 def _put_one_by_one(new: Path, target: Path, owned: Collection[str]) -> None:
-    """Let files take their places in a folder that stays; files of an earlier run that are not written are removed."""
+    """Move files into an existing folder one by one; old files of ours that are not written again are removed."""
     written = {path.relative_to(new) for path in new.rglob("*") if path.is_file()}
     for name in sorted(written, key=lambda name: (name.suffix == ".toml", name)):  # a TOML tells of the other files
         (target / name).parent.mkdir(parents=True, exist_ok=True)
@@ -272,7 +272,7 @@ def _put_one_by_one(new: Path, target: Path, owned: Collection[str]) -> None:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Let two names change places, at once; False where the system cannot."""
+    """Exchange two names atomically; False where the system cannot."""
     try:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):
@@ -285,5 +285,5 @@ def _exchange(one: Path, other: Path) -> bool:
 
 
 def is_mp4(data: bytes) -> bool:
-    """Tell an MP4 file by its first bytes."""
+    """Detect an MP4 file by its first bytes."""
     return data[4:8] == b"ftyp"

@@ -1,10 +1,11 @@
-"""Pictures: PNG files, and contact sheets of labelled frames."""
+"""Images: PNG files, contact sheets of labelled frames, bar charts, and timelines of phones."""
 
 from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.paths import read_bytes, replacing
 from fapengine.speech import ipa
+from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
+    import PIL
     from PIL import Image, ImageDraw, ImageFont
 else:
+    PIL = Late("PIL", "pillow", "pictures")
     Image = Late("PIL.Image", "pillow", "pictures")
     ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
     ImageFont = Late("PIL.ImageFont", "pillow", "pictures")
@@ -29,9 +33,11 @@ font_source_sans_pro = Late("font_source_sans_pro", "font-source-sans-pro", "lab
 Picture = NDArray[np.uint8]
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TIFF", "PPM")
-"""Formats that are read; others would call programs, or load what they name."""
+"""Formats that are read; others would call programs, or load files that they name."""
 MAX_PIXELS = 50_000_000
-"""Size of a picture that is read; a small file may unpack to any."""
+"""Largest image that is read; a small file may unpack to any size."""
+MAX_IMAGE_PIXELS = 8192 * 8192
+"""Pixels of one image inside another file; larger ones are refused before they are decoded."""
 TILE = 192
 """Side of a frame on a contact sheet, in pixels."""
 LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
@@ -39,9 +45,9 @@ PAPER, INK, FAINT = (250, 249, 246), (32, 34, 38), (120, 124, 132)
 
 
 def straight(picture: Picture) -> Picture:
-    """Undo what alpha did to the colours of a (height, width, 4) picture, as files want it; of 3 components, nothing.
+    """Undo premultiplied alpha in a (height, width, 4) image, as files need it; images with 3 components are unchanged.
 
-    Renderers hand colours over multiplied with alpha; where alpha is 0 they are black.
+    Renderers return premultiplied colours; where alpha is 0 they are black.
     """
     if picture.shape[2] == 3:
         return picture
@@ -51,7 +57,7 @@ def straight(picture: Picture) -> Picture:
 
 
 def save_png(path: Path, picture: Picture) -> None:
-    """Write (height, width, 3 or 4) uint8, sRGB, colours not multiplied with alpha.
+    """Write (height, width, 3 or 4) uint8, sRGB, with straight alpha.
 
     Raises
     ------
@@ -63,14 +69,14 @@ def save_png(path: Path, picture: Picture) -> None:
 
 
 def load_picture(path: Path) -> Picture:
-    """Read a picture as (height, width, 3) uint8, sRGB.
+    """Read an image as (height, width, 3) uint8, sRGB.
 
     Raises
     ------
     DataError
-        If it is no picture, damaged, or larger than :data:`MAX_PIXELS`.
+        If it is not an image, damaged, or larger than :data:`MAX_PIXELS`.
     UsageError
-        If it is not there.
+        If it does not exist.
     """
     data = read_bytes(path)
     try:
@@ -87,26 +93,55 @@ def load_picture(path: Path) -> Picture:
         raise DataError(f"{path}: cannot be read as a picture ({_in_a_line(error)})") from error
 
 
+@contextmanager
+def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.Image]:
+    """Open an image that is not too large to be unpacked.
+
+    Raises
+    ------
+    UnsupportedError
+        If it has more than :data:`MAX_IMAGE_PIXELS`.
+    DataError
+        If it cannot be read.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
+            with Image.open(io.BytesIO(data), formats=formats) as image:
+                if image.width * image.height > MAX_IMAGE_PIXELS:
+                    raise UnsupportedError(
+                        f"image: got {image.width}x{image.height} pixels, expected at most {MAX_IMAGE_PIXELS}",
+                        where=where,
+                    )
+                yield image
+    except DataError:
+        raise
+    except PIL.UnidentifiedImageError as error:
+        raise DataError(f"image: got no {' or '.join(formats)}", where=where) from error
+    except Exception as error:  # whatever the library trips over, the file is at fault
+        raise DataError(f"image: cannot be read ({type(error).__name__}: {error})", where=where) from error
+
+
 def _in_a_line(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], *, title: str = "") -> Picture:
-    """Put frames side by side, each over its label and a fainter note.
+    """Arrange frames in rows, each above its label and a fainter note.
 
     Parameters
     ----------
     frames : sequence of (height, width, 3 or 4) uint8
-        At least one; each fitted into a square. With alpha (colours not multiplied with it) they lie on the paper.
+        At least one; each fitted into a square. With (straight) alpha they are placed on the paper.
     labels : sequence of (str, str)
-        Label and note of each frame; IPA is fine.
+        Label and note of each frame; may contain IPA.
     title : str
-        Above all.
+        Above all frames.
 
     Raises
     ------
     UsageError
-        If there is no frame, or not one label a frame.
+        If there is no frame, or not one label per frame.
     """
     if not frames or len(frames) != len(labels):
         raise UsageError(
@@ -138,12 +173,12 @@ BAR_INK, MARKED_INK, GRID_INK = (86, 128, 176), (200, 84, 60), (222, 222, 218)
 
 
 def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], first: str, last: str) -> Picture:
-    """Draw one bar a value from 0 up, marked ones in another colour, with the labels of the first and last below.
+    """Draw one bar per value from 0 up, (H, W, 3), marked ones in another colour, with labels below the first and last.
 
     Raises
     ------
     UsageError
-        If there is no value, or not one mark a value.
+        If there is no value, or not one mark per value.
     """
     if not values or len(values) != len(marked):
         raise UsageError(f"bar chart: got {len(values)} values and {len(marked)} marks, expected one each")
@@ -167,13 +202,13 @@ def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], fi
 
 
 def under_each_other(pictures: Sequence[Picture]) -> Picture:
-    """Join pictures of one width, the first on top."""
+    """Stack images of one width, (H, W, C), the first on top."""
     return np.concatenate(pictures, axis=0)
 
 
 @cache
 def drawable(label: str) -> str:
-    """Spell an IPA label with letters that the font has: one that it lacks becomes the likest that it has.
+    """Spell an IPA label with symbols of the font: missing ones are replaced by the most similar sound.
 
     Examples
     --------
@@ -197,5 +232,116 @@ def drawable(label: str) -> str:
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont:
-    """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font has not."""
+    """Source Sans Pro (SIL Open Font Licence), which has IPA; Pillow's own font does not."""
     return ImageFont.truetype(font_source_sans_pro.SourceSansProSemibold, size)
+
+
+if TYPE_CHECKING:
+    from PIL import Image, ImageDraw
+else:
+    Image = Late("PIL.Image", "pillow", "pictures")
+    ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
+
+
+WIDTH, PX_PER_S, MAX_ROWS = 1400, 340.0, 40
+WORD_HEIGHT, PHONE_HEIGHT, AXIS_HEIGHT, ROW_GAP = 26, 62, 24, 14
+SILENT, WORD, UNKNOWN = (236, 235, 230), (224, 228, 234), (240, 204, 92)
+LIPS, VOWEL, ROUND, OTHER = (214, 98, 82), (240, 178, 122), (226, 146, 160), (142, 178, 204)
+LEGEND = ((LIPS, "lips close or meet the teeth"), (ROUND, "rounded"), (VOWEL, "vowel"), (OTHER, "other"))
+
+
+def colour(phone: Phone) -> tuple[int, int, int]:
+    """Colour by visible articulation: lips that touch, rounded lips, other vowels, the rest."""
+    if phone.is_silence:
+        return SILENT
+    sounds = [ipa.SOUNDS[letter] for letter in ipa.letters(phone.label)]
+    if not sounds:
+        return UNKNOWN
+    if max(sound.lips for sound in sounds) >= 0.5:
+        return LIPS
+    if max(sound.rounding for sound in sounds) >= 0.9:
+        return ROUND
+    return VOWEL if sounds[0].vowel else OTHER
+
+
+def draw_timeline(track: PhoneTrack, *, title: str = "") -> Picture:
+    """Draw a track as (height, 1400, 3) uint8: words above, phones below, seconds at the bottom; long speech wraps.
+
+    At most 40 rows are drawn; the title says so if there is more.
+    """
+    inner = WIDTH - 2 * MARGIN
+    scale = max(PX_PER_S, min(inner / track.duration_s, 4 * PX_PER_S)) if track.duration_s else PX_PER_S
+    row_s = inner / scale
+    wanted = max(1, int(np.ceil(track.duration_s / row_s - 1e-9)))
+    rows = min(wanted, MAX_ROWS)
+    row_height = WORD_HEIGHT + PHONE_HEIGHT + AXIS_HEIGHT + ROW_GAP
+    sheet = Image.new("RGB", (WIDTH, MARGIN + 40 + rows * row_height + MARGIN), PAPER)
+    pen = ImageDraw.Draw(sheet)
+    cut = f" (the first {rows * row_s:.0f} s of {track.duration_s:.0f} s)" if rows < wanted else ""
+    pen.text((MARGIN, MARGIN - 4), title + cut, INK, font=font(22))
+    _legend(pen, track)
+    for row in range(rows):
+        _row(pen, track, row * row_s, row_s, scale, MARGIN + 40 + row * row_height)
+    return np.asarray(sheet)
+
+
+def _legend(pen: ImageDraw.ImageDraw, track: PhoneTrack) -> None:
+    x = WIDTH - MARGIN
+    for fill, label in () if track.spelled else reversed(LEGEND):
+        x -= round(pen.textlength(label, font=font(13)))
+        pen.text((x, MARGIN + 4), label, FAINT, font=font(13))
+        pen.rounded_rectangle((x - 20, MARGIN + 4, x - 6, MARGIN + 18), 4, fill=fill)
+        x -= 38
+
+
+def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: float, scale: float, top: int) -> None:
+    def x(time_s: float) -> float:
+        return MARGIN + (min(max(time_s, start_s), start_s + row_s) - start_s) * scale
+
+    phones = [phone for phone in track.phones if phone.end_s > start_s and phone.start_s < start_s + row_s]
+    for begin_s, end_s, word in () if track.spelled else _words(phones):
+        _box(pen, x(begin_s), x(end_s), top, WORD_HEIGHT - 3, WORD, word, 15)
+    for phone in phones:
+        label = (
+            ""
+            if phone.is_silence
+            else {1: "ˈ", 2: "ˌ"}.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
+        )
+        fill = WORD if track.spelled and not phone.is_silence else colour(phone)
+        _box(pen, x(phone.start_s), x(phone.end_s), top + WORD_HEIGHT, PHONE_HEIGHT, fill, label, 22)
+    foot = top + WORD_HEIGHT + PHONE_HEIGHT
+    step_s = 0.1 if scale >= PX_PER_S else 0.2
+    last_s = min(start_s + row_s, max(track.duration_s, 0.0))
+    for tick in range(int(np.ceil(start_s / step_s - 1e-6)), int(np.floor(last_s / step_s + 1e-6)) + 1):
+        whole = tick % 5 == 0
+        pen.line((x(tick * step_s), foot + 2, x(tick * step_s), foot + (8 if whole else 5)), fill=FAINT)
+        if whole:
+            anchor = (
+                "ra" if x(tick * step_s) > WIDTH - MARGIN - 24 else "ma" if tick * step_s > start_s + 0.05 else "la"
+            )
+            pen.text((x(tick * step_s), foot + 8), f"{tick * step_s:.1f} s", FAINT, font=font(12), anchor=anchor)
+
+
+def _words(phones: list[Phone]) -> list[tuple[float, float, str]]:
+    """Merge neighbouring phones of one word; a repeated word without a gap is drawn once."""
+    joined: list[tuple[float, float, str]] = []
+    for phone in phones:
+        if joined and joined[-1][2] == phone.word and joined[-1][1] == phone.start_s:
+            joined[-1] = (joined[-1][0], phone.end_s, phone.word)
+        else:
+            joined.append((phone.start_s, phone.end_s, phone.word))
+    return [each for each in joined if each[2]]
+
+
+def _box(
+    pen: ImageDraw.ImageDraw, left: float, right: float, top: int, height: int, fill: tuple[int, int, int], label: str,
+    size: int,
+) -> None:  # fmt: skip
+    """Draw a rounded box with its label, in a smaller font if needed; too narrow boxes stay empty."""
+    right = max(right - 2, left + 1)
+    radius = min(6, (right - left) / 2)
+    pen.rounded_rectangle((left, top, right, top + height - 1), radius, fill=fill)
+    while size >= 9 and pen.textlength(label, font=font(size)) > right - left - 1:
+        size -= 1
+    if label and size >= 9:
+        pen.text(((left + right) / 2, top + height / 2), label, INK, font=font(size), anchor="mm")

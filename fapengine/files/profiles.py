@@ -12,7 +12,7 @@ PROFILE_FILES = (TOML_NAME, ARRAYS_NAME, CONTEXT_NAME)
 
 
 def load_profile(name: str | Path) -> Profile:
-    """Load a shipped profile by its name, or any profile by its folder.
+    """Load a built-in profile by name, or any profile by its folder.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def load_profile(name: str | Path) -> Profile:
 
 
 def save_profile(folder: Path, profile: Profile) -> None:
-    """Write a profile's files into a folder, which is made: all of them, or what stood there stays.
+    """Write the files of a profile into a folder, which is created: all of them, or the old content is kept.
 
     Raises
     ------
@@ -43,6 +43,6 @@ def save_profile(folder: Path, profile: Profile) -> None:
 
 
 def put_profile(folder: Path, profile: Profile) -> None:
-    """Write a profile's files one by one into a folder that is there; OSErrors are left as they are."""
+    """Write the files of a profile into an existing folder; OSErrors are not converted."""
     for name, data in format_profile(profile).items():
         (folder / name).write_bytes(data)

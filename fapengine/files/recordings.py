@@ -1,4 +1,4 @@
-"""Recordings and scans from paths; the format is found from the ending, and the content must agree."""
+"""Recordings and scans from paths; the ending selects the format, and the content must agree."""
 
 import logging
 import mmap
@@ -12,15 +12,11 @@ from numpy.typing import NDArray
 
 from fapengine.capture.arrays import format_npz, parse_npz
 from fapengine.capture.c3d import format_c3d, parse_c3d
-from fapengine.capture.checks import check_track
-from fapengine.capture.conventions import UNITS_MM, understand
+from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.raw import RawTrack
-from fapengine.capture.table import format_table, parse_table
-from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.capture.marker_track import MarkerTrack, RawTrack
+from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.mesh_colours import find_paint
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
@@ -33,7 +29,7 @@ LANDMARK_ENDINGS = (".json", ".jsonl")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A recording, and what was noticed about it."""
+    """A recording, and warnings about it."""
 
     markers: MarkerTrack
     warnings: tuple[str, ...]
@@ -52,12 +48,13 @@ def load_markers(
     Parameters
     ----------
     path : Path
-        A file that ends as one of :data:`RECORDINGS`, or a folder of meshes (:data:`MESHES`), one a frame, in the order
-        of the numbers in their names.
+        A file with an ending in :data:`RECORDINGS`, or a folder of meshes (:data:`MESHES`), one per frame, ordered by
+        the
+        numbers in their names.
     units, up, rate_hz
-        As :func:`fapengine.capture.conventions.understand`; a folder of meshes needs ``rate_hz``.
+        As for :func:`fapengine.capture.conventions.understand`; a folder of meshes needs ``rate_hz``.
     picture : Picture, optional
-        What a track of face landmarks needs to become millimetres.
+        Scale of a track of face landmarks.
 
     Raises
     ------
@@ -93,7 +90,7 @@ def _parse(path: Path, picture: Picture | None) -> RawTrack:
 
 
 def is_table(path: Path) -> bool:
-    """Tell whether a file is a table of markers, by its header."""
+    """Whether a file is a table of markers, by its header."""
     if path.suffix.lower() not in (".csv", ".tsv") or not path.is_file():
         return False
     try:
@@ -104,7 +101,7 @@ def is_table(path: Path) -> bool:
 
 
 def _mapped_c3d(path: Path) -> RawTrack:
-    """Map the file: analog channels between the points are never read."""
+    """Map the file into memory: analog channels between the points are never read."""
     try:
         with path.open("rb") as file:
             if not path.stat().st_size:
@@ -120,7 +117,7 @@ def _mapped_c3d(path: Path) -> RawTrack:
 
 
 def save_markers(path: Path, track: MarkerTrack, *, long: bool = False) -> None:
-    """Write a recording; the ending says how: .c3d, .trc, .csv, .tsv or .npz.
+    """Write a recording; the ending selects the format: .c3d, .trc, .csv, .tsv or .npz.
 
     Raises
     ------
@@ -146,7 +143,7 @@ def _number(path: Path) -> tuple[int, str]:
 
 
 def mesh_files(folder: Path) -> list[Path]:
-    """Meshes of a folder in the order of the last number in their names."""
+    """Meshes of a folder, ordered by the last number in their names."""
     return sorted((path for path in folder.iterdir() if path.suffix.lower() in MESHES), key=_number)
 
 
@@ -170,14 +167,14 @@ def _meshes(folder: Path) -> RawTrack:
 
 
 def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
-    """Vertices (V, 3), as the file has them and in its order, triangles (F, 3), and trimesh's visuals.
+    """Vertices (V, 3), in the order of the file, triangles (F, 3), and trimesh's visuals.
 
     Raises
     ------
     UsageError
         If the file cannot be read.
     DataError
-        If it holds no mesh.
+        If it contains no mesh.
     ResourceError
         If trimesh is not installed.
     """
@@ -223,3 +220,32 @@ def load_painted(path: Path, *, units: str = "mm") -> tuple[Surface, Paint | Non
         return Surface(vertices * UNITS_MM[units], triangles), find_paint(visual, len(vertices))
     except UsageError as error:
         raise DataError(str(error), where=str(path)) from error
+
+
+def find_paint(visual: Any, count: int) -> Paint | None:
+    """Find the colours of a mesh of ``count`` vertices; None if the file has none."""
+    texture, uv = _painting(visual, count)
+    if texture is not None:
+        return Paint(uv=uv, texture=texture)
+    albedo = _albedo(visual)
+    return None if albedo is None or len(albedo) != count else Paint(albedo=albedo)
+
+
+def _painting(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArray[np.float64] | None]:
+    """Texture and texture coordinates, (V, 2), of a mesh with one material; trimesh counts v from below."""
+    material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
+    image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    if image is None or uv is None or np.shape(uv) != (count, 2) or not np.isfinite(uv).all():
+        return None, None
+    return np.asarray(image.convert("RGBA"), np.uint8), np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
+
+
+def _albedo(visual: Any) -> NDArray[np.float64] | None:
+    """Linear RGB of each vertex, (V, 3); None if the file has no colours."""
+    coloured = visual.to_color() if hasattr(visual, "to_color") else visual
+    if not getattr(coloured, "defined", False):  # a material whose picture is not there has no colours either
+        return None
+    srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
+    if np.ptp(srgb, axis=0).max() == 0.0:
+        return None  # one colour for all is a default, not a painting
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

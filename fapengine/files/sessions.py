@@ -41,14 +41,14 @@ import numpy as np
 
 from fapengine._strict_toml import parse_toml, spell_path
 from fapengine.capture.landmarks import Picture
-from fapengine.capture.session import Interval, Session, Take
+from fapengine.capture.marker_track import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
+from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.files.paths import read_bytes
 from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
 from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
-from fapengine.mpeg4.visemes import OF_FAP_2, Expression
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -234,7 +234,7 @@ def _setup(document: _Document, folder: Path) -> Setup:
             held_phones.append(HeldPhone(letters, moment))
             continue
         assert pose.expression is not None
-        if pose.expression not in [one.name.lower() for one in OF_FAP_2 if one]:
+        if pose.expression not in [one.label for one in STANDARD_EXPRESSIONS]:
             raise wrong(f"got {pose.expression!r}, expected one of the six expressions", "pose", index, "expression")
         poses.append(Pose(Expression[pose.expression.upper()], moment))
     for index, scan in enumerate(document.scan):

@@ -1,7 +1,7 @@
-"""Sound files: the sound of anything that FFmpeg reads and we let in, whole or in pieces; WAV out.
+"""Audio files: reading every container that FFmpeg supports and we allow, completely or in pieces; writing WAV.
 
-Bytes of strangers come in here, so FFmpeg gets a file that is already open, no protocol to open another, and only the
-containers of :data:`CONTAINERS`: some of the others are lists of further files and addresses.
+Input is untrusted, so FFmpeg gets a file that is already open, no protocol to open another, and only the containers in
+:data:`CONTAINERS`: some of the others are lists of further files and addresses.
 """
 
 import wave
@@ -28,30 +28,30 @@ CONTAINERS = (
     "wav", "w64", "flac", "mp3", "ogg", "mov", "matroska", "aac", "aiff", "caf", "au", "avi", "asf", "mpegts", "mpeg",
     "flv", "amr", "ac3", "eac3",
 )  # fmt: skip
-"""FFmpeg's names of the containers that are read: sound and video, each in one file."""
+"""FFmpeg's names of the containers that are read: audio and video, each in one file."""
 MAX_RATE_HZ = 48_000
-"""Highest rate in which a whole file is kept; what has a higher one is resampled to it."""
+"""Highest rate of a file that is read completely; higher ones are resampled."""
 RATES_HZ = (1_000, 768_000)
-"""Lowest and highest rate that a file may have."""
+"""Lowest and highest rate of a file."""
 MAX_S = 86_400.0
-"""A day: a file that is longer is a mistake, or meant to fill memory."""
+"""A day: longer files are mistakes or attacks."""
 WRITTEN_AT_ONCE = 1 << 20
-"""Samples that are written at a time."""
+"""Samples written at a time."""
 _FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31, "i8": 2.0**63, "f4": 1.0, "f8": 1.0}
 
 
 @dataclass(frozen=True, slots=True)
 class SoundInfo:
-    """What a file says of its sound before it is decoded."""
+    """Audio properties that a file states, before decoding."""
 
     sample_rate_hz: int
     channels: int
     duration_s: float
-    """Length that the file states; 0 if it states none."""
+    """Length stated by the file; 0 if missing."""
 
 
 def inspect_sound(path: Path) -> SoundInfo:
-    """Look at a file's sound without decoding it. Raises as :func:`stream_sound`."""
+    """Read the audio properties of a file without decoding it. Raises as :func:`stream_sound`."""
     with _opened(path) as container:
         stream = container.streams.audio[0]
         stated = stream.duration * stream.time_base if stream.duration and stream.time_base else 0
@@ -60,7 +60,7 @@ def inspect_sound(path: Path) -> SoundInfo:
 
 
 def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> Iterator[NDArray[np.int16]]:
-    """Decode a file piece by piece, so that memory does not grow with its length.
+    """Decode a file in pieces, so that memory does not grow with its length.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
     rate_hz : int, optional
         Rate of the pieces; by default the file's own.
     channel : int, optional
-        Channel to take, 1 for the first; by default the mean of all.
+        Channel to read, 1 for the first; by default the mean of all.
 
     Yields
     ------
@@ -80,7 +80,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
     UsageError
         If the file cannot be read or has no such channel.
     DataError
-        If it is in no container that is read, holds no sound, or is damaged.
+        If its container is not supported, or it contains no audio or is damaged.
     """
     with _opened(path) as container:
         stream = container.streams.audio[0]
@@ -116,7 +116,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
 def load_sound(
     path: Path, *, rate_hz: int | None = None, channel: int | None = None
 ) -> tuple[NDArray[np.int16], int]:  # fmt: skip
-    """Read a whole sound file.
+    """Read a whole audio file.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def load_sound(
     rate_hz : int, optional
         Rate to resample to; by default the file's own, up to :data:`MAX_RATE_HZ`.
     channel : int, optional
-        Channel to take, 1 for the first; by default the mean of all.
+        Channel to read, 1 for the first; by default the mean of all.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def load_sound(
     UsageError
         If the file cannot be read or has no such channel.
     DataError
-        If it holds no sound, or is damaged.
+        If it contains no audio, or is damaged.
     """
     rate_hz = rate_hz or min(inspect_sound(path).sample_rate_hz, MAX_RATE_HZ)
     gathered = bytearray()  # grows in place: an hour of sound is held once, not twice
@@ -168,7 +168,7 @@ def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> Non
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Open a container with a stream of sound that can be decoded; it is closed at the end."""
+    """Open a container with decodable audio; it is closed at the end."""
     try:
         file = path.open("rb")
     except OSError as error:
@@ -191,7 +191,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _check(container: Any, path: Path) -> None:
-    """Refuse what holds no sound that can be decoded."""
+    """Reject files without decodable audio."""
     if not container.streams.audio:
         raise DataError(f"{path}: holds no sound")
     stream = container.streams.audio[0]
@@ -246,7 +246,7 @@ def _to_int16(mono: NDArray[np.float32]) -> NDArray[np.int16]:
 
 
 def _av_error() -> type[Exception]:
-    """Return the base of all errors of PyAV, which is imported when it is first needed."""
+    """Return the base class of PyAV's errors; PyAV is imported when first needed."""
     return av.FFmpegError
 
 

@@ -1,4 +1,4 @@
-"""Phone timings from a path; the format is found from the content."""
+"""Phone timings from a file; the format is detected from its content."""
 
 from pathlib import Path
 

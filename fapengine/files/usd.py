@@ -1,8 +1,8 @@
 """A head as USD, with its motion: UsdSkel blend shapes, joints and an animation, written by usd-core.
 
-A part of the head is a mesh with the shapes that move it. The animation has all shapes' weights, and the turns of the
-joints; who moves the shapes alone gets the whole face, as in the GLB. Colours stand at the vertices, those of textures
-too.
+A part of the head is a mesh with the shapes that move it. The animation has the weights of all shapes, and the
+rotations of the joints; moving the shapes alone gives the whole face, as in the GLB. Colours, including those of
+textures, are stored at the vertices.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def save_usd(
     turns: Mapping[str, Array] | None = None,
     rate_hz: float = 30.0,
 ) -> int:
-    """Write a head, with a motion if there is one.
+    """Write a head, optionally with motion.
 
     Parameters
     ----------
@@ -49,18 +49,18 @@ def save_usd(
         Ends with .usda, .usdc or .usd.
     puppet : Puppet
     licence, source : str
-        Whose work it is: in the layer's ``customLayerData``.
+        Origin, for the layer's ``customLayerData``.
     faps : (T, 68) float64, FAPU, optional
         Frames, T >= 1, without gaps.
     turns : mapping of str to (T, 3, 3) float64
-        Rotations by the name of a joint, in the head's space; with ``faps``.
+        Rotations by the name of a joint, in head space; with ``faps``.
     rate_hz : float
-        Frames a second: a time code is a frame.
+        Frame rate: one time code per frame.
 
     Returns
     -------
     int
-        How many shapes leave 0.
+        Number of shapes that leave 0.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def _joint_paths() -> list[str]:
 
 
 def _places(puppet: Puppet) -> Array:
-    """(5, 3) m: each joint's place from that of its parent."""
+    """(5, 3) m: position of each joint relative to its parent."""
     return np.stack([
         puppet.joints[joint] - (puppet.joints[parent] if parent is not None else 0.0)
         for joint, parent in enumerate(PARENTS)
@@ -153,7 +153,7 @@ def _add_mesh(stage: Any, part: Part, skeleton: Any) -> None:
 
 
 def _painted(part: Part) -> Array:
-    """(V, 3): linear RGB of the vertices, where there is a texture its texel's."""
+    """(V, 3): linear RGB of the vertices, multiplied with the texture if there is one."""
     colours = part.colours.astype(np.float64)
     if part.texture is None:
         return colours

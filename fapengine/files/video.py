@@ -28,26 +28,26 @@ CODECS = {
 }  # fmt: skip
 """Video and sound codec by suffix."""
 STRANGERS = {"format_whitelist": "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,gif", "protocol_whitelist": "none"}
-"""Options for films of others: containers that name no further files, and no protocol to open one."""
+"""Options for untrusted videos: containers that name no further files, and no protocol to open one."""
 FILMS = frozenset(
     {".mp4", ".m4v", ".mov", ".webm", ".mkv", ".avi", ".mpg", ".mpeg", ".ts", ".flv", ".wmv", ".ogv", ".gif"}
 )
-"""Endings of names that are taken for films."""
+"""Endings of videos."""
 ALPHA_KINDS = (".webm", ".mov")
 FORMATS = {3: "rgb24", 4: "rgba"}
-"""FFmpeg's name of a picture with so many components."""
+"""FFmpeg's pixel format by number of components."""
 X264_OPTIONS = {"preset": "veryfast", "crf": "20", "tune": "animation"}
 VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
 PRORES_OPTIONS = {"profile": "4444", "vendor": "apl0", "alpha_bits": "16"}
-"""ProRes 4444, which editors take with its alpha; some look at who wrote it."""
+"""ProRes 4444, which editors read with its alpha; some check the vendor."""
 OPTIONS = {"libx264": X264_OPTIONS, "libvpx-vp9": VP9_OPTIONS, "prores_ks": PRORES_OPTIONS}
 PIXELS = {"prores_ks": ("yuv444p10le", "yuva444p10le")}
-"""Formats of pixels without and with alpha, where they are others than those of :data:`USUAL_PIXELS`."""
+"""Pixel formats without and with alpha, where they differ from :data:`USUAL_PIXELS`."""
 USUAL_PIXELS = ("yuv420p", "yuva420p")
 MUXER_OPTIONS = {".mp4": {"movflags": "faststart"}}
-"""The list of an MP4's frames stands first, so that a browser plays it while it loads."""
+"""Puts the index of an MP4 first, so that a browser plays it while it loads."""
 SOUND_RATE_HZ = 48000
-"""Both AAC and Opus take it."""
+"""Supported by both AAC and Opus."""
 
 Picture = NDArray[np.uint8]
 Packet: TypeAlias = "av.Packet[Any]"
@@ -68,10 +68,9 @@ def write_video(
     path : Path
         ``.mp4``, ``.webm``, ``.mkv`` or ``.mov`` (ProRes 4444).
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size, with even sides. A fourth component is alpha, for ``.webm`` and ``.mov``; colours are not
-        multiplied with it.
+        sRGB; all of one size, with even sides. A fourth component is straight alpha, for ``.webm`` and ``.mov``.
     rate_hz : float
-        Frames a second.
+        Frame rate.
     sound : ((N,) int16, int), optional
         Mono samples and their rate.
     on_frame : callable
@@ -80,12 +79,12 @@ def write_video(
     Returns
     -------
     int
-        How many frames were written.
+        Number of frames written.
 
     Raises
     ------
     UsageError
-        For an unknown suffix, odd sides, or alpha that the format cannot hold.
+        For an unknown suffix, odd sides, or alpha that the format does not support.
     ResourceError
         If the file cannot be written or a codec is missing.
     """
@@ -117,14 +116,14 @@ def write_video(
 
 
 def time_of(packet: Packet) -> Fraction:
-    """When a decoder needs it, s."""
+    """Return the decoding time of a packet, s."""
     return (packet.dts or 0) * packet.time_base
 
 
 def _encoded_pictures(
     stream: Any, frames: Iterable[Picture], path: Path, on_frame: Callable[[], None]
 ) -> Iterator[Packet]:
-    """Encode pictures; the first one gives the stream its form."""
+    """Encode images; the first one sets size and format of the stream."""
     for number, picture in enumerate(frames):
         if not number:
             _take_form(stream, picture, path)
@@ -134,7 +133,7 @@ def _encoded_pictures(
 
 
 def _take_form(stream: Any, picture: Picture, path: Path) -> None:
-    """Set a stream up for pictures of this size and number of components."""
+    """Configure a stream for images of this size and number of components."""
     stream.height, stream.width, components = picture.shape
     if stream.height % 2 or stream.width % 2:
         raise UsageError(f"size: got {stream.width}x{stream.height}, expected even sides for video")
@@ -147,7 +146,7 @@ def _take_form(stream: Any, picture: Picture, path: Path) -> None:
 
 
 def encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: int) -> Iterator[Packet]:
-    """Encode mono sound, (N,) int16, second by second."""
+    """Encode mono samples, (N,) int16, second by second."""
     resampler = av.AudioResampler(format=stream.format, layout="mono", rate=SOUND_RATE_HZ, frame_size=stream.frame_size)
     for start in range(0, len(samples), rate_hz):
         second = np.ascontiguousarray(samples[start : start + rate_hz]).reshape(1, -1)
@@ -162,18 +161,18 @@ def encoded_sound(stream: av.AudioStream, samples: NDArray[np.int16], rate_hz: i
 
 @dataclass(frozen=True, slots=True)
 class FilmInfo:
-    """What a file says of its pictures before they are decoded."""
+    """Image properties that a file states, before decoding."""
 
     width: int
     height: int
     rate_hz: float
-    """Frames a second; 0 if it states none."""
+    """Frame rate; 0 if missing."""
     codec: str
     has_sound: bool
 
 
 def inspect_film(path: Path) -> FilmInfo | None:
-    """Look at a file's pictures without decoding them; None if it has none, or cannot be opened as a film."""
+    """Read the image properties of a video without decoding; None if it has no images, or cannot be opened."""
     try:
         with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
             if not container.streams.video:
@@ -186,7 +185,7 @@ def inspect_film(path: Path) -> FilmInfo | None:
 
 
 def count_pictures(path: Path) -> int:
-    """Tell how many pictures a film states to have; 0 if it states none, or cannot be read."""
+    """Return the number of frames that a video states; 0 if missing, or if it cannot be read."""
     try:
         with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
             return container.streams.video[0].frames if container.streams.video else 0
@@ -195,13 +194,13 @@ def count_pictures(path: Path) -> int:
 
 
 def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Decode the pictures of a film one by one.
+    """Decode the frames of a video one by one.
 
     Parameters
     ----------
     path : Path
     max_side : int
-        Longer side of the pictures, pixels; larger ones are made smaller.
+        Longer side of the images, pixels; larger ones are scaled down.
 
     Yields
     ------
@@ -215,7 +214,7 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArr
     UsageError
         If the file cannot be read.
     DataError
-        If it holds no picture or is damaged.
+        If it contains no images or is damaged.
     """
     try:
         with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
@@ -239,14 +238,14 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, NDArr
 
 
 def camera_pictures(number: int, *, seconds: float, max_side: int = 640) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Take pictures from a camera of this machine (Video4Linux) for so long: time in s and sRGB, as they come.
+    """Capture images from a camera of this machine (Video4Linux) for ``seconds``: time in s and (H, W, 3) sRGB.
 
-    Larger ones are made smaller, so that the longer side has ``max_side`` pixels.
+    Larger ones are scaled down to a longer side of ``max_side`` pixels.
 
     Raises
     ------
     ResourceError
-        If there is no such camera, or it gives no pictures.
+        If there is no such camera, or it delivers no images.
     """
     device = f"/dev/video{number}"
     try:
@@ -273,18 +272,18 @@ class Video:
     """(T, height, width, 3) uint8, sRGB."""
     rate_hz: float
     duration_s: float
-    """Frames a second of the pictures."""
+    """Duration of the images, s."""
     sound_duration_s: float
     """0 without sound."""
 
 
 def load_video(path: Path) -> Video:
-    """Decode a whole video; meant for short ones.
+    """Decode a whole, short video.
 
     Raises
     ------
     DataError
-        If it cannot be decoded or holds no picture.
+        If it cannot be decoded or contains no images.
     """
     try:
         with av.open(str(path), mode="r") as container:

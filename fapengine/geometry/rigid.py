@@ -1,17 +1,11 @@
-"""Rigid motion between point sets: two closed forms, a robust one, and a template for a moving body.
+"""Rigid motion between point sets: a closed form, a robust fit, and the mean shape of a moving body.
 
 Theory of operation
 -------------------
 With both sets moved to their (weighted) centroids, translation is gone and only ``target = R @ point`` is left.
-
-* :func:`fit_rigid` maximises ``sum w target . (R @ point)`` over unit quaternions: the answer is the eigenvector of the
-  largest eigenvalue of Horn's symmetric 4 x 4 matrix. A unit quaternion cannot be a reflection, whatever the noise and
-  however flat the body. All frames are solved in one batched call.
-* :func:`fit_rigid_linear` uses that ``R = (I + [g])^-1 (I - [g])`` of a Gibbs vector ``g`` turns the same equation into
-  ``target - point = g x (target + point)``, which is linear in ``g``. It is a rotation by construction too. Near
-  a half turn ``g`` grows without bound; so the equation is also solved with the points turned by half a turn about
-  each axis, and the best of the four answers is kept.
-* A rotation and its quaternion are one to two; :func:`continuous` chooses the sign so that a track never jumps.
+:func:`fit_rigid` maximises ``sum w target . (R @ point)`` over unit quaternions: the answer is the eigenvector of the
+largest eigenvalue of Horn's symmetric 4 x 4 matrix. A unit quaternion cannot be a reflection, whatever the noise and
+however flat the body. All frames are solved in one batched call.
 
 Quaternions are ``(w, x, y, z)``. Batch axes lead everywhere.
 """
@@ -23,17 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.geometry.smooth import low_pass
 
 MIN_POINTS = 3
 UNDETERMINED = 1e-9
-"""Gap of the two largest eigenvalues, relative to them, below which every turn about some axis fits equally well."""
-HALF_TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+"""Relative gap between the two largest eigenvalues below which the rotation is not unique."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion:
-    """``target = rotation @ point + translation``, one for each batch element. Arrays are read-only."""
+    """Rotation and translation for each batch element: ``target = rotation @ point + translation``. Read-only."""
 
     rotation: NDArray[np.float64]
     """(..., 3, 3), determinant +1."""
@@ -51,23 +43,23 @@ class RigidMotion:
             )
 
     def apply(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Carry (..., M, 3) points; NaN stays NaN."""
+        """Transform (..., M, 3) points; NaN stays NaN."""
         points = np.asarray(points_mm, dtype=np.float64)
         moved: NDArray[np.float64] = points @ np.swapaxes(self.rotation, -1, -2) + self.translation_mm[..., None, :]
         return moved
 
     def inverse(self) -> "RigidMotion":
-        """Return the motion back."""
+        """Return the inverse motion."""
         back = np.swapaxes(self.rotation, -1, -2)
         return RigidMotion(back, -(back @ self.translation_mm[..., None])[..., 0])
 
     def quaternions(self) -> NDArray[np.float64]:
-        """(..., 4): unit quaternions (w, x, y, z) with ``w >= 0``; see :func:`continuous` for tracks."""
+        """(..., 4): unit quaternions (w, x, y, z) with ``w >= 0``."""
         return quaternions_from_rotations(self.rotation)
 
 
 def fit_rigid(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> RigidMotion:
-    """Find the rotation and translation that best carry points onto targets.
+    """Find the rotation and translation that best map points onto targets.
 
     Parameters
     ----------
@@ -99,40 +91,10 @@ def fit_rigid(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | N
     size = np.sqrt((weight[..., None] * points**2).sum((-1, -2)) * (weight[..., None] * target**2).sum((-1, -2)))
     if (gap <= UNDETERMINED * size).any():
         raise UsageError(
-            f"points: got {_first(gap <= UNDETERMINED * size)} on one line, the rotation is not determined"
+            f"points: {_first(gap <= UNDETERMINED * size)}: all on one line, so the rotation is not unique"
         )
     rotation = rotations_from_quaternions(vectors[..., :, 3])
     return _motion(rotation, centre, target_centre)
-
-
-def fit_rigid_linear(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> RigidMotion:
-    """Like :func:`fit_rigid`, by linear equations: exact on exact data, a little more sensitive to noise.
-
-    The translation-invariant linear method (paper 001, section 3), in the form that cannot leave the rotations: an
-    unconstrained 3 x 3 matrix would shear, and mirrors a flat head band half of the time. Parameters, result and errors
-    are those of :func:`fit_rigid`.
-    """
-    points, target, weight = _checked(points_mm, target_mm, weights)
-    points, centre = _centred(points, weight)
-    target, target_centre = _centred(target, weight)
-    turned = points[..., None, :, :] * HALF_TURNS[:, None, :]
-    total, change = target[..., None, :, :] + turned, target[..., None, :, :] - turned
-    w = weight[..., None, :, None]
-    # change = g x total, so sum [total]^T [total] g = sum total x change
-    square = np.swapaxes(total * w, -1, -2) @ total
-    normal = np.trace(square, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - square
-    right = (w * np.cross(total, change)).sum(-2)
-    s = np.swapaxes(points * weight[..., None], -1, -2) @ target
-    values = np.asarray(np.linalg.eigvalsh(_horn_matrix(s)), dtype=np.float64)
-    _refuse_line(values, points, target, weight)
-    solvable = np.linalg.eigvalsh(normal)[..., 0] > UNDETERMINED * np.trace(square, axis1=-2, axis2=-1)
-    gibbs = np.linalg.solve(np.where(solvable[..., None, None], normal, np.eye(3)), right[..., None])[..., 0]
-    quaternion = np.concatenate([np.ones((*gibbs.shape[:-1], 1)), gibbs], axis=-1)
-    rotation = rotations_from_quaternions(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
-    miss = (w * (turned @ np.swapaxes(rotation, -1, -2) - target[..., None, :, :]) ** 2).sum((-1, -2))
-    best = np.where(solvable, miss, np.inf).argmin(-1)[..., None, None, None]
-    chosen = np.take_along_axis(rotation * HALF_TURNS[:, None, :], best, axis=-3)[..., 0, :, :]
-    return _motion(chosen, centre, target_centre)
 
 
 def fit_rigid_robust(
@@ -143,22 +105,22 @@ def fit_rigid_robust(
     noise_mm: float = 0.5,
     steps: int = 5,
 ) -> tuple[RigidMotion, NDArray[np.float64]]:
-    """Like :func:`fit_rigid`, trusting a point less the farther it lies off: for a slipped band, a swapped marker.
+    """Fit like :func:`fit_rigid`, but give outliers less weight: a slipped head band, a swapped marker.
 
     Parameters
     ----------
     points_mm, target_mm, weights
-        As :func:`fit_rigid`; with 4 points or more there is something to distrust.
+        As for :func:`fit_rigid`; outliers can be found among 4 points or more.
     noise_mm : float
-        Distance at which a point still has half its weight.
+        Residual at which a point keeps half its weight.
     steps : int
-        Reweighted fits behind the first (Cauchy weights ``1 / (1 + (r / noise)^2)``).
+        Reweighted fits after the first (Cauchy weights ``1 / (1 + (r / noise)^2)``).
 
     Returns
     -------
     motion : RigidMotion
     trust : (..., M) float64
-        Final share of its weight that each point kept, 0..1.
+        Final fraction of its weight that each point kept, 0 to 1.
 
     Raises
     ------
@@ -166,7 +128,7 @@ def fit_rigid_robust(
         As :func:`fit_rigid`, or if ``noise_mm`` is not positive.
     """
     if not noise_mm > 0:
-        raise UsageError(f"noise_mm: got {noise_mm}, expected a positive length")
+        raise UsageError(f"noise_mm: must be positive, got {noise_mm}")
     points, target, weight = _checked(points_mm, target_mm, weights)
     motion = fit_rigid(points, target, weight)
     trust = np.ones_like(weight)
@@ -180,9 +142,9 @@ def fit_rigid_robust(
 
 
 def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, steps: int = 10) -> NDArray[np.float64]:
-    """Mean shape of a rigid body that moves: (T, M, 3) frames -> (M, 3), in the pose of its first usable frame.
+    """Compute the mean shape of a moving rigid body, (M, 3), in the pose of its first complete frame.
 
-    Frames and mean shape are fitted to each other in turn (generalised Procrustes, no scale).
+    Frames and mean shape are fitted to each other alternately (generalised Procrustes, no scale).
 
     Parameters
     ----------
@@ -193,7 +155,7 @@ def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, step
     Raises
     ------
     UsageError
-        If no frame has all markers, as a first template needs one, or shapes do not fit.
+        If shapes do not fit, or no frame has all markers (the first template needs one).
     """
     frames = np.asarray(frames_mm, dtype=np.float64)
     if frames.ndim != 3 or frames.shape[-1] != 3:
@@ -201,7 +163,7 @@ def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, step
     weight = np.ones(frames.shape[:2]) if weights is None else np.asarray(weights, dtype=np.float64)
     complete = np.flatnonzero((weight > 0).all(axis=1))
     if not len(complete):
-        raise UsageError(f"frames_mm: got {len(frames)} frames, none with all {frames.shape[1]} markers")
+        raise UsageError(f"frames_mm: none of {len(frames)} frames has all {frames.shape[1]} markers")
     first = template = frames[complete[0]]
     usable = (weight > 0).sum(axis=1) >= MIN_POINTS
     frames, weight = np.where(weight[..., None] > 0, frames, 0.0)[usable], weight[usable]
@@ -212,7 +174,7 @@ def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, step
 
 
 def quaternions_from_rotations(rotation: ArrayLike) -> NDArray[np.float64]:
-    """(..., 3, 3) rotations -> (..., 4) unit quaternions with ``w >= 0``; stable at half turns."""
+    """(..., 3, 3) rotations -> (..., 4) unit quaternions with ``w >= 0``; numerically stable at half turns."""
     values, vectors = np.linalg.eigh(_horn_matrix(np.swapaxes(np.asarray(rotation, dtype=np.float64), -1, -2)))
     del values
     q = vectors[..., :, 3]
@@ -231,42 +193,6 @@ def rotations_from_quaternions(quaternions: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def continuous(quaternions: ArrayLike) -> NDArray[np.float64]:
-    """(T, 4) with signs chosen so that each lies on its forerunner's side; the first keeps its sign."""
-    q = np.asarray(quaternions, dtype=np.float64)
-    flips = np.where((q[1:] * q[:-1]).sum(-1) < 0, -1.0, 1.0)
-    signed: NDArray[np.float64] = q * np.concatenate([np.ones(min(1, len(q))), np.cumprod(flips)])[:, None]
-    return signed
-
-
-def smooth_motion(
-    motion: RigidMotion, rate_hz: float, cutoff_hz: float, about_mm: ArrayLike = (0.0, 0.0, 0.0)
-) -> RigidMotion:
-    """Low-pass a track of motions without delay: quaternions (unflipped) and the path of one point.
-
-    Parameters
-    ----------
-    motion : RigidMotion
-        Batch shape (T,).
-    rate_hz, cutoff_hz : float
-        Frame rate, and the frequency from which motion is noise: 3 to 5 Hz for a head.
-    about_mm : (3,) array_like, mm
-        Point whose path is filtered; the body's centroid, so that noise in the turn does not move the body.
-
-    Raises
-    ------
-    UsageError
-        If the batch shape is not (T,), T is below 16, or ``cutoff_hz`` is not between 0 and half the rate.
-    """
-    if motion.rotation.ndim != 3 or len(motion.rotation) < 16:
-        raise UsageError(f"motion: got batch shape {motion.rotation.shape[:-2]}, expected (T,) with T >= 16")
-    about = frozen(about_mm, "about_mm", (3,), np.float64)
-    q = low_pass(continuous(motion.quaternions()), rate_hz, cutoff_hz)
-    rotation = rotations_from_quaternions(q / np.linalg.norm(q, axis=-1, keepdims=True))
-    path = low_pass(motion.apply(about[None])[:, 0], rate_hz, cutoff_hz)
-    return RigidMotion(rotation, path - rotation @ about)
-
-
 def _checked(
     points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -281,30 +207,17 @@ def _checked(
     if points.ndim < 2 or points.shape[-2:] != target.shape[-2:] or points.shape[-1] != 3:
         raise UsageError(f"points: got shapes {points.shape} and {target.shape}, expected (..., M, 3)")
     if not (weight >= 0).all():
-        raise UsageError("weights: got a negative or undefined number, expected 0 or more")
+        raise UsageError("weights: must be 0 or more")
     weight = np.broadcast_to(weight, shape[:-1])
     few = (weight > 0).sum(-1) < MIN_POINTS
     if few.any():
-        raise UsageError(f"points: got fewer than {MIN_POINTS} with weight in {_first(few)}")
+        raise UsageError(f"points: fewer than {MIN_POINTS} have weight in {_first(few)}")
     points = np.where(weight[..., None] > 0, points, 0.0)
     target = np.where(weight[..., None] > 0, target, 0.0)
     bad = ~(np.isfinite(points) & np.isfinite(target)).all((-1, -2))
     if bad.any():
-        raise UsageError(f"points: got a number that is not finite in {_first(bad)}, expected weight 0 for it")
+        raise UsageError(f"points: must be finite where their weight is not 0; not so in {_first(bad)}")
     return points, target, weight
-
-
-def _refuse_line(
-    eigenvalues: NDArray[np.float64],
-    points: NDArray[np.float64],
-    target: NDArray[np.float64],
-    weight: NDArray[np.float64],
-) -> None:
-    """Refuse where the two largest eigenvalues of Horn's matrix are one: a whole circle of turns fits equally well."""
-    size = np.sqrt((weight[..., None] * points**2).sum((-1, -2)) * (weight[..., None] * target**2).sum((-1, -2)))
-    bad = eigenvalues[..., 3] - eigenvalues[..., 2] <= UNDETERMINED * size
-    if bad.any():
-        raise UsageError(f"points: got {_first(bad)} on one line, the rotation is not determined")
 
 
 def _first(bad: ArrayLike) -> str:

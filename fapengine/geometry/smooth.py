@@ -1,4 +1,4 @@
-"""Smooth building blocks of motion: steps and bumps that are C2."""
+"""Smooth steps and bumps with continuous curvature (C2), and a low-pass filter without delay."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
 def bump(
     x: ArrayLike, start: float | NDArray[np.float64], stop: float | NDArray[np.float64], rise: float, fall: float
 ) -> NDArray[np.float64]:
-    """1 between ``start`` and ``stop``; rises over ``rise`` before, falls over ``fall`` behind; C2.
+    """1 between ``start`` and ``stop``; rises over ``rise`` before and falls over ``fall`` after; C2.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def bump(
 
 
 def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
-    """0 for ``x <= 0``, ``x - width / 2`` for ``x >= width``, C2 between: a floor without a kink.
+    """0 for ``x <= 0``, ``x - width / 2`` for ``x >= width``, C2 between: a smooth ``max(x, 0)``.
 
     Its slope is the cubic smoothstep ``3 s^2 - 2 s^3`` with ``s = x / width``.
 
@@ -53,9 +53,9 @@ def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
 
 
 def low_pass(values: NDArray[np.float64], rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
-    """Take out what is quicker than ``cutoff_hz``, without delay: (T, ...) -> (T, ...).
+    """Remove frequencies above ``cutoff_hz`` without delay: (T, ...) -> (T, ...).
 
-    A Butterworth filter of second order, forwards and backwards.
+    A second-order Butterworth filter, run forwards and backwards.
 
     Raises
     ------
@@ -65,6 +65,6 @@ def low_pass(values: NDArray[np.float64], rate_hz: float, cutoff_hz: float) -> N
     from scipy.signal import butter, sosfiltfilt  # it loads scipy.stats: a quarter of a second at every start
 
     if not 0 < cutoff_hz < rate_hz / 2:
-        raise UsageError(f"cutoff_hz: got {cutoff_hz}, expected 0 < cutoff < {rate_hz / 2}, half the rate")
+        raise UsageError(f"cutoff_hz: must be between 0 and half the rate, {rate_hz / 2}, got {cutoff_hz}")
     smooth: NDArray[np.float64] = sosfiltfilt(butter(2, cutoff_hz, fs=rate_hz, output="sos"), values, axis=0)
     return smooth

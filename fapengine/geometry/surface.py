@@ -1,4 +1,4 @@
-"""Triangle surfaces: normals, closest points, where a line meets them.
+"""Triangle surfaces: normals, closest points, ray intersections, and smooth continuation of values over a mesh.
 
 Candidates come from a kd-tree over the triangles' centres; among them the answer is exact. On meshes whose triangles
 are of similar size, as scans are, the nearest triangle is among the eight nearest centres.
@@ -15,19 +15,19 @@ TINY = 1e-30
 
 
 class Surface:
-    """A triangle mesh made ready for queries. Arrays are read-only; the tree is built once.
+    """A triangle mesh prepared for queries. Arrays are read-only; the kd-tree is built once.
 
     Parameters
     ----------
     vertices_mm : (V, 3) array_like, mm
-        Vertices that no triangle uses do no harm.
+        May contain vertices that no triangle uses.
     triangles : (F, 3) array_like of int
         Counter-clockwise seen from outside.
 
     Raises
     ------
     UsageError
-        If there is no triangle, or one names a vertex that is not there.
+        If there is no triangle, or a vertex index is out of range.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -38,9 +38,7 @@ class Surface:
         self.triangles = frozen(triangles, "triangles", ("F", 3), np.int64)
         count = len(self.vertices_mm)
         if not len(self.triangles) or self.triangles.min() < 0 or self.triangles.max() >= count:
-            raise UsageError(
-                f"triangles: got {len(self.triangles)}, expected vertex indices 0..{count - 1} in at least one"
-            )
+            raise UsageError(f"triangles: must be one or more, with vertex indices 0 to {count - 1}")
         from scipy.spatial import cKDTree  # late: a film of FAPs loads this module and does without
 
         corners = self.vertices_mm[self.triangles]
@@ -51,7 +49,7 @@ class Surface:
         self._rim = _rim_vertices(self.triangles, count)
 
     def closest(self, points_mm: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Nearest places on the surface.
+        """Find the closest points on the surface.
 
         Parameters
         ----------
@@ -63,7 +61,7 @@ class Surface:
         normals : (N, 3) float64
             Interpolated between vertices, unit length.
         on_rim : (N,) bool
-            The place lies on the edge of a hole or of the whole surface: the true partner is probably not there.
+            The point is on the edge of a hole or of the whole surface, so it is probably not the true counterpart.
         """
         triangle, weight, places = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
         normals: NDArray[np.float64] = np.einsum("nc,nca->na", weight, self.normals[triangle])
@@ -72,7 +70,7 @@ class Surface:
         return places, normals, on_rim
 
     def carry(self, values: ArrayLike, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Values of the vertices, such as texture coordinates, at the places nearest to points: (V, C) -> (N, C)."""
+        """Interpolate vertex values, such as texture coordinates, at the closest points: (V, C) -> (N, C)."""
         field = frozen(values, "values", (len(self.vertices_mm), "C"), np.float64)
         triangle, weight, _ = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
         carried: NDArray[np.float64] = np.einsum("nc,ncd->nd", weight, field[triangle])
@@ -81,18 +79,18 @@ class Surface:
     def meet(
         self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Where lines through points meet the surface, nearest to the point, on either side of it.
+        """Intersect lines through points with the surface; the hit nearest to the point counts, on either side of it.
 
         Parameters
         ----------
         points_mm, directions : (N, 3) array_like
         reach_mm : float
-            Farthest that a meeting may lie from its point.
+            Greatest distance between a point and its hit.
 
         Returns
         -------
         places_mm : (N, 3) float64
-            The point itself where nothing is met.
+            The hit, or the point itself without one.
         met : (N,) bool
         """
         points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
@@ -125,7 +123,7 @@ class Surface:
 
 
 def vertex_normals(vertices: NDArray[np.float64], triangles: ArrayLike) -> NDArray[np.float64]:
-    """(..., V, 3) vertices -> unit normals, each the area-weighted mean of its triangles'; zero where there is none."""
+    """(..., V, 3) vertices -> unit normals, weighted by triangle area; zero for vertices without a triangle."""
     from scipy.sparse import csr_array
 
     corner = np.asarray(triangles)
@@ -169,7 +167,7 @@ def _closest_barycentric(points: NDArray[np.float64], corners: NDArray[np.float6
 
 
 def _plane_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Barycentric coordinates of the foot in the triangle's plane; may be negative."""
+    """Barycentric coordinates of the foot of the perpendicular in the triangle's plane; may be negative."""
     a = corners[..., 0, :]
     u, v, w = corners[..., 1, :] - a, corners[..., 2, :] - a, points - a
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
@@ -193,3 +191,38 @@ def _line_distance(
     second, third = (s * p).sum(-1) / safe, (along * q).sum(-1) / safe
     hit = (np.abs(det) > TINY) & (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1 + 1e-9)
     return np.where(hit, (v * q).sum(-1) / safe, np.inf)
+
+
+def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Extend values of known vertices, (V, C), over a mesh with least bending (graph bilaplacian).
+
+    A connected part without a known vertex gets the mean value.
+
+    Raises
+    ------
+    UsageError
+        If no vertex is known.
+    """
+    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    field = frozen(values, "values", ("V", "C"), np.float64)
+    mask = np.asarray(known, dtype=bool)
+    if not mask.any():
+        raise UsageError("known: contains no vertex")
+    if mask.all():
+        return field.copy()
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    both = np.concatenate([edges, edges[:, ::-1]])
+    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(field), len(field)))
+    links.data[:] = 1.0
+    degree: NDArray[np.float64] = np.asarray(links.sum(axis=1)).ravel()
+    laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
+    # A trace of pull to the mean keeps parts without a known vertex solvable.
+    mean = field[mask].mean(axis=0)
+    free = np.flatnonzero(~mask)
+    energy = (laplacian.T @ laplacian + 1e-9 * diags_array(np.ones(len(field)))).tocsr()
+    right = -(energy[free] @ np.where(mask[:, None], field - mean, 0.0))
+    result = field.copy()
+    result[free] = mean + splu(energy[free][:, free].tocsc()).solve(np.ascontiguousarray(right))
+    return result

@@ -19,8 +19,7 @@ from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, USUAL_WEIGHT
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 from fapengine.mesh.rig.import_head import ImportedHead, import_head
-from fapengine.models.dense import DenseModes
-from fapengine.models.estimator import LinearEstimator
+from fapengine.models.dense import DenseModes, LinearEstimator
 from fapengine.models.missing import GapModel
 
 Array = NDArray[np.float64]
@@ -31,7 +30,7 @@ NEAR_MM = 8.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DenseFace:
-    """Dense vertices, what they were learned from, and what drives them. Arrays are read-only."""
+    """Dense vertices, their origin, and the markers that drive them. Arrays are read-only."""
 
     subject: str
     licence: str
@@ -134,7 +133,7 @@ class ModeRig:
         object.__setattr__(self, "axes", frozen(self.axes, "axes", (3, 3), np.float64))
         object.__setattr__(self, "origin_mm", frozen(self.origin_mm, "origin_mm", (3,), np.float64))
         if not (np.isfinite(self.scale) and self.scale > 0):
-            raise UsageError(f"scale: got {self.scale}, expected a positive number")
+            raise UsageError(f"scale: must be a positive number, got {self.scale}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -142,7 +141,7 @@ class ModeRig:
         return tuple(f"mode {number + 1}" for number in range(len(self.modes_mm)))
 
     def head_transforms(self, motion: RigidMotion) -> Array:
-        """(T, 4, 4): what the head did, in the head's space."""
+        """(T, 4, 4): motion of the head, in the head's space."""
         turn = self.axes @ motion.rotation @ self.axes.T
         transforms = np.tile(np.eye(4), (len(turn), 1, 1))
         transforms[:, :3, :3] = turn
@@ -151,7 +150,7 @@ class ModeRig:
 
 
 def moved_by_modes(mesh: FaceMesh, rig: ModeRig) -> FaceMesh:
-    """Return the head whose weights are those of the modes themselves, to ``ROW_FAPU`` for a standard deviation."""
+    """Return the head driven by the weights of the modes themselves, ``ROW_FAPU`` for a standard deviation."""
     count, vertices = rig.modes_mm.shape[:2]
     if vertices != len(mesh.vertices_mm):
         raise UsageError(f"modes_mm: got {vertices} vertices, expected {len(mesh.vertices_mm)}, the head's")
@@ -166,7 +165,7 @@ def moved_by_modes(mesh: FaceMesh, rig: ModeRig) -> FaceMesh:
 
 
 def poses(rig: ModeRig, take: DrivenTake, *, still_head: bool = False) -> list[Pose]:
-    """Make what a renderer draws of each frame of a take, on the head of :func:`moved_by_modes`."""
+    """Values that a renderer draws of each frame of a take, on the head of :func:`moved_by_modes`."""
     transforms = np.tile(np.eye(4), (len(take.weights), BONE_COUNT, 1, 1))
     if not still_head:
         transforms[:, HEAD] = rig.head_transforms(take.head)
@@ -180,16 +179,10 @@ def make_dense_head(
 
     Parameters
     ----------
-    face : DenseFace
     standard : FaceMesh
         Gives scale and axes.
     points : mapping of str to int, optional
         Vertices of further feature points, or in place of those that the markers show.
-
-    Raises
-    ------
-    DataError
-        If too few markers are feature points, or no head can be made of them.
     """
     neutral = face.neutral_face_mm
     modes = face.deviations_mm[:, None, None] * face.estimator.modes
@@ -224,16 +217,10 @@ def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dic
 
     Parameters
     ----------
-    face : DenseFace
     neutral_mm : (V, 3) mm
         Its vertices at rest.
     taken : sequence of int
         Vertices that are points already.
-
-    Raises
-    ------
-    DataError
-        If no marker is a feature point.
     """
     used, found = set(taken), {}
     for marker, point in enumerate(face.points):
@@ -248,5 +235,5 @@ def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dic
                 found[point] = vertex
                 break
     if not found:
-        raise DataError("markers: got none that is a feature point, expected the lips and the chin", where=face.subject)
+        raise DataError("markers: none is a feature point; the lips and the chin are needed", where=face.subject)
     return found

@@ -1,9 +1,10 @@
-"""A dense face as files: ``dense.toml`` (schema, whose it is, digest) and ``dense.npz`` (all arrays).
+"""A dense face as files: ``dense.toml`` (schema, subject, digest) and ``dense.npz`` (all arrays).
 
-Strict: what is missing, unknown, of the wrong shape or with the wrong digest is a :class:`ProfileError`. The arrays are
-the papers', in float32: ``marker_mean_mm``, ``marker_modes_mm`` (paper 003, section 3), ``mean_mm``, ``modes_mm``
-(section 4), ``face_mean_mm``, ``face_modes``, ``variances``, ``marker_centre_mm``, ``estimator`` (paper 004, equations
-4 to 12), ``scan_weights`` and ``take_weights`` (of the sparse model), and what lays takes and colours on.
+Strict: an entry that is missing, unknown, of the wrong shape or with the wrong digest is a :class:`ProfileError`. The
+arrays are the papers', in float32: ``marker_mean_mm``, ``marker_modes_mm`` (paper 003, section 3), ``mean_mm``,
+``modes_mm`` (section 4), ``face_mean_mm``, ``face_modes``, ``variances``, ``marker_centre_mm``, ``estimator`` (paper
+004, equations 4 to 12), ``scan_weights`` and ``take_weights`` (of the sparse model), and what lays takes and colours
+on.
 """
 
 import hashlib
@@ -16,15 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import DAMAGE
 from fapengine._strict_toml import parse_toml, quoted, spell_path
-from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import ProfileError, UsageError
 from fapengine.geometry.rigid import RigidMotion
 from fapengine.laboratory.dense_face import DenseFace, ModeRig
 from fapengine.laboratory.marker_driver import HeadReference, MarkerDriver
 from fapengine.laboratory.setup import Paint
-from fapengine.models.dense import DenseModes
-from fapengine.models.estimator import LinearEstimator
+from fapengine.models.dense import DenseModes, LinearEstimator
 from fapengine.models.missing import GapModel
 
 SCHEMA = 1
@@ -90,13 +90,7 @@ class _Document:
 
 
 def parse_dense(files: Mapping[str, bytes]) -> DenseFace:
-    """Read a dense face from :data:`TOML_NAME` and :data:`ARRAYS_NAME`.
-
-    Raises
-    ------
-    ProfileError
-        For anything missing, unknown, of the wrong shape or with the wrong digest; ``where`` is the file.
-    """
+    """Read a dense face from :data:`TOML_NAME` and :data:`ARRAYS_NAME`."""
     for name in (TOML_NAME, ARRAYS_NAME):
         if name not in files:
             raise ProfileError(f"got files {sorted(files)}, expected {name} among them", where=name)
@@ -146,13 +140,7 @@ def format_rig(rig: ModeRig) -> bytes:
 
 
 def parse_rig(data: bytes, where: str) -> ModeRig:
-    """Read what drives a head's modes.
-
-    Raises
-    ------
-    ProfileError
-        If an array is missing or of the wrong shape.
-    """
+    """Read what drives a head's modes."""
     try:
         arrays = _unpacked(data)
         labels, points, neutral_mm, reference, sparse = _markers(arrays)
@@ -195,7 +183,7 @@ def _markers(
         raise UsageError(f"axes_turn: got shape {reference.axes.rotation.shape}, expected (3, 3)")
     sparse = GapModel(arrays["marker_mean_mm"], arrays["marker_modes_mm"], float(arrays["marker_noise_mm"]), 0)
     if not sparse.noise_mm > 0:
-        raise UsageError(f"marker_noise_mm: got {sparse.noise_mm}, expected a positive number")
+        raise UsageError(f"marker_noise_mm: must be a positive number, got {sparse.noise_mm}")
     return labels, points, arrays["neutral_mm"], reference, sparse
 
 
@@ -213,6 +201,6 @@ def _unpacked(data: bytes) -> Arrays:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MAX_BYTES:
-        raise UsageError(f"got {size} bytes unpacked, expected at most {MAX_BYTES}")
+        raise UsageError(f"must have at most {MAX_BYTES} bytes unpacked, got {size}")
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}

@@ -10,10 +10,17 @@ from fapengine.geometry.surface import Surface
 from fapengine.laboratory.dense_face import DenseFace
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.setup import Scan, Setup
-from fapengine.models.dense import DenseModes, bind, fit_dense_modes, remesh, sparse_facets
-from fapengine.models.estimator import LinearEstimator, fit_estimator
+from fapengine.models.dense import (
+    DenseModes,
+    LinearEstimator,
+    bind,
+    fit_dense_modes,
+    fit_estimator,
+    remesh,
+    sparse_facets,
+)
 from fapengine.models.missing import GapModel, fit_gaps
-from fapengine.models.scan_fit import ScanFit, fit_scan
+from fapengine.models.scans import ScanFit, fit_scan
 
 Array = NDArray[np.float64]
 
@@ -30,7 +37,7 @@ class DenseStudy:
     triangles: NDArray[np.int64]
     """(F, 3): of the reference scan."""
     sparse: GapModel
-    """Sparse model whose weights drive the modes."""
+    """Sparse model with the weights that drive the modes."""
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Scan, how it was found, share of its vertices that met it."""
     estimator: LinearEstimator
@@ -43,19 +50,13 @@ class DenseStudy:
 
 
 def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
-    """Lay the session's model onto every scan, give all scans common vertices, and learn from them.
-
-    Raises
-    ------
-    DataError
-        If scans, markers or landmarks are too few, or a scan does not show this face; ``where`` is the scan.
-    """
+    """Lay the session's model onto every scan, give all scans common vertices, and learn from them."""
     scans = setup.scans
     if len(scans) < MIN_SCANS:
-        raise DataError(f"scans: got {len(scans)}, expected at least {MIN_SCANS} postures", where=prepared.subject)
+        raise DataError(f"scans: needs at least {MIN_SCANS} postures, got {len(scans)}", where=prepared.subject)
     if len(prepared.labels) < MIN_MARKERS:
         raise DataError(
-            f"markers: got {len(prepared.labels)}, expected at least {MIN_MARKERS} to lay a model onto scans",
+            f"markers: needs at least {MIN_MARKERS} to lay a model onto scans, got {len(prepared.labels)}",
             where=prepared.subject,
         )
     frames = prepared.neutral_mm + np.concatenate([take.moved_mm for take in prepared.takes])
@@ -115,9 +116,7 @@ def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
             raise DataError(f"landmark {name!r}: is no marker and no recorded feature point", where=f"scan {scan.name}")
         places.append(position)
     if len(set(marks)) < MIN_LANDMARKS:
-        raise DataError(
-            f"landmarks: got {len(set(marks))}, expected at least {MIN_LANDMARKS}", where=f"scan {scan.name}"
-        )
+        raise DataError(f"landmarks: needs at least {MIN_LANDMARKS}, got {len(set(marks))}", where=f"scan {scan.name}")
     try:
         return fit_scan(sparse, scan.surface, marks, places)
     except DataError as error:
@@ -125,7 +124,7 @@ def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
 
 
 def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
-    """Estimate a marker coordinate's deviation: what the recording trembles by, and how the model meets the scans.
+    """Estimate a marker coordinate's deviation: noise of the recording, and distance of the model to the scans.
 
     The tremble is the median of second differences of the positions, which motion hardly reaches: of white noise they
     have sqrt(6) times its deviation.

@@ -16,26 +16,25 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.laboratory.marker_driver import HeadReference
-from fapengine.models.kinematic_regions import interpolate_regions
 from fapengine.models.missing import fit_gaps
 from fapengine.models.subset import MarkerSubset, factorise_gram, fit_weights, gram, search_swaps, select
-from fapengine.models.subset_study import error_curve
+from fapengine.models.subset_study import error_curve, interpolate_regions
 
 Array = NDArray[np.float64]
 
 MAX_K = 15
 PIECES, FOLDS = 12, 6
-"""A recording is cut into so many sentences, and the error curve leaves them out in so many turns."""
+"""Number of parts of a recording, each left out once for the error curve."""
 MAX_CANDIDATES = 300
 """Points among which the markers are chosen at most, spread over the face; a mesh has thousands."""
 GAP_RANK = 8
 MIN_NAMED = 4
-"""Feature points among the markers that tell how the face lies."""
+"""Feature points among the markers that give the pose of the face."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """The markers that drive, and why so many."""
+    """The markers that drive, and the reason for their number."""
 
     subset: MarkerSubset
     reason: str
@@ -57,11 +56,6 @@ def displacements(track: MarkerTrack, labels: Sequence[str], reference: HeadRefe
     """Rest position, (M, 3), and displacements from it, (T, M, 3) mm, of some markers; head motion off, gaps filled.
 
     The rest is the first position, as in the paper: the first frame that shows each marker.
-
-    Raises
-    ------
-    DataError
-        If a marker is never seen, or there are too few frames to fill gaps.
     """
     still, _ = reference.hold(track, track.select(labels))
     seen: NDArray[np.bool_] = np.logical_not(np.isnan(still[..., 0]))
@@ -97,13 +91,6 @@ def choose_markers(
         How many (QR chooses which, swaps follow), or which; without it the cross-validated error decides how many.
     tolerance_mm : float
         Mean error that the choice of their number may leave.
-
-    Raises
-    ------
-    UsageError
-        If the number is not below that of the markers, or the markers do not move apart.
-    DataError
-        If nothing moves.
     """
     count = moved_mm.shape[1]
     spread = _spread(rest_mm) if count > MAX_CANDIDATES else np.arange(count)
@@ -117,7 +104,7 @@ def choose_markers(
         if k is None:
             k, reason = _count(candidates, min(MAX_K, len(spread) - 1, factor.rank()), tolerance_mm, rng)
         if not 1 <= k < len(spread):
-            raise UsageError(f"markers: got {k}, expected 1..{len(spread) - 1}, fewer than the face has")
+            raise UsageError(f"markers: must be 1 to {len(spread) - 1} (fewer than the face has), got {k}")
         chosen = spread[search_swaps(square, select(factor, k)).primary]
     if len(spread) == count:
         return Choice(fit_weights(square, chosen), reason)
@@ -180,11 +167,6 @@ def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
 
     Heights and weights are interpolated by cubic radial functions over the frontal plane; points outside of the
     markers' hull are left out.
-
-    Raises
-    ------
-    UsageError
-        If there are fewer than 4 markers, or none of the grid's points lies among them.
     """
     low, high = rest_mm[:, :2].min(axis=0), rest_mm[:, :2].max(axis=0)
     rows = max(2, round(columns * (high[1] - low[1]) / max(high[0] - low[0], 1e-9)))
@@ -204,6 +186,6 @@ def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     triangles = triangles[regions.inside[triangles].all(axis=1)]
     if not len(triangles):
-        raise UsageError("markers: got none that span a surface, expected them spread over a face")
+        raise UsageError("markers: must be spread over a face; they span no surface")
     used, corners = np.unique(triangles, return_inverse=True)
     return FaceGrid(places[used], corners.reshape(-1, 3), regions.weights[:, used])

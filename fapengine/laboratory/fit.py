@@ -1,6 +1,6 @@
-"""The whole chain: a session to a profile, with everything that was learned about it on the way."""
+"""Fitting: a session to a profile, with the evidence for it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -8,22 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
+from fapengine.expressions import EXPRESSIONS, Expression
 from fapengine.laboratory.densify import DenseStudy, densify
-from fapengine.laboratory.faces import find_expressions, measure_fapu
 from fapengine.laboratory.phones import PhoneStudy, learn_context, spoken, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
-from fapengine.laboratory.space import SpaceStudy, pick, study_space
+from fapengine.laboratory.space import SpaceStudy, find_expressions, measure_fapu, pick, study_space
 from fapengine.models.via_points import Reduction, reduction_curve, without_noise
-from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.mpeg4.visemes import Expression
-from fapengine.profiles import ContextModel, PhoneTarget, Profile
-from fapengine.trajectory.expression import EXPRESSIONS, Mood, mood_ramps
-from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.profiles import PhoneTarget, Profile
+from fapengine.trajectory.expression import Mood, mood_ramps
 from fapengine.trajectory.ramps import sample_ramps
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 Array = NDArray[np.float64]
 
@@ -65,9 +62,9 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if not 0 < self.variance < 1:
-            raise UsageError(f"variance: got {self.variance}, expected 0 < variance < 1")
+            raise UsageError(f"variance: must be above 0 and below 1, got {self.variance}")
         if not 0 <= self.held_out <= 0.5:
-            raise UsageError(f"held_out: got {self.held_out}, expected 0..0.5")
+            raise UsageError(f"held_out: must be 0 to 0.5, got {self.held_out}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +74,7 @@ class Prediction:
     lips_mm: float
     """Mean distance of the recorded lip points."""
     mean_pose_mm: float
-    """The same for the mean pose: what a face that stands still scores."""
+    """The same for the mean pose: the score of a face that does not move."""
     opening_r: float
     opening_slope: float
     opening_mm: tuple[Array, Array]
@@ -127,7 +124,7 @@ def fit_session(
     Parameters
     ----------
     prepared : Prepared
-        From :func:`fapengine.laboratory.prepare.prepare`, whose session the caller may forget: it may be large.
+        From :func:`fapengine.laboratory.prepare.prepare`; its session, which may be large, is not needed any more.
     setup : Setup
         What the laboratory says about it.
     profile_id : str
@@ -138,18 +135,12 @@ def fit_session(
         Lends the expressions that the session lacks.
     face_fapu : Fapu
         Units of a standard face.
-    options : FitOptions
     rng : numpy.random.Generator
         Splits takes, hides entries, draws random subsets.
     on_step : callable
         Told each of :data:`STEPS` but the first, which preparing is, as it begins.
     warnings : tuple of str
         From reading; those of the fit are added.
-
-    Raises
-    ------
-    DataError, UsageError
-        As the steps say; ``where`` names take, marker or scan.
     """
     remarks = [*warnings, *prepared.warnings]
     training, held_out = _split(prepared, options, rng, remarks)
@@ -159,60 +150,26 @@ def fit_session(
         remarks.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
     on_step(STEPS[2])
     judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
-    kept = judged.space.mode_count
     space = replace(
-        study_space(prepared, prepared.takes, (), modes=kept, variance=1.0),
+        study_space(prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0),
         error_mm=judged.error_mm,
         error_from_mean_mm=judged.error_from_mean_mm,
     )
-    remarks += [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
     fapu, guessed = measure_fapu(prepared, setup, face_fapu)
-    if guessed:
-        remarks.append(
-            f"FAPU {', '.join(guessed)}: not to be measured from these markers, a standard face's at this size"
-            " ([fapu_mm] in session.toml gives them)"
-        )
+    remarks += _space_remarks(space, guessed)
     on_step(STEPS[3])
     phones, strange = study_phones(prepared.takes, prepared, space.space, setup.held_phones)
-    for label in strange:
-        remarks.append(f"phone {label!r} is no IPA: left out")
-    rare = [
-        f"{name} ({'with ' + ' '.join(study.like) if study.like else f'{study.tokens} tokens, none like it'})"
-        for name, study in phones.items()
-        if study.like or study.rare
-    ]
-    if rare:
-        remarks.append(f"phones {', '.join(rare)}: too rare alone")
+    remarks += _phone_remarks(phones, strange)
     expressions, borrowed = find_expressions(prepared, setup, space.space, fapu, standard)
     if borrowed:
-        names = ", ".join(expression.name.lower() for expression in borrowed)
+        names = ", ".join(expression.label for expression in borrowed)
         remarks.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
-
-    def build(
-        shape: VisemeSpace, studies: Mapping[str, PhoneStudy], birth: Mapping[str, str], context: ContextModel | None
-    ) -> Profile:
-        return Profile(
-            id=profile_id,
-            language=setup.language,
-            licence=setup.licence,
-            origin=MappingProxyType(dict(birth)),
-            fapu=fapu,
-            space=shape,
-            phones=MappingProxyType(_targets(studies)),
-            expressions=MappingProxyType(dict(expressions)),
-            context=context,
-        )
-
+    profile = Profile(
+        id=profile_id, language=setup.language, licence=setup.licence, origin=MappingProxyType(dict(origin)), fapu=fapu,
+        space=space.space, phones=_targets(phones), expressions=MappingProxyType(dict(expressions)),
+    )  # fmt: skip
     on_step(STEPS[4])
-    prediction = None
-    if held_out and any(take.phones for take in held_out):
-        apart, _ = study_phones(training, prepared, judged.space, setup.held_phones)
-        neighbours = learn_context(training, prepared, judged.space, _targets(apart))
-        prediction = _predict(held_out, prepared, build(judged.space, apart, origin, None))
-        if neighbours is not None:
-            better = _predict(held_out, prepared, build(judged.space, apart, origin, neighbours))
-            if better.lips_mm < prediction.lips_mm:
-                prediction = replace(better, context=True)
+    prediction = _judge(training, held_out, prepared, setup, replace(profile, space=judged.space))
     on_step(STEPS[5])
     reduction = _reduce(held_out or training, prepared)
     on_step(STEPS[6])
@@ -220,13 +177,14 @@ def fit_session(
     on_step(STEPS[7])
     context = None
     if prediction is not None and prediction.context:
-        context = learn_context(prepared.takes, prepared, space.space, _targets(phones))
-    birth = dict(origin) | _evidence(prepared, space, prediction, training, held_out)
+        context = learn_context(prepared.takes, prepared, space.space, profile.phones)
+    evidence = _evidence(prepared, space, prediction, training, held_out)
     return Fitted(
         prepared=prepared, options=options, training=tuple(take.name for take in training),
         held_out=tuple(take.name for take in held_out), selection=selection, space=space, phones=phones,
         prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
-        profile=build(space.space, phones, birth, context), warnings=tuple(remarks),
+        profile=replace(profile, origin=MappingProxyType({**origin, **evidence}), context=context),
+        warnings=tuple(remarks),
     )  # fmt: skip
 
 
@@ -246,6 +204,42 @@ def _split(
         tuple(take for index, take in enumerate(prepared.takes) if index not in out),
         tuple(take for index, take in enumerate(prepared.takes) if index in out),
     )
+
+
+def _space_remarks(space: SpaceStudy, guessed: Sequence[str]) -> list[str]:
+    remarks = [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
+    if guessed:
+        remarks.append(
+            f"FAPU {', '.join(guessed)}: not to be measured from these markers, a standard face's at this size"
+            " ([fapu_mm] in session.toml gives them)"
+        )
+    return remarks
+
+
+def _phone_remarks(phones: Mapping[str, PhoneStudy], strange: Sequence[str]) -> list[str]:
+    remarks = [f"phone {label!r} is no IPA: left out" for label in strange]
+    rare = [
+        f"{name} ({'with ' + ' '.join(study.like) if study.like else f'{study.tokens} tokens, none like it'})"
+        for name, study in phones.items()
+        if study.like or study.rare
+    ]
+    if rare:
+        remarks.append(f"phones {', '.join(rare)}: too rare alone")
+    return remarks
+
+
+def _judge(training: Takes, held_out: Takes, prepared: Prepared, setup: Setup, profile: Profile) -> Prediction | None:
+    """Predict held-out takes with phones of the others in a profile's space, with a context model if that is better."""
+    if not any(take.phones for take in held_out):
+        return None
+    studies, _ = study_phones(training, prepared, profile.space, setup.held_phones)
+    profile = replace(profile, phones=_targets(studies))
+    prediction = _predict(held_out, prepared, profile)
+    context = learn_context(training, prepared, profile.space, profile.phones)
+    if context is None:
+        return prediction
+    better = _predict(held_out, prepared, replace(profile, context=context))
+    return replace(better, context=True) if better.lips_mm < prediction.lips_mm else prediction
 
 
 def with_mood(weights: Array, profile: Profile, rate_hz: float) -> Array:
@@ -294,7 +288,7 @@ def _opening_points(lips: tuple[str, ...]) -> tuple[int, int]:
     for upper, lower in (("2.2", "2.3"), ("8.1", "8.2")):
         if upper in lips and lower in lips:
             return lips.index(upper), lips.index(lower)
-    raise DataError("lips: got no pair of middle points, expected 8.1 and 8.2 or 2.2 and 2.3 among the markers")
+    raise DataError("lips: middle points are missing; the markers need 8.1 and 8.2, or 2.2 and 2.3")
 
 
 def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
@@ -306,14 +300,14 @@ def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
     return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
 
 
-def _targets(studies: Mapping[str, PhoneStudy]) -> dict[str, PhoneTarget]:
-    return {name: study.target for name, study in studies.items()}
+def _targets(studies: Mapping[str, PhoneStudy]) -> Mapping[str, PhoneTarget]:
+    return MappingProxyType({name: study.target for name, study in studies.items()})
 
 
 def _evidence(
     prepared: Prepared, space: SpaceStudy, prediction: Prediction | None, training: Takes, held_out: Takes
 ) -> dict[str, str]:
-    """Say what the profile tells of its birth."""
+    """Entries of the profile's ``[origin]`` that say what it was learned from, and how well it predicts."""
     frames = sum(len(take.moved_mm) for take in prepared.takes)
     remarks = {
         "takes": f"{len(prepared.takes)} takes, {frames} frames at {prepared.rate_hz:g} Hz,"

@@ -1,4 +1,4 @@
-"""A recording looked over before anybody says what its markers are: what is seen, what is rigid, when it is quiet."""
+"""A first look at a recording with unnamed markers: visible markers, rigid bodies, quiet frames."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 FRAMES = 200
 """Frames from which the skull is guessed."""
 RIGID_MM = 0.8
-"""Standard deviation of the distance of two markers that belong to one rigid body: skin over bone slides so much."""
+"""Standard deviation of the distance of two markers that belong to one rigid body: skin slides as much over bone."""
 MIN_HEAD, MAX_MARKERS = 3, 300
 QUIET_S = 0.5
 SOFT = ("2.", "3.", "4.", "5.", "6.", "8.")
@@ -23,10 +23,10 @@ SOFT = ("2.", "3.", "4.", "5.", "6.", "8.")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Look:
-    """What a recording shows."""
+    """Markers, bodies and quiet frames of a recording."""
 
     seen: Array
-    """(M,): share of frames that show each marker."""
+    """(M,): fraction of frames that show each marker."""
     gaps: NDArray[np.intp]
     """(M,): number of stretches in which each is not seen."""
     longest_s: Array
@@ -107,7 +107,7 @@ def _quiet(track: MarkerTrack) -> tuple[float, float]:
 
 
 def session_lines(look: Look, track: MarkerTrack, take: str, *, mesh: bool = False) -> list[str]:
-    """Write a ``session.toml`` to start from: what was guessed, and what only its laboratory knows."""
+    """Write a ``session.toml`` to start from: guesses, and blanks that only the laboratory can fill."""
     start_s, end_s = look.quiet_s
     quoted = ", ".join(f'"{name}"' for name in look.head)
     lines = ['subject = "NAME"', 'language = "en-GB"', 'licence = "not stated"']

@@ -40,7 +40,7 @@ class HeadReference:
     markers_mm: Array
     """(H, 3): their places, head axes."""
     axes: RigidMotion
-    """Room to head axes, for a session whose head stood still."""
+    """Room to head axes, for a session with a still head."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "markers_mm", frozen(self.markers_mm, "markers_mm", (len(self.labels), 3), np.float64))
@@ -53,12 +53,7 @@ class HeadReference:
         (T, M, 3) float64, mm
             Markers of ``face`` in head axes, NaN where one is not seen or the head is unknown.
         RigidMotion
-            (T,): what the head did since the first frame, in head axes.
-
-        Raises
-        ------
-        DataError
-            If the take lacks markers of the skull, or no frame shows three.
+            (T,): motion of the head since the first frame, in head axes.
         """
         count = face.frame_count
         if not self.labels:
@@ -72,7 +67,7 @@ class HeadReference:
         skull = track.select(kept)
         tracked = skull.valid.sum(axis=1) >= MIN_SKULL
         if not tracked.any():
-            raise DataError(f"take: got no frame with {MIN_SKULL} of the skull's markers")
+            raise DataError(f"take: no frame has {MIN_SKULL} of the skull's markers")
         frames = np.where(skull.valid[..., None], skull.positions_mm, 0.0)[tracked]
         weight = skull.valid[tracked].astype(np.float64)
         found = fit_rigid(frames, goal, weight) if len(kept) == MIN_SKULL else fit_rigid_robust(frames, goal, weight)[0]
@@ -94,7 +89,7 @@ class DrivenTake:
     weights: Array
     """(T, K): standard deviations of each mode from the neutral face."""
     head: RigidMotion
-    """(T,): what the head did since the first frame, in head axes."""
+    """(T,): motion of the head since the first frame, in head axes."""
     markers_mm: Array
     """(T, M, 3): markers without head motion, gaps filled."""
     rate_hz: float
@@ -103,7 +98,7 @@ class DrivenTake:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MarkerDriver:
-    """What turns a take's markers into weights of the modes. Arrays are read-only."""
+    """Converts a take's markers into weights of the modes. Arrays are read-only."""
 
     labels: tuple[str, ...]
     """(M,): markers of the session's face."""
@@ -133,13 +128,7 @@ class MarkerDriver:
         object.__setattr__(self, "offset", frozen(self.offset, "offset", (modes,), np.float64))
 
     def weights(self, markers_mm: Array, way: Way = "estimator") -> Array:
-        """(T, K) of complete markers, (T, M, 3) mm, head axes.
-
-        Raises
-        ------
-        UsageError
-            For another way, or other than M markers.
-        """
+        """(T, K) of complete markers, (T, M, 3) mm, head axes."""
         markers = frozen(markers_mm, "markers_mm", ("T", len(self.labels), 3), np.float64)
         if way not in WAYS:
             raise UsageError(f"way: got {way!r}, expected {' or '.join(WAYS)}")
@@ -150,18 +139,10 @@ class MarkerDriver:
         return np.asarray(scores @ self.from_sparse + self.offset)
 
     def follow(self, track: MarkerTrack, way: Way = "estimator") -> DrivenTake:
-        """Drive the modes by a recording.
-
-        Raises
-        ------
-        DataError
-            If the take shows too few of the face's markers, or its head cannot be found.
-        UsageError
-            For another way.
-        """
+        """Drive the modes by a recording."""
         there = [name for name in self.labels if name in track.labels]
         if not there:
-            raise DataError(f"take: got none of the face's markers ({', '.join(self.labels[:8])} ...)")
+            raise DataError(f"take: contains none of the face's markers ({', '.join(self.labels[:8])} ...)")
         positions = np.full((track.frame_count, len(self.labels), 3), np.nan)
         positions[:, [self.labels.index(name) for name in there]] = track.select(there).positions_mm
         whole = MarkerTrack(positions_mm=positions, labels=self.labels, rate_hz=track.rate_hz)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
+from fapengine.laboratory.context_fit import FRACTIONS, fit_context, lean_on_phonetics
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import HeldPhone
 from fapengine.laboratory.space import pick
@@ -14,9 +15,7 @@ from fapengine.models.viseme_space import VisemeSpace, sample_phones
 from fapengine.profiles import Contact, ContextModel, PhoneTarget
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import FRACTIONS, fit_context
-from fapengine.trajectory.prior import lean_on_phonetics
-from fapengine.trajectory.tokens import Token, tokens_of
+from fapengine.trajectory.context import Token, tokens_of
 
 Array = NDArray[np.float64]
 
@@ -33,13 +32,13 @@ MEDIAN_OF_MEAN = 1.2533 * 1.4826
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhoneStudy:
-    """What was found about one phone."""
+    """Findings about one phone."""
 
     target: PhoneTarget
     tokens: int
     """Number of tokens of the phone itself."""
     like: tuple[str, ...]
-    """Other phones whose tokens were taken in, because it is rare."""
+    """Other phones with tokens that were added, because it is rare."""
     rare: bool
     """Too few tokens for a median that is not luck, whatever was taken in."""
     error: Array
@@ -55,16 +54,11 @@ def study_phones(
     -------
     phones : mapping of IPA to PhoneStudy
     strange : tuple of str
-        Labels that are no IPA.
-
-    Raises
-    ------
-    DataError
-        If no take has phones.
+        Labels that are not IPA.
     """
     tokens, strange = _tokens(takes, prepared, space)
     if not tokens:
-        raise DataError("phones: got none in any take, expected timings beside the recordings", where=prepared.subject)
+        raise DataError("phones: missing in all takes; put timings beside the recordings", where=prepared.subject)
     frequent = [name for name, occurrences in tokens.items() if len(occurrences) >= RARE]
     studies = {}
     for name in sorted(tokens):
@@ -136,7 +130,7 @@ def learn_context(
 def captured_tokens(
     takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, object]
 ) -> tuple[list[list[Token]], list[Array]]:
-    """Collect what :func:`fapengine.trajectory.context.fit_context` needs.
+    """Collect what :func:`.context_fit.fit_context` needs.
 
     Returns
     -------
@@ -160,13 +154,7 @@ def captured_tokens(
 
 
 def spoken(take: Displacements) -> PhoneTrack:
-    """Give a take's phones as a track, rounding of its file forgiven.
-
-    Raises
-    ------
-    DataError
-        If phones overlap; ``where`` is the take.
-    """
+    """Phones of a take as a track; rounding of its file is tolerated."""
     try:
         return PhoneTrack.of([Phone(p.label, p.start_s, p.end_s) for p in take.phones], tolerance_s=0.01)
     except UsageError as error:
@@ -174,7 +162,7 @@ def spoken(take: Displacements) -> PhoneTrack:
 
 
 def _comparable(ipa_label: str, other: str) -> bool:
-    """Of as many letters, vowels where the other has vowels."""
+    """Whether two labels have as many letters, with vowels at the same places."""
     a, b = ([ipa.SOUNDS[letter].vowel for letter in ipa.letters(name)] for name in (ipa_label, other))
     return a == b
 

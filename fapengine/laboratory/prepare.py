@@ -5,7 +5,7 @@ Theory of operation
 1. The markers of the skull give a template, and the rigid motion that carries each frame's skull onto it (Horn's
    quaternions, distrusting what slips). Applied to the face, it leaves the face alone. Fewer than three skull markers
    in a frame leave that frame unknown.
-2. The neutral pose is the median over the silences, or over what the laboratory names.
+2. The neutral pose is the median over the silences, or over the frames that the laboratory names.
 3. Its feature points, laid onto those of the standard's face by rotation, shift and scale, give the head axes (+x left,
    +y up, +z out), however the recording lay. Where a mirrored face fits far better, left and right are exchanged: an
    error.
@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.conventions import again
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.session import Interval, Session
+from fapengine.capture.marker_track import Interval, MarkerTrack, Session
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust, fit_template
 from fapengine.laboratory.marker_driver import HeadReference
@@ -37,7 +36,7 @@ MIN_SKULL = 3
 MIN_NAMED = 4
 """Feature points that head axes need."""
 MIRROR_RATIO = 0.6
-"""A mirrored fit with less than this share of the residual means exchanged sides."""
+"""A mirrored fit with less than this fraction of the residual means exchanged sides."""
 SHARED_TURN_RAD = 0.035
 """2 degrees: a face without skull markers that turns more to the sides was not freed from head motion."""
 RANKS = (3, 5, 8, 12, 16, 24, 36, 48)
@@ -61,10 +60,10 @@ class Displacements:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gaps:
-    """What was missing, and how it was filled."""
+    """Gaps, and how they were filled."""
 
     seen: Array
-    """(M,): share of frames that show each marker."""
+    """(M,): fraction of frames that show each marker."""
     rank: int
     ranks: tuple[int, ...]
     error_mm: Array
@@ -106,25 +105,15 @@ def prepare(session: Session, setup: Setup, face_mm: dict[str, Array], *, rng: n
 
     Parameters
     ----------
-    session : Session
-    setup : Setup
     face_mm : dict of feature point to (3,) mm
         A standard face in head axes; gives the orientation, not the shape.
     rng : numpy.random.Generator
         Hides entries to choose the rank of the gap model.
-
-    Raises
-    ------
-    DataError
-        If there are too few frames, the head, the neutral pose or the axes cannot be found, or a named marker is never
-        seen; says where.
     """
     warnings: list[str] = []
     frames = sum(take.markers.frame_count for take in session.takes)
     if frames < MIN_FRAMES:
-        raise DataError(
-            f"recordings: got {frames} frames in all, expected at least {MIN_FRAMES}", where=session.subject
-        )
+        raise DataError(f"recordings: needs at least {MIN_FRAMES} frames in all, got {frames}", where=session.subject)
     _check_names(session, setup)
     session = _without_unseen(session, setup, warnings)
     face = tuple(sorted((name for name in session.labels if name not in setup.head), key=session.labels.index))
@@ -172,9 +161,7 @@ def _check_names(session: Session, setup: Setup) -> None:
     moments += [setup.neutral] if setup.neutral else []
     for moment in moments:
         if moment.take not in takes:
-            raise DataError(
-                f"take {moment.take!r}: got no such take, expected one of {', '.join(takes)}", where="session.toml"
-            )
+            raise DataError(f"take {moment.take!r}: unknown take; use one of {', '.join(takes)}", where="session.toml")
         length = takes[moment.take].markers.duration_s
         if not 0 <= moment.start_s < moment.end_s <= length + 1e-9:
             raise DataError(
@@ -204,12 +191,12 @@ def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> tuple[
         counts = [take.markers.frame_count for take in session.takes]
         return np.zeros((0, 3)), [_Skull(_standing(count), np.ones(count, bool), stands=True) for count in counts]
     if len(setup.head) < MIN_SKULL:
-        raise DataError(f"head: got {len(setup.head)} markers, expected at least {MIN_SKULL}", where="session.toml")
+        raise DataError(f"head: needs at least {MIN_SKULL} markers, got {len(setup.head)}", where="session.toml")
     tracks = [take.markers.select(setup.head) for take in session.takes]
     frames = np.concatenate([track.positions_mm for track in tracks])
     complete = np.flatnonzero(~np.isnan(frames[..., 0]).any(axis=1))
     if not len(complete):
-        raise DataError(f"head: got no frame that shows all of {', '.join(setup.head)}", where=session.subject)
+        raise DataError(f"head: no frame shows all of {', '.join(setup.head)}", where=session.subject)
     some = complete[np.linspace(0, len(complete) - 1, min(len(complete), FRAMES_FOR_TEMPLATE)).astype(int)]
     template = fit_template(frames[some])
     return template, [
@@ -240,7 +227,7 @@ class _Skull:
 def _follow(track: MarkerTrack, template: Array, name: str, warnings: list[str]) -> _Skull:
     tracked = track.valid.sum(axis=1) >= MIN_SKULL
     if not tracked.any():
-        raise DataError(f"head: got no frame with {MIN_SKULL} of its markers", where=f"take {name}")
+        raise DataError(f"head: no frame has {MIN_SKULL} of its markers", where=f"take {name}")
     if not tracked.all():
         warnings.append(
             f"take {name}: head unknown in {np.sum(~tracked)} of {len(tracked)} frames, which count as unseen"
@@ -259,7 +246,7 @@ def _follow(track: MarkerTrack, template: Array, name: str, warnings: list[str])
 
 
 def _neutral(session: Session, setup: Setup, still: list[MarkerTrack]) -> Array:
-    """(M, 3): median of what is named, else of all silences."""
+    """(M, 3): median of the named frames, else of all silences."""
     frames = []
     for take, track in zip(session.takes, still, strict=True):
         stretches = [(p.start_s, p.end_s) for p in take.phones if p.label == SILENCE]
@@ -272,12 +259,12 @@ def _neutral(session: Session, setup: Setup, still: list[MarkerTrack]) -> Array:
     seen = (~np.isnan(shown[..., 0])).sum(axis=0)
     if not len(shown):
         raise DataError(
-            "neutral pose: got no silence in the phone timings and no [neutral] in session.toml, expected one of them",
+            "neutral pose: missing; the phone timings have no silence, and session.toml has no [neutral]",
             where=session.subject,
         )
     if not seen.all():
         hidden = [label for label, count in zip(still[0].labels, seen, strict=True) if not count]
-        raise DataError(f"neutral pose: got no frame that shows {', '.join(hidden)}", where=session.subject)
+        raise DataError(f"neutral pose: no frame shows {', '.join(hidden)}", where=session.subject)
     return np.asarray(np.nanmedian(shown, axis=0), dtype=np.float64)
 
 
@@ -311,7 +298,7 @@ def _head_axes(
 
 
 def _in_axes(skull: _Skull, axes: RigidMotion) -> RigidMotion:
-    """Neutral head to head, in head axes: what the head did, ready to be put back."""
+    """Neutral head to head, in head axes: the head motion, to be put back later."""
     back = skull.template_from_room.inverse()
     turn = axes.rotation @ back.rotation @ axes.rotation.T
     shift = (

@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.laboratory.prepare import Displacements, Prepared
-from fapengine.models.full_map import coordinate_gram, fit_full_map
-from fapengine.models.kinematic_regions import KinematicRegions, interpolate_regions
 from fapengine.models.subset import (
     MarkerSubset,
     PivotedFactor,
@@ -21,8 +19,12 @@ from fapengine.models.subset import (
 )
 from fapengine.models.subset_study import (
     ErrorCurve,
+    KinematicRegions,
+    coordinate_gram,
     diagonals_by_amount,
     error_curve,
+    fit_full_map,
+    interpolate_regions,
     pivots_of_trials,
     sentence_grams,
     stability,
@@ -37,17 +39,17 @@ TRIALS, TRAINING_SHARE, LISTED = 10, 0.75, 12
 RANDOM_SUBSETS = 20
 GRID = (96, 112)
 PIECES = 12
-"""A recording of fewer takes is cut into so many sentences."""
+"""Number of parts of a recording with fewer takes."""
 MIN_PIECE_FRAMES = 12
 MAX_MARKERS = 300
 """Number of markers that are studied at most, spread over the face; a mesh sequence has thousands."""
 GROUPS = 64
-"""Sentences are drawn in so many groups at most, which bounds the memory."""
+"""Most groups of sentences; it bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Selection:
-    """Which markers matter, and how far that can be trusted."""
+    """The selected markers, and how stable the selection is."""
 
     prepared: Prepared
     """Markers that were studied, to which all indices refer: the session's, or some of very many."""
@@ -89,17 +91,12 @@ def study_selection(
         Size of the subset; without it the error curve decides.
     tolerance_mm : float
         Error that the choice of k may leave.
-
-    Raises
-    ------
-    UsageError
-        If k is not below the number of markers.
     """
     count = len(prepared.labels)
     if count < MIN_MARKERS:
         return None
     if k is not None and not 1 <= k < count:
-        raise UsageError(f"k: got {k}, expected 1..{count - 1}, fewer than the markers")
+        raise UsageError(f"k: must be 1 to {count - 1} (fewer than the markers), got {k}")
     if count > MAX_MARKERS:
         kept = _spread(prepared)
         prepared = replace(

@@ -1,4 +1,4 @@
-"""What a laboratory says about its session beyond the recordings themselves."""
+"""Facts about a session that the recordings do not contain."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
+from fapengine.expressions import Expression
 from fapengine.geometry.surface import Surface
-from fapengine.mpeg4.visemes import Expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """How to understand a session."""
+    """Facts about a session, from ``session.toml``."""
 
     points: Mapping[str, str] = field(default_factory=dict)
     """Marker label to feature point; markers that bear a feature point's name need no entry."""
@@ -83,7 +83,7 @@ class Setup:
     held_phones: tuple[HeldPhone, ...] = ()
     """Stand for phones that are said too seldom for a median."""
     scans: tuple[Scan, ...] = ()
-    """The first is the reference whose vertices all others get; best the neutral pose."""
+    """The first is the reference, with the vertices that all others get; best the neutral pose."""
     language: str = "und"
     licence: str = ""
     attribution: str = ""

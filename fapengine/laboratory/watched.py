@@ -1,37 +1,50 @@
-"""A face that was watched, by a camera or a tracker, as FAPs: no session, no phones, no model.
+"""A face seen by a camera or a tracker, as FAPs: no session, no phones, no model.
 
 Theory of operation
 -------------------
-Every FAP but the head's and the eyes' moves one feature point along one axis, in units of the neutral face. So a face
-whose feature points are seen, with its head held still, needs no model: the neutral pose is found, the face measured
+Every FAP except those of the head and the eyes moves one feature point along one axis, in units of the neutral face. So
+a face with visible feature points, its head held still, needs no model: the neutral pose is found, the face measured
 there (FAPU), and each FAP is its point's displacement. Sizes cancel: pixels do as well as millimetres.
 
 The neutral pose is the median of the quietest frames: those in which the whole face moves least, of the half with the
-lips nearest to each other; a held vowel is no rest. Lids are open at rest, so theirs is a high quantile of all frames.
+lips nearest to each other; a held vowel is not rest. Lids are open at rest, so theirs is a high quantile of all frames.
 
-Gaze is the place of the iris between the corners of its eye, against an eyeball of an adult's size. The head's turns to
-the sides count from the camera; its nod and the gaze count from their medians, because no landmark tells where up or
-straight ahead is.
+Gaze is the place of the iris between the corners of its eye, for an eyeball of an adult's size. Head yaw and roll count
+from the camera; head pitch and gaze count from their medians, because no landmark shows where up or straight ahead is.
+
+Live (:class:`WatchedFace`), landmarks come in as they are seen, and FAPs are asked for at any time; the caller has the
+clock. After :data:`FIRST_S` of a face, its neutral pose is taken from these frames. Every :data:`AGAIN_S` it is taken
+again from the last :data:`KEPT_S`, because a person does not begin with a face at rest, or sit still. Two neutral poses
+are blended for :data:`BLEND_S`, so nothing jumps. A lost face stays as it was for :data:`HOLD_S`, because a detector
+misses single frames, and then eases to rest; when it is seen again, it eases back.
 """
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from fapengine.capture.held_face import FACE_68, PUPILS, HeldFace, hold_face
-from fapengine.capture.landmarks import FEATURE_POINTS
-from fapengine.capture.openface import FEATURE_POINTS as OPENFACE_POINTS
-from fapengine.capture.openface import OpenFaceTrack
+from fapengine._arrays import frozen
+from fapengine.capture.held_face import (
+    FACE_68,
+    FACE_MESH,
+    PUPILS,
+    FaceModel,
+    HeldFace,
+    KnownHead,
+    hold_face,
+    learn_head,
+)
+from fapengine.capture.landmarks import FEATURE_POINTS, OPENFACE_FEATURE_POINTS, OpenFaceTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
-from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.blend_rows import arkit_rows
+from fapengine.mpeg4.track import FapTrack, to_codable
+from fapengine.retarget.shape_rows import shape_rows
 
 Array = NDArray[np.float64]
 
@@ -44,7 +57,7 @@ IRIS_SHOWN = 0.6
 EYE_RADIUS_ES = 12.0 / 62.0
 """Radius of an eyeball in distances of the pupils: those of an adult."""
 LIDS = {"3.1": 1.0, "3.2": 1.0, "3.3": -1.0, "3.4": -1.0}
-"""Points of the lids, and which way each opens."""
+"""Points of the lids, and the direction in which each opens."""
 EYE_LIDS = (("3.1", "3.3"), ("3.2", "3.4"))
 """Upper and lower lid of the left and the right eye."""
 EYES = {"3.5": (PUPILS[1], 263, 362), "3.6": (PUPILS[0], 33, 133)}
@@ -57,14 +70,8 @@ def watched_faps(held: HeldFace, rate_hz: float) -> FapTrack:
 
     Parameters
     ----------
-    held : HeldFace
     rate_hz : float
         Frames a second.
-
-    Raises
-    ------
-    DataError
-        If the face cannot be measured.
     """
     points, gaze = points_of_face(held.still_mm)
     return faps_of_points(points, held.poses, rate_hz, gaze=gaze)
@@ -80,7 +87,7 @@ def points_of_face(still_mm: Array) -> tuple[dict[str, Array], Array | None]:
     Returns
     -------
     points : dict of str to (T, 3)
-        By feature point; without irises, pupils lie half way between the corners of their eyes.
+        By feature point; without irises, pupils are in the middle between the corners of their eyes.
     gaze : (T, 2, 3) or None
         As of :func:`faps_of_points`; None without irises.
     """
@@ -121,13 +128,6 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
         Frames a second.
     gaze : (T, 2, 3) float64, optional
         Place of the left and the right iris from the middle of its eye's corners.
-
-    Raises
-    ------
-    UsageError
-        If a point is missing that measures the face.
-    DataError
-        If it measures no face.
     """
     rest = resting_face(points, poses, rate_hz, gaze=gaze)
     faps = faps_from_rest(rest, points, poses, gaze=gaze)
@@ -239,15 +239,10 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
 
     Action unit 45 shuts the lids, 6 lifts the cheeks. The others (1 to 5, 7, 9 to 26) move brows, lids, nose, lips and
     chin, whose places the points say better than an intensity of five steps does.
-
-    Raises
-    ------
-    DataError
-        If a face is seen in less than half of the frames, or cannot be measured.
     """
     times = np.arange(len(track.points_mm)) / track.rate_hz
     held = hold_face(times, track.points_mm, pupils_mm=62.0, model=FACE_68)
-    points = {name: held.still_mm[:, list(rows)].mean(axis=1) for name, rows in OPENFACE_POINTS.items()}
+    points = {name: held.still_mm[:, list(rows)].mean(axis=1) for name, rows in OPENFACE_FEATURE_POINTS.items()}
     faps = faps_of_points(points, held.poses, track.rate_hz).values.astype(np.float64)
     if track.gaze_rad is not None:
         yaw, pitch = (faps[:, fap.column(number)] * AU_RAD for number in (49, 48))
@@ -262,5 +257,113 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
     if "AU06" in track.action_units:
         share = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
         columns = [fap.column(number) for number in CHEEK_FAPS]
-        faps[:, columns] = share[:, None] * arkit_rows(CHEEKS).sum(axis=0)[columns]
+        faps[:, columns] = share[:, None] * shape_rows(CHEEKS).sum(axis=0)[columns]
     return FapTrack.of(to_codable(faps), rate_hz=track.rate_hz)
+
+
+FIRST_S, AGAIN_S, KEPT_S = 1.5, 3.0, 30.0
+"""Time of a face until its neutral pose is taken; interval at which it is taken again; time that it is taken from."""
+KEEP_HZ = 15.0
+"""Frames a second that are kept for it."""
+BLEND_S = 1.0
+HOLD_S, EASE_S = 0.2, 0.5
+"""Time for which a lost face stays as it was, and in which it eases to rest, and back."""
+GAZE = tuple(fap.column(number) for number in (23, 24, 25, 26))
+PUPILS_MM = 62.0
+"""An adult's pupils are so far apart; no FAP depends on it."""
+
+Calibration = tuple[KnownHead, RestingFace]
+
+
+class WatchedFace:
+    """A face that is watched now; see the theory of operation.
+
+    Stateful.
+
+    Parameters
+    ----------
+    model : FaceModel
+        Whose landmarks they are: of the face mesh, with irises or without.
+    """
+
+    def __init__(self, model: FaceModel = FACE_MESH) -> None:
+        self._model = model
+        self._kept: deque[tuple[float, Array]] = deque()
+        self._known: Calibration | None = None
+        self._before: Calibration | None = None
+        self._known_since_s = -np.inf
+        self._shown = np.zeros(fap.FAP_COUNT)
+        self._gaze = np.zeros(len(GAZE))
+        self._seen_s = -np.inf
+        self._asked_s: float | None = None
+        self._weight = 0.0
+        self.calibrations = 0
+        """Number of times that the neutral pose was taken."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the face at rest is known: before, it is shown at rest."""
+        return self._known is not None
+
+    def see(self, time_s: float, landmarks: ArrayLike) -> None:
+        """Take a frame.
+
+        Parameters
+        ----------
+        time_s : float
+            When it was taken; rising.
+        landmarks : (N, 3) array_like, px or mm
+            To the right, down, and away from the camera; NaN where no face was seen.
+        """
+        points = frozen(landmarks, "landmarks", (self._model.count, 3), np.float64, finite=False)
+        if not np.isfinite(points).all():
+            return
+        if not self._kept or time_s - self._kept[-1][0] >= 1 / KEEP_HZ - 1e-6:
+            self._kept.append((time_s, points))
+        while self._kept[0][0] < time_s - KEPT_S:
+            self._kept.popleft()
+        due_s = FIRST_S if self._known is None else AGAIN_S
+        if time_s - max(self._kept[0][0], self._known_since_s) >= due_s - 1e-6:
+            self._calibrate(time_s)
+        if self._known is None:
+            return
+        faps = self._read(self._known, points)
+        share = (time_s - self._known_since_s) / BLEND_S
+        if self._before is not None and share < 1:
+            faps = share * faps + (1 - share) * self._read(self._before, points)
+        self._shown, self._seen_s = faps, time_s
+
+    def faps(self, time_s: float) -> NDArray[np.int32]:
+        """Return the frame to show, (68,) int32 FAPU; times rise from call to call."""
+        since_s = 0.0 if self._asked_s is None else max(time_s - self._asked_s, 0.0)
+        self._asked_s = time_s
+        way = 1 if time_s - self._seen_s <= HOLD_S else -1
+        self._weight = float(np.clip(self._weight + way * since_s / EASE_S, 0.0, 1.0))
+        eased = self._weight**2 * (3 - 2 * self._weight)
+        values: NDArray[np.int32] = to_codable((eased * self._shown)[None])[0]
+        return values
+
+    def _calibrate(self, time_s: float) -> None:
+        """Take the neutral pose from the kept frames; a face that cannot be measured is tried again later."""
+        times, frames = zip(*self._kept, strict=True)
+        rate_hz = (len(times) - 1) / (times[-1] - times[0])
+        head = learn_head(np.stack(frames), pupils_mm=PUPILS_MM, model=self._model)
+        still, poses = head.hold(np.stack(frames))
+        points, gaze = points_of_face(still)
+        self._before, self._known_since_s = self._known, time_s
+        try:
+            self._known = head, resting_face(points, poses, rate_hz, gaze=gaze)
+        except DataError:
+            return
+        self.calibrations += 1
+
+    def _read(self, known: Calibration, landmarks: Array) -> Array:
+        """(68,): FAPs of one frame; while lids hide an iris, its gaze stays as it was."""
+        head, rest = known
+        still, poses = head.hold(landmarks[None])
+        points, gaze = points_of_face(still)
+        faps: Array = faps_from_rest(rest, points, poses, gaze=gaze)[0]
+        columns = list(GAZE)
+        self._gaze = np.where(np.isnan(faps[columns]), self._gaze, faps[columns])
+        faps[columns] = self._gaze
+        return faps

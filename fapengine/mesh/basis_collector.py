@@ -1,4 +1,4 @@
-"""Gathering a deformation basis channel by channel."""
+"""Collecting a deformation basis channel by channel."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 NEGLIGIBLE_MM = 0.08
-"""Displacements below this at 1000 FAPU are left out."""
+"""Displacements below this at 1000 FAPU are dropped."""
 
 
 class BasisCollector:
-    """Gathers channels and their displacements into a basis.
+    """Collects channels and their displacements into a basis.
 
     Stateful.
     """
@@ -24,16 +24,16 @@ class BasisCollector:
         self._entries: list[tuple[Indices, int, Array, Array]] = []
 
     def add(self, channel: Channel, vertices: Indices, displacement_mm: Array) -> None:
-        """Add displacements (N, 3) mm per FAPU of vertices (N,) to a channel."""
+        """Add displacements, (N, 3) mm per FAPU, of vertices (N,) to a channel."""
         kept = np.abs(displacement_mm).max(axis=1) * 1000 > NEGLIGIBLE_MM
         self._add(channel, vertices[kept], displacement_mm[kept], np.zeros(kept.sum()))
 
     def add_still(self, channel: Channel, vertices: Indices) -> None:
-        """Give vertices (N,) an entry without displacement: how their normals turn is more than their bone says."""
+        """Add entries without displacement for vertices (N,), whose normals turn by more than their bone's rotation."""
         self._add(channel, vertices, np.zeros((len(vertices), 3)), np.zeros(len(vertices)))
 
     def add_shade(self, channel: Channel, vertices: Indices, shade: Array) -> None:
-        """Add what a FAPU of a channel does to the shade, (N,), of vertices (N,): an entry of the folds."""
+        """Add the change of the shade per FAPU, (N,), of vertices (N,): an entry of the folds."""
         self._add(channel, vertices, np.zeros((len(vertices), 3)), shade)
 
     def _add(self, channel: Channel, vertices: Indices, displacement_mm: Array, shade: Array) -> None:
@@ -42,7 +42,7 @@ class BasisCollector:
         self._entries.append((vertices, self._channels.index(channel), displacement_mm, shade))
 
     def gathered(self) -> tuple[DeformationBasis, Array]:
-        """Sort what was added by vertex: the basis, and what each of its entries does to the shade, (N,)."""
+        """Return the basis, sorted by vertex, and the change of the shade of each entry, (N,)."""
         vertices = np.concatenate([entry[0] for entry in self._entries])
         channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
         moves = np.concatenate([entry[2] for entry in self._entries])

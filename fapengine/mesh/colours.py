@@ -1,4 +1,4 @@
-"""Colours of skin, lips, hair and what is inside of a head, linear RGB; painted per vertex."""
+"""Colours of skin, lips, hair and the inside of the mouth, linear RGB per vertex."""
 
 from dataclasses import dataclass
 
@@ -36,21 +36,22 @@ EYE_COLOURS: dict[str, tuple[float, float, float]] = {
     "blue": (0.150, 0.245, 0.360),
     "grey": (0.215, 0.250, 0.275),
 }
-"""Iris near the pupil by the eyes' colour, linear RGB."""
+"""Iris colour near the pupil, by name, linear RGB."""
 LIP = LIPS[1]
 DARK_BROWS = 0.06
-"""Mean of a hair's linear RGB from which brows are darker than it."""
+"""Mean linear RGB of hair above which brows are darker than the hair."""
 MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.48, 0.158, 0.147])
 TEETH = np.array([0.65, 0.53, 0.47])
-"""Warmer than ivory, for the light that reaches teeth has been on lips and tongue, and ours is the sky's."""
+"""Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
+"""
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])
 
 BLOOD = np.array([0.35, 1.0, 0.9])
-"""Shares of red, green and blue that more blood in the skin takes away."""
+"""Fractions of red, green and blue that more blood in the skin absorbs."""
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
@@ -66,7 +67,7 @@ def _of_tone(table: Array, tone: float) -> Array:
 
 
 def brow_colour(hair_colour: str) -> Array:
-    """(3,) linear RGB of brows to hair of a colour: light hair has darker brows, which its face is read by."""
+    """(3,) linear RGB of the brows for a hair colour; those of light hair are darker, so that faces stay readable."""
     hair = np.array(HAIR_COLOURS[hair_colour])
     darker: Array = hair * min(1.0, DARK_BROWS / float(hair.mean())) ** 0.75
     return darker
@@ -81,16 +82,16 @@ class Palette:
     lips: Array
     hair: Array
     brows: Array
-    """Darker than the hair where that is light, as brows are."""
+    """Darker than light hair."""
 
     @classmethod
     def of(cls, skin_tone: float = 0.2, hair_colour: str = "brown") -> "Palette":
-        """Colours of a skin tone, 0 very light to 1 very dark, and a name of :data:`HAIR_COLOURS`."""
+        """Palette for a skin tone, 0 very light to 1 very dark, and a name in :data:`HAIR_COLOURS`."""
         base, blush, lips = (_of_tone(table, skin_tone) for table in (TONES, BLUSHES, LIPS))
         return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]), brow_colour(hair_colour))
 
     def skin(self, points: Array) -> Array:
-        """(..., 3) skin: redder cheeks, nose, ears and chin, darker round the eyes, lighter bridge and forehead."""
+        """(..., 3) skin: redder cheeks, nose, ears and chin, darker around the eyes, lighter bridge and forehead."""
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
             ((45, -2), (21, 18), 0.42), ((0, 0), (15, 11), 0.42), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),

@@ -1,6 +1,6 @@
-"""FAPs to vertices in numpy: the reference of the theory of operation in :mod:`fapengine.mesh.face_mesh`.
+"""FAPs to vertices in NumPy: the reference for the theory of operation in :mod:`fapengine.mesh.face_mesh`.
 
-The renderer takes :func:`channel_weights` and :func:`bone_transforms` from here and does the rest on the GPU.
+The renderer uses :func:`channel_weights` and :func:`bone_transforms` and does the rest on the GPU.
 """
 
 from dataclasses import dataclass
@@ -18,23 +18,23 @@ BONE_COUNT = 5
 """Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
 HEAD = 4
 POSE_FAPU, POSE_AU = 350, 25_000
-"""Values to which :func:`single_fap` sets a FAP."""
+"""Values to which :func:`single_fap` sets a FAP: lengths in FAPU, angles in AU."""
 SEEN_MM = 0.05
-"""Least displacement of a vertex that counts as motion."""
+"""Smallest displacement of a vertex that counts as motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """What a mesh shows without FAPs: the weights of its basis and its bones' transforms."""
+    """Pose of a mesh without FAPs: weights of its basis and transforms of its bones."""
 
     weights: Array
     """(W,)."""
     bones: Array
-    """(5, 4, 4): rest to moved."""
+    """(5, 4, 4): rest pose to current pose."""
 
 
 def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
-    """(..., W): weight of each channel, mixed if the basis says so, from FAPs (..., 68) in FAPU."""
+    """(..., W): weight of each channel, mixed if the basis has a mix, from FAPs (..., 68) in FAPU."""
     values = np.asarray(faps, dtype=np.float64)
     columns = [fap.column(channel.fap) for channel in basis.channels]
     start = np.array([channel.start for channel in basis.channels])
@@ -48,9 +48,9 @@ def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
 
 
 def bone_transforms(mesh: FaceMesh, faps: ArrayLike) -> Array:
-    """(..., 5, 4, 4): rest-to-moved transform of every bone, from FAPs (..., 68) in FAPU.
+    """(..., 5, 4, 4): rest-to-current transform of every bone, from FAPs (..., 68) in FAPU.
 
-    The jaw turns about the axis through its joints until feature point 2.1 has gone down by FAP 3, then moves
+    The jaw turns about the axis through its joints until feature point 2.1 has moved down by FAP 3, then shifts
     forwards and sideways by FAP 14 and 15. Eyeballs turn by FAP 23-26 and move forwards by FAP 27 and 28. The head
     turns about feature point 7.1: roll first, then pitch, then yaw (FAP 50, 48, 49).
     """
@@ -135,7 +135,7 @@ def _follow(points: Array, transforms: Array, weight: NDArray[np.float32]) -> Ar
 
 
 def single_fap(number: int) -> Array:
-    """(68,): one FAP at a value that is well seen, :data:`POSE_FAPU` or :data:`POSE_AU`."""
+    """(68,): one FAP at a clearly visible value, :data:`POSE_FAPU` or :data:`POSE_AU`."""
     frame = np.zeros(fap.FAP_COUNT)
     frame[fap.column(number)] = POSE_AU if fap.spec(number).unit is fap.FapUnit.AU else POSE_FAPU
     return frame

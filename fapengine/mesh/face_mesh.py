@@ -5,12 +5,12 @@ Theory of operation
 A frame of FAPs becomes ``C`` *channel* weights (piecewise-linear functions of single FAPs, the idea of the standard's
 FaceDefTables) and ``B`` *bone* transforms (jaw, two eyes, head). Each vertex then moves in this order:
 
-1. add its channel displacements: ``p = rest + sum_c weight[c] * displacement[c]`` (sparse: few channels a vertex);
+1. add its channel displacements: ``p = rest + sum_c weight[c] * displacement[c]`` (sparse: few channels per vertex);
 2. blend towards its own bone (jaw or an eye): ``p += w_bone * (bone @ p - p)``;
 3. blend towards the head: ``p += w_head * (head @ p - p)``.
 
 Channels are linear, so the renderer evaluates 1 in the vertex shader from a sparse list; 2 and 3 are two matrices.
-A mesh with shapes of its own blends them: its channels are first mixed into the weights of shapes (``mix``).
+A mesh with blendshapes mixes its channels into the weights of the blendshapes first (``mix``).
 Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
 
@@ -33,7 +33,7 @@ BROWN_IRIS = (0.280, 0.148, 0.060)
 
 
 class Material(IntEnum):
-    """What a vertex is made of; chooses the shading."""
+    """Material of a vertex; selects the shading."""
 
     SKIN = 0
     LIP = 1
@@ -46,13 +46,13 @@ class Material(IntEnum):
     MOUTH = 8
     CLOTH = 9
     BALL = 10
-    """An eyeball whose iris is in the texture, not drawn."""
+    """An eyeball with its iris in the texture, not drawn by the shader."""
     STRAND = 11
-    """A single hair on a ribbon wider than itself; ``uv`` is the place across the hair and its half width, mm."""
+    """A single hair on a ribbon wider than itself; ``uv`` is the position across the hair and its half width, mm."""
 
 
 class Bone(IntEnum):
-    """What a vertex turns with before the head turns it."""
+    """Bone that a vertex turns with before the head turns it."""
 
     NONE = 0
     JAW = 1
@@ -64,12 +64,12 @@ class Bone(IntEnum):
 class Channel:
     """One piecewise-linear function of one FAP.
 
-    Its weight is how far the FAP has gone from ``start`` towards ``stop``, in FAPU, never negative: for a FAP value v,
+    Its weight is the distance of the FAP from ``start`` towards ``stop``, in FAPU, never negative: for a FAP value v,
     ``clip((v - start) * sign, 0, abs(stop - start))`` with ``sign`` that of ``stop - start``.
     """
 
     fap: int
-    """FAP number, 3..68."""
+    """FAP number, 3 to 68."""
     start: float
     stop: float
     """FAPU; ``inf`` or ``-inf`` for an open end."""
@@ -77,17 +77,17 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DeformationBasis:
-    """Channels and the sparse displacements that they cause."""
+    """Channels and their sparse displacements."""
 
     channels: tuple[Channel, ...]
     offsets: NDArray[np.int32]
     """(V + 1,) int32: vertex ``v`` owns entries ``offsets[v]:offsets[v + 1]``."""
     entry_channels: NDArray[np.int32]
-    """(N,) int32: channel of each entry; a row of ``mix``, where there is one."""
+    """(N,) int32: channel of each entry, or row of ``mix`` if there is one."""
     entry_mm: NDArray[np.float32]
     """(N, 3) float32: displacement in mm per unit of channel weight (one FAPU)."""
     mix: NDArray[np.float32] | None = None
-    """(W, C) float32: what entries weigh, as sums of the channels; None, if they weigh what the channels do."""
+    """(W, C) float32: weights of the entries as sums of the channels; None if they are the channels' weights."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "offsets", frozen(self.offsets, "offsets", ("V+1",), np.int32))
@@ -111,16 +111,16 @@ class DeformationBasis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Folds:
-    """Changes of the light that go with FAPs: furrows that come and go, lids and tongue that come to light.
+    """Shading that follows FAPs: furrows that appear, and lids and tongue that move into the light.
 
-    A vertex with a share of 0 and more has furrows: its share is ``rest`` plus what each entry of the basis adds for
-    every unit of its channel, held within 0..1. Of one with -1, of a lid or the tongue, entries change the occlusion
-    instead.
+    A vertex with ``rest`` of 0 or more has furrows: its fraction is ``rest`` plus the change of each basis entry per
+    unit of its channel, clipped to 0..1. With -1, on a lid or the tongue, entries change the occlusion instead.
     """
 
     map: NDArray[np.uint8]
-    """(H, W) uint8: light of full furrows at ``uv``, 127.5 as it is without, 255 the brightest. It goes with a texture
-    of its size and three components; with another one there are no furrows."""
+    """(H, W) uint8: brightness of full furrows at ``uv``, 127.5 unchanged, 255 brightest. Used with a texture of the
+    same size and three components; with any other texture there are no furrows.
+    """
     rest: NDArray[np.float32]
     """(V,) float32: -1, or 0..1."""
     entries: NDArray[np.float32]
@@ -147,7 +147,7 @@ class FaceMesh:
     material: NDArray[np.uint8]
     """(V,) uint8, :class:`Material`."""
     occlusion: NDArray[np.float32]
-    """(V,) float32, share of ambient light that arrives, 0..1."""
+    """(V,) float32, fraction of ambient light that arrives, 0..1."""
     bone: NDArray[np.uint8]
     """(V,) uint8, :class:`Bone`."""
     bone_weight: NDArray[np.float32]
@@ -157,9 +157,9 @@ class FaceMesh:
     triangles: NDArray[np.int32]
     """(F, 3) int32, counter-clockwise seen from outside."""
     feature_points: Mapping[str, int]
-    """Feature point name to vertex index."""
+    """Vertex index by feature point name."""
     jaw_pivot_mm: NDArray[np.float64]
-    """(3,) float64: middle of the axis through both jaw joints; the axis is x."""
+    """(3,) float64: midpoint of the axis through both jaw joints; the axis is x."""
     head_pivot_mm: NDArray[np.float64]
     """(3,) float64: feature point 7.1."""
     eye_pivots_mm: NDArray[np.float64]
@@ -167,16 +167,16 @@ class FaceMesh:
     fapu: Fapu
     basis: DeformationBasis
     iris_albedo: NDArray[np.float32] = field(default_factory=lambda: np.array(BROWN_IRIS, np.float32))
-    """(3,) float32, linear RGB: the iris near the pupil, of eyes that the shader draws."""
+    """(3,) float32, linear RGB: the iris near the pupil, for eyes that the shader draws."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 3 or 4) uint8, sRGB: multiplied with ``albedo`` at ``uv``; None is white everywhere.
 
-    Row 0 lies at v = 0, column 0 at u = 0. The fourth component, if any, is how much is there: less than half of 255 is
-    a hole (a card of hair, a lash). Eyes (:attr:`Material.EYE`) are drawn without it.
+    Row 0 is at v = 0, column 0 at u = 0. The fourth component, if any, is coverage: less than half of 255 is a hole (a
+    hair card, a lash). Eyes (:attr:`Material.EYE`) are drawn without it.
     """
 
     folds: Folds | None = None
-    """Changes of the light that go with FAPs; None: there are none."""
+    """Shading that follows FAPs, if any."""
 
     def __post_init__(self) -> None:
         count = len(np.asarray(self.vertices_mm))

@@ -1,4 +1,4 @@
-"""Fields on the vertices of any mesh: normals, ambient occlusion, averages of neighbours."""
+"""Values at the vertices of any mesh: normals, ambient occlusion, averages over neighbours."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ Array = NDArray[np.float64]
 
 
 def vertex_normals(points_mm: Array, triangles: NDArray[np.integer]) -> Array:
-    """(V, 3): unit normals, triangles weighted by area; vertices at the same place share theirs."""
+    """(V, 3): unit normals, weighted by triangle area."""
     corners = points_mm[triangles]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points_mm)
@@ -19,10 +19,10 @@ def vertex_normals(points_mm: Array, triangles: NDArray[np.integer]) -> Array:
 
 
 def bake_occlusion(points_mm: Array, normals: Array, *, directions: int = 60, cell_mm: float = 5.0) -> Array:
-    """(V,): share of ambient light that reaches each vertex, by depth maps from many directions.
+    """(V,): fraction of ambient light that reaches each vertex, from depth maps in many directions.
 
-    For each direction the vertices are sorted into cells of a map; one that lies behind the nearest of its cell by more
-    than a cell is in shadow. Cosine-weighted over the vertex's hemisphere.
+    For each direction the vertices are sorted into the cells of a map; a vertex more than two cells behind the nearest
+    one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere.
     """
     index = np.arange(directions) + 0.5
     polar, azimuth = np.arccos(1 - 2 * index / directions), np.pi * (1 + 5**0.5) * index
@@ -44,7 +44,7 @@ def bake_occlusion(points_mm: Array, normals: Array, *, directions: int = 60, ce
 
 
 def smooth_over_mesh(values: Array, triangles: NDArray[np.integer], rounds: int) -> Array:
-    """(V,): averages of neighbours, repeated."""
+    """(V,): repeated averages over neighbours."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     degree = np.bincount(edges.ravel(), minlength=len(values))
     for _ in range(rounds):

@@ -28,7 +28,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import Surface
 from fapengine.mesh.default_head.eyes import Eye, moved_eye
 from fapengine.mesh.default_head.head import build_reshaped
-from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
@@ -57,7 +57,7 @@ STIFFNESS = (30.0, 5.0, 1.0)
 REACHES_MM = (15.0, 10.0, 8.0)
 """Distance to the scan within which a vertex is drawn to it, round by round."""
 LOOSE = 0.01
-"""Pull, as a share of that of the scan, that holds what the scan lacks."""
+"""Pull on parts that the scan lacks, as a fraction of the scan's pull."""
 MIN_COSINE = 0.5
 """Cosine between normals of head and scan below which two surfaces do not belong together."""
 TOUCH_MM = 1.0
@@ -89,7 +89,7 @@ class Nearness:
 
 
 def on_large_parts(scan: PlacedMesh) -> NDArray[np.bool_]:
-    """(F,): triangles of the skin and of other large parts; eyeballs, lashes and teeth are none of these."""
+    """(F,): triangles of the skin and of other large parts; not of eyeballs, lashes and teeth."""
     a, b, c = np.moveaxis(scan.vertices_mm[scan.triangles], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     part = scan.part[scan.triangles[:, 0]]
@@ -117,11 +117,6 @@ def adapt_head(
         Where feature points lie on it; those of eyeballs, teeth, tongue, ears and hair are not used.
     style : HeadStyle, optional
         Hair and colours of the head.
-
-    Raises
-    ------
-    DataError
-        If too few points are known, or they lie in one plane.
     """
     nearness: list[Nearness] = []
 
@@ -147,7 +142,7 @@ def adapt_head(
 
 
 class _Fit:
-    """The head's skin on its way to the scan."""
+    """The head's skin while it moves to the scan."""
 
     def __init__(
         self,
@@ -240,7 +235,7 @@ class _Fit:
         return carried
 
     def measure(self, moved: Array, goals: Mapping[str, Array]) -> Nearness:
-        """Tell how near the head comes, and how near points that were left out come to where they are."""
+        """Distances of the head to the scan, and of left-out points to their places."""
         before, after = self.points[self.skin], moved[self.skin]
         places, _, on_rim = self.scan.closest(before)
         far_mm = np.linalg.norm(places - before, axis=1)
@@ -293,7 +288,7 @@ def _bending(points: Array, triangles: Indices, upper: Indices, lower: Indices) 
 
 
 def _with_parts(before: Array, moved: Array, head: HeadParts, skin: Indices) -> tuple[Array, HeadParts]:
-    """Let everything that is not skin follow it, and lids slide on their balls."""
+    """Move everything that is not skin with it, and slide lids on their eyeballs."""
     after = moved.copy()
     rest = np.setdiff1d(np.arange(len(before)), skin)
     distance, nearest = map(np.asarray, cKDTree(before[skin]).query(before[rest], k=8))

@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-1. Each scanned posture gets the weights ``z`` of the sparse model that lays itself onto it (:mod:`.scan_fit`).
+1. Each scanned posture gets the weights ``z`` of the sparse model that lays itself onto it (:mod:`.scans`).
 2. The scans get common vertices. A vertex M of the reference scan belongs to a facet ABC of the sparse mesh: its foot
    H has coordinates (a, b, c) there, and HM runs along ``a Na + b Nb + c Nc``. In another posture the same
    coordinates and normals give another line; M' is where it meets that scan.
@@ -12,6 +12,17 @@ Theory of operation
 4. ``X_i = mean + sum_k z_ik u_k`` over the postures i (equation 3) is solved by least squares for mean and modes.
    Fifteen postures hardly determine eight unknowns, hence a ridge on the modes, never on the mean; its size minimises
    the error of each posture predicted from the others.
+
+From a few markers to a dense face, linearly: paper 004 (Kuratate, Yehia, Vatikiotis-Bateson), equations 1 to 15.
+``F`` holds S faces as columns, ``P`` their markers, both without their means. The left singular vectors ``U`` of
+``F`` are the modes; ``a = U^T F`` are the faces' coefficients (equation 7). ``a = A P`` is solved for ``A`` by least
+squares and a new face is ``mean + U A (p - mean p)`` (equation 15).
+
+Equation 12, ``A = a P^T (P P^T)^-1``, cannot be computed from eight scans: ``P P^T`` is 54 x 54 and of rank 7
+(computed all the same, it answers 53 mm off, without an exception). Of all ``A`` that satisfy ``A P = a`` the pseudo-
+inverse is the shortest: marker motion that no scan has shown moves nothing. Markers that carry noise, or come from
+another instrument than the scans, want more: with ``noise_mm`` the estimator is ``A = a P^T (P P^T + S noise^2
+I)^-1``, the minimum of the expected error, which trusts a direction by how far the scans moved in it.
 """
 
 from dataclasses import dataclass
@@ -22,15 +33,15 @@ from scipy.spatial import Delaunay, cKDTree
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError, UsageError
-from fapengine.geometry.continuation import continue_smoothly
-from fapengine.geometry.surface import Surface, vertex_normals
+from fapengine.geometry.surface import Surface, continue_smoothly, vertex_normals
 
 NEAR_FACETS = 12
 OUTSIDE = 0.5
 """Distance outside of its facet, in barycentric units, at which a vertex is still bound to it."""
 RIDGES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 THINNEST = 0.02
-"""Height of a facet over its longest edge, as a share of it; thinner ones lie on the outline and have no direction."""
+"""Height of a facet over its longest edge, as a fraction of it; thinner ones lie on the outline and have no
+direction."""
 NEWTON_STEPS = 12
 
 
@@ -94,11 +105,6 @@ def sparse_facets(postures_mm: ArrayLike, *, stretch: float = 2.0, longest_mm: f
     A Delaunay triangulation of the mean posture, unrolled about the vertical axis. An edge whose length changes by
     more than ``stretch`` between postures, or exceeds ``longest_mm``, bridges an opening such as the mouth: its
     triangles go.
-
-    Raises
-    ------
-    DataError
-        If no triangle is left.
     """
     postures = frozen(postures_mm, "postures_mm", ("P", "M", 3), np.float64)
     mean = postures.mean(axis=0)
@@ -116,7 +122,7 @@ def sparse_facets(postures_mm: ArrayLike, *, stretch: float = 2.0, longest_mm: f
     slender = np.linalg.norm(flat, axis=-1) < THINNEST * edges.max(axis=-1) ** 2
     kept: NDArray[np.int64] = triangles[good.all(axis=1) & ~slender.any(axis=0)]
     if not len(kept):
-        raise DataError(f"markers: got no facet that stays together, expected some of {len(triangles)}")
+        raise DataError(f"markers: none of {len(triangles)} facets stays together")
     return kept
 
 
@@ -158,14 +164,14 @@ def remesh(
     *,
     reach_mm: float = 4.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Give a scan the reference's vertices (steps 2 and 3).
+    """Find the reference's vertices on a scan (steps 2 and 3).
 
     Parameters
     ----------
     binding : Binding
         Of ``reference``'s vertices.
     reference, scan : Surface
-        In one space: lay the scan into the model's first (:attr:`.scan_fit.ScanFit.scan_from_model`).
+        In one space: lay the scan into the model's first (:attr:`.scans.ScanFit.scan_from_model`).
     points_mm : (M, 3) array_like, mm
         The sparse mesh as it lies on ``scan``.
     triangles : (F, 3) array_like of int
@@ -178,11 +184,6 @@ def remesh(
     vertices_mm : (V, 3) float64
     met : (V,) bool
         The line met the scan; the others were continued from their neighbours.
-
-    Raises
-    ------
-    DataError
-        If fewer than a tenth of the bound vertices meet the scan: it is not where ``points_mm`` is.
     """
     feet, directions = binding.lines(frozen(points_mm, "points_mm", ("M", 3), np.float64), triangles)
     guess = feet + binding.height_mm[:, None] * directions
@@ -204,18 +205,13 @@ def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | No
         Weights of the sparse model in each.
     ridge : float, optional
         Weight of the modes' squares; without it the one of :data:`RIDGES` that predicts left-out postures best.
-
-    Raises
-    ------
-    UsageError
-        If there are fewer than 2 postures, shapes differ, or ``ridge`` is negative.
     """
     faces = frozen(faces_mm, "faces_mm", ("P", "V", 3), np.float64)
     z = frozen(scores, "scores", (len(faces), "K"), np.float64)
     if len(faces) < 2:
-        raise UsageError(f"faces_mm: got {len(faces)} posture, expected at least 2")
+        raise UsageError(f"faces_mm: needs at least 2 postures, got {len(faces)}")
     if ridge is not None and not ridge >= 0:
-        raise UsageError(f"ridge: got {ridge}, expected 0 or more")
+        raise UsageError(f"ridge: must be 0 or more, got {ridge}")
     flat = faces.reshape(len(faces), -1)
     centre = flat.mean(axis=0)
     off = flat - centre
@@ -251,7 +247,7 @@ def _left_out(design: NDArray[np.float64], products: NDArray[np.float64], ridge:
 def _coordinates(
     vertices: NDArray[np.float64], corners: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Solve ``foot(a, b, c) + height * unit(normal(a, b, c)) = vertex`` by Newton: weights, height, what is left."""
+    """Solve ``foot(a, b, c) + height * unit(normal(a, b, c)) = vertex`` by Newton: weights, height, residual."""
     shape = np.broadcast_shapes(vertices.shape[:-1], corners.shape[:-2])
     first = corners[..., 0, :]
     u, v = corners[..., 1, :] - first, corners[..., 2, :] - first
@@ -274,3 +270,115 @@ def _coordinates(
     b, c, height = np.moveaxis(unknown, -1, 0)
     off = np.linalg.norm(left, axis=-1)
     return np.stack([1 - b - c, b, c], axis=-1), height, np.where(np.isfinite(off), off, np.inf)
+
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest are rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LinearEstimator:
+    """Markers to modes to faces. Arrays are read-only."""
+
+    mean_markers_mm: NDArray[np.float64]
+    """(M, 3); of the neutral scan if the modes run through that."""
+    mean_face_mm: NDArray[np.float64]
+    """(V, 3)."""
+    modes: NDArray[np.float64]
+    """(K, V, 3): orthonormal rows ``U^T``; in each the entry of largest magnitude is positive."""
+    variances: NDArray[np.float64]
+    """(K,), mm^2: of the training faces along each mode, falling."""
+    matrix: NDArray[np.float64]
+    """(K, 3M): ``A``, mm of a mode for each mm of a marker coordinate."""
+
+    def __post_init__(self) -> None:
+        for field, shape in (("mean_markers_mm", ("M", 3)), ("mean_face_mm", ("V", 3)), ("variances", ("K",))):
+            object.__setattr__(self, field, frozen(getattr(self, field), field, shape, np.float64))
+        count = len(self.variances)
+        object.__setattr__(self, "modes", frozen(self.modes, "modes", (count, len(self.mean_face_mm), 3), np.float64))
+        size = self.mean_markers_mm.size
+        object.__setattr__(self, "matrix", frozen(self.matrix, "matrix", (count, size), np.float64))
+
+    def coefficients(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
+        """Equation 11: (..., M, 3) mm -> (..., K) mm."""
+        markers = frozen(markers_mm, "markers_mm", ("...", len(self.mean_markers_mm), 3), np.float64)
+        off = (markers - self.mean_markers_mm).reshape(*markers.shape[:-2], -1)
+        displacement: NDArray[np.float64] = off @ self.matrix.T
+        return displacement
+
+    def faces_mm(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
+        """Equation 15: (..., M, 3) mm -> (..., V, 3) mm."""
+        return self.mean_face_mm + np.tensordot(self.coefficients(markers_mm), self.modes, axes=1)
+
+
+def fit_estimator(
+    scans_mm: ArrayLike,
+    markers_mm: ArrayLike,
+    *,
+    mode_count: int | None = None,
+    noise_mm: float = 0.0,
+    about: int | None = None,
+) -> LinearEstimator:
+    """Learn from a few scans, as the paper does.
+
+    Parameters
+    ----------
+    scans_mm : (S, V, 3) array_like, mm
+        At least 2 faces, vertices in correspondence, head motion removed.
+    markers_mm : (S, M, 3) array_like, mm
+        Marker places in the same postures: vertices of the scans, or better the recording's own markers.
+    mode_count : int, optional
+        K; without it all that the scans span, at most S - 1.
+    noise_mm : float
+        Standard deviation of a marker coordinate against the scans; see the theory of operation.
+    about : int, optional
+        A scan, such as the neutral one, through which the modes shall run; without it they run through the mean, as in
+        the paper.
+    """
+    scans = frozen(scans_mm, "scans_mm", ("S", "V", 3), np.float64)
+    markers = frozen(markers_mm, "markers_mm", (len(scans), "M", 3), np.float64)
+    if len(scans) < 2:
+        raise UsageError(f"scans_mm: needs at least 2 scans, got {len(scans)}")
+    if about is None:
+        mean_face, mean_markers = scans.mean(axis=0), markers.mean(axis=0)
+    else:
+        mean_face, mean_markers = scans[about], markers[about]
+    left, lengths, rows = np.linalg.svd((scans - mean_face).reshape(len(scans), -1), full_matrices=False)
+    count = _spanned(lengths, mode_count)
+    coefficients = (left * lengths)[:, :count]
+    matrix = _solve((markers - mean_markers).reshape(len(scans), -1), coefficients, noise_mm)
+    modes, signs = _signed(rows[:count])
+    return LinearEstimator(
+        mean_markers_mm=mean_markers,
+        mean_face_mm=mean_face,
+        modes=modes.reshape(count, -1, 3),
+        variances=lengths[:count] ** 2 / len(scans),
+        matrix=signs[:, None] * matrix,
+    )
+
+
+def _spanned(lengths: NDArray[np.float64], mode_count: int | None) -> int:
+    """Check the wanted number of modes against the singular values."""
+    if not lengths[0] > 0:
+        raise DataError("scans: got the same face in all, expected different postures")
+    rank = int((lengths > RANK_TOLERANCE * lengths[0]).sum())
+    if mode_count is None:
+        return rank
+    if not 1 <= mode_count <= rank:
+        raise UsageError(f"mode_count: must be 1 to {rank} (as many as the faces span), got {mode_count}")
+    return mode_count
+
+
+def _solve(p: NDArray[np.float64], a: NDArray[np.float64], noise_mm: float) -> NDArray[np.float64]:
+    """(S, 3M) markers and (S, K) coefficients, both centred -> (K, 3M)."""
+    if not noise_mm >= 0:
+        raise UsageError(f"noise_mm: must be 0 or more, got {noise_mm}")
+    left, lengths, right = np.linalg.svd(p, full_matrices=False)
+    kept = lengths > RANK_TOLERANCE * max(lengths[0], np.finfo(float).tiny)
+    gain = lengths[kept] / (lengths[kept] ** 2 + len(p) * noise_mm**2)
+    return np.asarray((a.T @ left[:, kept] * gain) @ right[kept], dtype=np.float64)
+
+
+def _signed(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    signs = np.where(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)] < 0, -1.0, 1.0)
+    return rows * signs[:, None], signs

@@ -61,11 +61,6 @@ def sample_contour(contour_mm: ArrayLike, count: int, *, closed: bool) -> NDArra
         At least 2.
     closed : bool
         Of a closed contour the first sample is its first point, the last one stops short of it.
-
-    Raises
-    ------
-    UsageError
-        If there are too few points or samples, or the contour has no length.
     """
     points = frozen(contour_mm, "contour_mm", ("N", 3), np.float64)
     if len(points) < 2 or count < 2:
@@ -102,11 +97,6 @@ def adapt_mesh(
     Returns
     -------
     (V, 3) float64, mm
-
-    Raises
-    ------
-    UsageError
-        If the anchors are fewer than 4 or lie in one plane, or shapes differ.
     """
     vertices = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
     source = [frozen(markers_mm[0], "markers_mm[0]", ("M", 3), np.float64)]
@@ -118,7 +108,7 @@ def adapt_mesh(
         stretch.append(stretch[-1][-1:].max(initial=-1) + 1 + np.arange(SAMPLES) // STRETCH)
     anchors, goals, stretches = _merge(np.concatenate(source), np.concatenate(target), np.concatenate(stretch))
     if len(anchors) < 4 or np.linalg.matrix_rank(anchors - anchors.mean(axis=0), tol=0.01) < 3:
-        raise UsageError(f"anchors: got {len(anchors)}, expected at least 4, not all in one plane")
+        raise UsageError(f"anchors: needs at least 4, not all in one plane, got {len(anchors)}")
     field = min(FIELDS, key=lambda field: _left_out_mm(field, anchors, goals, stretches % FOLDS))
     moved: NDArray[np.float64] = _morph(field, anchors, goals, vertices)
     if scan is None:
@@ -147,7 +137,7 @@ def _merge(
 def _morph(
     field: tuple[Kernel, float], anchors: NDArray[np.float64], goals: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Move points by a wide field, and by what it leaves at the anchors, falling off around them."""
+    """Move points by a wide field, and by its residual at the anchors, falling off around them."""
     kernel, smoothing = field
     moved, left = points, goals - anchors
     if kernel != "none":
@@ -170,43 +160,6 @@ def _left_out_mm(
             return np.inf if field[0] != "none" else float(np.linalg.norm(goals - anchors, axis=1).mean())
         misses.append(np.linalg.norm(guess - goals[out], axis=1))
     return float(np.concatenate(misses).mean())
-
-
-def lip_mesh(
-    outer_mm: ArrayLike, inner_mm: ArrayLike, scan: Surface | None = None, *, count: int = 40, rows: int = 15
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Fill the lips between their contours.
-
-    Parameters
-    ----------
-    outer_mm, inner_mm : (N, 3) array_like, mm
-        Closed, counter-clockwise seen from +z, both from the same corner of the mouth.
-    scan : Surface, optional
-        The middle contour is laid onto it; without it the lips are flat across.
-    count, rows : int
-        Nodes around and across; the paper's 600 nodes are 40 x 15.
-
-    Returns
-    -------
-    vertices_mm : (rows * count, 3) float64
-        Row by row, the outer contour first.
-    triangles : (2 * (rows - 1) * count, 3) int64
-        Counter-clockwise seen from +z.
-
-    Raises
-    ------
-    UsageError
-        If ``count`` or ``rows`` is below 3, or a contour is none.
-    """
-    if count < 3 or rows < 3:
-        raise UsageError(f"count, rows: got {count} and {rows}, expected at least 3")
-    nodes = lip_nodes(
-        sample_contour(outer_mm, count, closed=True), sample_contour(inner_mm, count, closed=True), scan, rows=rows
-    )
-    at = np.arange(rows * count).reshape(rows, count)
-    here, ahead = at, np.roll(at, -1, axis=1)
-    quads = np.stack([here[:-1], ahead[:-1], ahead[1:], here[1:]], axis=-1).reshape(-1, 4)
-    return nodes.reshape(-1, 3), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
 def lip_nodes(
@@ -251,16 +204,11 @@ def spline_contour(points_mm: ArrayLike, corner: int, at: ArrayLike) -> NDArray[
     Returns
     -------
     (K, 3) float64, mm
-
-    Raises
-    ------
-    UsageError
-        If there is no such corner.
     """
     points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
     places = frozen(at, "at", ("K",), np.float64)
     if not 0 < corner < len(points):
-        raise UsageError(f"corner: got {corner}, expected 1..{len(points) - 1}")
+        raise UsageError(f"corner: must be 1 to {len(points) - 1}, got {corner}")
     points = np.concatenate([points, points[:1]])
     drawn = np.empty((len(places), 3))
     for first, last in ((0, corner), (corner, len(points) - 1)):

@@ -15,7 +15,7 @@ All frames are solved at once: ``G_t`` is a matrix product of the masks with the
 matrices are products of masks with the ``z z^T``. No loop over frames or patterns.
 
 Filling gaps and animating want different ranks: fill at the rank that predicts hidden entries best
-(:func:`choose_rank`), then reduce the filled frames by an ordinary PCA (:func:`fit_modes`).
+(:func:`choose_rank`), then reduce the filled frames by an ordinary PCA.
 """
 
 from collections.abc import Sequence
@@ -26,10 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError, UsageError
-from fapengine.models.pca import Components, fit_components
 
 FEW_ALWAYS_SEEN = 0.4
-"""Share of always-seen markers below which their PCA is no good start."""
+"""Fraction of always-seen markers below which their PCA is a bad start."""
 CHUNK = 4096
 """Frames solved in one call; bounds the memory."""
 MIN_NOISE = 1e-10
@@ -45,9 +44,9 @@ class GapModel:
     modes_mm: NDArray[np.float64]
     """(K, M, 3), mm per standard deviation, orthogonal, longest first; the entry of largest magnitude is positive."""
     noise_mm: float
-    """Standard deviation of what the modes leave, per coordinate."""
+    """Standard deviation of the residual of the modes, per coordinate."""
     steps: int
-    """EM steps that were made behind the start."""
+    """EM steps after the start."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mean_mm", frozen(self.mean_mm, "mean_mm", ("M", 3), np.float64))
@@ -80,17 +79,6 @@ class GapModel:
             z[rows] = _solve(_normal(mask[rows], state), _project(off, mask[rows], state))
         return z
 
-    def doubt_mm(self, seen: ArrayLike) -> NDArray[np.float64]:
-        """(T, M): expected distance error (root mean square) of each marker if it is filled from the others seen."""
-        mask = np.asarray(seen, dtype=bool)
-        state = _state(self)
-        doubt = np.empty(mask.shape)
-        for start in range(0, len(mask), CHUNK):
-            rows = slice(start, start + CHUNK)
-            spread = state.noise * np.linalg.inv(_normal(mask[rows], state))
-            doubt[rows] = np.einsum("tkl,jkl->tj", spread, state.squares())
-        return np.sqrt(doubt + 3 * state.noise)
-
 
 def fit_gaps(
     frames_mm: ArrayLike,
@@ -117,23 +105,16 @@ def fit_gaps(
     about_mm : (M, 3) array_like, mm, optional
         A face, such as the neutral one, through which the modes shall run. Without it the mean is
         learned too, as in the paper.
-
-    Raises
-    ------
-    DataError
-        If a marker is seen in fewer than K + 2 frames: it cannot be known. Names the marker.
-    UsageError
-        If shapes differ or ``rank`` is not within 1..min(3M, T) - 1.
     """
     data, mask = _checked(frames_mm, seen)
     if not 1 <= rank < min(len(data), 3 * data.shape[1]):
-        raise UsageError(f"rank: got {rank}, expected 1..{min(len(data), 3 * data.shape[1]) - 1}")
+        raise UsageError(f"rank: must be 1 to {min(len(data), 3 * data.shape[1]) - 1}, got {rank}")
     sightings = mask.sum(axis=0)
     if sightings.min() < rank + 2:
         marker = int(sightings.argmin())
         raise DataError(
-            f"marker: got {sightings[marker]} sightings in {len(data)} frames, expected at least {rank + 2}"
-            f" to know {rank} modes of it",
+            f"marker: needs at least {rank + 2} sightings in {len(data)} frames for {rank} modes,"
+            f" got {sightings[marker]}",
             where=f"marker {marker}",
         )
     fixed = about_mm is not None
@@ -145,7 +126,7 @@ def fit_gaps(
     data[~mask] = 0.0
     state, steps = _start(data, mask, rank, fixed=fixed), 0
     if not np.isfinite(tolerance_mm) or tolerance_mm <= 0:
-        raise UsageError(f"tolerance_mm: got {tolerance_mm}, expected a positive length")
+        raise UsageError(f"tolerance_mm: must be a positive length, got {tolerance_mm}")
     gaps = ~mask.all(axis=0)
     before = None
     while steps < max_steps and gaps.any():
@@ -181,7 +162,7 @@ def choose_rank(
     rng : numpy.random.Generator
         Chooses what to hide.
     hidden_share, run_frames : float, int
-        Share of sightings to hide, in runs of so many frames of one marker, as occlusion does.
+        Fraction of sightings to hide, in runs of ``run_frames`` of one marker, as occlusion does.
     max_steps : int
         EM steps of each fit.
 
@@ -191,17 +172,12 @@ def choose_rank(
         Smallest one within 1 % of the least error.
     error_mm : (len(ranks),) float64
         Root mean square distance of the hidden entries.
-
-    Raises
-    ------
-    UsageError
-        If ``ranks`` is empty or ``hidden_share`` is not between 0 and 0.5.
     """
     data, mask = _checked(frames_mm, seen)
     if not len(ranks):
-        raise UsageError("ranks: got none, expected at least one")
+        raise UsageError("ranks: empty; needs at least one")
     if not 0 < hidden_share < 0.5:
-        raise UsageError(f"hidden_share: got {hidden_share}, expected 0 < share < 0.5")
+        raise UsageError(f"hidden_share: must be above 0 and below 0.5, got {hidden_share}")
     runs = -(-len(data) // run_frames)
     hidden = np.repeat(rng.random((runs, data.shape[1])) < hidden_share, run_frames, axis=0)[: len(data)] & mask
     errors = np.empty(len(ranks))
@@ -211,23 +187,6 @@ def choose_rank(
         errors[index] = np.sqrt((off**2).sum(axis=-1).mean())
     good = errors <= 1.01 * errors.min()
     return int(ranks[int(good.argmax())]), errors
-
-
-def fit_modes(
-    frames_mm: ArrayLike, seen: ArrayLike, fill_rank: int, *, max_steps: int = 3
-) -> tuple[Components, NDArray[np.float64]]:
-    """Fill gaps at ``fill_rank``, then reduce.
-
-    The start is good to a few per cent already (measured on 39,000 frames of 209 markers), so few EM steps do.
-
-    Returns
-    -------
-    components : Components
-        Of the filled frames, flattened to (T, 3M); take as many as the animation wants.
-    filled_mm : (T, M, 3) float64
-    """
-    filled = fit_gaps(frames_mm, seen, fill_rank, max_steps=max_steps).fill(frames_mm, seen)
-    return fit_components(filled.reshape(len(filled), -1)), filled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

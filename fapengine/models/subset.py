@@ -1,4 +1,4 @@
-"""Which markers matter: subset selection by QR with column pivoting, paper 000 (Lucero, Baigorri, Munhall).
+"""Marker subsets: selection by QR with column pivoting, paper 000 (Lucero, Baigorri, Munhall).
 
 Theory of operation
 -------------------
@@ -52,11 +52,11 @@ class PivotedFactor:
         return np.abs(np.diag(self.r))
 
     def rank(self, relative: float = 1e-9) -> int:
-        """How many ``R_kk`` exceed ``relative * R_11``: the numerical dimension of the data."""
+        """Count the ``R_kk`` that exceed ``relative * R_11``: the numerical dimension of the data."""
         return int((self.diagonal > relative * self.diagonal[0]).sum())
 
     def gaps(self) -> NDArray[np.float64]:
-        """(M - 1,): ``R_kk / R_(k+1)(k+1)``; a sharp gap marks a dimension (figure 2). Infinite behind the rank."""
+        """(M - 1,): ``R_kk / R_(k+1)(k+1)``; a sharp gap marks a dimension (figure 2). Infinite after the rank."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = self.diagonal[:-1] / self.diagonal[1:]
         return np.where(np.isnan(ratio), np.inf, ratio)
@@ -105,13 +105,7 @@ class MarkerSubset:
 
 
 def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
-    """``A^T A`` of a sentence: (T, M, 3) mm -> (M, M) mm^2. Sums over sentences are Grams of their union.
-
-    Raises
-    ------
-    DataError
-        Where a number is not finite, naming frame and marker: fill gaps first (:mod:`fapengine.models.missing`).
-    """
+    """``A^T A`` of a sentence: (T, M, 3) mm -> (M, M) mm^2. Sums over sentences are Grams of their union."""
     data = _displacements(displacements_mm)
     total = np.zeros((data.shape[1], data.shape[1]))
     for start in range(0, len(data), BLOCK):  # stays in the cache while its axes are stacked
@@ -139,16 +133,10 @@ def centre_gram(gram_mm2: ArrayLike, total_mm: ArrayLike, frames: int) -> NDArra
 
 
 def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
-    """QR with column pivoting of (T, M, 3) displacements: fast through the Gram matrix, exact where that is too coarse.
-
-    Raises
-    ------
-    DataError
-        As :func:`gram`; or if nothing moves, or there are fewer than M / 3 frames.
-    """
+    """QR with column pivoting of (T, M, 3) displacements, by the Gram matrix, or exactly where that is too coarse."""
     data = _displacements(displacements_mm)
     if 3 * len(data) < data.shape[1]:
-        raise DataError(f"displacements: got {len(data)} frames, expected at least {data.shape[1]} / 3 for the markers")
+        raise DataError(f"displacements: needs at least {data.shape[1]} / 3 frames for the markers, got {len(data)}")
     factor = factorise_gram(gram(data))
     if factor.diagonal[-1] >= ILL_CONDITIONED * factor.diagonal[0]:
         return factor
@@ -160,12 +148,7 @@ def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
 def factorise_gram(gram_mm2: ArrayLike) -> PivotedFactor:
     """``R`` and the pivots from ``A^T A``, (M, M) mm2, alone, by pivoted Cholesky (LAPACK dpstrf).
 
-    ``R_kk`` below about 1e-8 of ``R_11`` drown in rounding; behind the numerical rank ``R`` is zero.
-
-    Raises
-    ------
-    DataError
-        If nothing moves.
+    ``R_kk`` below about 1e-8 of ``R_11`` drown in rounding; after the numerical rank ``R`` is zero.
     """
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
     if not np.diag(a).max(initial=0.0) > 0:
@@ -177,16 +160,10 @@ def factorise_gram(gram_mm2: ArrayLike) -> PivotedFactor:
 
 
 def select(factor: PivotedFactor, k: int) -> MarkerSubset:
-    """Take the first k pivots as basis and fit ``R11 X = R12`` (section 3).
-
-    Raises
-    ------
-    UsageError
-        If k is not within 1..rank.
-    """
+    """Take the first k pivots as basis and fit ``R11 X = R12`` (section 3)."""
     rank = factor.rank()
     if not 1 <= k <= rank:
-        raise UsageError(f"k: got {k}, expected 1..{rank}, the rank of the data")
+        raise UsageError(f"k: must be 1 to {rank} (the rank of the data), got {k}")
     count = len(factor.order)
     weights = np.zeros((k, count))
     weights[np.arange(k), factor.order[:k]] = 1.0
@@ -195,13 +172,7 @@ def select(factor: PivotedFactor, k: int) -> MarkerSubset:
 
 
 def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> MarkerSubset:
-    """Least-squares weights of a chosen basis, (k,) columns, from the Gram matrix, (M, M) mm2.
-
-    Raises
-    ------
-    UsageError
-        If ``primary`` is empty, repeats a marker, names none, or is linearly dependent.
-    """
+    """Least-squares weights of a chosen basis, (k,) columns, from the Gram matrix, (M, M) mm2."""
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
     chosen = np.asarray(primary, dtype=np.intp)
     if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= len(a):
@@ -259,6 +230,6 @@ def _tall(data: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _positive(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give R a positive diagonal, as the paper has it."""
+    """Make the diagonal of R positive, as in the paper."""
     signed: NDArray[np.float64] = r * np.where(np.diag(r) < 0, -1.0, 1.0)[:, None]
     return signed

@@ -14,6 +14,9 @@ few as keep *every marker in every frame* within a distance of the capture.
 
 Noise needs points too: 0.15 mm of it at a bound of 0.75 mm made three of four frames via points. Filter first
 (:func:`without_noise`).
+
+For other programs the same method finds few keys of a natural cubic spline, which a cubic Hermite curve with the
+spline's own slopes at its keys repeats exactly (:class:`KeyedCurve`).
 """
 
 from __future__ import annotations
@@ -53,10 +56,10 @@ class ViaPoints:
         shape = (len(self.times_s), "M", 3)
         object.__setattr__(self, "positions_mm", frozen(self.positions_mm, "positions_mm", shape, np.float64))
         if len(self.times_s) < MIN_POINTS or (np.diff(self.times_s) <= 0).any():
-            raise UsageError(f"times_s: got {len(self.times_s)} times, expected at least {MIN_POINTS}, strictly rising")
+            raise UsageError(f"times_s: needs at least {MIN_POINTS} times, strictly rising, got {len(self.times_s)}")
 
     def sample(self, times_s: ArrayLike) -> NDArray[np.float64]:
-        """(T, M, 3) mm: the curve at ``times_s``; before the first and behind the last point it stands still."""
+        """(T, M, 3) mm: the curve at ``times_s``; before the first and after the last point it stands still."""
         times = np.clip(np.asarray(times_s, dtype=np.float64), self.times_s[0], self.times_s[-1])
         flat = self.positions_mm.reshape(len(self.times_s), -1)
         return natural_spline(self.times_s, flat)(times).reshape(len(times), -1, 3)
@@ -64,7 +67,7 @@ class ViaPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduction:
-    """How much the data shrink, and at what price."""
+    """Reduction of the data, and its error."""
 
     tolerance_mm: float
     point_count: int
@@ -78,7 +81,7 @@ class Reduction:
 def extract_via_points(
     positions_mm: ArrayLike, rate_hz: float, tolerance_mm: float, *, prune: bool = True
 ) -> ViaPoints:
-    """Find few frames whose minimum-jerk curve keeps every marker of every frame within ``tolerance_mm``.
+    """Find few frames with a minimum-jerk curve that keeps every marker of every frame within ``tolerance_mm``.
 
     Parameters
     ----------
@@ -90,15 +93,10 @@ def extract_via_points(
         The paper's error criterion: largest distance.
     prune : bool
         Without it extraction is about five times as fast and leaves a sixth more points.
-
-    Raises
-    ------
-    UsageError
-        If the shape is wrong, or rate or tolerance is not positive.
     """
     positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
     if len(positions) < MIN_POINTS:
-        raise UsageError(f"positions_mm: got {len(positions)} frames, expected at least {MIN_POINTS}")
+        raise UsageError(f"positions_mm: needs at least {MIN_POINTS} frames, got {len(positions)}")
     if not (rate_hz > 0 and tolerance_mm > 0):
         raise UsageError(f"rate_hz, tolerance_mm: got {rate_hz} and {tolerance_mm}, expected positive numbers")
     frames = choose_frames(positions, tolerance_mm, prune=prune)
@@ -106,7 +104,7 @@ def extract_via_points(
 
 
 def choose_frames(positions: NDArray[np.float64], tolerance: float, *, prune: bool = True, degree: int = 5) -> Frames:
-    """Find few frames whose natural spline keeps every point of every frame within ``tolerance``.
+    """Find few frames with a natural spline that keeps every point of every frame within ``tolerance``.
 
     Parameters
     ----------
@@ -148,16 +146,10 @@ def reduction_curve(positions_mm: ArrayLike, rate_hz: float, tolerances_mm: Arra
 
 
 def without_noise(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12.0) -> NDArray[np.float64]:
-    """Take out noise without delay: (T, M, 3) -> (T, M, 3). Speech moves the face below 12 Hz.
-
-    Raises
-    ------
-    UsageError
-        If T is below 16 or ``cutoff_hz`` is not between 0 and half the rate.
-    """
+    """Filter noise out without delay: (T, M, 3) -> (T, M, 3). Speech moves the face below 12 Hz."""
     positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
     if len(positions) < 16:
-        raise UsageError(f"positions_mm: got {len(positions)} frames, expected at least 16")
+        raise UsageError(f"positions_mm: needs at least 16 frames, got {len(positions)}")
     return low_pass(positions, rate_hz, cutoff_hz)
 
 
@@ -172,7 +164,7 @@ def natural_spline(times: NDArray[np.float64], values: NDArray[np.float64], degr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """What a spline of a degree must retrace."""
+    """Motion that a spline of a degree must retrace."""
 
     positions: NDArray[np.float64]
     """(T, M, D)."""
@@ -214,7 +206,7 @@ def _prune(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None
 
 
 def _error_without(motion: _Motion, chosen: NDArray[np.bool_], frame: int) -> float:
-    """Largest squared distance within half a window when ``frame`` is no via point."""
+    """Largest squared distance within half a window when ``frame`` is not a via point."""
     before = np.flatnonzero(chosen[:frame])[-WINDOW:]
     behind = frame + 1 + np.flatnonzero(chosen[frame + 1 :])[:WINDOW]
     frames = np.concatenate([before, behind])
@@ -222,3 +214,65 @@ def _error_without(motion: _Motion, chosen: NDArray[np.bool_], frame: int) -> fl
         return np.inf
     inner = np.arange(before[-(WINDOW // 2) :][0], behind[: WINDOW // 2][-1] + 1)
     return float(motion.off(frames, inner).max())
+
+
+Array = NDArray[np.float64]
+
+STRAIGHT, CUBIC = "linear", "cubic"
+WAYS = (STRAIGHT, CUBIC)
+"""Ways to go from key to key."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyedCurve:
+    """Values at times. Arrays are read-only."""
+
+    times_s: Array
+    """(N,), rising from 0."""
+    values: Array
+    """(N, W)."""
+    slopes: Array | None = None
+    """(N, W) a second, of the cubic Hermite curve; None where it goes straight from key to key."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times_s", frozen(self.times_s, "times_s", ("N",), np.float64))
+        object.__setattr__(self, "values", frozen(self.values, "values", (len(self.times_s), "W"), np.float64))
+        if self.slopes is not None:
+            object.__setattr__(self, "slopes", frozen(self.slopes, "slopes", self.values.shape, np.float64))
+
+
+def key_curve(values: Array, rate_hz: float, way: str = STRAIGHT, tolerance: float = 0.0) -> KeyedCurve:
+    """Make a curve of frames.
+
+    Parameters
+    ----------
+    values : (T, W)
+        T >= 1; the first is at 0 s.
+    way : str
+        ``"linear"``: a key a frame, all that changes nothing left out. ``"cubic"``: few keys.
+    tolerance : float
+        Largest distance of any cubic value from its frame's.
+    """
+    if way not in WAYS:
+        raise UsageError(f"keys: got {way!r}, expected {' or '.join(WAYS)}")
+    times = np.arange(len(values)) / rate_hz
+    if way == STRAIGHT or len(times) < MIN_POINTS:
+        kept = _bends(values)
+        return KeyedCurve(times[kept], values[kept])
+    if not tolerance > 0:
+        raise UsageError(f"tolerance: must be a positive number, got {tolerance}")
+    moving = np.ptp(values, axis=0) > 0
+    if not moving.any():
+        return KeyedCurve(times[:1], values[:1], np.zeros_like(values[:1]))
+    frames = choose_frames(values[:, moving, None], tolerance, degree=3)
+    slopes = np.zeros((len(frames), values.shape[1]))
+    slopes[:, moving] = natural_spline(times[frames], values[frames][:, moving], degree=3).derivative()(times[frames])
+    return KeyedCurve(times[frames], values[frames], slopes)
+
+
+def _bends(values: Array) -> NDArray[np.int64]:
+    """Frames that differ from the one before or the one after."""
+    still = (values[1:] == values[:-1]).all(axis=1)
+    spared = np.zeros(len(values), bool)
+    spared[1:-1] = still[:-1] & still[1:]
+    return np.flatnonzero(~spared)

@@ -3,22 +3,74 @@
 Theory of operation
 -------------------
 A frame of M = 14 markers is a 42-vector ``d`` of displacements from the speaker's rest face. The eigenvectors of the
-covariance of all frames are the rows of ``T``; ``e = T d`` (equation 2) is the frame's point in the space and
-``d = Tt e`` (equation 3) leads back. The origin is the rest face, because ``d`` is. The first K rows are kept.
+covariance of all frames (section 4.1), in a canonical order and sign, are the rows of ``T``; ``e = T d`` (equation 2)
+is the frame's point in the space and ``d = Tt e`` (equation 3) leads back. The origin is the rest face, because ``d``
+is. The first K rows are kept.
 
 Feature points that are not among the markers (the inner lips) follow by least squares from the markers' modes, so that
 every mode moves them too. Phones and expressions are points in the space.
+
+Components are named by what they move (section 4.2 and figure 3), by measurement instead of by eye. Each of
+:data:`MOVES` is a displacement of feature points that articulation knows. A component gets the name of the move that it
+is most parallel to, over the points that both know; below :data:`CLEAR` it is called mixed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.models.pca import fit_components
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Components:
+    """Result of :func:`fit_components`. Arrays are read-only."""
+
+    mean: NDArray[np.float64]
+    """(D,)."""
+    vectors: NDArray[np.float64]
+    """(K, D), orthonormal rows, by falling variance; in each the entry of largest magnitude is positive."""
+    variances: NDArray[np.float64]
+    """(K,), in squared units of the data."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mean", frozen(self.mean, "mean", ("D",), np.float64))
+        object.__setattr__(self, "vectors", frozen(self.vectors, "vectors", ("K", "D"), np.float64))
+        object.__setattr__(self, "variances", frozen(self.variances, "variances", ("K",), np.float64))
+
+    def share(self) -> NDArray[np.float64]:
+        """(K,): variance carried by the first 1, 2, ... K components, as a fraction of the whole."""
+        shares: NDArray[np.float64] = np.cumsum(self.variances) / self.variances.sum()
+        return shares
+
+
+def fit_components(frames: ArrayLike) -> Components:
+    """All principal components of ``frames``.
+
+    Parameters
+    ----------
+    frames : (T, D) array_like
+        At least two frames.
+
+    Examples
+    --------
+    >>> fit_components([[0.0, 0.0], [2.0, 2.0]]).vectors[0].round(3)
+    array([0.707, 0.707])
+    """
+    data = frozen(frames, "frames", ("T", "D"), np.float64)
+    if len(data) < 2:
+        raise UsageError(f"frames: needs at least 2, got {len(data)}")
+    mean = data.mean(axis=0)
+    centred = data - mean
+    variances, vectors = np.linalg.eigh(centred.T @ centred / len(data))
+    rows = vectors.T[::-1]
+    signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
+    return Components(mean, rows * signs[:, None], np.maximum(variances[::-1], 0.0))
+
 
 MARKERS = (*(f"8.{n}" for n in range(1, 9)), "2.10", "2.1", *(f"5.{n}" for n in range(1, 5)))
 """The paper's 14 markers: eight on the outer lips, two on the chin, four on the cheeks (section 3, figure 2)."""
@@ -39,7 +91,7 @@ class VisemeSpace:
         shape = ("K", len(self.points), 3)
         object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float64))
         if not 0 < self.marker_count <= len(self.points):
-            raise UsageError(f"marker_count: got {self.marker_count}, expected 1..{len(self.points)}")
+            raise UsageError(f"marker_count: must be 1 to {len(self.points)}, got {self.marker_count}")
 
     @property
     def mode_count(self) -> int:
@@ -88,16 +140,11 @@ def fit_viseme_space(
     space : VisemeSpace
     share : (3M,) float64
         Variance carried by the first 1, 2, ... components.
-
-    Raises
-    ------
-    UsageError
-        If shapes differ or ``mode_count`` is outside 1..3M.
     """
     data = frozen(markers_mm, "markers_mm", ("T", len(markers), 3), np.float64)
     following = frozen(followers_mm, "followers_mm", (len(data), len(followers), 3), np.float64)
     if not 1 <= mode_count <= 3 * len(markers):
-        raise UsageError(f"mode_count: got {mode_count}, expected 1..{3 * len(markers)}")
+        raise UsageError(f"mode_count: must be 1 to {3 * len(markers)}, got {mode_count}")
     flat = data.reshape(len(data), -1)
     components = fit_components(flat)
     modes = components.vectors[:mode_count]
@@ -119,3 +166,79 @@ def sample_phones(
     times = (start + fraction * (np.asarray(ends_s) - start)) * rate_hz
     grid = np.arange(len(weights))
     return np.stack([np.interp(times, grid, column) for column in weights.T], axis=-1)
+
+
+CLEAR = 0.5
+"""|cosine| from which a component is named after a move."""
+
+UP, DOWN, LEFT, RIGHT, OUT = (0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1)
+_LOWER_LIP, _UPPER_LIP = ("8.2", "8.7", "8.8", "2.3", "2.8", "2.9"), ("8.1", "8.5", "8.6", "2.2", "2.6", "2.7")
+_CHIN = ("2.1", "2.10")
+_LIPS = ("8.1", "8.2", "8.5", "8.6", "8.7", "8.8")
+_ALL = (*_LOWER_LIP, *_UPPER_LIP, "8.3", "8.4")
+
+
+def _all(points: Sequence[str], way: Sequence[float]) -> dict[str, tuple[float, ...]]:
+    return dict.fromkeys(points, tuple(map(float, way)))
+
+
+MOVES: Mapping[str, Mapping[str, tuple[float, ...]]] = MappingProxyType(
+    {
+        "jaw opening": _all((*_LOWER_LIP, *_CHIN), DOWN) | _all(("8.3", "8.4", "2.4", "2.5"), (0, -0.5, 0)),
+        "lip spreading": _all(("8.3", "2.4"), LEFT) | _all(("8.4", "2.5"), RIGHT)
+        | _all(("8.5", "8.7", "5.1", "5.3"), (0.4, 0, 0)) | _all(("8.6", "8.8", "5.2", "5.4"), (-0.4, 0, 0)),
+        "lip protrusion": _all(_LIPS, OUT) | _all(("8.3", "8.4"), (0, 0, 0.6)),
+        "lip opening": _all(_LOWER_LIP, DOWN) | _all(_UPPER_LIP, (0, 0.6, 0)),
+        "upper lip raising": _all(_UPPER_LIP, UP),
+        "lower lip lowering": _all(_LOWER_LIP, DOWN),
+        "corner raising": _all(("8.3", "8.4", "2.4", "2.5"), UP) | _all(("5.1", "5.2"), (0, 0.5, 0)),
+        "cheek puffing": _all(("5.1", "5.2", "5.3", "5.4"), OUT),
+        "mouth to one side": _all((*_ALL, *_CHIN), LEFT),
+        "jaw thrust": _all((*_CHIN, "8.2", "2.3"), OUT),
+        "skew": _all(("8.3", "2.4"), UP) | _all(("8.4", "2.5"), DOWN),
+    }
+)  # fmt: skip
+"""Directions of feature points in head axes (+x the subject's left, +y up, +z out); points not listed stay."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentName:
+    """Name of a component, and how clearly it fits."""
+
+    name: str
+    likeness: float
+    """|cosine| with the move, 0..1."""
+    busiest: tuple[str, ...]
+    """The three points that it moves farthest."""
+
+
+def name_components(modes_mm: ArrayLike, points: Sequence[str]) -> list[ComponentName]:
+    """Propose a name for each component.
+
+    Parameters
+    ----------
+    modes_mm : (K, P, 3) array_like
+        Displacement of P points per unit of each component; sign and length do not matter.
+    points : sequence of str
+        P feature point names.
+
+    Examples
+    --------
+    >>> name_components([[[0, 0, 0], [0, -2, 0], [0, -2, 0]]], ("8.1", "8.2", "2.1"))[0].name
+    'jaw opening'
+    """
+    modes = frozen(modes_mm, "modes_mm", ("K", len(points), 3), np.float64)
+    names = []
+    for mode in modes:
+        length = float(np.linalg.norm(mode))
+        best, likeness = "nothing moves", 0.0
+        for name, moves in MOVES.items():
+            move = np.array([moves.get(point, (0.0, 0.0, 0.0)) for point in points])
+            size = float(np.linalg.norm(move)) * length
+            alike = abs(float((mode * move).sum())) / size if size > 0 else 0.0
+            if alike > likeness:
+                best, likeness = name, alike
+        order = np.argsort(-np.linalg.norm(mode, axis=1), kind="stable")[:3]
+        clear = best if likeness >= CLEAR else f"mixed, most like {best}"
+        names.append(ComponentName(clear, likeness, tuple(points[index] for index in order)))
+    return names

@@ -14,7 +14,7 @@ from fapengine.errors import UsageError
 
 
 class FapUnit(StrEnum):
-    """What one FAPU step is measured in; the lengths are a 1024th of a neutral-face distance."""
+    """Unit of one FAP step; the lengths are a 1024th of a neutral-face distance."""
 
     IRISD = "IRISD"
     """Iris diameter = neutral lid distance / 1024."""
@@ -57,7 +57,7 @@ class FapSpec:
     """One row of Table C.1 for a low-level FAP."""
 
     number: int
-    """FAP number, 3..68. Not a column index: see :func:`column`."""
+    """FAP number, 3 to 68. Not a column index: see :func:`column`."""
     name: str
     """Name exactly as the table spells it."""
     unit: FapUnit
@@ -174,7 +174,7 @@ def column(number: int) -> int:
     2
     """
     if not 1 <= number <= FAP_COUNT:
-        raise UsageError(f"FAP number: got {number}, expected 1..{FAP_COUNT}")
+        raise UsageError(f"FAP number: must be 1 to {FAP_COUNT}, got {number}")
     return number - 1
 
 
@@ -192,7 +192,7 @@ def spec(number: int) -> FapSpec:
     'open_jaw'
     """
     if not 3 <= number <= FAP_COUNT:
-        raise UsageError(f"low-level FAP number: got {number}, expected 3..{FAP_COUNT}")
+        raise UsageError(f"low-level FAP number: must be 3 to {FAP_COUNT}, got {number}")
     return FAPS[number - 3]
 
 
@@ -210,5 +210,30 @@ def by_name(name: str) -> FapSpec:
     3
     """
     if name not in _BY_NAME:
-        raise UsageError(f"FAP name: got {name!r}, expected a name of Table C.1 such as 'open_jaw'")
+        raise UsageError(f"FAP name: unknown name {name!r}; use a name of Table C.1 such as 'open_jaw'")
     return _BY_NAME[name]
+
+
+BIFS_NAMES: dict[int, str] = {
+    6: "stretch_l_corner",
+    7: "stretch_r_corner",
+    10: "lower_b_lip_lm",
+    11: "lower_b_lip_rm",
+    53: "stretch_l_cornerlip",
+    54: "stretch_r_cornerlip",
+}
+"""Fields of the BIFS node ``FAP`` that are spelled unlike Table C.1 (node templates of gpac).
+
+Some are the standard's names of *other* FAPs: BIFS calls FAP 53 as Table C.1 calls FAP 6.
+"""
+
+
+def bifs_name(number: int) -> str:
+    """Name of a low-level FAP as a field of the BIFS node.
+
+    Examples
+    --------
+    >>> bifs_name(3), bifs_name(53)
+    ('open_jaw', 'stretch_l_cornerlip')
+    """
+    return BIFS_NAMES.get(number) or spec(number).name

@@ -12,7 +12,7 @@ from fapengine.mpeg4 import fap
 AU_RAD = 1e-5
 """One angular unit in radians (Table C.2)."""
 STEPS = 1024
-"""A FAPU is a 1024th of its neutral-face distance (Table C.2)."""
+"""Steps of a FAPU in its neutral-face distance (Table C.2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Fapu:
         for name in self.__slots__:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
-                raise UsageError(f"{name}: got {value}, expected a positive length in mm")
+                raise UsageError(f"{name}: must be a positive length in mm, got {value}")
 
     def unit(self, unit: fap.FapUnit) -> float:
         """Size of one step: mm for lengths, rad for ``AU``.
@@ -73,7 +73,7 @@ class Fapu:
         needed = ("2.2", "3.1", "3.2", "3.3", "3.4", "3.5", "3.6", "8.3", "8.4", "9.15")
         missing = [name for name in needed if name not in points_mm]
         if missing:
-            raise UsageError(f"points_mm: lacks feature points {missing}, expected {list(needed)}")
+            raise UsageError(f"points_mm: missing feature points {missing}; needs {list(needed)}")
         p = {name: np.asarray(points_mm[name], dtype=np.float64) for name in needed}
         eyes_y = (p["3.5"][1] + p["3.6"][1]) / 2
         lids = (p["3.1"][1] - p["3.3"][1] + p["3.2"][1] - p["3.4"][1]) / 2

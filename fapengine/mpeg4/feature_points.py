@@ -1,4 +1,4 @@
-"""The 84 FDP feature points: ISO/IEC 14496-2, Annex C, the figure of feature points."""
+"""The 84 FDP feature points: ISO/IEC 14496-2, Annex C, figure of the feature points."""
 
 from dataclasses import dataclass
 from enum import StrEnum

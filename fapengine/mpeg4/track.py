@@ -1,6 +1,7 @@
-"""``FapTrack``: FAP values over time, the type that every part of fapengine exchanges."""
+"""``FapTrack``: FAP values over time, the type that all parts of fapengine exchange."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from fapengine.mpeg4 import fap
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FapTrack:
-    """FAP values over time, in FAPU; no face chosen yet. Arrays are read-only.
+    """FAP values over time, in FAPU; independent of any face. Arrays are read-only.
 
     Build one from low-level values with :meth:`of`; the constructor takes every field.
     """
@@ -31,7 +32,7 @@ class FapTrack:
     frame_numbers: NDArray[np.int64]
     """(T,) int64, strictly rising; gaps are skipped frames."""
     rate_hz: float
-    """Frames a second."""
+    """Frame rate."""
     name: str = "fapengine"
     """Free text of the ``.fap`` header."""
 
@@ -46,9 +47,9 @@ class FapTrack:
         ):
             object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise UsageError(f"rate_hz: got {self.rate_hz}, expected a positive number")
+            raise UsageError(f"rate_hz: must be positive, got {self.rate_hz}")
         if count and (np.diff(self.frame_numbers) <= 0).any():
-            raise UsageError("frame_numbers: expected strictly rising numbers")
+            raise UsageError("frame_numbers: must be strictly rising")
         if self.values[:, : fap.column(3)].any():
             raise UsageError("values: columns of FAP 1 and 2 must be 0; their values go into visemes and expressions")
 
@@ -61,7 +62,7 @@ class FapTrack:
         values : (T, 68) array_like of int, FAPU
             Columns of FAP 1 and 2 must be 0.
         rate_hz : float
-            Frames a second.
+            Frame rate.
         """
         array: NDArray[Any] = np.asarray(values)
         count = len(array)
@@ -79,12 +80,12 @@ class FapTrack:
 
     @classmethod
     def pose(cls, *, rate_hz: float = 25.0, **faps: int) -> "FapTrack":
-        """Make a track of one frame from FAPs by their names; all others are 0.
+        """Make a track of one frame from FAPs by name; all others are 0.
 
         Parameters
         ----------
         rate_hz : float
-            Frames a second.
+            Frame rate.
         **faps : int, FAPU (AU for angles)
             As Table C.1 names them: ``open_jaw=300``.
 
@@ -108,19 +109,47 @@ class FapTrack:
 
     @property
     def times_s(self) -> NDArray[np.float64]:
-        """(T,) float64, s: when each frame is shown."""
+        """(T,) float64, s: time at which each frame is shown."""
         return self.frame_numbers / self.rate_hz
 
     def even_values(self) -> NDArray[np.int32]:
-        """(N, 68) int32, FAPU: a row for every frame from the first to the last; skipped ones held."""
+        """(N, 68) int32, FAPU: a row for every frame from the first to the last; skipped ones repeat the last row."""
         numbers = self.frame_numbers
         every = np.arange(numbers[0], numbers[-1] + 1) if len(self) else numbers
         rows: NDArray[np.int32] = self.values[np.searchsorted(numbers, every, side="right") - 1]
         return rows
 
     def equals(self, other: "FapTrack") -> bool:
-        """Exact equality of values, masks, frame numbers and rate; the name does not count."""
+        """Whether values, masks, frame numbers and rate are equal; the name does not count."""
         return self.rate_hz == other.rate_hz and all(
             np.array_equal(getattr(self, field), getattr(other, field))
             for field in ("values", "mask", "visemes", "expressions", "frame_numbers")
         )
+
+
+def to_codable(faps: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Round and clip to the range of the standard's default intra planes: (T, 68) int32.
+
+    FAPs that act in one direction only (3, 14, 41, 42, 47) do not go below 0.
+    """
+    low, high = _codable_range()
+    return np.rint(np.clip(faps, low, high)).astype(np.int32)
+
+
+@cache
+def limits(number: int) -> tuple[float, float]:
+    """Smallest and largest value of a FAP after :func:`to_codable`, FAPU."""
+    low, high = _codable_range()
+    return float(low[fap.column(number)]), float(high[fap.column(number)])
+
+
+@cache
+def _codable_range() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    low = np.zeros(fap.FAP_COUNT)
+    high = np.zeros(fap.FAP_COUNT)
+    for row in fap.FAPS:
+        limit = row.intra_limit * row.quantiser_step
+        low[fap.column(row.number)] = -limit if row.bidirectional else 0
+        high[fap.column(row.number)] = limit
+    low.flags.writeable = high.flags.writeable = False
+    return low, high

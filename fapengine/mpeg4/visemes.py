@@ -1,7 +1,6 @@
 """Visemes and expressions, the values of FAP 1 and 2: ISO/IEC 14496-2, Annex C, Tables C.4 and C.5."""
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,21 +35,5 @@ VISEMES: tuple[Viseme, ...] = (
 )
 # fmt: on
 
-
-class Expression(IntEnum):
-    """The six expressions of FAP 2; 0 is none. From 7 on they are ours: FAP 2 does not say them."""
-
-    NEUTRAL = 0
-    JOY = 1
-    SADNESS = 2
-    ANGER = 3
-    FEAR = 4
-    DISGUST = 5
-    SURPRISE = 6
-    SMILE_LEFT = 7
-    SMILE_RIGHT = 8
-    CONTEMPT = 9
-
-
-OF_FAP_2 = tuple(Expression)[: Expression.SURPRISE + 1]
-"""Expressions that the standard knows, each at its number."""
+FAP_2_EXPRESSIONS = ("neutral", "joy", "sadness", "anger", "fear", "disgust", "surprise")
+"""Expressions of FAP 2 by their numbers; 0 is none."""

@@ -1,14 +1,14 @@
-"""Quality of a live face, so that frames keep coming at the rate asked for.
+"""Quality of a live face, adapted to hold a frame rate.
 
 Theory of operation
 -------------------
-A *ladder* lists qualities from the best to the cheapest; the *rung* is the one in use. Each frame's cost is told to
-:meth:`FrameBudget.spent`; time is an argument. While the median of the last half second fits the budget, nothing
+A *ladder* lists qualities from the best to the cheapest; the *rung* is the one in use. The cost of each frame is passed
+to :meth:`FrameBudget.spent`; time is an argument. While the median of the last half second fits the budget, nothing
 happens. When it does not, the rung falls at once to the first that is estimated to fit: a rung's estimate is the
-median, scaled by the ratio of relative costs, and these are learned from what the rungs turn out to cost. When the next
-better rung is estimated to fit with room to spare for a while, the rung climbs by one. A climb that has to be taken
-back doubles the wait before the next one, so that a load between two rungs does not make the picture flicker; five
-minutes without a fall forgive.
+median, scaled by the ratio of relative costs, which are learned from the measured costs of the rungs. When the next
+better rung is estimated to fit with a margin for a while, the rung climbs by one. A climb that is reverted doubles the
+wait before the next one, so that a load between two rungs does not make the image flicker; five minutes without a fall
+reset the wait.
 """
 
 from collections import deque
@@ -21,18 +21,19 @@ from fapengine.render.drawing import Shading
 
 RATES_HZ = (0.1, 1000.0)
 DRAWING_SHARE = 0.85
-"""Share of a frame's time that drawing may take; the rest is for what else a frame needs."""
+"""Fraction of a frame's time that drawing may take; the rest is for other work."""
 MAX_CLIMB_SHARE = 0.85
-"""Share of the budget that a better rung may be estimated to take; above it, the rung does not climb."""
+"""Largest fraction of the budget that a better rung may be estimated to take for a climb."""
 WINDOW_S, MIN_FRAMES = 0.5, 3
-"""Time and number of frames whose median decides whether the rung falls."""
+"""Time and number of frames for the median that decides whether the rung falls."""
 MIN_WAIT_S, MAX_WAIT_S, FORGIVEN_S = 2.0, 64.0, 300.0
-"""Time on a rung before it climbs, at first and at most; and time without a fall that brings back the first."""
+"""Time on a rung before it climbs, initial and longest; and time without a fall that resets it."""
 TAKEN_BACK_S = 15.0
-"""Time after a climb in which a fall takes it back."""
+"""Time after a climb in which a fall counts as reverting it."""
 VERTEX_SHARE, LIGHT_SHARE, SOFTENING_SHARE, MULTISAMPLING = 0.35, 0.28, 0.18, 1.3
-"""Costs on llvmpipe at 512 x 512: the vertices' share of a frame with softened edges; of the rest, the shares of light
-at pixels and of softening; and what multisampling adds, as a multiple of that rest."""
+"""Costs on llvmpipe at 512 x 512: the vertices' fraction of a frame with smoothed edges; of the rest, the fractions of
+light at pixels and of smoothing; and the additional cost of multisampling, relative to that rest.
+"""
 EDGE_WORDS = {0: "softened edges", 1: "edges as they are"}
 SCALES = (1.0, 0.85, 0.7, 0.5, 0.35)
 
@@ -47,12 +48,12 @@ class Quality:
     """Ratio of drawn sides to shown sides."""
     shading: Shading = "auto"
     samples: int = 4
-    """Smoothing of edges: 4 multisampled, 0 softened after drawing, 1 not at all."""
+    """Antialiasing: 4 multisampled, 0 smoothed after drawing, 1 none."""
     relative_cost: float = 1.0
-    """Estimate of a frame's cost, in frames of the best quality."""
+    """Estimated cost of a frame, relative to the best quality."""
 
     def __str__(self) -> str:
-        """Say what is drawn, as ``"70 % of the resolution, the finest head"``."""
+        """Describe the quality, for example ``"70 % of the resolution, the finest head"``."""
         parts = [
             "every pixel" if self.scale == 1 else f"{100 * self.scale:.0f} % of the resolution",
             "the finest head" if self.level == 0 else f"head {self.level + 1}",
@@ -63,14 +64,14 @@ class Quality:
 
 
 def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, ...]:
-    """Qualities from the best to the cheapest.
+    """Return the qualities from the best to the cheapest.
 
     Parameters
     ----------
     vertices : sequence of float
         Number of vertices of each level of detail, the finest first.
     lit_at_pixels : bool
-        Whether the finest is lit at pixels by its own choice; if so, light at vertices is given up first.
+        Whether the finest is lit at pixels by its own choice; if so, that is given up first.
 
     Raises
     ------
@@ -96,7 +97,7 @@ def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, 
 def _cost(
     level: int, scale: float, shading: Shading, samples: int, vertices: Sequence[float], *, lit_at_pixels: bool
 ) -> float:
-    """Estimate a frame, in frames of the finest head with softened edges."""
+    """Estimate the cost of a frame, relative to the finest head with smoothed edges."""
     saved = LIGHT_SHARE * (shading == "vertices" and lit_at_pixels) + SOFTENING_SHARE * (samples == 1)
     pixels = scale**2 * (1 - saved + MULTISAMPLING * (samples > 1))
     return VERTEX_SHARE * vertices[level] / vertices[0] + (1 - VERTEX_SHARE) * pixels
@@ -104,18 +105,18 @@ def _cost(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A move from one rung to another."""
+    """A change from one rung to another."""
 
     time_s: float
     before: int
     after: int
     cost_s: float
-    """Median cost of the last frames before the move."""
+    """Median cost of the last frames before the change."""
     budget_s: float
 
 
 class FrameBudget:
-    """Choice of a rung that holds a rate.
+    """Chooses the rung that holds a frame rate.
 
     Stateful.
 
@@ -124,7 +125,7 @@ class FrameBudget:
     qualities : sequence of Quality
         The ladder, best first.
     rate_hz : float
-        Frames a second to hold, 0.1..1000.
+        Frame rate to hold, 0.1 to 1000.
 
     Raises
     ------
@@ -149,7 +150,7 @@ class FrameBudget:
 
     @property
     def budget_s(self) -> float:
-        """Time that drawing a frame may take."""
+        """Time available for drawing a frame."""
         return DRAWING_SHARE / self.rate_hz
 
     @property
@@ -158,7 +159,7 @@ class FrameBudget:
         return self.qualities[self.rung]
 
     def spent(self, cost_s: float, now_s: float) -> Change | None:
-        """Tell what a frame cost, drawn with :attr:`quality` and ready at ``now_s``; return what changed."""
+        """Record the cost of a frame drawn with :attr:`quality` and done at ``now_s``; return the change, if any."""
         self.late += cost_s > 1 / self.rate_hz
         if isnan(self._since_s):
             self._since_s = now_s
@@ -193,7 +194,7 @@ class FrameBudget:
         return self._move(chosen, median, now_s)
 
     def _climb(self, median: float, now_s: float) -> Change | None:
-        """Go up by one rung, if it is estimated to fit with room to spare."""
+        """Go up by one rung, if it is estimated to fit with a margin."""
         if self._estimate(self.rung - 1, median) > MAX_CLIMB_SHARE * self.budget_s:
             return None
         return self._move(self.rung - 1, median, now_s)
@@ -206,7 +207,7 @@ class FrameBudget:
         return change
 
     def _learn(self, median: float) -> None:
-        """Compare the first median on a rung with the last one on the rung before, and move half-way to that ratio."""
+        """Compare the first median on a rung with the last on the previous rung; move half-way to that ratio."""
         if self._before is None:
             return
         rung, cost = self._before

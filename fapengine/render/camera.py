@@ -1,4 +1,4 @@
-"""The camera: its presets, and the matrix that it makes."""
+"""The camera: presets, and its projection matrix."""
 
 from dataclasses import dataclass, replace
 
@@ -12,16 +12,16 @@ NEAR_MM, FAR_MM = 100.0, 3000.0
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera on a circle round a point of the head."""
+    """A camera on a circle around a point of the head."""
 
     yaw_deg: float = 0.0
-    """Turn from the front towards the subject's left."""
+    """Rotation from the front towards the subject's left."""
     pitch_deg: float = 0.0
-    """Turn upwards."""
+    """Rotation upwards."""
     target_mm: tuple[float, float, float] = (0.0, 10.0, 30.0)
     distance_mm: float = 900.0
     field_deg: float = 18.5
-    """Angle of view from bottom to top."""
+    """Vertical field of view."""
 
     def __post_init__(self) -> None:
         if not (NEAR_MM < self.distance_mm < FAR_MM / 1.5 and 1 < self.field_deg < 120):
@@ -29,14 +29,14 @@ class Camera:
 
     @property
     def position_mm(self) -> NDArray[np.float64]:
-        """(3,): where it stands."""
+        """(3,): position of the camera."""
         yaw, pitch = np.deg2rad([self.yaw_deg, self.pitch_deg])
         towards = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
         position: NDArray[np.float64] = np.asarray(self.target_mm) + self.distance_mm * towards
         return position
 
     def clip_from_world(self, aspect: float) -> NDArray[np.float64]:
-        """(4, 4): world mm to clip space; y points down, so that pictures come out top row first."""
+        """(4, 4): world mm to clip space; y points down, so that images are read top row first."""
         forward = np.asarray(self.target_mm) - self.position_mm
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 1.0, 0.0])
@@ -57,11 +57,11 @@ class Camera:
         return projection @ view
 
     def pixels_per_mm(self, height_px: int) -> float:
-        """How large a millimetre at the target is in a picture of that height."""
+        """Pixels per millimetre at the target in an image of that height."""
         return height_px / (2 * self.distance_mm * float(np.tan(np.deg2rad(self.field_deg) / 2)))
 
     def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-        """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in a picture of (width, height)."""
+        """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in an image of (width, height)."""
         matrix = self.clip_from_world(size[0] / size[1])
         clip = points_mm @ matrix[:, :3].T + matrix[:, 3]
         pixels: NDArray[np.float64] = (clip[..., :2] / clip[..., 3:] * 0.5 + 0.5) * np.asarray(size)
@@ -80,11 +80,11 @@ PRESETS: dict[str, Camera] = {
     "eyes": Camera(target_mm=(0.0, 26.0, 80.0), distance_mm=600.0, field_deg=11.0),
     "mouth": Camera(target_mm=(0.0, -36.0, 100.0), distance_mm=500.0, field_deg=11.0),
 }
-"""Named views."""
+"""Cameras by name."""
 
 
 def preset(name: str) -> Camera:
-    """Return one of :data:`PRESETS`, or the front turned by ``"YAW,PITCH"`` in degrees.
+    """Return one of :data:`PRESETS`, or the front camera turned by ``"YAW,PITCH"`` in degrees.
 
     Raises
     ------
@@ -110,5 +110,5 @@ def preset(name: str) -> Camera:
 
 
 def turned(camera: Camera, turns: float) -> Camera:
-    """Walk round the head: so many whole turns towards the subject's left."""
+    """Rotate a camera around the head by a number of turns towards the subject's left."""
     return replace(camera, yaw_deg=camera.yaw_deg + 360.0 * turns)

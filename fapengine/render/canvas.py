@@ -1,11 +1,11 @@
-"""Targets to draw into, the background, softened edges, and reading back.
+"""Render targets, the background, smoothed edges, and reading back.
 
 Theory of operation
 -------------------
-Pictures are drawn into a texture and their edges softened: one pass copies and marks edges in the depth buffer, the
-next runs where the depth test lets it, on edges alone; both only in those parts where edges can be. They are then
-copied into one of two pixel buffers; :meth:`Canvas.frames` reads a buffer only after the next frame has been given to
-the GPU, so neither waits for the other. A picture may be drawn smaller than it is handed over; a last pass enlarges it.
+Images are drawn into a texture and their edges smoothed: one pass copies and marks edges in the depth buffer, the next
+runs only where the depth test lets it, on edges; both only in the parts that can have edges. They are then copied into
+one of two pixel buffers; :meth:`Canvas.frames` reads a buffer only after the next frame has been submitted to the GPU,
+so neither waits for the other. An image may be rendered smaller than its final size; a last pass enlarges it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from fapengine._signals import signals_kept
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
-from fapengine.render.reach import Rectangle
 
 if TYPE_CHECKING:
     import moderngl
@@ -28,12 +27,14 @@ else:
     moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
+Rectangle: TypeAlias = tuple[int, int, int, int]
+"""Left, top, width and height in pixels."""
 Draw: TypeAlias = Callable[[], Sequence[Rectangle] | None]
-"""Begins and draws one picture, and tells outside of which parts it has no edge; None: edges may be everywhere."""
+"""Begins and draws one image, and returns the parts that may have edges; None: anywhere."""
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
-"""Depth functions: which depths that are there already let a new pixel pass."""
+"""Depth functions: the existing depths at which a new pixel is drawn."""
 WALL = (0.30, 0.36, 0.42)
-"""Linear RGB of the studio's wall."""
+"""Linear RGB of the studio wall."""
 
 
 class Backdrop:
@@ -65,7 +66,7 @@ class Backdrop:
             self._array = programs.context.vertex_array(self._program, [])
 
     def draw(self) -> None:
-        """Fill every pixel that nothing has been drawn on, by depth."""
+        """Fill every pixel without content, by depth."""
         if not self.is_there:
             return
         if self._texture is not None:
@@ -76,7 +77,7 @@ class Backdrop:
         self._array.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:
-        """Give the GPU memory back."""
+        """Free the GPU memory."""
         if self.is_there:
             self._array.release()
         if self._texture is not None:
@@ -84,7 +85,7 @@ class Backdrop:
 
 
 def cut_to_aspect(picture: Picture, aspect: float) -> Picture:
-    """Cut the middle of a picture out, so that width to height is ``aspect``."""
+    """Crop the middle of an image, (H, W, 3), to an aspect ratio."""
     height, width = picture.shape[:2]
     new_width, new_height = min(width, max(1, round(height * aspect))), min(height, max(1, round(width / aspect)))
     top, left = (height - new_height) // 2, (width - new_width) // 2
@@ -92,15 +93,9 @@ def cut_to_aspect(picture: Picture, aspect: float) -> Picture:
 
 
 class Canvas:
-    """Targets of one picture size.
+    """Render targets for one image size.
 
     Stateful.
-
-    Parameters
-    ----------
-    programs : Programs
-    drawing : Drawing
-        Its sizes, edges and whether there is alpha.
     """
 
     def __init__(self, programs: Programs, drawing: Drawing) -> None:
@@ -117,19 +112,19 @@ class Canvas:
         self._ground_is: object = None
 
     def begin(self, ground: object = None, draw: Callable[[], None] | None = None) -> bool:
-        """Begin a picture with nothing, or with what does not change.
+        """Begin an image, empty or with the content that does not change.
 
         Parameters
         ----------
         ground : object, optional
-            What the ground depends on: while it is equal to the one before, ``draw`` is not called again.
+            Everything that the ground depends on: while it is equal to the previous one, ``draw`` is not called again.
         draw : callable, optional
             Draws the ground.
 
         Returns
         -------
         bool
-            Whether the ground is there; multisampled pictures begin with nothing.
+            Whether the ground is drawn; multisampled images begin empty.
         """
         if draw is None or self._samples > 1:
             self._empty(self._canvas)
@@ -149,7 +144,7 @@ class Canvas:
         target.clear(0.0, 0.0, 0.0, 0.0)
 
     def suits(self, drawing: Drawing) -> bool:
-        """Tell whether pictures of a drawing can be made on this canvas."""
+        """Whether images of a drawing can be made on this canvas."""
         mine = self.size, self.drawn, self._samples, self._components
         return mine == (drawing.size, drawing.drawn_size, drawing.samples, drawing.components)
 
@@ -173,12 +168,12 @@ class Canvas:
         return program, array
 
     def release(self) -> None:
-        """Give the GPU memory back."""
+        """Free the GPU memory."""
         while self._resources:
             self._resources.pop().release()
 
     def frames(self, draws: Iterable[Draw]) -> Iterator[Picture]:
-        """Pictures of what each of ``draws`` draws; the one before is read while the next is drawn."""
+        """Yield the images (H, W, C) that ``draws`` draw; each is read while the next is drawn."""
         waiting: moderngl.Buffer | None = None
         for number, draw in enumerate(draws):
             target = self._buffers[number % 2]
@@ -192,7 +187,7 @@ class Canvas:
             yield self._picture(waiting)
 
     def paint(self, draw: Draw) -> moderngl.Texture:
-        """Draw one picture and leave it on the GPU: the texture, top row first, is good until the next one."""
+        """Draw one image into a texture on the GPU, top row first, valid until the next one."""
         with self._context:
             self._paint(draw)
         painted = self._output.color_attachments[0]
@@ -200,7 +195,7 @@ class Canvas:
         return painted
 
     def _paint(self, draw: Draw) -> None:
-        """Draw one picture; the context is current and stays so (entering it twice would leave it)."""
+        """Draw one image; the context is current and stays so (entering it twice would leave it)."""
         self._finish(draw())
 
     def _picture(self, buffer: moderngl.Buffer) -> Picture:

@@ -1,4 +1,4 @@
-"""An OpenGL context without a window, on a GPU or on Mesa's software renderer, and what is common to all renderers."""
+"""An OpenGL context without a window, on a GPU or on Mesa's software renderer, and the base class of all renderers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ else:
 REQUIRED = 330
 """OpenGL 3.3 core."""
 BACKENDS = {"linux": "egl"}
-"""Ways to a context by system where moderngl's own choice (WGL, CGL) needs a window or a display."""
+"""Backend by system where moderngl's own choice (WGL, CGL) would need a window or a display."""
 MENDS = {
     "linux": "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1",
     "win32": "install the graphics card's driver, or Mesa's opengl32.dll beside python.exe",
@@ -30,12 +30,12 @@ MENDS = {
 
 
 def create_context() -> moderngl.Context:
-    """Make a context: through EGL on Linux, by the system's own way (WGL, CGL) on others.
+    """Create a context: through EGL on Linux, with the system's own interface (WGL, CGL) elsewhere.
 
     Raises
     ------
     ResourceError
-        If there is no OpenGL 3.3; the message says what to install.
+        If OpenGL 3.3 is not available; the message says what to install.
     """
     backend = BACKENDS.get(sys.platform)
     settings: dict[str, Any] = {"backend": backend} if backend else {}
@@ -51,16 +51,16 @@ def create_context() -> moderngl.Context:
 
 
 class Resource(Protocol):
-    """Something that holds GPU memory."""
+    """An object that holds GPU memory."""
 
     def release(self) -> None:
-        """Give the memory back."""
+        """Free the memory."""
 
 
 class Renderer(ABC):
-    """Base of the renderers: the context that they draw in, and giving everything back at the end.
+    """Base of the renderers: their context, and releasing everything at the end.
 
-    Stateful. A context that the caller brings stays open.
+    Stateful. A context passed by the caller stays open.
     """
 
     def __init__(self, context: moderngl.Context | None) -> None:
@@ -76,7 +76,7 @@ class Renderer(ABC):
         self.release()
 
     def release(self) -> None:
-        """Give all GPU memory back."""
+        """Free all GPU memory."""
         for resource in self._resources():
             with self._context:
                 resource.release()
@@ -85,4 +85,4 @@ class Renderer(ABC):
 
     @abstractmethod
     def _resources(self) -> Iterable[Resource]:
-        """All that is to be released, in this order."""
+        """Everything to release, in this order."""

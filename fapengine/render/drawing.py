@@ -1,6 +1,6 @@
-"""How a face is drawn, as one value: picture size, camera, background, edges, light; and its parsers from text.
+"""Options for drawing a face, as one value: image size, camera, background, antialiasing, light; and parsers for text.
 
-No OpenGL is imported here: who only describes a picture needs none.
+No OpenGL is imported here: describing an image does not need it.
 """
 
 from collections.abc import Mapping
@@ -17,22 +17,23 @@ from fapengine.render.camera import PRESETS, Camera, preset
 
 Picture = NDArray[np.uint8]
 Background = Literal["studio", "transparent"] | tuple[int, int, int] | Picture
-"""Picture behind the head: a lit wall; nothing, so that pictures have alpha; one colour, sRGB 0..255; or a (H, W, 3)
-uint8 picture, of which the middle is cut out in the shape needed."""
+"""Background behind the head: a lit wall; transparent, so that images have alpha; one colour, sRGB 0..255; or a (H, W,
+3) uint8 image, cropped to the middle in the shape needed.
+"""
 Shading = Literal["auto", "pixels", "vertices"]
-"""Place where light is worked out. ``auto``: at vertices while they stand close together in the picture."""
+"""Where light is computed. ``auto``: at vertices while they are close together in the image."""
 
 SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
 MIN_SCALE, MAX_SCALE = 0.1, 1.0
 SAMPLES = (0, 1, 2, 4, 8)
 EDGES: Mapping[str, int] = MappingProxyType({"fine": 4, "soft": 0, "none": 1})
-"""Name of a way to smooth edges to :attr:`Drawing.samples`."""
+"""Name of an antialiasing method to :attr:`Drawing.samples`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Drawing:
-    """How one face is drawn. A change is a new value: ``dataclasses.replace(drawing, wire=True)``.
+    """Options for drawing one face. Change them with ``dataclasses.replace(drawing, wire=True)``.
 
     Raises
     ------
@@ -46,16 +47,18 @@ class Drawing:
     """
 
     size: tuple[int, int] = (512, 512)
-    """Width and height in pixels, 16..4096. Of a window: in points, with its panel."""
+    """Width and height in pixels, 16 to 4096. For a window: in points, including its panel."""
     camera: Camera = PRESETS["front"]
     background: Background = "studio"
     samples: int = 0
-    """Samples a pixel: 0 softens edges after drawing; 2, 4 or 8 smooth them finely, in twice the time; 1 is stairs."""
+    """Samples per pixel: 0 smooths edges after drawing; 2, 4 or 8 are multisampled, in twice the time; 1 is no
+    antialiasing.
+    """
     shading: Shading = "auto"
     wire: bool = False
-    """True draws the edges of the triangles over the face."""
+    """Whether to draw the edges of the triangles over the face."""
     scale: float = 1.0
-    """Share of each side that is drawn, 0.1..1; what is smaller is enlarged at the end."""
+    """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
 
     def __post_init__(self) -> None:
         check_size(self.size)
@@ -79,20 +82,20 @@ class Drawing:
         edges: str = "soft",
         wire: bool = False,
     ) -> "Drawing":
-        """Read what a person wrote: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
+        """Make options from text: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
 
         Parameters
         ----------
         size, camera, edges : str
-            As ``"512x512"``, ``"three-quarter"`` or ``"20,-5"``, ``"soft"``.
+            For example ``"512x512"``, ``"three-quarter"`` or ``"20,-5"``, ``"soft"``.
         background : str or Background
-            As ``"#f0e8d8"``; what is no text is taken as it is.
+            For example ``"#f0e8d8"``; other values are used unchanged.
         wire : bool
 
         Raises
         ------
         UsageError
-            If a text cannot be read or a value is out of range.
+            If a text cannot be parsed or a value is out of range.
         """
         return cls(
             size=parse_size(size),
@@ -104,27 +107,27 @@ class Drawing:
 
     @property
     def aspect(self) -> float:
-        """Width to height."""
+        """Ratio of width to height."""
         return self.size[0] / self.size[1]
 
     @property
     def components(self) -> int:
-        """Values a pixel of the picture: 3, or 4 with alpha."""
+        """Values per pixel: 3, or 4 with alpha."""
         return 4 if isinstance(self.background, str) and self.background == "transparent" else 3
 
     @property
     def drawn_size(self) -> tuple[int, int]:
-        """Width and height that are drawn, in pixels."""
+        """Width and height that are rendered, in pixels."""
         return max(1, round(self.size[0] * self.scale)), max(1, round(self.size[1] * self.scale))
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Refuse a picture that is too small or too large.
+    """Reject an image that is too small or too large.
 
     Raises
     ------
     UsageError
-        If a side is not in 16..4096 pixels.
+        If a side is not 16 to 4096 pixels.
     """
     if len(size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in size):
         shown = "x".join(map(str, size))
@@ -132,7 +135,7 @@ def check_size(size: tuple[int, int]) -> None:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Turn ``"640x480"``, or ``"512"`` for a square, into width and height.
+    """Parse ``"640x480"``, or ``"512"`` for a square, into width and height.
 
     Raises
     ------
@@ -152,7 +155,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_background(text: str) -> Background:
-    """Turn ``"studio"``, ``"transparent"`` (or ``"none"``), ``"#rrggbb"`` or ``"#rgb"`` into a background.
+    """Parse ``"studio"``, ``"transparent"`` (or ``"none"``), ``"#rrggbb"`` or ``"#rgb"`` into a background.
 
     Raises
     ------
@@ -179,7 +182,7 @@ def parse_background(text: str) -> Background:
 
 
 def parse_edges(text: str) -> int:
-    """Turn ``"fine"``, ``"soft"`` or ``"none"`` into :attr:`Drawing.samples`.
+    """Convert ``"fine"``, ``"soft"`` or ``"none"`` to :attr:`Drawing.samples`.
 
     Raises
     ------
@@ -192,7 +195,7 @@ def parse_edges(text: str) -> int:
 
 
 def _checked_background(background: Any) -> Background:
-    """Return it, a picture read-only."""
+    """Return it, an image read-only."""
     if isinstance(background, np.ndarray):
         shape, dtype = background.shape, background.dtype
         if len(shape) != 3 or shape[2] != 3 or dtype != np.uint8 or not background.size:

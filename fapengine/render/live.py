@@ -1,4 +1,4 @@
-"""A face drawn at a rate that is held: :mod:`fapengine.render.budget` decides, this obeys and tells."""
+"""Rendering at a constant frame rate: :mod:`fapengine.render.budget` chooses the quality."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ else:
 
 
 LevelOfDetail: TypeAlias = "FaceMesh | Callable[[], FaceMesh]"
-"""A head, or what loads it when it is first drawn."""
+"""A head, or a function that loads it when it is first drawn."""
 COARSER = 0.5
-"""Share of the finest head's vertices that a level is taken to have before it is loaded."""
+"""Vertices assumed for a level before it is loaded, relative to the next finer one."""
 
 
 class LiveRenderer(Renderer):
-    """A face drawn as well as the rate allows. Use it as a context manager; it holds GPU memory.
+    """Draws a face as well as the frame rate allows. Use it as a context manager; it holds GPU memory.
 
     Stateful: ``drawing`` may be set between frames.
 
@@ -38,16 +38,16 @@ class LiveRenderer(Renderer):
     ----------
     meshes : sequence of FaceMesh
         The same head in levels of detail, the finest first; one is enough. Coarser ones may be functions, which are
-        called when the rate first asks for that level.
+        called when that level is first needed.
     drawing : Drawing
-        Size, camera, background and wire; samples, shading and scale follow from the rate.
+        Size, camera, background and wireframe; samples, shading and scale follow from the rate.
     rate_hz : float
-        Frames a second to hold, 0.1..1000.
+        Frame rate to hold, 0.1 to 1000.
     context : moderngl.Context, optional
         By default a new one.
     on_change : callable
-        Told in words what changed and why, as ``"70 % of the resolution, the finest head: a frame took 21.3 ms, 14.2 ms
-        are there (60 Hz)"``.
+        Called with a description of each change of quality, such as ``"70 % of the resolution, the finest head: a frame
+        took 21.3 ms, 14.2 ms are there (60 Hz)"``.
     clock : callable
         Seconds, rising; by default the process's own clock.
 
@@ -56,7 +56,7 @@ class LiveRenderer(Renderer):
     UsageError
         If there is no mesh or the rate is out of range.
     ResourceError
-        If there is no OpenGL.
+        If OpenGL is not available.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class LiveRenderer(Renderer):
         self.budget = FrameBudget(ladder(_vertex_counts(self._meshes), lit_at_pixels=lit_at_pixels), rate_hz)
 
     def release(self) -> None:
-        """Give all GPU memory back."""
+        """Free all GPU memory."""
         while self._renderers:
             self._renderers.popitem()[1].release()
         super().release()
@@ -89,7 +89,7 @@ class LiveRenderer(Renderer):
 
     @property
     def quality(self) -> Quality:
-        """How the next frame will be drawn."""
+        """Quality of the next frame."""
         return self.budget.quality
 
     def draw(self, faps: ArrayLike) -> Picture:
@@ -100,7 +100,7 @@ class LiveRenderer(Renderer):
         return picture
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
-        """Draw FAPs, (68,) FAPU, and leave the picture on the GPU: a texture, top row first, until the next frame."""
+        """Draw FAPs, (68,) FAPU, into a texture on the GPU, top row first, valid until the next frame."""
         started = self._clock()
         texture = self._ready().paint(faps)
         with self._context:
@@ -134,7 +134,7 @@ class LiveRenderer(Renderer):
 
 
 def _vertex_counts(meshes: Sequence[LevelOfDetail]) -> list[float]:
-    """Vertices of each level; of one that is not loaded, about how many it will have."""
+    """Count the vertices of each level; estimated for levels not yet loaded."""
     counts: list[float] = []
     for mesh in meshes:
         counts.append(len(mesh.vertices_mm) if isinstance(mesh, FaceMesh) else COARSER * counts[-1])

@@ -1,4 +1,4 @@
-"""One head on the GPU: its buffers, and how a frame of it is drawn into whatever is being drawn into."""
+"""One head on the GPU: its buffers, and drawing a frame of it into the current target."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ else:
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
 STILL = "still "
-"""Begins the name of the triangles of a part that no FAP moves."""
+"""Prefix of the names of triangles that no FAP moves."""
 WIRE_INK = (0.05, 0.08, 0.12, 0.55)
 TRIANGLES, ONE, SRC_ALPHA, ONE_MINUS_SRC_ALPHA = 4, 1, 0x0302, 0x0303  # numbers of OpenGL
 OVER: Any = (SRC_ALPHA, ONE_MINUS_SRC_ALPHA, ONE, ONE_MINUS_SRC_ALPHA)
-"""Blending of what covers a pixel in part; the target's colours stay multiplied with its alpha."""
+"""Blending of partial coverage; the target keeps premultiplied alpha."""
 
 
 class Programs:
@@ -58,7 +58,7 @@ class Programs:
         return self._compiled[key]
 
     def release(self) -> None:
-        """Give them all back."""
+        """Free them all."""
         while self._compiled:
             self._compiled.popitem()[1].release()
 
@@ -85,7 +85,7 @@ class Model:
         self._arrays: dict[tuple[str, bool], tuple[list[tuple[str, Any]], moderngl.VertexArray]] = {}
 
     def release(self) -> None:
-        """Give the GPU memory back."""
+        """Free the GPU memory."""
         for _, array in self._arrays.values():
             array.release()
         resources: list[Any] = [
@@ -110,10 +110,11 @@ class Model:
         moving: bool = True,
         still: bool = True,
     ) -> None:
-        """Draw one frame over what is there; depth test, culling and blending are set here.
+        """Draw one frame over the current content; sets depth test, culling and blending.
 
-        ``draw_behind`` fills what the head leaves free. It is called before the parts that cover pixels only in part.
-        ``moving`` and ``still`` say whether to draw what FAPs move and what they do not; wire goes with the first.
+        ``draw_behind`` fills the area that the head leaves free. It is called before the parts with partial coverage.
+        ``moving`` and ``still`` select the parts that FAPs move and those that they do not; the wireframe is in the
+        first.
         """
         context = self._context
         values: dict[str, NDArray[Any]] = {
@@ -154,7 +155,7 @@ class Model:
         context.disable(moderngl.BLEND)
 
     def is_lit_at_vertices(self, camera: Camera, size: tuple[int, int], shading: Shading) -> bool:
-        """Tell whether ``shading`` comes to light at vertices."""
+        """Whether ``shading`` results in light at vertices."""
         if shading == "auto":
             return self.packed.edge_mm * camera.pixels_per_mm(size[1]) <= MAX_FINE_EDGE_PX
         return shading == "vertices"
@@ -180,7 +181,7 @@ class Model:
         array.render(mode)
 
     def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
-        """Join a part with the program that draws it; beside it those of its uniforms that change."""
+        """Bind a part to its program; returns it with the uniforms that change per frame."""
         kind = PARTS.get(part.removeprefix(STILL), Part(part))
         painted = kind.may_be_painted and self.packed.skin is not None
         defined = (*(PAINTED,) * painted, *kind.definitions, *(LIT_AT_VERTICES,) * at_vertices)
@@ -207,7 +208,7 @@ class Model:
         return texture
 
     def _skin(self, pixels_per_mm: float) -> moderngl.Texture:
-        """Choose the painting's level for the whole picture: to choose for every pixel costs llvmpipe a tenth of it."""
+        """Choose one texture level for the whole image: choosing per pixel costs llvmpipe a tenth of its time."""
         assert self.packed.skin is not None
         finest = max(self.packed.skin.shape[:2]).bit_length() - 1
         wanted = np.log2(max(self.packed.texels_per_mm, 1e-9) / pixels_per_mm) + SKIN_LEVEL_BIAS
@@ -223,7 +224,7 @@ class Model:
 
 
 def still_vertices(packed: PackedMesh) -> NDArray[np.bool_]:
-    """(V,): whether neither an entry nor a bone nor the head moves a vertex."""
+    """(V,): whether no entry, no bone and not the head moves a vertex."""
     first, columns = 0, {}
     for name, size in ATTRIBUTE_SIZES.items():
         columns[name] = packed.vertices[:, first : first + size]

@@ -48,40 +48,44 @@ PUPIL_SHARE = 0.42
 PUPIL_RANGE = (0.15, 0.85)
 LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
 LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-"""FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 is the iris' diameter."""
+"""FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 is the iris diameter."""
 TEXTURE_WIDTH = 1024
 PROBE_FAPU = 1.0
-"""Step of a channel, to measure how it changes normals. It is small, so that changes of several channels that move a
-piece of skin together add up as their displacements do: in speech normals are 0.7 degrees off; with 300 they are 2.8.
+"""Step of a channel for measuring its change of normals.
+
+It is small, so that changes of several channels add up as their displacements do: in speech normals are 0.7 degrees
+off; with 300 they are 2.8.
 """
 JAW_FAP = 3
-"""Its bone turns normals; entries of a channel of this FAP take what the change of the bone's weight adds."""
+"""Its bone turns normals; entries of this FAP's channels add the change of the bone's weight."""
 SAME_NORMAL = 1e-3
-"""Vertices at one place whose normals agree to this are one point of the surface, split by a seam of the texture."""
+"""Vertices at one position with normals that agree to this are one point of the surface, split by a texture seam."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedMesh:
-    """Arrays to upload as they are; read-only."""
+    """Arrays ready for upload; read-only."""
 
     vertices: NDArray[np.float32]
     """(V, 19) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
-    """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``, ``"strand"``; none that
-    has no triangle. :data:`fapengine.render.programs.PARTS` says how each is drawn."""
+    """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``, ``"strand"``, without empty
+    ones. :data:`fapengine.render.programs.PARTS` defines how each is drawn.
+    """
     displacements: NDArray[np.float32]
     """(R, 1024, 4) float32: mm per FAPU in x, y, z, and the channel's number."""
     normal_deltas: NDArray[np.float32]
     """(R, 1024, 4) float32: change per FAPU of the normal in x, y, z, and of the folds or a lid's occlusion."""
     skin: NDArray[np.uint8] | None
-    """(H, W, 4) uint8, sRGB and how much is there, or for the part ``"face"`` of a head with folds their light:
-    ``u_skin``. Row 0 at v = 0; it repeats. None: nothing is painted."""
+    """(H, W, 4) uint8, sRGB and coverage, or for the part ``"face"`` of a head with folds their light: ``u_skin``. Row
+    0 at v = 0; it repeats. None without a texture.
+    """
     texels_per_mm: float
-    """Resolution of the painting on the face; 0 without one."""
+    """Resolution of the texture on the face; 0 without one."""
     edge_mm: float
-    """Median length of the triangles' edges."""
+    """Median length of the triangle edges."""
     iris: float
-    """Radius of the iris as a share of the eyeball's."""
+    """Radius of the iris relative to the eyeball."""
     iris_albedo: NDArray[np.float32]
     """(3,) float32, linear RGB: ``u_iris_albedo``."""
 
@@ -116,7 +120,7 @@ ATTRIBUTE_SIZES: dict[str, int] = {name: int(form[0]) for name, form in FACE_ATT
 
 
 def pack(mesh: FaceMesh) -> PackedMesh:
-    """Lay a mesh out for the GPU.
+    """Arrange a mesh for the GPU.
 
     Raises
     ------
@@ -163,12 +167,12 @@ def pack(mesh: FaceMesh) -> PackedMesh:
 
 
 def iris_share(mesh: FaceMesh) -> float:
-    """Radius of the iris as a share of the eyeball's."""
+    """Radius of the iris relative to the eyeball."""
     return mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
 
 
 def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
-    """Turn FAPs (..., 68), FAPU, into what the shaders of ``face.vert`` and ``eye.frag`` are told."""
+    """Convert FAPs (..., 68), FAPU, to the uniforms of ``face.vert`` and ``eye.frag``."""
     values = np.asarray(faps, dtype=np.float64)
     channels = np.zeros((*values.shape[:-1], MAX_CHANNELS), dtype="f4")
     channels[..., : mesh.basis.width] = channel_weights(mesh.basis, values)
@@ -179,7 +183,7 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
 def _with_eyes(
     mesh: FaceMesh, values: NDArray[np.float64], channels: NDArray[np.float32], bones: NDArray[np.float32]
 ) -> FrameUniforms:
-    """Add what FAPs say of the irises and the lids."""
+    """Add irises and lids from FAPs."""
     iris = np.full(values.shape[:-1], iris_share(mesh))
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
     pupil = iris * np.clip(PUPIL_SHARE + dilation / 2 / 1024, *PUPIL_RANGE)
@@ -192,12 +196,12 @@ def _with_eyes(
 
 
 def pose_uniforms(mesh: FaceMesh, pose: Pose) -> FrameUniforms:
-    """Turn a pose without FAPs into what the shaders are told; eyes look ahead.
+    """Convert a pose without FAPs, (W,) weights, to uniforms; eyes look ahead.
 
     Raises
     ------
     UsageError
-        If there are other weights than the mesh has.
+        If the number of weights is wrong.
     """
     if pose.weights.shape != (mesh.basis.width,):
         raise UsageError(f"weights: got shape {pose.weights.shape}, expected ({mesh.basis.width},)")
@@ -208,7 +212,7 @@ def pose_uniforms(mesh: FaceMesh, pose: Pose) -> FrameUniforms:
 
 
 def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Half as many rows and columns, 1 at least, of (H, W, 4) uint8: means of four, by squares as the shader does."""
+    """Half as many rows and columns, at least 1, of (H, W, 4) uint8: means of four, of squares as in the shader."""
     height, width = picture.shape[:2]
     padded = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     power = np.array([2.0, 2.0, 2.0, 1.0])

@@ -1,4 +1,4 @@
-"""Shader programs: their files, the header that suits the context, and the names that Python and GLSL share."""
+"""Shader programs: their files, the header for the context, and the names that Python and GLSL share."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,7 +13,7 @@ CORE_HEADER = "#version 330 core\n"
 ES_HEADER = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
 
 MAX_CHANNELS = 128
-"""Room in ``u_channels``: 32 vectors of four."""
+"""Size of ``u_channels``: 32 vectors of four."""
 
 FACE_ATTRIBUTES = {
     "a_position": "3f4",
@@ -36,16 +36,18 @@ BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
 EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)
 
 MAX_FINE_EDGE_PX = 12.0
-"""Median edge of the triangles, in pixels, up to which light is worked out at vertices where that is cheaper;
-docs/render.md says what it changes."""
+"""Median triangle edge, in pixels, up to which light is computed at vertices where that is cheaper;
+docs/how-to/render.md shows the difference.
+"""
 SKIN_LEVEL_BIAS = 0.3
-"""Addend to log2 of texels a pixel, before it is rounded down to the painting's level: a little finer than that."""
+"""Added to log2 of texels per pixel before it is rounded down to the texture level: slightly finer than exact."""
 
 PAINTED, CUT_OUT, STRAND = "PAINTED", "CUT_OUT", "STRAND"
 LIT_AT_VERTICES, PICTURE = "LIT_AT_VERTICES", "PICTURE"
-"""Definitions that a program may be compiled with. Of ``face``: a picture tints it (then ``u_skin`` is a uniform too),
-with holes where the picture's alpha is under one half; it is single hairs, which cover pixels in part; and light is
-worked out at vertices, not at pixels. Of ``backdrop``: a picture (``u_picture``) in place of a wall."""
+"""Macros that a program may be compiled with. For ``face``: tinted by a texture (then ``u_skin`` is a uniform too),
+with holes where the texture's alpha is below one half; single hairs with partial coverage; light computed at
+vertices, not at pixels. For ``backdrop``: an image (``u_picture``) instead of a wall.
+"""
 
 STAGES = {
     "face": (("lights.glsl", "face.vert"), ("lights.glsl", "face.frag")),
@@ -56,7 +58,7 @@ STAGES = {
     "smooth": (("backdrop.vert",), ("neighbours.glsl", "smooth.frag")),
     "enlarge": (("backdrop.vert",), ("enlarge.frag",)),
 }
-"""Program to the files of its vertex and its fragment stage, joined in this order behind the header."""
+"""Program to the files of its vertex and its fragment stage, concatenated in this order after the header."""
 VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
     "face": (
         (),
@@ -70,7 +72,7 @@ VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
     "backdrop": ((), (PICTURE,)),
 }
-"""All sets of definitions that a program is compiled with; of others only the empty one."""
+"""All sets of macros that a program is compiled with; only the empty one for the others."""
 
 
 class Part(NamedTuple):
@@ -81,7 +83,7 @@ class Part(NamedTuple):
     may_be_lit_at_vertices: bool = False
     may_be_painted: bool = False
     covers_in_part: bool = False
-    """True: drawn last, blended over what is behind it."""
+    """Whether it is drawn last, blended over the background."""
 
 
 PARTS = {
@@ -91,11 +93,11 @@ PARTS = {
     "eye": Part("eye"),
     "strand": Part("face", (STRAND,), may_be_lit_at_vertices=True, covers_in_part=True),
 }
-"""Parts of a packed mesh. Those that may be are compiled with ``PAINTED`` besides, if the mesh has a painting."""
+"""Parts of a packed mesh. Paintable ones are compiled with ``PAINTED`` too if the mesh has a texture."""
 
 
 def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Sequence[str] = ()) -> str:
-    """Text of one stage, with each of ``defined`` as a ``#define``."""
+    """Source of one stage, with each of ``defined`` as a ``#define``."""
     definitions = "".join(f"#define {name}\n" for name in defined)
     return header + definitions + "\n".join(shader_source(name) for name in files)
 

@@ -1,28 +1,113 @@
-"""FAP frames to pictures on the GPU.
+"""FAP frames to images on the GPU.
 
 Theory of operation
 -------------------
 The mesh is uploaded once (:mod:`fapengine.render.packing`, :mod:`fapengine.render.model`). A frame sends its channel
-weights and five bone matrices; the vertex shader does the rest. :mod:`fapengine.render.canvas` holds what is drawn
-into, softens edges and reads pictures back.
+weights and five bone matrices; the vertex shader does the rest. :mod:`fapengine.render.canvas` has the render targets,
+smooths edges and reads images back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from fapengine._late import Late
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.canvas import Backdrop, Canvas
+from fapengine.render.camera import Camera
+from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Renderer, Resource
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
-from fapengine.render.reach import Reach, Rectangle
+
+Box: TypeAlias = tuple[int, int, int, int]
+"""Left, top, right and bottom in pixels."""
+Array = NDArray[np.float64]
+
+DIRECTIONS = 160
+HEAD_BONE = 4
+SLACK_MM = 4.0
+"""Distance by which other vertices may be outside the box around those."""
+MARGIN_PX = 3
+"""Reach of the edge smoothing."""
+
+
+class Reach:
+    """Vertices that bound a mesh."""
+
+    def __init__(self, mesh: FaceMesh) -> None:
+        used = np.unique(mesh.triangles)
+        moves = mesh.head_weight[used] > 0
+        moving, still = _outermost(mesh.vertices_mm, used[moves]), _outermost(mesh.vertices_mm, used[~moves])
+        mine = np.unique(np.concatenate([moving, still, np.fromiter(mesh.feature_points.values(), int)]))
+        self._stays = np.isin(mine, used[~moves])
+        self._at = np.concatenate([mesh.vertices_mm[mine], np.ones((len(mine), 1))], axis=1)
+        self._boned = np.flatnonzero(mesh.bone_weight[mine])
+        self._bone, self._weight = mesh.bone[mine][self._boned], mesh.bone_weight[mine][self._boned, None]
+        self._head_weight = mesh.head_weight[mine, None]
+        pushes = np.zeros((mesh.basis.width, len(mine), 3), dtype=np.float32)
+        for place, vertex in enumerate(mine):
+            entries = slice(mesh.basis.offsets[vertex], mesh.basis.offsets[vertex + 1])
+            np.add.at(pushes[:, place], mesh.basis.entry_channels[entries], mesh.basis.entry_mm[entries])
+        self._pushes = pushes.reshape(len(pushes), -1)
+
+    def _places(self, uniforms: FrameUniforms) -> Array:
+        """(N, 4): homogeneous positions of the vertices in a frame."""
+        at = self._at.copy()
+        at[:, :3] += (uniforms.channels[: len(self._pushes)] @ self._pushes).reshape(-1, 3)
+        boned = at[self._boned]
+        at[self._boned] += self._weight * (np.einsum("ni,nij->nj", boned, uniforms.bones[self._bone]) - boned)
+        at += self._head_weight * (at @ uniforms.bones[HEAD_BONE] - at)
+        return at
+
+    def rectangles(self, uniforms: FrameUniforms, camera: Camera, size: tuple[int, int]) -> Sequence[Rectangle]:
+        """Return the parts of an image, of width and height in pixels, that a frame covers; they do not overlap."""
+        clip = self._places(uniforms) @ camera.clip_from_world(size[0] / size[1]).T
+        if not len(clip) or clip[:, 3].min() <= 0:  # behind the camera
+            return [(0, 0, *size)]
+        depth = np.linalg.norm(camera.position_mm - np.asarray(camera.target_mm))
+        slack_px = SLACK_MM * camera.pixels_per_mm(size[1]) * depth / clip[:, 3:] + MARGIN_PX
+        places = (clip[:, :2] / clip[:, 3:] + 1) / 2 * size
+        low, high = np.floor(places - slack_px), np.ceil(places + slack_px)
+        head = _box(low[~self._stays], high[~self._stays], size)
+        rest = _box(low[self._stays], high[self._stays], size)
+        return [(left, top, right - left, bottom - top) for left, top, right, bottom in _apart(head, rest)]
+
+
+def _outermost(points_mm: NDArray[np.float32], chosen: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the chosen vertices that are outermost in directions evenly spread on a sphere."""
+    if not len(chosen):
+        return chosen
+    number = np.arange(DIRECTIONS) + 0.5
+    height = 1 - 2 * number / DIRECTIONS
+    angle = np.pi * (1 + 5**0.5) * number
+    flat = np.sqrt(1 - height**2)
+    directions = np.stack([flat * np.cos(angle), height, flat * np.sin(angle)])
+    return np.asarray(chosen[(points_mm[chosen] @ directions).argmax(axis=0)])
+
+
+def _box(low: Array, high: Array, size: tuple[int, int]) -> Box | None:
+    """Bounding box of positions (N, 2) inside the image; None outside."""
+    if not len(low):
+        return None
+    left, top = np.clip(low.min(axis=0), 0, size).astype(int).tolist()
+    right, bottom = np.clip(high.max(axis=0), 0, size).astype(int).tolist()
+    return (left, top, right, bottom) if left < right and top < bottom else None
+
+
+def _apart(head: Box | None, rest: Box | None) -> list[Box]:
+    """Head above shoulders that are at least as wide, or one box around both."""
+    if head is None or rest is None:
+        return [box for box in (head, rest) if box is not None]
+    if rest[0] <= head[0] and head[2] <= rest[2] and head[1] < rest[1] and head[3] <= rest[3]:
+        return [(*head[:3], min(head[3], rest[1])), rest]
+    return [(min(head[0], rest[0]), min(head[1], rest[1]), max(head[2], rest[2]), max(head[3], rest[3]))]
+
 
 if TYPE_CHECKING:
     import moderngl
@@ -31,16 +116,16 @@ else:
 
 
 class FaceRenderer(Renderer):
-    """One face in one picture. Use it as a context manager; it holds GPU memory.
+    """Draws one face per image. Use it as a context manager; it holds GPU memory.
 
     Stateful.
 
     Parameters
     ----------
     mesh : FaceMesh
-        Head whose face it is.
+        Head to draw.
     drawing : Drawing
-        Size, camera, background, edges and light.
+        Size, camera, background, antialiasing and light.
     context : moderngl.Context, optional
         By default a new one.
 
@@ -49,7 +134,7 @@ class FaceRenderer(Renderer):
     UsageError
         If the mesh has too many channels.
     ResourceError
-        If there is no OpenGL.
+        If OpenGL is not available.
     """
 
     def __init__(
@@ -69,7 +154,7 @@ class FaceRenderer(Renderer):
 
     @property
     def drawing(self) -> Drawing:
-        """Way in which the next frame is drawn; it may be set between frames."""
+        """Options for the next frame; may be set between frames."""
         return self._drawing
 
     @drawing.setter
@@ -87,7 +172,7 @@ class FaceRenderer(Renderer):
 
     @property
     def is_lit_at_vertices(self) -> bool:
-        """Whether :attr:`Drawing.shading` comes to light at vertices."""
+        """Whether :attr:`Drawing.shading` results in light at vertices."""
         return self._model.is_lit_at_vertices(self._drawing.camera, self._drawing.drawn_size, self._drawing.shading)
 
     def draw(self, faps: ArrayLike) -> Picture:
@@ -100,16 +185,16 @@ class FaceRenderer(Renderer):
         Returns
         -------
         (height, width, 3) uint8
-            sRGB, top row first; 4 components without a background, colours multiplied with alpha.
+            sRGB, top row first; 4 components without a background, with premultiplied alpha.
         """
         return next(self.frames([faps]))
 
     def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
-        """Draw frames in turn; see :meth:`draw`. The picture before is read while the next is drawn."""
+        """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
         return self._canvas.frames(partial(self._draw, frame) for frame in faps)
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
-        """Draw FAPs, (68,) FAPU, and leave the picture on the GPU: a texture, top row first, until the next frame."""
+        """Draw FAPs, (68,) FAPU, into a texture on the GPU, top row first, valid until the next frame."""
         return self._canvas.paint(partial(self._draw, faps))
 
     def _draw(self, faps: ArrayLike) -> Sequence[Rectangle] | None:
@@ -131,7 +216,7 @@ class FaceRenderer(Renderer):
         return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)
 
     def _draw_ground(self, uniforms: FrameUniforms) -> None:
-        """Draw what no FAP moves: shoulders and backdrop."""
+        """Draw everything that no FAP moves: shoulders and backdrop."""
         drawing = self._drawing
         self._model.draw(
             uniforms,

@@ -30,15 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit_table import ARKIT_FAPS
 from fapengine.retarget.blend import BlendMap, weights_mm
-from fapengine.retarget.blend_rows import arkit_rows, rows_of
-from fapengine.retarget.moods import ALL_MOODS, cost_share, find_moods, without_moods
-from fapengine.retarget.viseme_table import EXPRESSION_FAPS
+from fapengine.retarget.moods import cost_share, find_moods, without_moods
+from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES, shape_rows
 
 Array = NDArray[np.float64]
 
-ARKIT_NAMES = tuple(name for name, _ in ARKIT_FAPS)
 JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
 SIDEWAYS = ("jawLeft", "jawRight", "mouthLeft", "mouthRight")
 SIDEWAYS_MM = 0.8
@@ -101,7 +98,7 @@ def arkit_map() -> BlendMap:
     True
     """
     cost = np.array([SIDEWAYS_MM if name in SIDEWAYS else 0.0 for name in ARKIT_NAMES])
-    return BlendMap(ARKIT_NAMES, arkit_rows(ARKIT_NAMES), reluctance_mm=cost)
+    return BlendMap(ARKIT_NAMES, shape_rows(ARKIT_NAMES), reluctance_mm=cost)
 
 
 @cache
@@ -194,7 +191,7 @@ def _fit_opening(weights: Array, faps: Array) -> Array:
 @cache
 def _sought() -> Array:
     """(52, 68) FAPU, read-only: rows without what an avatar does by itself."""
-    rows = arkit_rows(ARKIT_NAMES)
+    rows = shape_rows(ARKIT_NAMES)
     rows[np.ix_([JAW, CLOSE], [fap.column(number) for number in (14, 16)])] = 0.0
     rows[CLOSE] += rows[JAW]
     lids_and_brows = [fap.column(number) for number in (*range(19, 23), *range(31, 43))]
@@ -211,14 +208,14 @@ def _mood_weights() -> Array:
     """(6, 52): the shapes of each full mood; they may be more than 1. As :func:`speech_map`'s."""
     cost = _by_name(MOOD_RELUCTANCE_MM)
     shapes = BlendMap(ARKIT_NAMES, _sought(), limit=MAX_MOOD_WEIGHT, reluctance_mm=cost, lengths_mm=_lengths_mm())
-    rows = ask(rows_of(dict(EXPRESSION_FAPS), ALL_MOODS), np.zeros(len(ALL_MOODS)))
+    rows = ask(shape_rows(ALL_MOODS), np.zeros(len(ALL_MOODS)))
     return np.array([shapes.solve_weights(row) for row in rows])
 
 
 @cache
 def _openings() -> tuple[Array, list[int]]:
     """(52,) mm that each shape parts the lips, and the shapes that do it beside the jaw."""
-    return _openings_mm(arkit_rows(ARKIT_NAMES)), [ARKIT_NAMES.index(name) for name in OPENERS]
+    return _openings_mm(shape_rows(ARKIT_NAMES)), [ARKIT_NAMES.index(name) for name in OPENERS]
 
 
 def _openings_mm(faps: Array) -> Array:

@@ -2,21 +2,21 @@
 
 Theory of operation
 -------------------
-A rig's blendshapes each move feature points, which is to say FAPs: a matrix ``S`` (blendshapes x 68). The way to FAPs
-is a product, ``faps = weights @ S``. The way to weights is the box-constrained least squares problem
+A rig's blendshapes each move feature points, that is FAPs: a matrix ``S`` (blendshapes x 68). Converting to FAPs is a
+product, ``faps = weights @ S``. Converting to weights is the box-constrained least squares problem
 
     minimise  |(weights @ S - faps) L|^2 + ridge |weights|^2 + |stiffness weights|^2 + 2 reluctance |S| weights,
 
-with ``0 <= weights <= limit`` and with lengths ``L`` in millimetres: by default each FAP on an adult's face, so that no
-unit counts more than another; further columns are sums of FAPs that count besides, such as an opening. It is solved
-for all frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
+with ``0 <= weights <= limit`` and lengths ``L`` in millimetres: by default each FAP on an adult's face, so that no unit
+counts more than another; further columns are sums of FAPs that count too, such as an opening. It is solved for all
+frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
 
-A single frame would pay for all those steps alone. It is solved exactly instead: once it is known which weights are 0
-and which are at the limit, the others solve a linear system. That knowledge is guessed, from the frame before if there
-is one, and corrected by *block principal pivoting* (Judice and Pires 1992, doi:10.1007/BF02098179; Kim and Park 2011,
-doi:10.1137/110821172): every weight that leaves its bounds and every bound that pulls the wrong way changes sides, all
-at once, and one by one if that does not lessen them, which ends for any positive definite matrix. Speech changes few
-sides from frame to frame, so one to three systems are solved.
+A single frame is solved exactly instead: once it is known which weights are 0 and which are at the limit, the others
+solve a linear system. These sets are guessed, from the previous frame if there is one, and corrected by *block
+principal pivoting* (Judice and Pires 1992, doi:10.1007/BF02098179; Kim and Park 2011, doi:10.1137/110821172): every
+weight outside its bounds and every bound with a gradient of the wrong sign changes sides, all at once, and one by one
+if that does not reduce their number, which terminates for any positive definite matrix. Speech changes few sides from
+frame to frame, so one to three systems are solved.
 """
 
 from collections.abc import Sequence
@@ -34,25 +34,25 @@ from fapengine.mpeg4.fapu import Fapu
 Array = NDArray[np.float64]
 
 ADULT = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
-"""Face whose millimetres weigh the FAPs against each other; any face's proportions do."""
+"""Face with which millimetres weight the FAPs against each other; the proportions of any face would do."""
 EYE_RADIUS_MM = 12.0
-"""Radius that turns an eye's angle into millimetres."""
+"""Radius that converts an eye's angle to millimetres."""
 UNSHAPED = (1, 2, 43, 44, 46, 47, 48, 49, 50)
-"""FAPs that no blendshape shows: visemes, expressions, the tongue's ways but forward, and the head's turns."""
+"""FAPs that no blendshape shows: visemes, expressions, tongue motion other than forward, and head rotation."""
 STEPS = 200
 RIDGE = 1e-3
-"""Share of the mean squared length of a blendshape; chooses the smaller weights where blendshapes are alike."""
+"""Ridge relative to the mean squared length of a blendshape; prefers small weights where blendshapes are alike."""
 BELOW, FREE, ABOVE = -1, 0, 1
 """Sides of a weight: at 0, between, at the limit."""
 BOUND_TOLERANCE = 1e-9
 """Distance outside of a bound that counts as on it; weights are scaled to the order of millimetres."""
 MAX_FAILED_PIVOTS = 3
-"""Pivots in blocks that may fail to lessen what is wrong, before going one by one."""
+"""Block pivots without progress before going one by one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendMap:
-    """Blendshapes of a rig, by what they do in FAPs. Arrays are read-only."""
+    """Blendshapes of a rig, by their FAPs. Arrays are read-only."""
 
     names: tuple[str, ...]
     """(B,) names of the blendshapes."""
@@ -61,13 +61,14 @@ class BlendMap:
     limit: float = 1.0
     """Largest weight."""
     reluctance_mm: Array | None = None
-    """(B,), optional: a blendshape is used only where it brings the face so much nearer to what is wanted."""
+    """(B,), optional: a blendshape is used only if it brings the face this much closer to the target."""
     ignored: tuple[int, ...] = ()
-    """FAPs that do not count where weights are sought."""
+    """FAPs that do not count when solving for weights."""
     stiffness_mm: Array | None = None
-    """(B,), optional: a blendshape at full weight counts as being off by so much, so that others share its work."""
+    """(B,), optional: a blendshape at full weight counts as this error, so that others share its work."""
     lengths_mm: Array | None = None
-    """(68, L) mm a FAPU, optional: what counts where weights are sought; by default :func:`weights_mm`, each alone."""
+    """(68, L) mm per FAPU, optional: the quantities that count when solving for weights; by default :func:`weights_mm`.
+    """
     _goals: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
@@ -104,13 +105,13 @@ class BlendMap:
         return faps
 
     def approximate_weights(self, faps: ArrayLike, *, cost: ArrayLike = 1.0) -> Array:
-        """Find the weights that move a face most alike.
+        """Find the weights that best reproduce a motion.
 
         Parameters
         ----------
         faps : (T, 68) FAPU
         cost : (T, B), optional
-            Share of ``reluctance_mm`` that each blendshape bears in each frame.
+            Fraction of ``reluctance_mm`` of each blendshape in each frame.
 
         Returns
         -------
@@ -137,9 +138,9 @@ class BlendMap:
         ----------
         faps : (68,) FAPU
         near : (B,), optional
-            Weights of a frame like it, such as the one before. The answer is the same without, only later.
+            Weights of a similar frame, such as the previous one. The result is the same without, only slower.
         cost : (B,), optional
-            Share of ``reluctance_mm`` that each blendshape bears.
+            Fraction of ``reluctance_mm`` of each blendshape.
 
         Returns
         -------
@@ -159,17 +160,17 @@ class BlendMap:
         return weights
 
     def is_full(self, cost: Array) -> bool:
-        """Whether a share of reluctance, (..., B), is 1 wherever there is any: it then changes nothing."""
+        """Whether a fraction of reluctance, (..., B), is 1 wherever there is any; then it changes nothing."""
         return not bool(((cost < 1.0) & (self._reluctance > 0.0)).any())
 
     def error_mm(self, faps: ArrayLike) -> float:
-        """Mean over frames of the distance, mm, between FAPs, (T, 68) FAPU, and what comes back of them."""
+        """Mean over frames of the distance, mm, between FAPs, (T, 68) FAPU, and their round trip."""
         wanted = np.asarray(faps, dtype=np.float64)
         back = self.to_faps(self.approximate_weights(wanted))
         return float(np.sqrt((((back - wanted) * weights_mm()) ** 2).sum(axis=1)).mean())
 
     def select(self, names: Sequence[str]) -> "BlendMap":
-        """Take some of the shapes, in this order.
+        """Return the map of some shapes, in this order.
 
         Raises
         ------
@@ -187,7 +188,7 @@ class BlendMap:
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:
-    """Minimise ``x gram x / 2 - goal x`` for 0 <= x <= most, from the sides given, which are changed in place."""
+    """Minimise ``x gram x / 2 - goal x`` for 0 <= x <= most, from the given sides, which change in place."""
     fewest, failures_left = len(goal) + 1, MAX_FAILED_PIVOTS
     while True:
         free = side == FREE

@@ -11,45 +11,98 @@ import codecs
 import csv
 import io
 import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError, TruncatedError
+from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.arkit import arkit_map
-from fapengine.retarget.shape_sets import SHAPE_SETS, ShapeSet, shape_set
+from fapengine.mpeg4.track import FapTrack, to_codable
+from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
+from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes, visemes_to_faps
+from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.vrm import VRM0_NAMES, VRM1_NAMES, approximate_presets, presets_to_faps
 
 Array = NDArray[np.float64]
 
+
+@dataclass(frozen=True, slots=True)
+class ShapeSet:
+    """A set of named shapes: names, FAPs in and FAPs out."""
+
+    key: str
+    names: tuple[str, ...]
+    """(B,), in the usual spelling."""
+    from_faps: Callable[[Array], Array]
+    """(T, 68) FAPU -> (T, B)."""
+    to_faps: Callable[[Array], Array]
+    """(T, B) -> (T, 68) FAPU."""
+    aliases: tuple[tuple[str, str], ...] = ()
+    """Other spellings, and the name that each means."""
+
+
+_RPM_VOWELS = (("viseme_I", "ih"), ("viseme_O", "oh"), ("viseme_U", "ou"))
+SHAPE_SETS = {
+    entry.key: entry
+    for entry in (
+        ShapeSet(
+            "arkit",
+            tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES),
+            approximate_arkit,
+            arkit_to_faps,
+        ),
+        ShapeSet(
+            "oculus", OCULUS_NAMES, approximate_visemes, visemes_to_faps,
+            tuple((f"{before}{name}", name) for before in ("viseme_", "vrc.v_") for name in OCULUS_NAMES) + _RPM_VOWELS,
+        ),
+        ShapeSet("vrm0", VRM0_NAMES, approximate_presets, presets_to_faps),
+        ShapeSet("vrm1", VRM1_NAMES, approximate_presets, presets_to_faps),
+    )
+}  # fmt: skip
+"""Sets by key."""
+
+
+def shape_set(key: str) -> ShapeSet:
+    """Find a set.
+
+    Raises
+    ------
+    UsageError
+        If the key is unknown.
+    """
+    if key not in SHAPE_SETS:
+        raise UsageError(f"shapes: got {key!r}, expected one of {', '.join(SHAPE_SETS)}")
+    return SHAPE_SETS[key]
+
+
 RATE_HZ = 60.0
-"""Frames a second of Azure, and of Live Link Face unless its timecodes say otherwise."""
+"""Frame rate of Azure, and of Live Link Face unless its timecodes say otherwise."""
 AZURE_WIDTH = 55
 SCORES_HZ = 30.0
-"""Frames a second of scores without times."""
+"""Frame rate of scores without times."""
 SCORE_KEYS = ("blendshapes", "faceBlendshapes", "face_blendshapes", "categories", "scores")
-"""Keys under which a frame's scores may stand, as MediaPipe's results in its languages have them."""
+"""Keys of a frame's scores in MediaPipe's results in its languages."""
 TIME_KEYS = {"time": 1.0, "time_s": 1.0, "timestamp": 1e3, "timestamp_ms": 1e3, "timestampMs": 1e3}
-"""Keys of its time, and units a second."""
+"""Keys of a frame's time, and units per second."""
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
-"""Columns in rad that Live Link adds, and the FAP that turns so."""
+"""Columns in rad that Live Link adds, and the FAP of each rotation."""
 MAX_FRAMES = 10_000_000
 MIN_NAMES = 8
 
 
 def parse_blend_track(data: bytes) -> FapTrack:
-    """Read a track of blend shapes as FAPs.
+    """Read a track of blendshapes as FAPs.
 
     Raises
     ------
     TruncatedError
         If there is no frame.
     DataError
-        If it is neither JSON events nor CSV with shape names, or a value is no number; ``where`` says which.
+        If it is neither JSON events nor CSV with shape names, or a value is not a number; ``where`` says which.
     """
     text = _decode(data)
     faps, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
@@ -246,18 +299,14 @@ def _rate(header: list[str], rows: list[list[str]]) -> float:
 
 
 def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:
-    """Write FAPs as a CSV of shapes and the head's turns in rad, with seconds in front.
+    """Write FAPs as a CSV of shapes and head rotation in rad, with seconds in the first column.
 
-    Parameters
-    ----------
-    track : FapTrack
-    shapes : str
-        One of :data:`fapengine.retarget.shape_sets.SHAPE_SETS`.
+    ``shapes`` is one of :data:`SHAPE_SETS`.
 
     Raises
     ------
     UsageError
-        If there is no such set.
+        If the set is unknown.
     """
     chosen = shape_set(shapes)
     weights = chosen.from_faps(track.values.astype(np.float64))

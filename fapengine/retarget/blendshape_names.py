@@ -1,7 +1,7 @@
-"""Names of blendshapes, whoever gave them: ``mouthSmile_L``, ``MouthSmileLeft``, ``vrc.v_aa``, ``Blink_L``.
+"""Names of blendshapes in any convention: ``mouthSmile_L``, ``MouthSmileLeft``, ``vrc.v_aa``, ``Blink_L``.
 
-Names are compared by their letters and digits alone, in small letters; a last ``L`` or ``R`` behind a separator is
-spelled out, and prefixes of known exporters are taken off.
+Names are compared by their letters and digits alone, in lower case; a final ``L`` or ``R`` after a separator is spelled
+out, and prefixes of known exporters are removed.
 """
 
 import re
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 PREFIXES = (
     "blendShape1.",
@@ -33,19 +33,19 @@ ALIASES = {
     "fclmthe": "e", "fclmtho": "o", "fcleyeclose": "blink", "fcleyecloseleft": "eyeblinkleft",
     "fcleyecloseright": "eyeblinkright",
 }  # fmt: skip
-"""Other spellings of one blendshape: those of Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
+"""Other spellings of a blendshape: Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
 GAZE = re.compile(r"eyelook.*|look(up|down|left|right)|pupildilate.*")
-"""Blendshapes that turn eyeballs or widen pupils: eyes turn about their balls here."""
+"""Blendshapes that turn eyeballs or dilate pupils: eyes turn about their balls here."""
 MIN_WITHOUT_VISEMES = 20
 """Number of ARKit's blendshapes from which a file needs no visemes, if one of them opens the jaw."""
 TONGUE_FAP, TONGUE_FAPU = 45, 1024.0
-"""Meaning of ARKit's tongueOut: one mouth's width forwards."""
+"""Meaning of ARKit's tongueOut: one mouth width forwards."""
 UNUSED = "unused"
-"""Word of a mapping for a blendshape that shall stand still."""
+"""Word of a mapping for a blendshape that should not move."""
 
 
 def plain(name: str) -> str:
-    """Spell a name as names are compared, and the usual one of its spellings.
+    """Normalise a name for comparison, to the usual one of its spellings.
 
     Examples
     --------
@@ -73,7 +73,7 @@ VOWELS = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh"}
 
 
 class Role(Enum):
-    """What a blendshape does, as far as its name tells."""
+    """Function of a blendshape, as far as its name shows."""
 
     ARKIT = "it is one of ARKit's"
     SUBSTITUTE = "it stands in for one of ARKit's"
@@ -96,11 +96,11 @@ NAME_RULES: tuple[tuple[Role, dict[str, str]], ...] = (
         | {vowel: vowel for vowel in VOWELS.values()},
     ),
 )
-"""Names as :func:`plain` spells them, and what each stands for, by role; the first role that has a name is its own."""
+"""Names as returned by :func:`plain`, and the meaning of each, by role; the first role with a name applies."""
 
 
 def viseme(name: str) -> str | None:
-    """Tell which of Oculus' 15 visemes a name means, or which of VRM's five vowels; None for neither.
+    """Return which of Oculus' 15 visemes, or of VRM's five vowels, a name means; None for neither.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def viseme(name: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Blendshapes of a file by what they do."""
+    """Blendshapes of a file by function."""
 
     left: tuple[str, ...]
     """Blendshape that closes the left lids, if any."""
@@ -123,23 +123,24 @@ class Choice:
     jaw: tuple[str, ...]
     """Blendshapes that open the mouth; the first is the best."""
     blended: tuple[str, ...]
-    """Blendshapes to be blended so that feature points go where FAPs say."""
+    """Blendshapes to blend so that feature points go where FAPs say."""
     own_faps: Mapping[str, Mapping[int, float]]
     """Blendshapes that mean FAPs by themselves: FAPU at full weight."""
     missing: tuple[str, ...]
-    """ARKit's names that no blendshape has."""
+    """ARKit's names without a blendshape."""
 
 
 def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping[int, float]] | None = None) -> Choice:
-    """Choose blendshapes by their names.
+    """Choose blendshapes by name.
 
     Parameters
     ----------
     names : iterable of str
-        Names that the file gives.
+        Names in the file.
     mapping : mapping of str to str, or to FAPs, optional
-        Meaning of names that tell none: one of ARKit's names, a viseme of Oculus or VRM, ``unused``, or FAP numbers
-        and their FAPU at full weight.
+        Meaning of other names: one of ARKit's names, a viseme of Oculus or VRM, ``unused``, or FAP numbers and their
+        FAPU
+        at full weight.
     """
     own_faps = {name: meaning for name, meaning in (mapping or {}).items() if not isinstance(meaning, str)}
     words = {name: word for name, word in (mapping or {}).items() if isinstance(word, str)}
@@ -172,7 +173,7 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
 
 
 def by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[str, str]]:
-    """Names by their role and by what they stand for; mapped names go first, then those that are ARKit's own."""
+    """Names by role and by meaning; mapped names come first, then ARKit's own."""
     arkit = dict(NAME_RULES)[Role.ARKIT]
     found: dict[Role, dict[str, str]] = {role: {} for role in Role}
     for name in sorted(names, key=lambda name: (name not in words, _bare(name) not in arkit)):

@@ -1,13 +1,12 @@
-"""What a face feels, told from what it says and from how it lives: moods are found where speech does nothing.
+"""Moods of a face, found where speech moves nothing.
 
 Theory of operation
 -------------------
-Brows, lids, cheeks and nose tell the mood; what the mood does to the mouth follows from it. A face that lives moves
-these as well, and feels nothing: it blinks, raises its brows on what it stresses, lets brows and lids drift a little,
-and its lids follow the gaze. So all that is sought beside the moods and costs nothing, while a mood costs
-:data:`MOOD_MM`: what life explains is no mood. Raised brows alone are an accent, raised brows and wide eyes surprise;
-lids that a gaze draws up are no wide eyes, for the eyeballs tell. While a blink hides the eyes, a face feels what it
-felt before (:class:`MoodHold`).
+Brows, lids, cheeks and nose show the mood; its effect on the mouth follows. An idle face moves these as well without a
+mood: it blinks, raises its brows on accents, lets brows and lids drift, and its lids follow the gaze. So all of these
+are solved for together with the moods and cost nothing, while a mood costs :data:`MOOD_MM`: motion that they explain is
+not a mood. Raised brows alone are an accent, raised brows and wide eyes surprise; lids raised by the gaze are not wide
+eyes, because the eyeballs show it. While a blink hides the eyes, a face keeps its mood (:class:`MoodHold`).
 """
 
 from functools import cache
@@ -18,45 +17,44 @@ from numpy.typing import NDArray
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.blend_rows import arkit_rows, rows_of
-from fapengine.retarget.viseme_table import EXPRESSION_FAPS
+from fapengine.retarget.shape_rows import shape_rows
 
 Array = NDArray[np.float64]
 
 MOODS = {"happy": "joy", "angry": "anger", "sad": "sadness", "surprised": "surprise"}
 """VRM's moods that MPEG-4 has too, and its names for them."""
-ALL_MOODS = tuple(name for name, _ in EXPRESSION_FAPS)
-"""MPEG-4's six."""
 UPPER_FACE = (19, 20, 21, 22, *range(31, 43), 61, 62, 63, 64)
-"""FAPs that tell moods and blinks."""
+"""FAPs that show moods and blinks."""
 MOOD_MM = {"joy": 0.25, "sadness": 0.2, "anger": 0.25, "fear": 0.15, "disgust": 0.42, "surprise": 0.15}
-"""A mood that is so faint is none: brows that drift, lids that do not follow quite as these do. Moods that share more
-with the accents of speech cost less, so that what is found of each is within 0.06 of what is there."""
+"""Fainter moods are ignored: drifting brows, lids that do not follow exactly as here. Moods that share more with the
+accents of speech cost less, so that each is found within 0.06 of its true value.
+"""
 ACCENT: dict[tuple[int, ...], float] = {(31, 32, 33, 34, 35, 36): 200.0}
-"""Brows that are raised as a whole, FAPU at full weight: more than any accent of the planner."""
+"""Brows raised as a whole, FAPU at full weight: more than any accent of the planner."""
 LIDS_PER_RAD: dict[tuple[int, ...], float] = {(19, 20): 600.0, (21, 22): -200.0}
-"""FAPU by which lids follow a gaze that goes down by a radian, as the planner moves them."""
+"""FAPU by which lids follow a gaze one radian down, as in the planner."""
 GAZE_RAD = 0.5
 DRIFTS: tuple[dict[tuple[int, ...], float], ...] = (
     {(31, 32, 33, 34): 28.0}, {(31, 32, 33, 34): -28.0, (35, 36): -16.0}, {(19, 20): -30.0}, {(21, 22): 80.0},
 )  # fmt: skip
-"""Twice what brows and lids of the planner drift, FAPU, and the lower lids of a blink."""
+"""Twice the drift of brows and lids in the planner, FAPU, and the lower lids of a blink."""
 PLAIN = (0.1, 0.3)
 """Weight, first found, up to which a shape bears its whole cost, and from which on none: it keeps its size."""
 LIDS = [fap.column(19), fap.column(20)]
 BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
-"""Step of the upper lids from frame to frame from which on it is a blink's, and how far from where they were they are
-open again; FAPU. A blink at 60 frames a second begins with 45, a sadness that comes has 5."""
+"""Step of the upper lids per frame from which it belongs to a blink, and distance from their position before at which
+they are open again; FAPU. A blink at 60 frames per second begins with 45, a growing sadness has 5.
+"""
 FAINT = (0.1, 0.2)
-"""Weight up to which a mood is none, and from which on it is shown as it is."""
+"""Weight up to which a mood is ignored, and from which on it is shown as it is."""
 
 
 @cache
 def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
-    """Make the map of moods, then the two lids, then what else lives, on the upper face and the gaze's height."""
+    """Make the map of moods, then the two lids, then idle motion, on the upper face and the gaze's height."""
     upper = np.zeros(fap.FAP_COUNT)
     upper[[fap.column(number) for number in UPPER_FACE]] = 1.0
-    lids = arkit_rows(("eyeBlinkLeft", "eyeBlinkRight"))
+    lids = shape_rows(("eyeBlinkLeft", "eyeBlinkRight"))
     life = np.zeros((3 + len(DRIFTS), fap.FAP_COUNT))
     _set(life[0], ACCENT)
     for row, gaze_rad in ((life[1], GAZE_RAD), (life[2], -GAZE_RAD)):
@@ -64,7 +62,7 @@ def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
         _set(row, {numbers: per_rad * gaze_rad for numbers, per_rad in LIDS_PER_RAD.items()})
     for row, drift in zip(life[3:], DRIFTS, strict=True):
         _set(row, drift)
-    rows = np.concatenate([rows_of(dict(EXPRESSION_FAPS), moods) * upper, lids * upper, life])
+    rows = np.concatenate([shape_rows(moods) * upper, lids * upper, life])
     names = (
         *moods,
         "blinkLeft",
@@ -82,7 +80,7 @@ def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
 
 
 def find_moods(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> tuple[Array, Array]:
-    """Find moods, (T, M), each 0..1, and lids that a blink shuts, left and right, (T, 2), of FAPs (T, 68)."""
+    """Find moods, (T, M), each 0..1, and lids closed by a blink, left and right, (T, 2), from FAPs (T, 68)."""
     upper = approximate_upper(faps, names)
     moods, hold = read_moods(upper, names), MoodHold()
     for row, values in zip(moods, faps, strict=True):
@@ -91,7 +89,7 @@ def find_moods(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> t
 
 
 class MoodHold:
-    """The moods of one face, frame by frame, kept while a blink shuts its eyes and opens them.
+    """The moods of one face, frame by frame, held while a blink closes and opens its eyes.
 
     Stateful.
     """
@@ -102,7 +100,7 @@ class MoodHold:
         self._held = False
 
     def follow(self, moods: Array, faps: Array) -> Array:
-        """Take the next frame's moods, (M,), and FAPs, (68,); return the moods to show."""
+        """Process the next frame's moods, (M,), and FAPs, (68,); return the moods to show."""
         lid = float(faps[LIDS].max())
         step, self._lid = lid - self._lid, lid
         if self._moods is None:
@@ -117,28 +115,28 @@ class MoodHold:
 
 
 def approximate_upper(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
-    """Find weights of :func:`mood_map`, (T, M + 9), of FAPs (T, 68): a mood that is plain costs nothing."""
+    """Find weights of :func:`mood_map`, (T, M + 9), for FAPs (T, 68); clear moods cost nothing."""
     first = mood_map(names).approximate_weights(faps)
     return mood_map(names).approximate_weights(faps, cost=cost_share(first))
 
 
 def cost_share(weights: Array) -> Array:
-    """Weights, (..., B) -> how much of its reluctance each bears: see :data:`PLAIN`."""
+    """Weights, (..., B) -> fraction of its reluctance that each bears: see :data:`PLAIN`."""
     share: Array = np.clip((PLAIN[1] - weights) / (PLAIN[1] - PLAIN[0]), 0.0, 1.0)
     return share
 
 
 def read_moods(upper: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
-    """Take the moods, (..., M), out of weights of :func:`mood_map`, (..., M + 9); :data:`FAINT` ones are none."""
+    """Extract the moods, (..., M), from weights of :func:`mood_map`, (..., M + 9), without :data:`FAINT` ones."""
     moods = upper[..., : len(names)]
     shown: Array = moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
     return shown
 
 
 def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
-    """Take what moods, (..., M), do to the whole face from FAPs, (..., 68) FAPU: what speech and life leave.
+    """Subtract the effect of moods, (..., M), from FAPs, (..., 68) FAPU: speech and idle motion remain.
 
-    A FAP that has one direction, such as ``open_jaw``, never told that a mood would have it go the other way.
+    A FAP with one direction, such as ``open_jaw``, never recorded a mood that would move it the other way.
     """
     rows, one_way = _rows(names)
     done = moods @ rows
@@ -150,7 +148,7 @@ def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = tuple(MOOD
 @cache
 def _rows(names: tuple[str, ...]) -> tuple[Array, list[int]]:
     one_way = [fap.column(row.number) for row in fap.FAPS if not row.bidirectional]
-    return rows_of(dict(EXPRESSION_FAPS), names), one_way
+    return shape_rows(names), one_way
 
 
 def _set(row: Array, values: dict[tuple[int, ...], float]) -> None:

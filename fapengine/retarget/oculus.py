@@ -1,8 +1,8 @@
-"""The 15 visemes of Oculus (OVR LipSync), which Ready Player Me, VRChat and others share: FAPs in and out.
+"""The 15 visemes of Oculus (OVR LipSync), also used by Ready Player Me, VRChat and others: FAPs in and out.
 
-They are MPEG-4's visemes, number for number, and ``sil``. Weights are shares: none is negative, they add up to 1, and
-``sil`` is what the others leave. What each viseme does in FAPs is ``design/fit_visemes.py``'s; a mouth is seen, not
-heard, so of sounds that look alike (t, k, n) one stands for the others.
+They are MPEG-4's visemes, number for number, and ``sil``. Weights are fractions: none is negative, they add up to 1,
+and ``sil`` is the remainder. The FAPs of each viseme come from ``design/fit_visemes.py``; a mouth is seen, not heard,
+so one of several sounds that look alike (t, k, n) represents the others.
 """
 
 from functools import cache
@@ -15,38 +15,36 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.blend_rows import rows_of
 from fapengine.retarget.moods import find_moods, without_moods
-from fapengine.retarget.viseme_table import VISEME_FAPS
+from fapengine.retarget.shape_rows import shape_rows
 
 Array = NDArray[np.float64]
 
 OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
 """Names in the order of the API, 0..14."""
 PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
-"""Visemes that are known by their looks; the others are used where they bring more than :data:`RELUCTANCE_MM`."""
+"""Visemes recognizable by their looks; others are used where they gain more than :data:`RELUCTANCE_MM`."""
 DEPTH = (16, 17)
-"""FAPs that tell little of which viseme it is: a p beside u is as far forward as the u."""
+"""FAPs that hardly distinguish visemes: a p next to u is as far forward as the u."""
 RELUCTANCE_MM = 0.2
-"""Half the accuracy that is lost without it (0.1 mm) buys that every vowel is shown by its own viseme."""
+"""Reluctance that makes every vowel show as its own viseme; half the accuracy lost (0.1 mm) is due to it."""
 
 
 @cache
 def oculus_map() -> BlendMap:
-    """Make the map of the 14 visemes that move; ``sil`` is the face at rest."""
-    table = dict(VISEME_FAPS)
+    """Make the map of the 14 visemes that move; ``sil`` is the neutral face."""
     names = OCULUS_NAMES[1:]
     cost = np.array([0.0 if name in PLAIN else RELUCTANCE_MM for name in names])
-    return BlendMap(names, rows_of(table, names), reluctance_mm=cost, ignored=DEPTH)
+    return BlendMap(names, shape_rows(names), reluctance_mm=cost, ignored=DEPTH)
 
 
 def approximate_visemes(faps: ArrayLike) -> Array:
-    """Find the visemes that show FAPs.
+    """Find the visemes that reproduce FAPs.
 
     Parameters
     ----------
     faps : (T, 68) FAPU
-        Jaw and lips count; what a mood adds to them (:mod:`.moods`) is no viseme's business and taken away.
+        Jaw and lips count; the contribution of moods (:mod:`.moods`) is removed.
 
     Returns
     -------
@@ -66,14 +64,14 @@ def approximate_visemes(faps: ArrayLike) -> Array:
 
 
 def shares(weights: Array) -> Array:
-    """Turn weights of the 14, (..., 14), into shares of the 15, (..., 15)."""
+    """Convert weights of the 14, (..., 14), to fractions of the 15, (..., 15)."""
     total = weights.sum(axis=-1, keepdims=True)
     fitted = weights / np.maximum(total, 1.0)
     return np.concatenate([np.maximum(1.0 - fitted.sum(axis=-1, keepdims=True), 0.0), fitted], axis=-1)
 
 
 def visemes_to_faps(weights: ArrayLike) -> Array:
-    """(..., 15) weights -> (..., 68) FAPU; what lacks to 1 is silence, more than 1 is scaled to it.
+    """(..., 15) weights -> (..., 68) FAPU; sums below 1 are filled with silence, sums above 1 are scaled down.
 
     Raises
     ------

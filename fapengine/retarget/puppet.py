@@ -1,14 +1,14 @@
-"""A head as other programs take one: parts with materials, named shapes, and a few joints.
+"""A head for other programs: parts with materials, named shapes, and a few joints.
 
 Theory of operation
 -------------------
-FAPs deform a :class:`~fapengine.mesh.face_mesh.FaceMesh` by channels and bones; other programs know blendshapes and
-skins. So each shape's FAPs are shown on the head and the displacements kept: ARKit's 52 and Oculus' 15 visemes, jaw and
-eyeballs included, as avatars of the usual services have them. Whoever moves the shapes alone gets the whole face.
+FAPs deform a :class:`~fapengine.mesh.face_mesh.FaceMesh` by channels and bones; other programs use blendshapes and
+skins. So the FAPs of each shape are applied to the head and the displacements stored: ARKit's 52 and Oculus' 15
+visemes, jaw and eyeballs included, as in avatars of the usual services. Moving the shapes alone gives the whole face.
 
-The joints are there besides: ``Head`` on ``Neck``, and on it ``Jaw``, ``LeftEye`` and ``RightEye``. A vertex that turns
-with the jaw by a share and with the head by another gets the jaw's share, what the head has more, and the rest for the
-neck; turned one at a time, that is exact.
+The joints are additional: ``Head`` on ``Neck``, and on it ``Jaw``, ``LeftEye`` and ``RightEye``. A vertex that turns
+partly with the jaw and partly with the head gets the jaw's weight, the rest of the head's weight, and the remainder for
+the neck; for one rotation at a time this is exact.
 """
 
 from collections.abc import Iterator, Mapping
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 METRES_PER_MM = 1e-3
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = range(5)
 JOINTS = ("Neck", "Head", "Jaw", "LeftEye", "RightEye")
-"""Names of the joints; all but the neck hang on the head, the head on the neck."""
+"""Names of the joints; all except the neck are children of the head, the head of the neck."""
 PARENTS = (None, NECK, HEAD, HEAD, HEAD)
 BONES = {"head": HEAD, "jaw": JAW, "left eye": LEFT_EYE, "right eye": RIGHT_EYE}
 PARTS: Mapping[str, tuple[Material, ...]] = {
@@ -55,11 +55,11 @@ ROUGHNESS = {
     "Clothes": 0.9,
 }
 INSIDE = ("Teeth", "Tongue", "Mouth")
-"""Parts in whose colours the dark of the mouth is kept, as other programs do not know how little light is there."""
+"""Parts with the mouth's ambient occlusion baked into their colours, as other programs do not have it."""
 NEGLIGIBLE_MM, NEGLIGIBLE_TURN = 0.02, 0.01
-"""Displacement, and change of a normal, below which a shape leaves a vertex alone."""
+"""Displacement, and change of a normal, below which a shape skips a vertex."""
 EYEBALL_RADIUS_MM, PUPIL_SHARE = 14.2, 0.42
-"""Radius that places on an eyeball are shares of, and pupil to iris, as our own drawing has them."""
+"""Radius that positions on an eyeball are relative to, and pupil to iris, as in this package's renderer."""
 EYE_TEXELS = 256
 SCLERA, VEINS = np.array([0.72, 0.67, 0.64]), np.array([0.92, 0.68, 0.62])
 
@@ -120,13 +120,9 @@ class Puppet:
 
 
 def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | None = None) -> Puppet:
-    """Make it of any head, our own or an imported one.
+    """Make it from any head, built-in or imported.
 
-    Parameters
-    ----------
-    mesh : FaceMesh
-    modes_mm : mapping of str to (V, 3) array, optional
-        Further shapes: motion of the vertices at full weight.
+    ``modes_mm`` are further shapes: displacements of the vertices at full weight, (V, 3) each.
     """
     rest = _narrowed(mesh)
     normals = vertex_normals(rest, mesh.triangles)
@@ -143,7 +139,7 @@ def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | No
 
 
 def _displacements(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]]) -> Iterator[tuple[str, Array]]:
-    """Each shape's name and the motion of all vertices, (V, 3) mm: what FAPs do, then the modes."""
+    """Name of each shape and the displacement of all vertices, (V, 3) mm: those of FAPs, then the modes."""
     for name, faps in _shape_faps().items():
         yield name, deform(mesh, faps) - mesh.vertices_mm
     for name, moves in modes_mm.items():
@@ -152,7 +148,7 @@ def _displacements(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]]) 
 
 @cache
 def _shape_faps() -> dict[str, Array]:
-    """(68,) FAPU of each shape at full weight: ARKit's 52, then the visemes as avatars spell them."""
+    """(68,) FAPU of each shape at full weight: ARKit's 52, then the visemes in the spelling of avatars."""
     arkit, oculus = arkit_map(), oculus_map()
     visemes = {OCULUS_SPELLINGS[name.lower()]: row for name, row in zip(oculus.names, oculus.faps, strict=True)}
     shapes = dict(zip(arkit.names, arkit.faps, strict=True))
@@ -160,7 +156,7 @@ def _shape_faps() -> dict[str, Array]:
 
 
 def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) -> Part | None:
-    """Cut one part out; None if the head has none."""
+    """Cut out one part; None if the head has none."""
     triangles = mesh.triangles[np.isin(mesh.material[mesh.triangles[:, 0]], PARTS[name])]
     if not len(triangles):
         return None
@@ -200,9 +196,9 @@ def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _narrowed(mesh: FaceMesh) -> Array:
-    """(V, 3) mm: vertices, ribbons of single hairs as narrow as the hairs.
+    """(V, 3) mm: vertices, with ribbons of single hairs as narrow as the hairs.
 
-    Both vertices of a place along a hair follow each other, as the builder of our heads adds them.
+    Both vertices at a point of a hair are adjacent, in the order of the built-in heads.
     """
     vertices = mesh.vertices_mm.astype(np.float64)
     pairs = np.flatnonzero(mesh.material == Material.STRAND).reshape(-1, 2)
@@ -214,7 +210,7 @@ def _narrowed(mesh: FaceMesh) -> Array:
 
 
 def _weights(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(V, 5): shares of the joints."""
+    """(V, 5): weights of the joints."""
     weights = np.zeros((len(mesh.vertices_mm), len(JOINTS)), np.float32)
     for bone, joint in ((Bone.JAW, JAW), (Bone.LEFT_EYE, LEFT_EYE), (Bone.RIGHT_EYE, RIGHT_EYE)):
         weights[:, joint] = np.where(mesh.bone == bone, np.minimum(mesh.bone_weight, mesh.head_weight), 0.0)
@@ -224,7 +220,7 @@ def _weights(mesh: FaceMesh) -> NDArray[np.float32]:
 
 
 def eye_texture(mesh: FaceMesh) -> NDArray[np.uint8]:
-    """(256, 256, 3) sRGB: white, iris and pupil as seen along the gaze, as our own drawing paints them."""
+    """(256, 256, 3) sRGB: white, iris and pupil as seen along the gaze, as drawn by the eye shader."""
     axis = (np.arange(EYE_TEXELS) + 0.5) / EYE_TEXELS * 2 - 1
     x, y = np.meshgrid(axis, axis)
     radius, around = np.hypot(x, y), np.arctan2(y, x)

@@ -1,14 +1,14 @@
-"""FAPs to Rhubarb's mouth shapes, frame by frame: which of its drawings this mouth looks like.
+"""FAPs to Rhubarb's mouth shapes, frame by frame.
 
 Theory of operation
 -------------------
-Four lengths on an adult's face decide, in mm against rest: how far the lips are open, how much narrower the mouth is,
-how high the lower lip stands, and how low the jaw. Lips that touch are A; those of a face at rest touch as well, so a
-mouth that is shut, with its jaw up, is X, unless the lips part within :data:`PAUSE_S` before and behind. A lower lip at
-the teeth is G. What is open is F or E where the mouth is narrow, else B, C or D by its opening. Thresholds lie between
-the medians of the shapes in planned speech of the shipped profile (106 to 21 cues of a shape; opening of B 6.7, C 7.6,
-D 11.4, E 7.5, F 4.5, G 1.2 mm; narrowing of E and F 5.3, of B, C, D 3.0 mm). H is a tongue behind the teeth, which
-these lengths do not tell, so it never comes out.
+Four lengths on an adult's face decide, in mm relative to rest: the opening of the lips, the narrowing of the mouth, the
+height of the lower lip, and the drop of the jaw. Lips that touch are A; those at rest touch as well, so a closed mouth
+with its jaw up is X, unless the lips part within :data:`PAUSE_S` before and after. A lower lip at the teeth is G. An
+open mouth is F or E if it is narrow, else B, C or D by its opening. Thresholds are between the medians of the shapes in
+planned speech of the shipped profile (106 to 21 cues of a shape; opening of B 6.7, C 7.6, D 11.4, E 7.5, F 4.5, G
+1.2 mm; narrowing of E and F 5.3, of B, C, D 3.0 mm). H is a tongue behind the teeth, which these lengths do not show,
+so it is never returned.
 """
 
 import numpy as np
@@ -20,19 +20,19 @@ from fapengine.retarget.blend import weights_mm
 from fapengine.retarget.moods import find_moods, without_moods
 
 SHUT_MM = 0.7
-"""Opening against rest under which lips touch; closures of the planner leave 0.3 mm at most."""
+"""Opening relative to rest below which lips touch; closures of the planner leave 0.3 mm at most."""
 BITTEN_OPENING_MM, BITTEN_LOWER_MM, BITTEN_UPPER_MM = 2.5, -0.7, 0.0
-"""Greatest opening of G, least height of its lower lip, and how low its upper lip may be: on p b m it comes down."""
+"""Largest opening of G, least height of its lower lip, and lowest upper lip: on p b m it comes down."""
 NARROW_MM = 4.5
-"""Narrowing from which lips are round."""
+"""Narrowing from which lips are rounded."""
 PUCKERED_OPENING_MM = 6.0
-"""Greatest opening of F; rounder lips that are wider open are E."""
+"""Largest opening of F; rounder lips that are wider open are E."""
 OPEN_MM, WIDE_OPEN_MM = 7.0, 9.5
 """Least opening of C and of D."""
 JAW_UP_MM = 1.0
-"""Jaws of closed lips that speak are lower than this (4 mm, median)."""
+"""Jaws of closed lips in speech are lower than this (4 mm, median)."""
 PAUSE_S = 0.15
-"""A closure of speech is over by then."""
+"""Closures of speech are shorter."""
 
 
 def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
@@ -41,14 +41,14 @@ def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
     Parameters
     ----------
     faps : (T, 68) FAPU
-        What a mood adds to them (:mod:`.moods`) is taken away.
+        The contribution of moods (:mod:`.moods`) is removed.
     rate_hz : float
-        Frames a second.
+        Frame rate.
 
     Returns
     -------
     list of str
-        T letters.
+        T characters.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def approximate_shapes(faps: ArrayLike, rate_hz: float) -> list[str]:
 
 
 def _near(parted: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Whether lips are parted both within ``reach`` frames before and within ``reach`` behind each frame."""
+    """Whether lips are parted both within ``reach`` frames before and within ``reach`` after each frame."""
     count = np.concatenate([[0], np.cumsum(parted)])
     here = np.arange(len(parted))
     before = count[here + 1] - count[np.maximum(here - reach, 0)]

@@ -1,7 +1,7 @@
-"""FAPs to the blendshapes that a rig has, by their names: ARKit's, Oculus' visemes, VRM's presets, or a mapping's.
+"""FAPs to the blendshapes of a rig, by name: ARKit's, Oculus' visemes, VRM's presets, or a mapping's.
 
-A rig with enough of ARKit's shapes gets these. Any other gets visemes or vowels for the mouth, and what it has of
-ARKit's for eyes and brows, or VRM's moods. What two spellings of one file name twice moves once in each mesh.
+A rig with enough of ARKit's shapes gets these. Any other gets visemes or vowels for the mouth, and its ARKit shapes
+for eyes and brows, or VRM's moods. A shape that a file names twice, in two spellings, moves once in each mesh.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
+from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.blendshape_names import (
     MIN_WITHOUT_VISEMES,
@@ -23,16 +23,17 @@ from fapengine.retarget.blendshape_names import (
     plain,
 )
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES, approximate_presets
 
 Array = NDArray[np.float64]
 Weights = dict[str, Array]
-"""(T,) float64, 0..1, by a shape's name."""
+"""(T,) float64, 0..1, by the name of a shape."""
 Meanings = Mapping[str, str | Mapping[int, float]]
-"""Meaning of a shape that has another name: one of the tables, ``unused``, or FAPU at full weight by FAP number."""
+"""Meaning of a shape with another name: a name of the tables, ``unused``, or FAPU at full weight by FAP number."""
 
 UPPER_FACE = ("eye", "brow")
-"""Beginnings of ARKit's names that have nothing to do with the mouth."""
+"""Prefixes of ARKit's names that do not concern the mouth."""
 MOODS = ("happy", "angry", "sad", "relaxed", "surprised")
 LOOKS = ("lookUp", "lookDown", "lookLeft", "lookRight")
 
@@ -48,14 +49,14 @@ def rig_weights(
         Names of the shapes of each mesh.
     faps : (T, 68) FAPU
     meanings : mapping, optional
-        What shapes mean whose names are in no table.
+        Meaning of shapes with names that are not in the tables.
     looks : bool
-        Whether VRM's looks are among the shapes to move; not where eyes turn as bones.
+        Whether to move VRM's looks; not where eyes turn as bones.
 
     Returns
     -------
     list of dict
-        For each mesh the weights of its shapes that are known; shapes that stay 0 are among them.
+        For each mesh the weights of its known shapes, including those that stay 0.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     told = meanings or {}
@@ -77,7 +78,7 @@ def rig_weights(
 
 
 def has_arkit(names: Iterable[str]) -> bool:
-    """Tell whether names are ARKit's, so many that a rig needs no visemes."""
+    """Whether names include so many of ARKit's that a rig needs no visemes."""
     return _is_arkit({role: set(targets) for role, targets in by_role(names, {}).items()})
 
 
@@ -87,7 +88,7 @@ def _is_arkit(present: Mapping[Role, set[str]]) -> bool:
 
 
 def own_weight(faps: Array, row: Mapping[int, float]) -> Array:
-    """(T,): weight of a shape that means some FAPs by itself, FAPU at full weight."""
+    """(T,): weight of a shape that means some FAPs by itself, FAPU at full weight; FAPs are (T, 68)."""
     shape = np.zeros((1, fap.FAP_COUNT))
     for number, value in row.items():
         shape[0, fap.column(number)] = value
@@ -101,7 +102,7 @@ Targets = dict[tuple[Role | None, str], Array]
 
 
 def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], looks: bool) -> Targets:
-    """Weights by role and by what names stand for; None is the role of VRM's other presets, spelled plainly."""
+    """Weights by role and by the meaning of names; None is the role of VRM's other presets, in plain spelling."""
     present = {role: {target for found in roles for target in found[role]} for role in Role}
     arkit = dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
     speaks = _is_arkit(present) or not present[Role.VISEME]
@@ -124,7 +125,7 @@ def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], loo
 
 
 def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool) -> Targets:
-    """Weights of visemes, or of VRM's presets where vowels are all that there is."""
+    """Weights of visemes, or of VRM's presets if there are only vowels."""
     if len(present[Role.VISEME] & set(OCULUS)) >= MIN_OCULUS:
         visemes = zip(OCULUS_NAMES, approximate_visemes(faps).T, strict=True)
         return {(Role.VISEME, OCULUS_SPELLINGS[name.lower()]): weight for name, weight in visemes}

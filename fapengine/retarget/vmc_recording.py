@@ -1,12 +1,12 @@
-"""A recorded VMC stream, as FAPs: the text that ``oscdump`` of liblo prints (Debian: liblo-tools 0.31).
+"""A recorded VMC stream, as FAPs: the text output of ``oscdump`` of liblo (Debian: liblo-tools 0.31).
 
-VMC has no file format; any of its streams is recorded by ``oscdump 39539 > face.osc``. A line is the time of arrival
-(two hexadecimal numbers, whole seconds and a 2**32nd of one), the address, the types and the values::
+VMC has no file format; any of its streams can be recorded with ``oscdump 39539 > face.osc``. A line is the time of
+arrival (two hexadecimal numbers, whole seconds and units of 2**-32 s), the address, the types and the values::
 
     eeada2a5.d7a6efc2 /VMC/Ext/Blend/Val sf "jawOpen" 0.250000
 
-``/VMC/Ext/Blend/Apply`` ends a frame; shapes that were not sent since stay as they were. Times are the sender's
-(``/VMC/Ext/T``) where every frame has one, else those of arrival. Other addresses are skipped.
+``/VMC/Ext/Blend/Apply`` ends a frame; shapes that were not sent since keep their values. Times are the sender's
+(``/VMC/Ext/T``) if every frame has one, else those of arrival. Other addresses are skipped.
 """
 
 import re
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.retarget.blend_tracks import find_set
 
 Array = NDArray[np.float64]
@@ -28,13 +27,13 @@ _VALUE = re.compile(r'sf "([^"]*)" (\S+)$')
 _BONE = re.compile(r'sf+ "Head" (.+)$')
 MAX_RATE_HZ = 240.0
 MAX_FILLED = 100
-"""Even frames for each that was recorded; more is no pause but a wrong clock, and few lines would ask for gigabytes."""
+"""Regular frames per recorded one; more means a wrong clock, not a pause, and a few lines could ask for gigabytes."""
 Frame = tuple[float | None, float, dict[str, float], tuple[float, ...]]
 """Sender's time, time of arrival, weights by name, rotation of the head as x, y, z, w."""
 
 
 def is_vmc_recording(data: bytes) -> bool:
-    """Tell whether bytes begin as ``oscdump`` prints."""
+    """Detect the output of ``oscdump``."""
     return LINE.match(data) is not None
 
 
@@ -44,9 +43,9 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
     Raises
     ------
     TruncatedError
-        If fewer than two frames are in it.
+        If it has fewer than two frames.
     DataError
-        If a line is none of ``oscdump``'s, a value is no number, or the shapes are of no known set.
+        If a line is not from ``oscdump``, a value is not a number, or the shapes are of no known set.
     """
     frames = _frames(data.decode("utf-8", errors="replace"))
     if len(frames) < 2:
@@ -120,7 +119,7 @@ def _number(text: str, where: str) -> float:
 
 
 def _turns_rad(rotations: Array) -> Array:
-    """(T, 4) quaternions of Unity, turned about z, x, y in this order -> (T, 3) yaw, pitch, roll as FAPs count."""
+    """(T, 4) quaternions of Unity, rotated about z, x, y in turn -> (T, 3) yaw, pitch, roll, signs as FAPs."""
     x, y, z, w = (rotations / np.linalg.norm(rotations, axis=1, keepdims=True)).T
     yaw = np.arctan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * x - y * z), -1, 1))

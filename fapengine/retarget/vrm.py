@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.blend_rows import rows_of
 from fapengine.retarget.moods import MOODS, find_moods, without_moods
 from fapengine.retarget.oculus import DEPTH
-from fapengine.retarget.viseme_table import EXPRESSION_FAPS, VISEME_FAPS
+from fapengine.retarget.shape_rows import ARKIT_NAMES, shape_rows
 
 Array = NDArray[np.float64]
 
@@ -34,9 +33,9 @@ VRM0_NAMES = (
     "Joy", "Angry", "Sorrow", "Fun", "Surprised", "A", "I", "U", "E", "O", "Blink", "Blink_L", "Blink_R",
     "LookUp", "LookDown", "LookLeft", "LookRight", "Neutral",
 )  # fmt: skip
-"""Names in the order of version 1. ``Surprised`` is no preset of version 0, but many of its models have it."""
+"""Names in the order of version 1. ``Surprised`` is not a preset of version 0, but many of its models have it."""
 SHOWN = VRM1_NAMES.index("lookUp")
-"""Presets in front of the looks, for receivers that turn the eyes themselves."""
+"""Presets before the looks, for receivers that turn the eyes themselves."""
 VOWELS = {"aa": "aa", "ih": "ih", "ou": "ou", "ee": "E", "oh": "oh"}
 MIN_OPENING = 1.0
 """Opening between the lips, MNS: 0.02 mm."""
@@ -46,7 +45,7 @@ LOOK_RAD = np.deg2rad(30.0)
 @cache
 def vowel_map() -> BlendMap:
     """Make the map of the five vowels."""
-    return BlendMap(tuple(VOWELS), rows_of(dict(VISEME_FAPS), tuple(VOWELS.values())), ignored=DEPTH)
+    return BlendMap(tuple(VOWELS), shape_rows([*VOWELS.values()]), ignored=DEPTH)
 
 
 def approximate_presets(faps: ArrayLike) -> Array:
@@ -109,7 +108,6 @@ def presets_to_faps(weights: ArrayLike) -> Array:
 def _rows() -> Array:
     """(18, 68) FAPU at full weight."""
     rows = np.zeros((len(VRM1_NAMES), fap.FAP_COUNT))
-    expressions, visemes = dict(EXPRESSION_FAPS), dict(VISEME_FAPS)
     arkit = arkit_map()
 
     def shape(name: str) -> Array:
@@ -117,10 +115,10 @@ def _rows() -> Array:
         return row
 
     for name, expression in MOODS.items():
-        rows[VRM1_NAMES.index(name)] = rows_of(expressions, (expression,))[0]
+        rows[VRM1_NAMES.index(name)] = shape_rows([expression])[0]
     rows[VRM1_NAMES.index("relaxed")] = 0.4 * rows[VRM1_NAMES.index("happy")]
     for name, viseme in VOWELS.items():
-        rows[VRM1_NAMES.index(name)] = rows_of(visemes, (viseme,))[0]
+        rows[VRM1_NAMES.index(name)] = shape_rows([viseme])[0]
     left, right = shape("eyeBlinkLeft"), shape("eyeBlinkRight")
     rows[VRM1_NAMES.index("blinkLeft")], rows[VRM1_NAMES.index("blinkRight")] = left, right
     rows[VRM1_NAMES.index("blink")] = left + right

@@ -1,1 +1,1 @@
-"""How good is a lip sync? Measures of one recorded face against another, against phones, and against its sound."""
+"""Quality of a lip sync: measures of one recorded face against another, against phones, and against its sound."""

@@ -1,23 +1,191 @@
-"""``Score``: all measures of one recording, against what there is to compare it with."""
+"""``Score``: all measures of one recording, against what there is to compare it with.
+
+With a reference recording: how near opening, width and lip points are, frame by frame (:class:`Likeness`). Without
+one: how the head moves, how the eyes blink, and whether lips open more with loudness (:class:`Behaviour`).
+"""
 
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fapengine.errors import UsageError
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.behaviour import Behaviour, Intensity, behaviour_of, intensity_of
-from fapengine.scoring.contacts import CLOSED_MM, Contacts, closures_of_phones, closures_of_truth, teeth_of_phones
-from fapengine.scoring.likeness import Array, Likeness, likeness_of
-from fapengine.scoring.mouth import Mouth, mouth_of
-from fapengine.scoring.timing import Timing, timing_of_phones, timing_of_truth
+from fapengine.scoring.mouth import (
+    CLOSED_MM,
+    Contacts,
+    Mouth,
+    closures_of_phones,
+    closures_of_truth,
+    mouth_of,
+    runs,
+    teeth_of_phones,
+)
+from fapengine.scoring.timing import GRID_HZ, Timing, grid, timing_of_phones, timing_of_truth
 from fapengine.speech.phone_track import PhoneTrack
+
+Array = NDArray[np.float64]
+
+MIN_MM = 1e-6
+"""Range below which a length does not move, and correlates with nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """Figures over the truth's frames that both recordings have. None where one of them does not move."""
+
+    opening_r: float | None
+    """Pearson correlation of the openings."""
+    opening_slope: float | None
+    """Slope of the regression of the opening on the true one: 0.5 opens half as far."""
+    opening_mm: float
+    """Mean distance of the openings (mouth opening distance, MOD)."""
+    width_r: float | None
+    """Pearson correlation of the widths."""
+    width_slope: float | None
+    """Slope of the width."""
+    lips_mm: float
+    """Mean distance of the 16 lip points."""
+    lve_mm2: float
+    """Lip vertex error: mean over frames of the largest squared distance of a lip point, mm²."""
+    lve_root_mm: float
+    """The same without the square, as some papers print it: mean of the largest distance, mm."""
+
+
+def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
+    """Compare a mouth with a truth.
+
+    Notes
+    -----
+    LVE is that of TorchMetrics 1.9 (``LipVertexError``: the mean over frames of the maximum over lip vertices of the
+    squared distance), with the lip points of MPEG-4 as vertices. Sets of vertices differ between papers, and so their
+    figures cannot be compared with each other or with these.
+    """
+    times_s = truth.times_s[truth.times_s <= mouth.end_s + 1e-9]
+    true, made = truth.at(times_s), mouth.at(times_s)
+    squared = ((made.lips_mm - true.lips_mm) ** 2).sum(axis=-1)
+    return Likeness(
+        opening_r=correlation(made.opening_mm, true.opening_mm),
+        opening_slope=slope(made.opening_mm, true.opening_mm),
+        opening_mm=float(np.abs(made.opening_mm - true.opening_mm).mean()),
+        width_r=correlation(made.width_mm, true.width_mm),
+        width_slope=slope(made.width_mm, true.width_mm),
+        lips_mm=float(np.sqrt(squared).mean()),
+        lve_mm2=float(squared.max(axis=1).mean()),
+        lve_root_mm=float(np.sqrt(squared.max(axis=1)).mean()),
+    )
+
+
+def correlation(one: Array, other: Array) -> float | None:
+    """Pearson's r of two (T,) arrays; None if one of them does not vary."""
+    if len(one) < 2 or np.ptp(one) < MIN_MM or np.ptp(other) < MIN_MM:
+        return None
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+def slope(made: Array, true: Array) -> float | None:
+    """Slope of the regression of ``made`` on ``true``, both (T,); None if the truth does not vary."""
+    if len(true) < 2 or np.ptp(true) < MIN_MM:
+        return None
+    centred = true - true.mean()
+    return float(centred @ made / (centred @ centred))
+
+
+BLINK_SHUT, MAX_BLINK_S = 0.5, 0.6
+"""An eye is shut from half its opening on; longer than that it sleeps (blinks last 0.1 to 0.4 s; Schiffman, "Sensation
+and Perception", 2001, cited from memory)."""
+WINDOW_S, HOP_S, MIN_WINDOWS = 1.0, 0.5, 6
+"""Windows in which loudness and motion are compared, and how few of them say nothing."""
+LEVEL_FLOOR_DB = -50.0
+"""Sound further below its loudest moment is a pause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """Head and eyes of one recording."""
+
+    head_deg: tuple[float, float, float]
+    """Standard deviations of pitch, yaw and roll."""
+    head_deg_s: float
+    """Mean speed of its turning."""
+    blinks: int
+    """Times that both eyes shut, and opened again within 0.6 s."""
+    blinks_per_minute: float
+    blink_ms: float | None
+    """Mean time for which eyes are more than half shut; None without a blink."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intensity:
+    """Lips and loudness."""
+
+    slcc: float | None
+    """Speech-lip intensity correlation; None for a recording too short or without change."""
+    windows: int
+    """Windows it rests on."""
+    opening_r: float | None
+    """Correlation of the level in dB with the opening, moment by moment, pauses left out."""
+
+
+def behaviour_of(mouth: Mouth) -> Behaviour:
+    """Look at head and eyes."""
+    length_s = mouth.end_s - float(mouth.times_s[0])
+    blinks = [span for span in runs(mouth.shut.min(axis=1) > BLINK_SHUT, mouth.times_s) if _is_blink(span, mouth)]
+    frame_s = length_s / (len(mouth.times_s) - 1)
+    turned = np.linalg.norm(np.diff(mouth.head_rad, axis=0), axis=1).sum()
+    pitch, yaw, roll = np.rad2deg(mouth.head_rad.std(axis=0)).tolist()
+    return Behaviour(
+        head_deg=(pitch, yaw, roll),
+        head_deg_s=float(np.rad2deg(turned) / length_s),
+        blinks=len(blinks),
+        blinks_per_minute=60 * len(blinks) / length_s,
+        blink_ms=float(1000 * np.mean([end - start + frame_s for start, end in blinks])) if blinks else None,
+    )
+
+
+def _is_blink(span: tuple[float, float], mouth: Mouth) -> bool:
+    return span[1] - span[0] <= MAX_BLINK_S and span[0] > mouth.times_s[0] and span[1] < mouth.end_s
+
+
+def intensity_of(mouth: Mouth, power: Array) -> Intensity:
+    """Compare lips and loudness.
+
+    Parameters
+    ----------
+    power : (N,) float64
+        Mean square of the sound in each 10 ms, of any scale.
+
+    Notes
+    -----
+    SLCC (Chae-Yeon et al., arXiv:2503.20308) is Pearson's r, over the clips of a corpus, of the sound's root mean
+    square and the lips' (root mean square over frames of the mean motion of the lip points). Here windows of one second
+    of one recording stand for the clips.
+    """
+    times_s = grid(min(mouth.end_s, (len(power) - 1) / GRID_HZ))
+    seen, power = mouth.at(times_s), power[: len(times_s)]
+    motion = np.linalg.norm(np.diff(seen.lips_mm, axis=0, prepend=seen.lips_mm[:1]), axis=-1).mean(axis=1)
+    width, hop = int(WINDOW_S * GRID_HZ), int(HOP_S * GRID_HZ)
+    starts = range(0, len(times_s) - width + 1, hop)
+    loud = np.array([np.sqrt(power[start : start + width].mean()) for start in starts])
+    lips = np.array([np.sqrt((motion[start : start + width] ** 2).mean()) for start in starts])
+    enough = len(starts) >= MIN_WINDOWS
+    peak = power.max() if len(power) else 0.0
+    level = 10 * np.log10(np.maximum(power, 1e-12 * max(peak, 1e-30)) / max(peak, 1e-30))
+    spoken = level > LEVEL_FLOOR_DB
+    return Intensity(
+        slcc=correlation(loud / max(loud.max(), 1e-30), lips) if enough else None,
+        windows=len(starts),
+        opening_r=correlation(level[spoken], seen.opening_mm[spoken]),
+    )
+
 
 DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgainstPhones:
-    """What phones tell."""
+    """Measures against phones."""
 
     closures: Contacts
     teeth: Contacts
@@ -26,7 +194,7 @@ class AgainstPhones:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgainstTruth:
-    """What another recording tells."""
+    """Measures against another recording."""
 
     closures: Contacts
     timing: Timing
@@ -79,11 +247,6 @@ def score_motion(
         Time of the others at which the track begins.
     closed_mm : float
         Opening under which lips count as closed.
-
-    Raises
-    ------
-    UsageError
-        If a recording has fewer than two frames, or phones are words that nobody has pronounced.
     """
     return score_mouth(
         mouth_of(track, offset_s=offset_s),
@@ -102,15 +265,9 @@ def score_mouth(
     power: Array | None = None,
     closed_mm: float = CLOSED_MM,
 ) -> Score:
-    """Score a mouth, of a track or of a film; as :func:`score_motion`, ``power`` (N,) included.
-
-    Raises
-    ------
-    UsageError
-        If phones are words that nobody has pronounced, or ``closed_mm`` is not positive.
-    """
+    """Score a mouth, of a track or of a film; as :func:`score_motion`, ``power`` (N,) included."""
     if not closed_mm > 0:
-        raise UsageError(f"closed_mm: got {closed_mm}, expected more than 0")
+        raise UsageError(f"closed_mm: must be above 0, got {closed_mm}")
     if phones is not None and phones.spelled:
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
     return Score(

@@ -11,7 +11,7 @@ arXiv:2503.20308): both openings are smoothed, aligned by dynamic time warping o
 neighbouring extrema. The mean of their distances in time is the measure. Theirs runs at 30 frames a second with a
 smoothing of two frames; here the grid is finer, and an extremum within half of such a frame of the path counts as met.
 The warp reaches :data:`REACH_S` at most, which bounds its time and memory. Extrema that nothing answers do not count,
-so their share is told too.
+so their fraction is given too.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
-from fapengine.scoring.contacts import is_bilabial, is_labiodental
-from fapengine.scoring.mouth import Mouth
+from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -44,7 +43,7 @@ PHONE_SMOOTHING_S = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How late a recording is."""
+    """Delay of a recording."""
 
     lag_ms: float | None
     """Lag of the opening, positive if it comes late; None if it does not move."""
@@ -108,7 +107,7 @@ def lag_ms(made: Array, true: Array) -> float | None:
 
 
 def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:
-    """Mean temporal misalignment in ms of openings, (T,) mm at :data:`GRID_HZ`, and the share of extrema met."""
+    """Mean temporal misalignment in ms of openings, (T,) mm at :data:`GRID_HZ`, and the fraction of extrema met."""
     made, true = (gaussian_filter1d(each, SMOOTHING_S * GRID_HZ) for each in (made, true))
     first, last = warp(np.gradient(true), np.gradient(made), int(REACH_S * GRID_HZ))
     extrema = {sign: find_peaks(sign * true, prominence=MIN_PROMINENCE_MM)[0] for sign in (1, -1)}

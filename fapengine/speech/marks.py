@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from html import escape, unescape
 from itertools import pairwise
 
-from fapengine.mpeg4.visemes import Expression
+from fapengine.expressions import Expression
 from fapengine.speech.phone_track import LOUDNESS_DB, Phone
 from fapengine.speech.text.normal_form import same_word
 
@@ -80,7 +80,6 @@ _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|
 _MARKS = re.compile(rf"{_TAG}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
 _ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
-_STRETCHES = ("emphasis", "prosody", "expr")
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +147,6 @@ def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
 
     Parameters
     ----------
-    text : str
     ssml : bool
         Whether it is SSML; else tags but ``expr`` and ``mark`` are text.
 
@@ -270,7 +268,7 @@ class _Reader:
         """Obey ``joy:0.6``, ``nod``, ``look:left``."""
         what, _, level = name.lower().partition(":")
         what, level = (level, "") if what in ("look", "glance") else (what, level)
-        expression = next((each for each in Expression if each.name.lower() == what), None)
+        expression = next((each for each in Expression if each.label == what), None)
         if what in GESTURES:
             self._add(Gesture(what))
         elif expression is not None and re.fullmatch(r"(\d+(\.\d+)?)?", level):
@@ -337,7 +335,6 @@ def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], e
 
     Parameters
     ----------
-    marked : MarkedText
     words : sequence of (str, float, float)
         Words as they were spoken, in order, with start and end in s; one that the text lacks is passed over.
     end_s : float

@@ -9,8 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fapengine.speech.entry import Entry
-from fapengine.speech.phone_track import Phone
+from fapengine.speech.phone_track import Entry, Phone
 
 JAPANESE = ("kana", "voicevox", "openjtalk", "misaki")
 """Names of the sets that write a moraic nasal as ɴ and っ as ʔ."""

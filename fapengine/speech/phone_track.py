@@ -1,4 +1,8 @@
-"""``PhoneTrack``: timed phones, the type between every timing format and the animation."""
+"""Timed labels and phones: ``PhoneTrack``, the type between every timing format and the animation.
+
+``Entry`` is a label as a file gives it. ``Reading`` says how the labels of a file were understood, so that no guess is
+silent. :func:`find_unknown` lists the labels that no alphabet explains.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -6,7 +10,57 @@ from math import inf
 from typing import Literal
 
 from fapengine.errors import UsageError
-from fapengine.speech.reading import Reading
+from fapengine.speech import ipa
+
+STAND_IN = "ə"
+"""Shown for a label that has no IPA letter at all: the neutral vowel."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownPhone:
+    """A label that its alphabet does not explain, and what stands in for it."""
+
+    label: str
+    count: int
+    first_s: float
+    """Start of its first occurrence."""
+    stand_in: str = STAND_IN
+
+    def __str__(self) -> str:
+        times = "once" if self.count == 1 else f"{self.count} times"
+        return f"{self.label!r} {times}, first at {self.first_s:.3f} s; /{self.stand_in}/ stands in"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the labels of a track were taken for."""
+
+    alphabet: str
+    """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`."""
+    guessed: bool = False
+    """True where neither the format nor the caller named the alphabet."""
+    others: tuple[str, ...] = ()
+    """Alphabets that explain as many of the labels, and mean something else by some."""
+    doubtful: tuple[UnknownPhone, ...] = ()
+    """Labels that the alphabet does not have; their letters are read one by one."""
+
+    def __str__(self) -> str:
+        how = " (guessed)" if self.guessed else ""
+        also = f"; {' and '.join(self.others)} would fit as well; alphabet=NAME says which" if self.others else ""
+        return f"labels read as {self.alphabet}{how}{also}"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One timed label as a file gives it."""
+
+    start_s: float
+    end_s: float
+    label: str
+    where: str
+    """Line or key, for messages."""
+    word: str = ""
+
 
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
@@ -37,7 +91,7 @@ class Phone:
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not 0 <= self.confidence <= 1:
-            raise UsageError(f"confidence of {self.label!r}: got {self.confidence}, expected 0..1")
+            raise UsageError(f"confidence of {self.label!r}: must be 0 to 1, got {self.confidence}")
         if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
             expected = f"{LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
             raise UsageError(f"loudness_db of {self.label!r}: got {self.loudness_db}, expected {expected}")
@@ -131,3 +185,22 @@ class PhoneTrack:
     def duration_s(self) -> float:
         """End of the last phone, in seconds; 0 for an empty track."""
         return self.phones[-1].end_s if self.phones else 0.0
+
+
+def find_unknown(track: PhoneTrack) -> tuple[UnknownPhone, ...]:
+    """Find the labels that are no IPA, and those that only seem to be, in the order in which they first come.
+
+    Examples
+    --------
+    >>> find_unknown(PhoneTrack((Phone("m", 0, 1), Phone("QQ", 1, 2), Phone("QQ", 2, 3))))[0].count
+    2
+    """
+    unknown: dict[str, UnknownPhone] = {}
+    for phone in track.phones:
+        if phone.is_silence or ipa.letters(phone.label):
+            continue
+        before = unknown.get(phone.label)
+        first_s = before.first_s if before else phone.start_s
+        unknown[phone.label] = UnknownPhone(phone.label, before.count + 1 if before else 1, first_s)
+    doubtful = track.reading.doubtful if track.reading else ()
+    return tuple(sorted((*unknown.values(), *doubtful), key=lambda each: each.first_s))

@@ -104,19 +104,6 @@ def is_vowel(phone: Phone) -> bool:
     return not phone.is_silence and any(ipa.SOUNDS[letter].vowel for letter in ipa.letters(phone.label))
 
 
-def usual_of(phones: Sequence[Phone], soundings: Sequence[Sounding]) -> Usual | None:
-    """Find how a speaker sounds most of the time; None if there is no vowel.
-
-    Parameters
-    ----------
-    phones : sequence of Phone
-    soundings : sequence of Sounding
-        One for each phone.
-    """
-    vowels = _Vowels.of(phones, soundings)
-    return _usual(vowels) if len(vowels.index) else None
-
-
 def _usual(vowels: _Vowels) -> Usual:
     voiced = vowels.pitch_hz > 0
     pitch_hz = _median(vowels.pitch_hz[voiced], vowels.length_s[voiced]) if voiced.any() else 0.0

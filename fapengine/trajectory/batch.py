@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-Each session has its own planner, for their phones differ; what came for all of them since the last frame is planned
+Each session has its own planner, because their phones differ; phones of all sessions since the last frame are planned
 together (:mod:`.many`). Showing is the same for all, so it is done on arrays with one row a session:
 
 1. *window*: the next :data:`KNOTS` knots of a session's plan, its fade, and its holds. Copied from the planner when the
@@ -12,7 +12,7 @@ together (:mod:`.many`). Showing is the same for all, so it is done on arrays wi
    from weights to FAPs and feature points; then expressions and gestures (:class:`Overlay`), closures
    (:func:`.closures.settle`) and rounding.
 
-A row's answer is that of a planner of its own, FAP for FAP; only the order of additions differs.
+A row equals the frame of a planner of its own, FAP for FAP; only the order of additions differs.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import bump
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.track import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
@@ -176,11 +176,6 @@ class BatchPlanner:
         Of all sessions; see :class:`~fapengine.trajectory.stream.StreamingPlanner`.
     horizon_s : float
         See :class:`~fapengine.trajectory.stream.StreamingPlanner`.
-
-    Raises
-    ------
-    UsageError
-        If ``horizon_s`` is negative.
     """
 
     def __init__(self, profile: Profile, style: Style | None = None, *, horizon_s: float = 0.0) -> None:
@@ -209,13 +204,7 @@ class BatchPlanner:
         return self._rows.session[: len(self._planners)].copy()
 
     def row(self, session: int) -> int:
-        """Find a session's row.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """Find a session's row."""
         if session not in self._row_of:
             raise UsageError(f"session: got {session}, expected one of {len(self._planners)} that are open")
         return self._row_of[session]
@@ -232,11 +221,6 @@ class BatchPlanner:
         -------
         int
             Its number, never used again.
-
-        Raises
-        ------
-        UsageError
-            If the time is not finite.
         """
         if not np.isfinite(begins_s):
             raise UsageError(f"begins_s: got {begins_s}, expected a time")
@@ -253,13 +237,7 @@ class BatchPlanner:
         return session
 
     def close(self, session: int) -> None:
-        """End a session; another may move into its row.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """End a session; another may move into its row."""
         row, last = self.row(session), len(self._planners) - 1
         self._rows.move(last, row)
         self._row_of[int(self._rows.session[row])] = row
@@ -268,69 +246,33 @@ class BatchPlanner:
         del self._row_of[session]
         self._due.pop(session, None)
 
-    def feed(self, session: int, phones: Sequence[Phone]) -> None:
-        """Take phones in, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.feed`.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+    def feed(self, session: int, phones: Sequence[Phone], stand_ins: Sequence[Phone] = ()) -> None:
+        """Take phones in, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.take`."""
         planner = self._changed(session)
-        planner.take(phones)
+        planner.take(phones, stand_ins)
         self._due[session] = planner
 
     def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
-        """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open, or ``fade_s`` is not positive.
-        """
+        """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`."""
         self._changed(session).cancel(at_s, fade_s=fade_s)
         self._due.pop(session, None)
 
     def retime(self, session: int, begins_s: float) -> None:
-        """Move a session's time against the batch's. It never goes back: it stands still until it is caught up with.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open, or the time is not finite.
-        """
+        """Shift a session's time against the batch's. It never goes back: it pauses until the new time catches up."""
         if not np.isfinite(begins_s):
             raise UsageError(f"begins_s: got {begins_s}, expected a time")
         self._rows.begins_s[self.row(session)] = begins_s
 
     def planned(self, session: int) -> Sequence[Phone]:
-        """Phones that a session's plan goes through, from a little before its last frame on, in its time.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """Phones of a session's plan, from a little before its last frame on, in its time."""
         return self._planners[self.row(session)].phones
 
     def counts(self, session: int) -> Counts:
-        """Tell what was not as it should be.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+        """Return counts of phones that came late, or were dropped or revised."""
         return self._planners[self.row(session)].counts
 
     def renew(self, session: int, time_s: float) -> None:
-        """Prepare one session's frame anew, as :meth:`frames` does for all; what it raises is this session's fault.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+        """Prepare one session's frame again, as :meth:`frames` does for all; an error comes from this session."""
         row, count = np.array([self.row(session)]), len(self._planners)
         if session in self._due:
             plan_together([self._due.pop(session)])
@@ -352,14 +294,9 @@ class BatchPlanner:
             In the batch's time, not before the last frame asked for.
         overlay : Overlay, optional
             What is added to speech. ``points_mm`` hold speech alone.
-
-        Raises
-        ------
-        UsageError
-            If time goes back.
         """
         if not self._now_s <= time_s < np.inf:
-            raise UsageError(f"time_s: got {time_s:g} s, expected rising times from {self._now_s:g} s")
+            raise UsageError(f"time_s: must be rising times from {self._now_s:g} s, got {time_s:g} s")
         self.plan()
         self._now_s = time_s
         count = len(self._planners)
@@ -394,7 +331,7 @@ class BatchPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
 
     def _changed(self, session: int) -> StreamingPlanner:
-        """Planner of a session whose plan is about to change, told what has been shown."""
+        """Planner of a session with a plan about to change; it learns what has been shown."""
         row = self.row(session)
         planner = self._planners[row]
         planner.settle(float(self._rows.shown_s[row]))
@@ -402,7 +339,7 @@ class BatchPlanner:
         return planner
 
     def _load(self, rows: NDArray[np.intp], times_s: Array) -> None:
-        """Copy what sessions will need from now on."""
+        """Copy what sessions need from now on out of their planners."""
         if not len(rows):
             return
         now_s = times_s[rows]
@@ -491,7 +428,7 @@ class BatchPlanner:
 
 
 def _rounded(faps: Array, spans: Sequence[slice]) -> NDArray[np.int32]:
-    """Do what :func:`~fapengine.mpeg4.codable.to_codable` does, on (68, S), only where there is something to round."""
+    """Do what :func:`~fapengine.mpeg4.track.to_codable` does, on (68, S), only where there is something to round."""
     rounded = np.zeros(faps.shape, np.int32)
     for span in spans:
         values = np.clip(faps[span], MIN_FAPU[span], MAX_FAPU[span])

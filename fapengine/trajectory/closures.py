@@ -1,4 +1,4 @@
-"""Closures: contacts that are promised, of lips, of lips and teeth, vowels that open, jaws that are high. Settled last.
+"""Closures: guaranteed contacts (lips, lips and teeth), vowels that open, jaws that stay high. Applied last.
 
 Theory of operation
 -------------------
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import bump, smoothstep, soft_positive
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import limits
+from fapengine.mpeg4.track import limits
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.targets import Resolved
 
@@ -47,7 +47,7 @@ best: closures are tightest 20 ms before 0.3 of p b m, the lower lip is highest 
 MIN_HOLD_S = 0.04
 """Least duration of a touch; a phone that is shorter holds it from its beginning."""
 RAMP_S = 0.045
-"""Duration of the ramps before and behind a hold. Shorter ones fit the captured lips a little better and move them
+"""Duration of the ramps before and after a hold. Shorter ones fit the captured lips a little better and move them
 faster than people do."""
 SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
@@ -57,7 +57,7 @@ default head's upper teeth stands 0.3 mm below the neutral lips."""
 BITTEN_FAPU = 110.0
 """2.3 mm: higher the lower lip is not in 99 of 100 captured f and v. It matters to styles that exaggerate."""
 OPEN_FAPU = 180.0
-"""3.7 mm, of which 3.5 are seen in θ, whose tongue shows between the lips (JD3: 3.4 to 4.0). Captured vowels with an
+"""3.7 mm, of which 3.5 are seen in θ, with the tongue between the lips (JD3: 3.4 to 4.0). Captured vowels with an
 open jaw, of 60 ms and more, open by 8.6 mm and more in 99 of 100 cases; what is promised is less, so that it shapes
 nothing that was not in the way. It is kept by vowels of 80 ms and more; between two closures shorter ones open by what
 the ramps leave (half of it at 60 ms)."""
@@ -97,7 +97,7 @@ def hold_of(phone: Phone, contact: str = "lips") -> Hold:
 
 
 def hold_late(hold: Hold, edge_s: float) -> Hold | None:
-    """Put off a hold of which nothing may be seen before ``edge_s``; None for a vowel or an s that is over by then."""
+    """Delay a hold so that nothing of it is seen before ``edge_s``; None for a vowel or an s that is over by then."""
     start_s = edge_s + RAMP_S
     if hold.contact in ("open", "jaw"):
         return Hold(start_s, hold.stop_s, hold.contact) if start_s < hold.stop_s else None
@@ -182,7 +182,7 @@ def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array)
 
 
 def _nearer(opening: Array, free: Array, scale: float) -> Array:
-    """Bring lips that are near each other nearer, as far as nothing holds them open: ``free``, 0..1. FAPU."""
+    """Bring lips that are near each other nearer, as far as nothing holds them open (``free``, 0..1); FAPU."""
     near = NEAR_SHARE * free * (1.0 - smoothstep(opening / (scale * NEAR_FAPU)))
     nearer: Array = (1.0 - near) * opening
     return nearer

@@ -1,87 +1,252 @@
-"""Targets of a phone between its neighbours: they depend on context, learned by least squares.
+"""Targets of a phone between its neighbours: tokens, their features, and the sums of a context model.
 
 Theory of operation
 -------------------
-A phone's targets at a few fractions of its duration are a sum over *features* of the phone and of three neighbours
-to either side (:mod:`.context_features`): how they are articulated, who they are, who stands beside whom, how long
-they last. Ridge regression finds what each feature adds; the rarer and the farther a feature, the more it is shrunk. A
-phone or a pair that was never heard has no feature of its own, so its articulation speaks for it, and it stays near its
-likes.
+A phone track is split into *tokens*, each with a name of the profile and the IPA that was spoken. A token's targets at
+a few fractions of its duration are a sum over named *features* of it and of three neighbours to either side. What each
+feature adds was learned (:mod:`fapengine.laboratory.context_fit`). An IPA letter has :func:`ways`: numbers for how it
+is articulated, from the chart (:class:`fapengine.speech.ipa.Sound`) and from the table of articulation
+(:mod:`fapengine.speech.articulation`). The features of a token, by kind:
 
-How much each kind is shrunk was chosen by words left out, not by sentences left out: all that a user makes a face say
-is new words, while the words of a held-out sentence were heard in others (``bench/new_words``).
+- ``phone``: which one it is, and that times its length; ``length``: its own, and those of the nearest four;
+- ``letter``: the letter so many steps away: the last one of a token before, the first one of a token after;
+- ``way``: the ways of that letter, at step 0 the token's own;
+- ``cross``: each of its own ways times each way of its two neighbours, so that a phone never recorded beside another,
+  or never recorded at all, is still moved by it as similar phones are;
+- ``pair``, ``triple``: which two or three stand beside each other. They absorb what single words do, so that the other
+  features need not fit it.
 
-Lips foresee by this: the same /s/ is round before /u/ and spread before /i/. What has no gesture of its own, h and its
-like, takes the shape of what follows (:data:`NEXT_FROM`).
+So lips anticipate: the same /s/ is round before /u/ and spread before /i/. A sound without a gesture of its own, such
+as h, takes the shape of the next one (:data:`NEXT_FROM`). The sums are kept for each kind of token, because a stream
+needs them whenever a phone comes.
 """
 
-from array import array
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import UsageError
 from fapengine.profiles import ContextModel
 from fapengine.speech import ipa
-from fapengine.speech.phone_track import SILENCE
-from fapengine.trajectory.context_features import (
-    GESTURELESS,
-    LENGTHS,
-    MAX_DURATION_S,
-    MIN_DURATION_S,
-    PAUSE_S,
-    REACH,
-    TYPICAL_S,
-    Part,
-    alone,
-    beside,
-    features,
-    lengthened,
-    paired,
-    part_at,
-    parts_of,
-    tripled,
-    ways,
-)  # fmt: skip
-from fapengine.trajectory.tokens import Token
-from fapengine.trajectory.unheard import add_unheard
+from fapengine.speech.articulation import ARTICULATIONS, AXES, SIBILANTS
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+
+LABELS = 4096
+"""Remembered; a sender may make up any number."""
+SpelledPart = tuple[str, tuple[str, ...]]
+"""Name in the profile, and the IPA letters as they were spoken."""
+
+
+class Token(NamedTuple):
+    """A phone, or a part of one, under a name that the profile knows."""
+
+    phone: Phone
+    name: str
+    """Name in the profile, or :data:`SILENCE`."""
+    heard: tuple[str, ...]
+    """IPA letters as they were spoken; the profile may know only similar ones."""
+    start_s: float
+    end_s: float
+
+
+def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Token], list[str]]:
+    """Take a track apart into what a profile knows.
+
+    A label that it lacks is split into letters that share the time, each under the name of the most similar one.
+
+    Returns
+    -------
+    tokens : list of Token
+    strange : list of str
+        Labels that are no IPA; the neutral vowel stands in.
+    """
+    parts_of = speller(tuple(known))
+    tokens, strange = [], []
+    for phone in track.phones:
+        start_s, end_s = phone.start_s, phone.end_s
+        if phone.is_silence:
+            tokens.append(Token(phone, SILENCE, (), start_s, end_s))
+            continue
+        parts, is_strange = parts_of(phone.label)
+        if is_strange:
+            strange.append(phone.label)
+        if len(parts) == 1:
+            tokens.append(Token(phone, *parts[0], start_s, end_s))
+            continue
+        share = (end_s - start_s) / len(parts)
+        for index, (name, heard) in enumerate(parts):
+            tokens.append(Token(phone, name, heard, start_s + index * share, start_s + (index + 1) * share))
+    return tokens, strange
+
+
+@lru_cache(maxsize=16)
+def speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[SpelledPart, ...], bool]]:
+    """Make a function that splits a label into known names, and says whether it is not IPA; it caches its results."""
+    letters_known = tuple(name for name in known if len(name) == 1)
+
+    @lru_cache(maxsize=LABELS)
+    def parts_of(label: str) -> tuple[tuple[SpelledPart, ...], bool]:
+        spelled = ipa.letters(label)
+        letters = spelled or ("ə",)
+        whole = "".join(letters)
+        if whole in known:
+            return ((whole, letters),), not spelled
+        return tuple((ipa.nearest(letter, letters_known), (letter,)) for letter in letters), not spelled
+
+    return parts_of
+
+
+REACH = 3
+"""Neighbours to either side."""
+LENGTHS = (-2, -1, 1, 2)
+"""Steps to the neighbours with lengths that count."""
+TYPICAL_S, MIN_DURATION_S, MAX_DURATION_S = 0.1, 0.03, 0.4
+"""Durations count as their logarithm against the first, cut at the others. The longest that was captured is 0.35 s; a
+vowel that is held for a minute opened the mouth by 33 mm when its length went on to count."""
+PAUSE_S = 0.3
+"""Length of every silence as a neighbour, so that when speech began does not matter to its targets."""
+MANNERS = {0.0: "stop", 0.3: "fricative", 0.6: "approximant", 0.8: "nasal"}
+"""Names of :attr:`fapengine.speech.ipa.Sound.manner`."""
+RIDGE, POSTALVEOLAR = (0.05, 0.15), (0.3, 0.35)
+"""Places of :class:`fapengine.speech.ipa.Sound`: dental and alveolar; postalveolar and retroflex."""
+SCALE = 10.0
+"""Millimetres of the table of articulation that count as 1."""
+
+
+GESTURELESS = frozenset(letter for letter, row in ARTICULATIONS.items() if max(row.insists) <= 0.05)
+"""h and its like have no gesture of lips or tongue, so they have no ways: nothing is learned from where they stood."""
+
+
+class Part(NamedTuple):
+    """What a neighbour sees of a token."""
+
+    name: str
+    """IPA as it was spoken; the profile may know only a similar phone, which behaves differently."""
+    letter: str
+
+
+@cache
+def ways(letter: str) -> dict[str, float]:
+    """How a letter is articulated; zeros are left out.
+
+    Examples
+    --------
+    >>> sorted(ways("m")), ways("_"), ways("h")
+    (['lips', 'nasal'], {'silent': 1.0}, {})
+    """
+    if letter == SILENCE:
+        return {"silent": 1.0}
+    if letter in GESTURELESS:
+        return {}
+    sound, row = ipa.SOUNDS[letter], ARTICULATIONS[letter]
+    if sound.vowel:
+        found = {
+            "vowel": 1.0, "opening": sound.opening, "opening^2": sound.opening**2, "back": sound.place,
+            "rounded": sound.rounding,
+        }  # fmt: skip
+    else:
+        found = {
+            MANNERS[sound.manner]: 1.0, "lips": sound.lips, "teeth": float(sound.lips == 0.5), "place": sound.place,
+            "ridge": float(sound.place in RIDGE),
+            "postalveolar": float(POSTALVEOLAR[0] <= sound.place <= POSTALVEOLAR[1]),
+            "sibilant": float(letter in SIBILANTS),
+        }  # fmt: skip
+    scale = {"round": 1.0}
+    found |= {axis: value / scale.get(axis, SCALE) for axis, value in zip(AXES, row.values, strict=True)}
+    return {way: value for way, value in found.items() if value}
+
+
+def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
+    """Describe one token between its neighbours: feature names and values."""
+    token = tokens[index]
+    first, last = parts_of(token.heard)
+    length = log_length(token.end_s - token.start_s)
+    found = {name: length * value for name, value in lengthened(first).items()}
+    for step in LENGTHS:
+        found[f"length {step}"] = log_length(_seconds(tokens, index + step))
+    for step in range(-REACH, REACH + 1):
+        if step:
+            found |= beside(step, part_at(tokens, index + step, step))
+    before, after = part_at(tokens, index - 1, -1), part_at(tokens, index + 1, 1)
+    return found | alone(first) | paired(first, -1, before) | paired(last, 1, after) | tripled(before, first, after)
+
+
+def alone(own: Part) -> dict[str, float]:
+    """Features of a token by itself, without its length; ``own`` has its first letter."""
+    return {"bias": 1.0, f"phone {own.name}": 1.0} | {f"way 0 {way}": v for way, v in ways(own.letter).items()}
+
+
+def lengthened(own: Part) -> dict[str, float]:
+    """Features of a token's length, for a length that counts 1."""
+    return {"length 0": 1.0, f"phone {own.name} length": 1.0}
+
+
+def beside(step: int, other: Part) -> dict[str, float]:
+    """Features that another one gives to a token from so many steps away."""
+    named = {f"way {step} {way}": value for way, value in ways(other.letter).items()}
+    return named | {f"letter {step} {other.letter}": 1.0}
+
+
+def paired(own: Part, step: int, other: Part) -> dict[str, float]:
+    """Features of standing right after (-1) or before (1) another one; ``own`` has the letter on that side."""
+    found = {
+        f"cross {step} {mine} {way}": one * value
+        for mine, one in ways(own.letter).items()
+        for way, value in ways(other.letter).items()
+    }
+    return found | {f"pair {step} {other.name} {own.name}": 1.0}
+
+
+def tripled(before: Part, own: Part, after: Part) -> dict[str, float]:
+    """Feature of standing between two others."""
+    return {f"triple {before.name} {own.name} {after.name}": 1.0}
+
+
+def part_at(tokens: Sequence[Token], index: int, step: int) -> Part:
+    """Return what a token ``step`` away sees at an index; silence beyond both ends."""
+    inside = 0 <= index < len(tokens) and tokens[index].name != SILENCE
+    first, last = parts_of(tokens[index].heard if inside else ())
+    return last if step < 0 else first
+
+
+@cache
+def parts_of(heard: tuple[str, ...]) -> tuple[Part, Part]:
+    """First and last letter of a token, with its name; silence for no letters."""
+    letters = heard or (SILENCE,)
+    name = "".join(letters)
+    return Part(name, letters[0]), Part(name, letters[-1])
+
+
+def _seconds(tokens: Sequence[Token], index: int) -> float:
+    if not 0 <= index < len(tokens) or tokens[index].name == SILENCE:
+        return PAUSE_S
+    return tokens[index].end_s - tokens[index].start_s
+
+
+def log_length(duration_s: float) -> float:
+    """Length as it counts."""
+    return float(np.log(min(max(duration_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S))
+
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", int, NDArray[np.intp])
 
-FRACTIONS = (0.2, 0.7)
-"""Fractions of a phone's duration at which its keyframes stand; splines through captured values there are within 0.35
-mm of the captured lips (through those at 30 % alone, 0.79)."""
-PENALTIES: Mapping[str, tuple[float, ...]] = {
-    "bias": (0.03,), "phone": (10.0,), "length": (3.0,), "way": (1.0, 10.0, 20.0, 40.0),
-    "letter": (0.0, 30.0, 60.0, 120.0), "cross": (0.0, 60.0), "pair": (30.0,), "triple": (10.0,),
-}  # fmt: skip
-"""Ridge of each kind of feature by its distance in steps, the first for a kind without one. Found by leaving words out,
-within training sentences of one speaker; of those tried, none a third of it or thrice it lowers the error at the keys
-by more than 0.6 %."""
-SENTENCE = 6.0
-"""Ridge of what is a sentence's own, an offset of the whole face and its drift: no timing tells them (none of their
-variance in other sentences), and phones need not bend to them. 3 and 10 measure the same."""
-MIN_TOKENS = 3
-"""Tokens that a feature must be seen in; what is rarer is luck."""
 NEXT_FROM = 0.65
-"""Share of the next letter in the first keyframe of h and its like, which have no gesture of their own; the rest is how
-the one before ends. In the last keyframe it is all."""
-BLOCK = 256
-"""Columns of the normal matrix that are computed at a time."""
+"""Weight of the next letter in the first keyframe of sounds without a gesture of their own, such as h; the rest is the
+end of the letter before. In the last keyframe it is 1."""
 FIRST_PAIRS = 64
 """Rows that tables begin with; they double when they are full."""
 KIND_RADIX = 1 << 20
-"""Kinds of tokens that three of make one number; labels are remembered up to 4,096 (:data:`.tokens.LABELS`)."""
+"""Kinds of tokens that three of make one number; labels are remembered up to 4,096
+(:data:`.context.LABELS`)."""
 
 
 def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
     """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing.
 
-    The sum of what :func:`.context_features.features` names, but of h and its like, summed beforehand for each kind of
+    The sum of what :func:`.context.features` names, but of h and its like, summed beforehand for each kind of
     token: a stream asks this whenever a phone comes.
     """
     tables = tables_of(model)
@@ -141,7 +306,7 @@ class ContextTables:
         """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
     def kind(self, heard: tuple[str, ...]) -> int:
-        """Give the number of a token's letters; of none, that of silence."""
+        """Return the number of a token's letters, and for none that of silence."""
         known = self._kinds.get(heard)
         return self._new_kind(heard) if known is None else known
 
@@ -151,9 +316,9 @@ class ContextTables:
         Parameters
         ----------
         around : (T,) int
-            Kinds of tokens, in order, those of any number of tracks; three silences before and behind each track.
+            Kinds of tokens, in order, those of any number of tracks; three silences before and after each track.
         lengths_s : (T,) float64, s
-            Of silences :data:`.context_features.PAUSE_S`.
+            Of silences :data:`.context.PAUSE_S`.
         own : (N,) int
             Places of the tokens that are asked for, none of them silences.
 
@@ -269,79 +434,3 @@ class ContextTables:
 def tables_of(model: ContextModel) -> ContextTables:
     """Give a model its tables, which all who plan by it share."""
     return ContextTables(model)
-
-
-def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) -> ContextModel:
-    """Learn the model.
-
-    Parameters
-    ----------
-    sentences : sequence of token lists
-    weights : sequence of (N, keyframes, K) arrays
-        Captured weights at :data:`FRACTIONS` of each token. Rows of silences are ignored, and so are rows with NaN:
-        tokens that were not captured, but stand beside others. Letters without a gesture (h) teach nothing: one
-        speaker's stood before w alone, and looked like it.
-
-    Raises
-    ------
-    UsageError
-        If there is no spoken token, or shapes do not fit.
-    """
-    goals: list[Array] = []
-    said: list[tuple[int, float]] = []
-    column_of: dict[str, int] = {}
-    columns, values, ends = array("i"), array("d"), array("i", [0])  # not lists: some 250 features a token
-    for sentence, (tokens, captured) in enumerate(zip(sentences, weights, strict=True)):
-        for index, token in enumerate(tokens):
-            if token.name == SILENCE or not ways(token.heard[0]) or np.isnan(captured[index]).any():
-                continue
-            named = features(tokens, index)
-            columns.extend(column_of.setdefault(name, len(column_of)) for name in named)
-            values.extend(named.values())
-            ends.append(len(columns))
-            goals.append(captured[index])
-            said.append((sentence, token.start_s))
-    if not goals:
-        raise UsageError("sentences: got no spoken phone, expected some")
-    from scipy.linalg import solve  # only fitting needs them: planning starts without
-    from scipy.sparse import csr_array
-
-    goal = np.stack(goals).reshape(len(goals), -1)
-    seen = np.bincount(columns, minlength=len(column_of))
-    names = sorted(name for name, column in column_of.items() if seen[column] >= min(MIN_TOKENS, len(goals)))
-    design = csr_array((values, columns, ends), shape=(len(goals), len(column_of)))
-    design = design[:, [column_of[name] for name in names]]
-    own = csr_array(_of_sentences(said))
-    shared = own.T @ design
-    normal = np.empty((len(names), len(names)), order="F")
-    for start in range(0, len(names), BLOCK):  # as a sparse matrix it would be larger than as a full one
-        part = slice(start, start + BLOCK)
-        normal[:, part] = (design.T @ design[:, part]).toarray() - (shared.T @ shared[:, part]).toarray()
-    normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
-    coefficients = solve(normal, design.T @ goal - shared.T @ (own.T @ goal), assume_a="pos", overwrite_a=True)
-    shape = (len(names), *goals[0].shape)
-    return add_unheard(
-        ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=coefficients.reshape(shape))
-    )
-
-
-def _of_sentences(said: Sequence[tuple[int, float]]) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Values, rows and columns of what is a sentence's own, for tokens of ``(sentence, time in s)``.
-
-    A column of ones and one of times from their mean for each sentence, orthogonal, so that ridge regression on them
-    beside others is what their products, divided by their sums of squares and :data:`SENTENCE`, take from the others'.
-    """
-    sentences, times_s = np.array(said).T
-    _, sentence, count = np.unique(sentences, return_inverse=True, return_counts=True)
-    drift = times_s - (np.bincount(sentence, times_s) / count)[sentence]
-    ones = 1.0 / np.sqrt(count + SENTENCE)
-    slopes = 1.0 / np.sqrt(np.bincount(sentence, drift**2) + SENTENCE)
-    values = np.concatenate([ones[sentence], slopes[sentence] * drift])
-    tokens = np.arange(len(sentence))
-    return values, (np.concatenate([tokens, tokens]), np.concatenate([sentence, sentence + len(count)]))
-
-
-def _penalty(name: str) -> float:
-    kind, *rest = name.split(" ")
-    by_distance = PENALTIES[kind]
-    return by_distance[abs(int(rest[0]))] if len(by_distance) > 1 else by_distance[0]

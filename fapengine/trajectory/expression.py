@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.expressions import EXPRESSIONS, Expression, Mix
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.speech.marks import words_of
 from fapengine.speech.phone_track import PhoneTrack
@@ -18,35 +18,11 @@ from fapengine.speech.text.normal_form import same_word
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.ramps import Ramp
 
-EXPRESSIONS = tuple(expression for expression in Expression if expression)
-"""All but the neutral one; index is column and channel."""
 ATTACK_S = 0.35
 RELEASE_S = 0.5
 MAX_WEIGHT = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Mix:
-    """A part of joy on one half of the face, with shut lips."""
-
-    is_left: bool
-    corner: float
-    """Share of joy by which the corner of the lips is raised."""
-    stretch: float
-    """Share of joy by which the corner is drawn aside."""
-    cheek: float
-    """Share of joy by which cheek and lids of that half are raised."""
-    lids: float = 0.0
-    """Way by which both upper lids sink, FAPU."""
-
-
-MIXES = {
-    Expression.SMILE_LEFT: Mix(is_left=True, corner=1.0, stretch=0.9, cheek=0.8),
-    Expression.SMILE_RIGHT: Mix(is_left=False, corner=1.0, stretch=0.9, cheek=0.8),
-    Expression.CONTEMPT: Mix(is_left=True, corner=0.6, stretch=0.25, cheek=0.35, lids=170.0),
-}
-"""Expressions that FAP 2 does not say, mixed from the profile's joy: a smile of one half, and contempt, a corner that
-is tightened and raised (Ekman's unilateral one) below heavy lids."""
 RAISED, STRETCHED, WITH_CHEEK, UPPER_LIDS = (12, 59), (6, 53), (41, 39, 21, 61), (19, 20)
 """FAPs of the left half; those of the right are one more."""
 WITH_CORNER = {  # FAPs of the lips: share of the corner's height by which they go up with it; inner lips stay shut
@@ -71,9 +47,9 @@ class Mood:
     release_s: float = RELEASE_S
 
     def __post_init__(self) -> None:
-        name = self.expression.name.lower()
+        name = self.expression.label
         if not 0 <= self.strength <= MAX_WEIGHT:
-            raise UsageError(f"expression {name}: got strength {self.strength}, expected 0..{MAX_WEIGHT:g}")
+            raise UsageError(f"expression {name}: must be 0 to {MAX_WEIGHT:g}, got strength {self.strength}")
         if not 0 <= self.start_s < self.stop_s:
             raise UsageError(f"expression {name}: got {self.start_s} to {self.stop_s} s, expected 0 <= start < stop")
         if not (0 < self.attack_s < inf and 0 < self.release_s < inf):
@@ -84,17 +60,11 @@ class Mood:
 def during_word(
     expression: Expression, strength: float, word: str, phones: PhoneTrack, *, attack_s: float = ATTACK_S
 ) -> list[Mood]:
-    """Let an expression follow a word: fully there while it is spoken, each time that it is.
-
-    Raises
-    ------
-    UsageError
-        If the word is not spoken, or its phones do not tell their words.
-    """
+    """Let an expression follow a word: fully there while it is spoken, each time that it is."""
     spans = _spans(words_of(phones.phones), same_word(word))
     if not spans:
         spoken = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"
-        raise UsageError(f"expression {expression.name.lower()}: got word {word!r}, expected one of: {spoken}")
+        raise UsageError(f"expression {expression.label}: got word {word!r}, expected one of: {spoken}")
     return [
         Mood(expression, strength, max(start_s - attack_s, 0.0), stop_s + RELEASE_S, attack_s)
         for start_s, stop_s in spans
@@ -125,7 +95,6 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
 
     Parameters
     ----------
-    moods : sequence of Mood
     profile : Profile
         Where the expressions lie.
     end_s : float
@@ -134,18 +103,13 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
     Returns
     -------
     list of Ramp
-        Channels are indices of :data:`EXPRESSIONS`, goals 0..:data:`MAX_WEIGHT`.
-
-    Raises
-    ------
-    UsageError
-        If the profile lacks an expression.
+        Channels are indices of :data:`fapengine.expressions.EXPRESSIONS`, goals 0..:data:`MAX_WEIGHT`.
     """
     ramps: list[Ramp] = []
     by_expression: dict[Expression, list[tuple[float, float, Mood]]] = {}
     for mood in moods:
         if not has_expression(profile, mood.expression):
-            name = mood.expression.name.lower()
+            name = mood.expression.label
             raise UsageError(f"expression: got {name}, profile {profile.id!r} does not have it")
         release_s = max(min(mood.stop_s, end_s) - mood.release_s, mood.start_s + mood.attack_s)
         by_expression.setdefault(mood.expression, []).append((mood.start_s, release_s, mood))
@@ -160,7 +124,7 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
 
 def has_expression(profile: Profile, expression: Expression) -> bool:
     """Whether a profile has an expression, or the joy that it is mixed from."""
-    return expression in profile.expressions or (expression in MIXES and Expression.JOY in profile.expressions)
+    return expression in profile.expressions or (expression.mix is not None and Expression.JOY in profile.expressions)
 
 
 def _mixed(mix: Mix, joy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,10 +144,10 @@ def _mixed(mix: Mix, joy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=16)
 def expression_faps(profile: Profile) -> NDArray[np.float64]:
-    """(68, 9) FAPU: every one of :data:`EXPRESSIONS` at full level; what a profile lacks is 0. Read-only.
+    """(68, E) FAPU: every one of the expressions at full level; what a profile lacks is 0. Read-only.
 
     An expression is a pose in the viseme space (paper 001, section 5.2) and FAPs beyond it. FAPs are linear in the
-    space, so adding these is adding there. Those of :data:`MIXES` are made of its joy.
+    space, so adding these is adding there. Our own expressions are mixed from its joy.
     """
     faps = np.zeros((fap.FAP_COUNT, len(EXPRESSIONS)))
     for column, expression in enumerate(EXPRESSIONS):
@@ -191,7 +155,7 @@ def expression_faps(profile: Profile) -> NDArray[np.float64]:
             face = profile.expressions[expression]
             moved_mm = profile.space.to_points_mm(face.target[None])
             faps[:, column] = displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap
-        elif has_expression(profile, expression):
-            faps[:, column] = _mixed(MIXES[expression], faps[:, EXPRESSIONS.index(Expression.JOY)])
+        elif expression.mix is not None and Expression.JOY in profile.expressions:
+            faps[:, column] = _mixed(expression.mix, faps[:, EXPRESSIONS.index(Expression.JOY)])
     faps.setflags(write=False)
     return faps

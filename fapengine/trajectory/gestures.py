@@ -5,10 +5,10 @@ Theory of operation
 Gestures are defined here once, for files and for live sessions. A :class:`GestureGenerator` draws them as ramps
 (:mod:`.ramps`), in time order and each at its own time, whatever the frame rate is; :func:`gesture_faps` turns the
 values of all ramps, and of the sines that never end, into FAPs. Offline :func:`sample_gestures` draws all at once and
-evaluates them on an array of times; live :mod:`fapengine.live.engine.gestures` draws on as time goes by.
+evaluates them on an array of times; live :mod:`fapengine.engine.gestures` draws on as time goes by.
 
-- Chance: each of :data:`.style.GENERATORS` has a random generator of its own, spawned from one. To switch one off
-  changes nothing in the others, for it is drawn all the same.
+- Chance: each of :data:`fapengine.speaking.GENERATORS` has a random generator of its own, spawned from one. To switch
+  one off changes nothing in the others, for it is drawn all the same.
 - A *nod*, with raised brows, belongs to the strongest accent of a phrase (:mod:`.phrases`), not to every stress. It
   begins :data:`NOD_RISE_S` before the phone, or as soon as the phone is known where that is later; a phone whose
   beginning has passed by then makes none. It is chosen and its strength drawn when it begins, so it does not matter in
@@ -25,53 +25,52 @@ evaluates them on an array of times; live :mod:`fapengine.live.engine.gestures` 
 
 from bisect import insort
 from collections.abc import Callable, Iterable, Sequence
-from enum import IntEnum
+from enum import IntEnum, auto
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.expressions import EXPRESSIONS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.phrases import Phrases
 from fapengine.trajectory.ramps import Ramp, pulse, sample_ramps
-from fapengine.trajectory.style import GENERATORS, Style
+from fapengine.trajectory.style import Style
 
 Array = NDArray[np.float64]
 
 
 class Channel(IntEnum):
-    """One ramp each, of every face; the first are :data:`.expression.EXPRESSIONS`, at their levels."""
+    """Ramps of a face's gestures. They come after those of its expressions: see :data:`CHANNELS`."""
 
-    JOY = 0
-    SADNESS = 1
-    ANGER = 2
-    FEAR = 3
-    DISGUST = 4
-    SURPRISE = 5
-    SMILE_LEFT = 6
-    SMILE_RIGHT = 7
-    CONTEMPT = 8
-    LOOK_YAW = 9
-    LOOK_PITCH = 10
-    GLANCE_YAW = 11
-    GLANCE_PITCH = 12
-    PITCH = 13
-    YAW = 14
-    ROLL = 15
-    BLINK = 16
-    NOD = 17
-    JAW = 18
-    LIPS = 19
-    HEAD_MOTION = 20
-    IDLE = 21
-    GAZE = 22
-    STANCE_PITCH = 23
-    STANCE_YAW = 24
-    STANCE_ROLL = 25
+    @staticmethod
+    def _generate_next_value_(name: str, start: int, count: int, last_values: list[int]) -> int:
+        return len(EXPRESSIONS) + count
+
+    LOOK_YAW = auto()
+    LOOK_PITCH = auto()
+    GLANCE_YAW = auto()
+    GLANCE_PITCH = auto()
+    PITCH = auto()
+    YAW = auto()
+    ROLL = auto()
+    BLINK = auto()
+    NOD = auto()
+    JAW = auto()
+    LIPS = auto()
+    HEAD_MOTION = auto()
+    IDLE = auto()
+    GAZE = auto()
+    STANCE_PITCH = auto()
+    STANCE_YAW = auto()
+    STANCE_ROLL = auto()
 
 
+CHANNELS = len(EXPRESSIONS) + len(Channel)
+"""Number of ramps of a face: first one of each expression, by its index, then one of each :class:`Channel`."""
 FIRST_BLINK_S = (0.6, 1.8)
 """Earliest and latest time at which the first blink has shut the eyes."""
 MIN_BLINK_INTERVAL_S = 0.8
@@ -161,7 +160,7 @@ class GestureGenerator:
     Parameters
     ----------
     rng : numpy.random.Generator
-        Chance; one generator is spawned from it for each of :data:`.style.GENERATORS`.
+        Chance; one generator is spawned from it for each of :data:`fapengine.speaking.GENERATORS`.
     style : Style
         Gestures that are shown.
     begins_s : float
@@ -327,8 +326,8 @@ def _switches(style: Style, at_s: float, over_s: float) -> list[Ramp]:
 
 
 def start_levels(style: Style) -> Array:
-    """Values with which a face of a style begins: (C,), one of each :class:`Channel`."""
-    levels = np.zeros(len(Channel))
+    """Return the initial levels of a style: (C,), one per channel."""
+    levels = np.zeros(CHANNELS)
     levels[[Channel.JAW, Channel.LIPS]] = style.jaw_gain, style.articulation * style.lips
     levels[Channel.GAZE] = style.gaze
     return levels
@@ -340,7 +339,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     Parameters
     ----------
     levels : (C, N) float64
-        Value of each :class:`Channel`: angles in rad, all others 0..1.
+        Value of each of :data:`CHANNELS`: angles in rad, all others 0..1; those of expressions are not used here.
     waves : (2, sines, N or 1) float64
         See ``GestureGenerator.waves``.
     since_s : (N,) float64, s
@@ -410,8 +409,6 @@ def gestures_of(
         When all is at rest again.
     phones : iterable of Phone
         What is spoken; accents make nods, pauses draw blinks.
-    style : Style
-    rng : numpy.random.Generator
     wanted : iterable of Ramp
         Gestures that are made besides.
 

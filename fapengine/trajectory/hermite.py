@@ -1,11 +1,11 @@
-"""A C2 path through keyframes that a later key cannot reach back into: quintic Hermite segments.
+"""A C2 path through keyframes that later keys do not change: quintic Hermite segments.
 
 Theory of operation
 -------------------
 At each key, velocity and acceleration are those of the parabola through it and its two neighbours; at both ends of the
 path they are zero. A segment between two keys is the quintic with these values, so the path passes its keys, is C2
 everywhere, and a change of one key changes nothing beyond two keys to either side, bit by bit. A natural cubic spline
-passes a change on for ever, by a factor of 0.27 a key; that is why a stream uses this one.
+passes a change on for ever, by a factor of 0.27 a key; a stream needs a local path.
 
 Where keys stand at uneven distances the parabola's velocity is limited: alone it may not carry a key farther along the
 longer of its two segments than its three keys range. That bounds the overshoot (:data:`OVERSHOOT`).
@@ -73,7 +73,7 @@ Jet = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Keys with their derivatives, ready to be sampled. Before the first and behind the last key it stands still."""
+    """Keys with their derivatives, ready to be sampled. Before the first and after the last key it stands still."""
 
     times_s: Array
     """(N,) s, strictly rising, N >= 2."""
@@ -82,7 +82,7 @@ class Path:
 
     @classmethod
     def through(cls, times_s: Array, values: Array) -> "Path":
-        """Lay the path through keys, (N,) s and (N, K); fewer than two make no motion, and it rests at 0."""
+        """Make the path through keys, (N,) s and (N, K); with fewer than two it rests at 0."""
         if len(times_s) < 2:
             return cls(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
         return cls(times_s, np.stack([values, *derivatives(times_s, values)], axis=1))
@@ -102,7 +102,7 @@ class Path:
 
 
 class Row(NamedTuple):
-    """Keys of many paths, one path behind the other."""
+    """Keys of many paths, one path after the other."""
 
     times_s: Array
     """(N,) s."""
@@ -134,7 +134,7 @@ def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
 
 
 def sample(times_s: Array, values: Array, at_s: Array) -> Array:
-    """Values of the path at any times: (T, K); before the first and behind the last key it stands still.
+    """Values of the path at any times: (T, K); before the first and after the last key it stands still.
 
     Parameters
     ----------
@@ -148,11 +148,6 @@ def sample(times_s: Array, values: Array, at_s: Array) -> Array:
         piece = slice(start, start + PIECE)
         sampled[piece] = path.jet(at_s[piece])[0]
     return sampled
-
-
-def jet(times_s: Array, values: Array, at_s: Array) -> Jet:
-    """Value, velocity and acceleration of the path at any times, (T, K) each; parameters as :func:`sample`."""
-    return Path.through(times_s, values).jet(at_s)
 
 
 def quintic(length_s: Number, first: Three[Number], last: Three[Number]) -> tuple[Number, ...]:

@@ -1,13 +1,13 @@
-"""Paths of many streams at once: what :mod:`.targets`, :mod:`.phonetics` and :mod:`.keyframes` do for one.
+"""Paths of many streams at once: what :mod:`.targets`, :mod:`.phonetics` and :mod:`.targets` do for one.
 
 Theory of operation
 -------------------
-A stream plans a dozen phones anew whenever one comes, and the calls of NumPy cost more than their numbers. So what has
-come for all streams of a server since the last frame is planned together: phones of all tracks stand in one row, with
-room between them that nothing sees across, and each step is one call. A label's letters, kinds and contact are looked
-up, not found anew.
+A stream plans a dozen phones again whenever one comes, and NumPy's calls cost more than its arithmetic. So phones of
+all streams of a server since the last frame are planned together: phones of all tracks stand in one row, far enough
+apart that no feature reaches across, and each step is one call. What is known of a label is looked up, not computed
+again.
 
-The keys of a track are those that the three modules find for it alone, but for rounding.
+The keys of a track equal those that the three modules find for it alone, except for rounding.
 """
 
 from collections.abc import Sequence
@@ -23,12 +23,20 @@ from fapengine.errors import UsageError
 from fapengine.profiles import ContextModel, Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite, phonetics
-from fapengine.trajectory.context import tables_of
-from fapengine.trajectory.context_features import PAUSE_S, REACH
-from fapengine.trajectory.keyframes import CLOSEST_KEYS_S, HELD_PAUSE_S, MIN_PAUSE_S, REST_MARGIN_S, spaced
+from fapengine.trajectory.context import LABELS, PAUSE_S, REACH, speller, tables_of
 from fapengine.trajectory.phonetics import WIDTH
-from fapengine.trajectory.targets import APART_S, GAP_S, contact_of, jaws_of, loudness_gain
-from fapengine.trajectory.tokens import LABELS, speller
+from fapengine.trajectory.targets import (
+    APART_S,
+    CLOSEST_KEYS_S,
+    GAP_S,
+    HELD_PAUSE_S,
+    MIN_PAUSE_S,
+    REST_MARGIN_S,
+    contact_of,
+    jaws_of,
+    loudness_gain,
+    spaced,
+)
 
 Array = NDArray[np.float64]
 Contacts = list[tuple[Phone, str]]
@@ -36,7 +44,7 @@ Contacts = list[tuple[Phone, str]]
 
 
 class _Spelled(NamedTuple):
-    """What is known of a label before it has a time."""
+    """A label without a time."""
 
     kinds: tuple[int, ...]
     """Kinds of its parts, in the context model's tables."""
@@ -52,7 +60,7 @@ class _Row:
     kinds: list[int] = field(default_factory=list)
     """Number of every token, and of the silences between them, in the context model's tables."""
     letters: list[int] = field(default_factory=list)
-    told: list[float] = field(default_factory=list)
+    numbers: list[float] = field(default_factory=list)
     """Seven numbers for each phone: its track, or -1 where no keys are wanted; places and counts of its tokens in
     ``kinds`` and of its letters; start and end."""
     loud: list[tuple[int, float]] = field(default_factory=list)
@@ -62,8 +70,8 @@ class _Row:
     contacts: list[Contacts] = field(default_factory=list)
 
     def add(self, track: int, phones: Sequence[Phone], first_own: int, look_up: "_Labels") -> None:
-        """Put a track behind the others; of the phones before ``first_own`` no keys are wanted."""
-        kinds, letters, told = self.kinds, self.letters, self.told
+        """Append a track; phones before ``first_own`` get no keys."""
+        kinds, letters, numbers = self.kinds, self.letters, self.numbers
         silence, spelled_of = look_up.silence, look_up.spelled_of
         kinds += (silence,) * REACH
         letters += phonetics.NOTHING_BESIDE
@@ -89,14 +97,14 @@ class _Row:
                 letters.append(phonetics.PAUSE)
             now_s = spoken_s = end_s
             mine = number >= first_own
-            told += (track if mine else -1, len(kinds), len(parts), len(letters), len(signs), start_s, end_s)
+            numbers += (track if mine else -1, len(kinds), len(parts), len(letters), len(signs), start_s, end_s)
             kinds += parts
             letters += signs
             if mine:
                 if first_s < 0:
                     first_s = start_s
                 if phone.loudness_db:
-                    self.loud.append((len(told) // 7 - 1, loudness_gain(phone.loudness_db)))
+                    self.loud.append((len(numbers) // 7 - 1, loudness_gain(phone.loudness_db)))
                 if contact != "none":
                     contacts.append((phone, contact))
         letters += phonetics.PAUSE_BEHIND
@@ -115,25 +123,20 @@ class _Row:
 def lay_paths(
     tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile
 ) -> tuple[list[hermite.Path], list[Contacts]]:
-    """Lay the path of each track through the keys of its phones.
+    """Make the path of each track through the keys of its phones.
 
     Parameters
     ----------
     tracks : sequence of (phone list, int)
-        Phones in time order, without silences; and the number of the first of them whose keys are wanted.
+        Phones in time order, without silences; and the index of the first one that gets keys.
     profile : Profile
         With a context model.
 
     Returns
     -------
     paths : list of hermite.Path
-        In the space's modes, and the axes of :mod:`.phonetics` behind them.
+        In the space's modes, then the axes of :mod:`.phonetics`.
     contacts : list of lists
-
-    Raises
-    ------
-    UsageError
-        If phones of a track overlap by more than :data:`.targets.GAP_S`.
     """
     look_up, row = _labels(profile), _Row()
     for number, (phones, first_own) in enumerate(tracks):
@@ -164,11 +167,11 @@ def lay_paths(
 
 def _keys(row: _Row, profile: Profile, look_up: "_Labels") -> tuple[NDArray[np.intp], Array, Array]:
     """Track, time (N,) and weights with axes (N, K + axes) of the keys of all phones."""
-    told = np.array(row.told).reshape(-1, 7)
-    start_s, end_s = told[:, 5], told[:, 6]
-    track_of, place, parts, first, count = told[:, :5].T.astype(np.intp)
+    numbers = np.array(row.numbers).reshape(-1, 7)
+    start_s, end_s = numbers[:, 5], numbers[:, 6]
+    track_of, place, parts, first, count = numbers[:, :5].T.astype(np.intp)
     shares_s = (end_s - start_s) / parts
-    phone = np.repeat(np.arange(len(told)), parts)
+    phone = np.repeat(np.arange(len(numbers)), parts)
     index = np.arange(len(phone)) - (np.cumsum(parts) - parts)[phone]
     places, length_s = place[phone] + index, shares_s[phone]
     lengths_s = np.full(len(row.kinds), PAUSE_S)
@@ -185,7 +188,7 @@ def _keys(row: _Row, profile: Profile, look_up: "_Labels") -> tuple[NDArray[np.i
         keys_s[crowded, 0] = keys_s[crowded, 0] + length_s[crowded] * (fractions.mean() - fractions[0])
         kept[crowded, 1:] = False
     if row.loud:
-        gains = np.ones(len(told))
+        gains = np.ones(len(numbers))
         gains[[number for number, _ in row.loud]] = [gain for _, gain in row.loud]
         loud = np.flatnonzero(gains[phone] != 1.0)
         targets[loud] += (gains[phone[loud]] - 1.0)[:, None, None] * (targets[loud] @ jaws_of(profile))
@@ -216,7 +219,7 @@ def _apart(times_s: Array, track_of: NDArray[np.intp]) -> NDArray[np.intp] | sli
 
 
 class _Labels:
-    """What is known of labels, by profile. Stateful: it remembers what it has met."""
+    """Labels as a profile knows them. Stateful: it caches what it has looked up."""
 
     def __init__(self, profile: Profile, model: ContextModel) -> None:
         self.tables, self.fractions = tables_of(model), np.array(model.fractions)
@@ -235,5 +238,5 @@ class _Labels:
 @lru_cache(maxsize=16)
 def _labels(profile: Profile) -> _Labels:
     if profile.context is None:
-        raise UsageError("profile: got none with a context model, expected one")
+        raise UsageError("profile: needs a context model")
     return _Labels(profile, profile.context)

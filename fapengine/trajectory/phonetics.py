@@ -3,11 +3,11 @@
 Theory of operation
 -------------------
 A profile's space holds what was recorded; :data:`~fapengine.speech.articulation.AXES` hold what was not. A keyframe's
-target gets their values behind its weights, so one path carries both, and whatever is true of the path (C2, local, the
-same offline and live) is true of them.
+target has their values after its weights, so one path carries both, and the properties of the path (C2, local, the
+same offline and live) hold for them.
 
-A letter's value at its keyframes is its own as far as it insists, and for the rest what its neighbours want: up to
-:data:`REACH` letters ahead and behind, each seen through those between, ahead counting :data:`AHEAD` of the whole.
+A letter's value at its keyframes is its own as far as it insists, and for the rest its neighbours': up to :data:`REACH`
+letters ahead and back, each weighted by what those between leave, with :data:`AHEAD` of the weight ahead.
 So t before u is round from its beginning, s half, and i not at all. A pause ends the view half.
 
 :func:`layer_faps` makes FAPs of the axes, linearly: lips (16, 17), corners (6, 7, 53, 54), the points half way to them
@@ -32,8 +32,8 @@ from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, PUCKERED, SPREAD
+from fapengine.trajectory.context import LABELS
 from fapengine.trajectory.targets import Resolved
-from fapengine.trajectory.tokens import LABELS
 
 Array = NDArray[np.float64]
 
@@ -43,26 +43,26 @@ WIDTH = len(LAYER)
 """Number of axes."""
 ROUND, HOLE = LAYER.index("round"), LAYER.index("hole")
 REACH = 3
-"""Neighbours to either side, as in :data:`.context_features.REACH`: what makes a stream equal its offline plan."""
+"""Neighbours to either side, as in :data:`.context.REACH`: what makes a stream equal its offline plan."""
 AHEAD = 0.65
-"""Share of what follows in what a letter takes over; rounding is foreseen more than it lingers (Perkell and Matthies
-1992, J. Acoust. Soc. Am. 91, 2911; the number is ours)."""
+"""Weight of later letters in what a letter takes over; rounding is anticipated more than it lingers (Perkell and
+Matthies 1992, J. Acoust. Soc. Am. 91, 2911; the number is ours)."""
 PAUSE_S = 0.1
 """Least gap between phones that is a pause."""
 PAUSE_INSISTS = 0.5
 UPPER_SHARE, LOWER_SHARE = 0.87, 1.13
 """Upper and lower lip against their mean, in a pucker of ICT-FaceKit: 6.9 and 9.0 mm."""
 NARROW_MM = 0.47
-"""Each corner's way to the middle at ``round`` 1, beside what was recorded. The width's slope grows from 0.64 to 0.75,
-and its correlation loses 1.9 %; with 0.5 mm 2.1 %."""
+"""Distance of each corner towards the middle at ``round`` 1, beside what was recorded. The width's slope grows from
+0.64 to 0.75, and its correlation loses 1.9 %; with 0.5 mm 2.1 %."""
 PURSE_MM = 0.16
-"""Way of each lip's half-way points to the other lip at ``round`` 1: those of a long u meet, so that it is a hole and
-no slit as wide as the mouth. Heard words notice nothing (x y 1.110 mm without, 1.109 with)."""
+"""Distance of each lip's half-way points towards the other lip at ``round`` 1: those of a long u meet, so that it is a
+hole and no slit as wide as the mouth. Heard words notice nothing (x y 1.110 mm without, 1.109 with)."""
 PURSE_OUTER = 0.6
 """Share of it by which the outer lips follow."""
 HOLE_MM = 0.9
-"""Way of the middle of each lip from the other at ``hole`` 1: a long u opens by 5.5 mm in place of 3.7, so that its
-hole is seen. In short sounds too, the same would lose a twentieth of the closing lips that are found."""
+"""Distance of the middle of each lip from the other at ``hole`` 1: a long u opens by 5.5 mm in place of 3.7, so that
+its hole is seen. In short sounds too, the same would lose a twentieth of the closing lips that are found."""
 LONG_S = 0.1, 0.2
 """Length of a phone from which on, and at which wholly, letters of
 :data:`~fapengine.speech.articulation.PUCKERED` are held narrower."""
@@ -98,7 +98,7 @@ _INSISTS = np.array(
 )
 PAUSE, _NOTHING = len(ARTICULATIONS), len(ARTICULATIONS) + 1
 NOTHING_BESIDE = (_NOTHING,) * REACH
-"""Rows of the table that stand before a track, and behind its last pause."""
+"""Rows of the table before a track, and after its last pause."""
 PAUSE_BEHIND = (PAUSE, *NOTHING_BESIDE)
 _NEUTRAL = ("ə",)
 _TIMES_MORE = np.array(
@@ -111,7 +111,7 @@ _SHARES = np.array([AHEAD, 1.0 - AHEAD])[:, None, None, None]
 
 
 def extend(resolved: Sequence[Resolved]) -> list[Resolved]:
-    """Put the axes behind every target: (keyframes, K) becomes (keyframes, K + :data:`WIDTH`)."""
+    """Append the axes to every target: (keyframes, K) becomes (keyframes, K + :data:`WIDTH`)."""
     if not resolved:
         return []
     kinds: list[int] = [*NOTHING_BESIDE]
@@ -152,9 +152,9 @@ def kinds_of(label: str) -> tuple[int, ...]:
 
 
 def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp]) -> Array:
-    """(N, axes): what the letters ``at`` these places do; ``kinds`` goes on for :data:`REACH` more at both ends.
+    """(N, axes): values of the letters ``at`` these places; ``kinds`` has :data:`REACH` more at both ends.
 
-    Equal places side by side, keys of one letter, are worked out once.
+    Equal places side by side, keys of one letter, are computed once.
     """
     fresh = np.append(True, at[1:] != at[:-1])
     at, place = at[fresh], np.cumsum(fresh) - 1
@@ -223,7 +223,7 @@ def layer_gain(lips: Array | float) -> Array:
 
 
 def give_way(expression: Array, held: Array) -> Array:
-    """Take from an expression what pulls at corners that are held.
+    """Remove from an expression what pulls at held corners.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""Phrases: what is known of when a face speaks, pauses and stresses. It grows while phones come.
+"""Phrases: when a face speaks, pauses and stresses, as far as it is known. Phones add to it as they come.
 
 Theory of operation
 -------------------
 Phones that follow each other within :data:`PAUSE_S` are one phrase. What becomes known is entered as it comes, in any
 order; a stop's closure or a lost phone ends no phrase. Of accents (stressed phones) few are *outstanding*: an accent is
-passed over for :data:`REACH_S` behind one that was, and while a stronger one of the same phrase comes within that time;
+passed over for :data:`REACH_S` after one that was, and while a stronger one of the same phrase comes within that time;
 but after twice that time there is one in any case. So a phrase of two seconds has one, its strongest; a long one has
 one every 1.2 to 3 s. Accents are judged in time order, and who knows phones :data:`REACH_S` ahead finds the same ones
 as who knows all.
@@ -25,7 +25,7 @@ DB_PER_DOUBLE_LENGTH = 3.0
 """Loudness that counts as much as twice the length, for a stressed vowel is longer and louder: our choice."""
 USUAL_S = 0.1
 KEPT_S = 5.0
-"""Time for which what is over is remembered."""
+"""Time for which what is over is kept."""
 
 
 class Phrases:
@@ -74,7 +74,7 @@ class Phrases:
         return None if index < 0 else (self._spans[index][0], self._spans[index][1])
 
     def following(self, at_s: float) -> tuple[float, float] | None:
-        """Beginning and end of the first phrase that begins behind a time."""
+        """Beginning and end of the first phrase that begins after a time."""
         index = bisect_right(self._spans, at_s, key=lambda span: span[0])
         return None if index == len(self._spans) else (self._spans[index][0], self._spans[index][1])
 

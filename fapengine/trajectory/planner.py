@@ -1,18 +1,19 @@
-"""Speech to FAPs: the whole way from timed phones to a :class:`FapTrack`.
+"""Speech to FAPs: from timed phones to a :class:`FapTrack`.
 
 Theory of operation
 -------------------
 Phones become keyframes, keyframes a path in the viseme space, the path displacements, these FAPs; expressions are added
-on the way. Behind the weights of the space the same path carries what no recording told: how far lips come forward, and
-the tongue (:mod:`.phonetics`). Closures are settled last (:mod:`.closures`), then gestures added (:mod:`.gestures`).
+on the way. After the weights of the space the same path carries what is not recorded: how far lips come forward,
+and the tongue (:mod:`.phonetics`). Closures are settled last (:mod:`.closures`), then gestures added
+(:mod:`.gestures`).
 
-What is promised for phones of 50 ms and more at natural rate, spoken at 0.5 to 3 times that rate, and tested:
+Guaranteed, and tested, for phones of 50 ms and more at natural rate, spoken at 0.5 to 3 times that rate:
 
 - contacts are made, whatever the expression (:mod:`.closures`);
 - the speed of the lips' opening is at most 2.5 times, and its acceleration 11 times, what was captured (the latter
   times the rate, if the speech is faster than natural; ``docs/trajectories.md``);
 - between two keyframes each weight stays in their range but for :data:`.hermite.OVERSHOOT`;
-- 0.12 s (:data:`.keyframes.REST_MARGIN_S`) behind the last phone speech has left no trace on the face.
+- 0.12 s (:data:`.targets.REST_MARGIN_S`) after the last phone nothing of the speech is left on the face.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,26 +22,24 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fapengine.errors import UsageError
-from fapengine.mpeg4.codable import to_codable
+from fapengine.expressions import EXPRESSIONS, Expression
 from fapengine.mpeg4.fap import FAP_COUNT
-from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import Expression
+from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
+from fapengine.speaking import RATES_HZ
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.closures import Holds, close_lips, holds_of
-from fapengine.trajectory.expression import EXPRESSIONS, Mood, expression_faps, mood_ramps
+from fapengine.trajectory.expression import Mood, expression_faps, mood_ramps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.gestures import gestures_of
-from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import ROUND, WIDTH, extend, give_way, layer_faps, layer_gain
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style as Style
-from fapengine.trajectory.targets import joined_track, resolve
+from fapengine.trajectory.targets import REST_MARGIN_S, joined_track, place_keyframes, resolve
 
-RATES_HZ = (1.0, 240.0)
 PIECE = 4096
-"""Number of frames whose FAPs are made at once, as real numbers; so the memory of a long plan is that of its result."""
+"""Frames that are computed at a time, as real numbers; so a long plan needs little more memory than its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +48,7 @@ class Plan:
 
     track: FapTrack
     unknown: Mapping[str, int] = field(default_factory=dict)
-    """Phone labels that are no IPA, and how often they came; the neutral vowel stood in for them."""
+    """Phone labels that are not IPA, with counts; the neutral vowel replaces them."""
 
 
 def plan(
@@ -72,7 +71,7 @@ def plan(
     profile : Profile
         Whose face.
     rng : numpy.random.Generator
-        Chance of the gestures.
+        Draws the gestures.
     rate_hz : float
         Frames a second, 1..240.
     expressions : mapping of Expression to float, or sequence of Mood
@@ -81,17 +80,12 @@ def plan(
         How it speaks.
     duration_s : float, optional
         Length of the track, by default that of the phones; it is longer where the face takes longer to come to rest
-        (:data:`.keyframes.REST_MARGIN_S` behind the last phone).
+        (:data:`.targets.REST_MARGIN_S` after the last phone).
     gestures : sequence of Ramp
-        Glances, nods and blinks that are wanted beside those of the style.
-
-    Raises
-    ------
-    UsageError
-        For a rate, a style or an expression out of range.
+        Glances, nods and blinks in addition to those of the style.
     """
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
-        raise UsageError(f"rate_hz: got {rate_hz}, expected {RATES_HZ[0]:g}..{RATES_HZ[1]:g}")
+        raise UsageError(f"rate_hz: must be {RATES_HZ[0]:g} to {RATES_HZ[1]:g}, got {rate_hz}")
     style = style or Style()
     end_s = rest_s(phones, duration_s)
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
@@ -121,6 +115,6 @@ def plan(
 
 
 def rest_s(phones: PhoneTrack, duration_s: float | None = None) -> float:
-    """Length of a track that lasts so long and, whatever that is, until the face has come to rest from speaking."""
+    """Length of a track: ``duration_s``, or longer until the face has come to rest after speaking."""
     last_s = next((phone.end_s + REST_MARGIN_S for phone in reversed(phones.phones) if not phone.is_silence), 0.0)
     return max(phones.duration_s if duration_s is None else duration_s, last_s)

@@ -1,4 +1,4 @@
-"""Values that glide from where they are to where they are sent: levels of expressions, gaze, blinks, gains.
+"""Values that move smoothly to goals: levels of expressions, gaze, blinks, gains.
 
 Theory of operation
 -------------------
@@ -163,7 +163,7 @@ class Ramps:
         self._quintic = np.zeros((6, 2, len(start), FIRST_ROWS))
 
     def open(self) -> int:
-        """Add a row behind the last, and return its number."""
+        """Append a row, and return its number."""
         row = self._count
         if row == len(self._due_s):
             self._grow()

@@ -1,9 +1,9 @@
-"""The planner for phones that are still coming: late, early, in any order, revised, or not at all.
+"""The planner for a stream of phones: late, early, in any order, revised, or not at all.
 
 Theory of operation
 -------------------
-Times up to the *edge*, ``horizon_s`` behind the last frame asked for, are settled: what was or may have been shown
-there never changes. Ahead of it the path is planned anew whenever phones change. The new path need not meet the old
+Times up to the *edge*, ``horizon_s`` after the last frame asked for, are settled: what was or may have been shown
+there never changes. Beyond it the path is planned again whenever phones change. The new path need not meet the old
 one at the edge; the difference in value, velocity and acceleration is added and fades to nothing over :data:`FADE_S`
 along a quintic, so the motion stays C2 whatever happens. Velocity and acceleration fade in :data:`MOMENTUM_S` at the
 most, and within the length of the fade that they come from: a face that hurries to rest does not shoot beyond it when
@@ -11,7 +11,7 @@ it is called back. The path is local (:mod:`.hermite`): phones that come
 :data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then equals the offline plan.
 
 A bilabial that comes too late for its time still closes the lips, as soon as they can. When phones stop coming, the
-face goes to rest behind the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
+face goes to rest after the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
 """
 
 from bisect import bisect_left, bisect_right
@@ -21,22 +21,19 @@ from math import isfinite
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.mpeg4.codable import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, close_lips, hold_late, hold_of
-from fapengine.trajectory.context_features import REACH
-from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import place_keyframes
+from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, hold_late, hold_of
+from fapengine.trajectory.context import REACH
 from fapengine.trajectory.many import Contacts, lay_paths
-from fapengine.trajectory.phonetics import WIDTH, extend, layer_faps, layer_gain
+from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import joined_track, resolve
+from fapengine.trajectory.targets import joined_track, place_keyframes, resolve
 
 Array = NDArray[np.float64]
 _Timed = tuple[float, float, str]
@@ -49,11 +46,11 @@ MOMENTUM_S = 0.15
 AHEAD_PHONES = 5
 """Three neighbours that a phone looks at, and two keys that a segment does."""
 KEYS_BEHIND = 3
-"""Phones before the edge whose keys a plan needs at most: a segment needs two keys, and one may give way to a nearer
+"""Most phones before the edge with keys that a plan needs: a segment needs two keys, and one may give way to a nearer
 one."""
 LONG_S = 0.06
-"""Length for each sign of its label from which on a phone keeps its keys, whatever stands before it: it is no shorter
-than twice :data:`.targets.APART_S`, and its first key comes :data:`.keyframes.CLOSEST_KEYS_S` after its beginning."""
+"""Least length, for each character of its label, of a phone that keeps its keys, whatever is before it: no shorter
+than twice :data:`.targets.APART_S`, and its first key comes :data:`.targets.CLOSEST_KEYS_S` after its beginning."""
 BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan looks back at; farther back nothing touches the path at the edge."""
 _END = attrgetter("end_s")
@@ -67,20 +64,17 @@ SAME_S = 1e-3
 
 @dataclass(slots=True)
 class Counts:
-    """Counts of what was not as it should be.
-
-    Stateful.
-    """
+    """Counts of phones that came late, or were dropped or revised. Stateful."""
 
     late: int = 0
-    """Phones that came after their time had begun to be shown."""
+    """Phones that came after their beginning had been shown."""
     dropped: int = 0
-    """Phones that were over when they came."""
+    """Phones that had ended when they came."""
     revised: int = 0
-    """Phones that were replaced, or cut short, by later word."""
+    """Phones that later ones replaced or cut short."""
     cancelled: int = 0
     unknown: int = 0
-    """Phones whose label is no IPA."""
+    """Phones with a label that is not IPA."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,21 +90,6 @@ class StreamPlan:
     left_over: Array
     """(3, K): value, velocity and acceleration at ``start_s``."""
 
-    def jet(self, times_s: Array) -> hermite.Jet:
-        """Value, velocity and acceleration at any times from ``start_s`` on: (T,) s -> (T, K) each."""
-        jet = self.path.jet(times_s)
-        since = times_s - self.start_s
-        still = np.zeros_like(self.left_over[0])
-        value, *momentum = self.left_over
-        fades = ((self.fade_s, (value, still, still)), (self.momentum_s, (still, momentum[0], momentum[1])))
-        for length_s, first in fades:
-            fading = since < length_s
-            if fading.any() and self.left_over.any():
-                added = hermite.blend(since[fading, None], np.array(length_s), first, (still, still, still))
-                for total, share in zip(jet, added, strict=True):
-                    total[fading] += share
-        return jet
-
     def shortest_fade_s(self, time_s: float) -> float:
         """Length of the shorter of its fades that last at a time; infinity if none does."""
         since_s = time_s - self.start_s
@@ -125,18 +104,13 @@ class StreamingPlanner:
 
     Parameters
     ----------
-    profile : Profile
     style : Style
         Articulation and context; gestures are for whoever shows the face.
     horizon_s : float
-        How far behind the last frame asked for the plan is settled. 0 reacts soonest, and costs nothing: what counts is
-        how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.01 mm of lip error,
+        Time after the last frame asked for up to which the plan is settled. 0 reacts soonest, and costs nothing: what
+        counts is how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.01 mm of
+        lip error,
         0.2 s 0.08, 0.1 s 0.23, none 1.4 (``design/look_ahead.py``).
-
-    Raises
-    ------
-    UsageError
-        If ``horizon_s`` is negative.
     """
 
     profile: Profile
@@ -151,15 +125,13 @@ class StreamingPlanner:
     _cancelled_s: float = -np.inf
     _due: tuple[float, float] | None = None
     """Edge and fade of a plan that is to be made."""
-    _gains: Array = field(init=False)
     _width: int = field(init=False)
-    """Number of weights on the path: modes, and the axes of :mod:`.phonetics` behind them."""
+    """Number of weights on the path: modes, then the axes of :mod:`.phonetics`."""
 
     def __post_init__(self) -> None:
-        self._gains = self.style.gains(self.profile)
         self._width = self.profile.space.mode_count + WIDTH
         if not self.horizon_s >= 0:
-            raise UsageError(f"horizon_s: got {self.horizon_s}, expected 0 or more")
+            raise UsageError(f"horizon_s: must be 0 or more, got {self.horizon_s}")
         modes = self._width
         rest = hermite.Path.through(np.zeros(0), np.zeros((0, modes)))
         self._plans = [StreamPlan(-np.inf, rest, 0.0, 0.0, np.zeros((3, modes)))]
@@ -169,26 +141,20 @@ class StreamingPlanner:
         """Time up to which nothing changes any more."""
         return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
-    def feed(self, phones: Sequence[Phone]) -> None:
-        """Take phones in, in any order; each replaces what it overlaps. A silence takes away what stood there.
+    def take(self, phones: Sequence[Phone], stand_ins: Sequence[Phone] = ()) -> None:
+        """Take phones in, in any order; :func:`plan_together`, which must come next, plans their path.
 
-        Parameters
-        ----------
-        phones : sequence of Phone
-            In stream time, in the order in which they came: the last word counts.
+        Phones come in stream time. Each replaces what it overlaps; a silence removes what it overlaps. Those of them
+        that are ``stand_ins`` for lost phones are not counted as late: they move the face alone.
         """
-        self.take(phones)
-        plan_together([self])
-
-    def take(self, phones: Sequence[Phone]) -> None:
-        """Take phones in as :meth:`feed` does, but leave the plan to :func:`plan_together`, which must come next."""
         edge = self.edge_s
         for phone in phones:
+            is_counted = not phone.is_silence and phone not in stand_ins
             if phone.end_s <= edge:
-                self.counts.dropped += not phone.is_silence
+                self.counts.dropped += is_counted
                 self._close_late(phone, edge)
             else:
-                self.counts.late += phone.start_s < edge and not phone.is_silence
+                self.counts.late += phone.start_s < edge and is_counted
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
                 self._place(phone)
         self._due = edge, FADE_S
@@ -214,17 +180,12 @@ class StreamingPlanner:
             self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
-        """End speech: what comes at or behind ``at_s`` is not said, and the face is at rest ``fade_s`` later.
+        """End speech: phones at or after ``at_s`` are not said, and the face is at rest ``fade_s`` later.
 
         What was planned before ``at_s`` is settled by it, so phones that are fed afterwards speak from there on.
-
-        Raises
-        ------
-        UsageError
-            If ``fade_s`` is not positive.
         """
         if not fade_s > 0:
-            raise UsageError(f"fade_s: got {fade_s}, expected a positive time")
+            raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         if self._due:
@@ -235,7 +196,7 @@ class StreamingPlanner:
         self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
 
     def _to_plan(self) -> tuple[list[Phone], int]:
-        """Forget what is long over; give the phones of the new plan, and the first of them whose keys it needs."""
+        """Drop old phones; return those of the new plan, and the index of the first one with keys that it needs."""
         edge, phones = self._due[0] if self._due else self.edge_s, self._phones
         over = bisect_right(phones, edge, key=_END)
         first = max(over - BEHIND_PHONES, 0)
@@ -265,7 +226,7 @@ class StreamingPlanner:
             return
         momentum_s = min(fade_s, MOMENTUM_S, self._plans[-1].shortest_fade_s(edge))
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
-        while self._plans[1].start_s < min(edge, self._shown_s):  # nobody asks for what is over
+        while self._plans[1].start_s < min(edge, self._shown_s):  # plans that are over
             del self._plans[0]
 
     def _renew_holds(self, contacts: Contacts, edge: float) -> None:
@@ -308,49 +269,8 @@ class StreamingPlanner:
         return self._plans[index], until_s
 
     def settle(self, time_s: float) -> None:
-        """Promise that nothing up to ``time_s`` and the horizon behind it changes any more, as :meth:`frames` does."""
+        """Note that frames up to ``time_s`` were shown: nothing up to the horizon after it changes any more."""
         self._shown_s = max(self._shown_s, time_s)
-
-    def path(self, times_s: ArrayLike) -> Array:
-        """(T, K + axes) at ``times_s``: mode weights, then :mod:`.phonetics`; planned so far, settles nothing.
-
-        What lies before the last frame asked for is forgotten.
-        """
-        times = np.asarray(times_s, dtype=np.float64)
-        starts = np.array([plan.start_s for plan in self._plans])
-        index = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
-        weights = np.zeros((len(times), self._width))
-        for number in np.unique(index):
-            mine = index == number
-            weights[mine] = self._plans[number].jet(times[mine])[0]
-        return weights
-
-    def frames(self, times_s: ArrayLike) -> NDArray[np.int32]:
-        """FAPs of frames that are due, (T, 68) int32 FAPU; they are settled by it.
-
-        Parameters
-        ----------
-        times_s : (T,) array_like, s
-            Rising, not before the last frame asked for.
-
-        Raises
-        ------
-        UsageError
-            If times go back.
-        """
-        times = np.asarray(times_s, dtype=np.float64)
-        if not len(times):
-            return np.zeros((0, 68), np.int32)
-        if times[0] < self._shown_s or (np.diff(times) < 0).any():
-            raise UsageError(f"times_s: got {times[0]:g} s, expected rising times from {self._shown_s:g} s")
-        space = self.profile.space
-        path = self.path(times)
-        moved = space.to_points_mm(path[:, : space.mode_count] @ self._gains)
-        faps = displacements_to_faps(moved, space.points, self.profile.fapu)
-        faps += layer_gain(self.style.lips_gain) * path[:, space.mode_count :] @ layer_faps(self.profile)
-        faps = close_lips(faps, times, self.holds, openness=self.style.openness)
-        self.settle(float(times[-1]))
-        return to_codable(faps)
 
 
 def _shut_already(phone: Phone, before: Mapping[_Timed, Hold], edge_s: float) -> _Timed | None:
@@ -391,8 +311,8 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:
     """(S, 3, K): value, velocity and acceleration of many plans, each at a time of its own, (S,) s."""
     jets = hermite.jets_at([plan.path for plan in plans], times_s)
-    told = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans])
-    since_s, fade_s, momentum_s = times_s - told[:, 0], told[:, 1], told[:, 2]
+    timing = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans])
+    since_s, fade_s, momentum_s = times_s - timing[:, 0], timing[:, 1], timing[:, 2]
     fading = np.flatnonzero(since_s < fade_s)
     if len(fading):
         since_s, fade_s, momentum_s = since_s[fading], fade_s[fading], momentum_s[fading]

@@ -15,7 +15,7 @@ model knows (:mod:`.context`) and by the merging of keyframes that stand too nea
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,8 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import PhoneTarget, Profile
+from fapengine.speaking import GENERATORS, LOUDNESS_DB, MAX_GAIN, METHOD_NAMES, WITHOUT, Method
 
-Method = Literal["context", "paper", "minimum-jerk", "dominance"]
-METHOD_NAMES: tuple[Method, ...] = get_args(Method)
-GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
-"""Fields of :class:`Style` that switch gestures (:mod:`.gestures`)."""
-GAIN_MAX = 3.0
-LOUDNESS_DB = (-20.0, 20.0)
 DB_PER_DOUBLE_DROP = 12.0
 """Loudness that opens the jaw twice as far: our choice, not a measurement. That loud speech opens it farther is in
 Schulman 1989, doi:10.1121/1.397737."""
@@ -60,11 +55,11 @@ class Style:
 
     def __post_init__(self) -> None:
         for name in ("articulation", "jaw", "lips"):
-            if not 0 <= getattr(self, name) <= GAIN_MAX:
-                raise UsageError(f"{name}: got {getattr(self, name)}, expected 0..{GAIN_MAX:g}")
+            if not 0 <= getattr(self, name) <= MAX_GAIN:
+                raise UsageError(f"{name}: must be 0 to {MAX_GAIN:g}, got {getattr(self, name)}")
         if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
             raise UsageError(
-                f"loudness_db: got {self.loudness_db}, expected {LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
+                f"loudness_db: must be {LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}, got {self.loudness_db}"
             )  # fmt: skip
         parse_method(self.method)
 
@@ -94,8 +89,7 @@ class Style:
         off = [name.replace("-", "_") for name in names]
         for name in off:
             if name not in (*GENERATORS, "all"):
-                expected = ", ".join((*GENERATORS, "all")).replace("_", "-")
-                raise UsageError(f"without: got {name!r}, expected one of {expected}")
+                raise UsageError(f"without: unknown value {name!r}; use one of {', '.join(WITHOUT)}")
         switched: dict[str, Any] = dict.fromkeys(GENERATORS if "all" in off else off, False)
         return replace(self, **switched)
 
@@ -111,7 +105,7 @@ class Style:
 
     @property
     def jaw_gain(self) -> float:
-        """Size of the jaw's movements, all told."""
+        """Size of the jaw's movements in all."""
         return float(self.articulation * self.jaw * 2.0 ** (self.loudness_db / DB_PER_DOUBLE_DROP))
 
     @property
@@ -121,7 +115,7 @@ class Style:
 
     @property
     def lips_gain(self) -> float:
-        """Size of the lips' movements, all told."""
+        """Size of the lips' movements in all."""
         return self.articulation * self.lips
 
     def gains(self, profile: Profile) -> NDArray[np.float64]:
@@ -132,17 +126,11 @@ class Style:
 
 
 def parse_method(name: str) -> Method:
-    """Find a method by its name.
-
-    Raises
-    ------
-    UsageError
-        If there is none of that name.
-    """
+    """Find a method by its name."""
     for method in METHOD_NAMES:
         if method == name:
             return method
-    raise UsageError(f"method: got {name!r}, expected one of {', '.join(METHOD_NAMES)}")
+    raise UsageError(f"method: unknown value {name!r}; use one of {', '.join(METHOD_NAMES)}")
 
 
 def jaw_share(profile: Profile) -> NDArray[np.float64]:

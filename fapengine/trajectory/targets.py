@@ -1,10 +1,14 @@
-"""Targets: where in the viseme space each phone of a track pulls the face, and when.
+"""Targets: the point of the viseme space that each phone pulls the face to, and its keyframes; paper 001, section 5.1.
 
 Theory of operation
 -------------------
-A phone has one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says); with a context
-model two, at 20 and 70 % (:mod:`.context`). A label that the profile lacks is taken apart into IPA letters, each of
-which takes the targets of the letter that is most like it.
+A phone has one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says so); with a
+context model two, at 20 and 70 % (:mod:`.context`). A label that the profile lacks is split into IPA letters, each of
+which takes the targets of the most similar letter.
+
+Silence is the rest face, the origin of the space: a long pause holds it, a short one only passes through it, and one of
+under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or the paper's cubic
+spline); it starts and ends at rest with zero slope.
 """
 
 from collections import Counter
@@ -14,15 +18,15 @@ from functools import cache, lru_cache
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fapengine.profiles import ContextModel, Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import heard_as_here, targets
+from fapengine.trajectory import hermite
+from fapengine.trajectory.context import SpelledPart, Token, heard_as_here, targets, tokens_of
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
-from fapengine.trajectory.tokens import Part, Token, tokens_of
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
@@ -33,7 +37,7 @@ APART_S = 0.03
 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
 
 GAP_S = 0.005
-"""Longest gap between two phones that is no pause to the face: the later one begins earlier, by so much."""
+"""Longest gap between two phones that is ignored: the later phone begins earlier by it."""
 
 Keys = tuple[tuple[float, ...], NDArray[np.float64]]
 """Times in s, and targets (keyframes, K)."""
@@ -64,12 +68,10 @@ def joined_track(phones: Iterable[Phone]) -> PhoneTrack:
 def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
     """Find every phone's targets.
 
-    A label that is no IPA counts as unknown; the neutral vowel stands in.
+    A label that is not IPA counts as unknown; the neutral vowel replaces it.
 
     Parameters
     ----------
-    track : PhoneTrack
-    profile : Profile
     context : bool
         Let the profile's context model find targets, if it has one; otherwise a phone's are always the same.
 
@@ -98,7 +100,7 @@ def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tup
     return resolved, Counter(strange)
 
 
-def contact_of(parts: Sequence[Part], profile: Profile) -> str:
+def contact_of(parts: Sequence[SpelledPart], profile: Profile) -> str:
     """Find the contact of a phone, as of :class:`Resolved`, from its parts' names and letters."""
     contacts = (profile.phones[name].contact for name, _ in parts)
     contact = next((each for each in contacts if each != "none"), "none")
@@ -122,7 +124,7 @@ def _own_keys(tokens: Sequence[Token], profile: Profile) -> list[Keys]:
 
 
 def _keys_in_context(tokens: Sequence[Token], model: ContextModel) -> list[Keys]:
-    """Give each token the keyframes that it has between its neighbours; one where there is no room for more."""
+    """Keyframes of each token between its neighbours; one where there is no room for more."""
     weights, fractions = targets(tokens, model), model.fractions
     starts = np.array([token.start_s for token in tokens])
     lengths = np.array([token.end_s for token in tokens]) - starts
@@ -141,13 +143,13 @@ def _joined(keys: Sequence[Keys]) -> Keys:
 
 
 def louder(targets: NDArray[np.float64], loudness_db: float, profile: Profile) -> NDArray[np.float64]:
-    """Let targets, (..., K), be said louder, or more quietly: the jaw's part of them grows, as a style's does."""
+    """Targets, (..., K), said louder or more quietly: the jaw's part of them grows, as with a style."""
     said: NDArray[np.float64] = targets + (loudness_gain(loudness_db) - 1.0) * (targets @ jaws_of(profile))
     return said
 
 
 def loudness_gain(loudness_db: float) -> float:
-    """Size of the jaw's part of a phone that is so much louder than usual."""
+    """Size of the jaw's part of a phone by its loudness, dB against the usual."""
     return float(2.0 ** (loudness_db / DB_PER_DOUBLE_DROP))
 
 
@@ -169,3 +171,70 @@ def must_open(letter: str) -> bool:
         return True
     sound = ipa.SOUNDS.get(letter)
     return sound is not None and sound.vowel and sound.opening >= NEAR_OPEN
+
+
+REST_MARGIN_S = 0.12
+"""Time to leave rest before speech, and to reach it afterwards. Articulators start about 120 ms before the sound (JALI,
+Edwards et al. 2016)."""
+MIN_PAUSE_S = 0.1
+"""Least length of a pause that passes through rest."""
+HELD_PAUSE_S = 0.3
+"""Least length of a pause that holds rest, between two keyframes; a shorter one has one keyframe, in its middle."""
+CLOSEST_KEYS_S = 0.012
+"""Nearer keyframes would make the spline swing; the later one gives way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframes:
+    """Times and points of a path in the space."""
+
+    times_s: NDArray[np.float64]
+    """(N,), strictly rising."""
+    weights: NDArray[np.float64]
+    """(N, K)."""
+
+    def sample(self, times_s: ArrayLike, *, cubic: bool = False) -> NDArray[np.float64]:
+        """(T, K): the path at ``times_s``; rest before the first and after the last keyframe.
+
+        ``cubic`` takes the paper's spline, clamped to rest at both ends, in place of the quintic path.
+        """
+        t = np.asarray(times_s, dtype=np.float64)
+        if len(self.times_s) < 2:
+            return np.zeros((len(t), self.weights.shape[1]))
+        if not cubic:
+            return hermite.sample(self.times_s, self.weights, t)
+        from scipy.interpolate import CubicSpline
+
+        spline = CubicSpline(self.times_s, self.weights, bc_type="clamped")
+        path: NDArray[np.float64] = spline(np.clip(t, self.times_s[0], self.times_s[-1]))
+        return path
+
+
+def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int) -> Keyframes:
+    """Put keyframes of phones and pauses in order, between rest and rest; see the theory of operation."""
+    if not resolved:
+        return Keyframes(np.zeros(0), np.zeros((0, mode_count)))
+    times = [time for phone in resolved for time in phone.times_s]
+    first_s, last_s = resolved[0].phone.start_s, resolved[-1].phone.end_s
+    rests: list[float] = []
+    for phone in track.phones:
+        if phone.is_silence and first_s < phone.start_s < last_s and phone.duration_s >= MIN_PAUSE_S:
+            held = phone.duration_s >= HELD_PAUSE_S
+            edges = (phone.start_s + REST_MARGIN_S, phone.end_s - REST_MARGIN_S)
+            rests += edges if held else [(phone.start_s + phone.end_s) / 2]
+    rests += [max(first_s - REST_MARGIN_S, 0.0), last_s + REST_MARGIN_S]
+    at = np.array(times + rests)
+    order = np.argsort(at, kind="stable")
+    if np.diff(at[order]).min() < CLOSEST_KEYS_S:
+        order = order[spaced(at[order].tolist())]
+    weights = np.concatenate([*(phone.targets for phone in resolved), np.zeros((len(rests), mode_count))])
+    return Keyframes(at[order], weights[order])
+
+
+def spaced(times_s: Sequence[float]) -> list[int]:
+    """Choose the keys that stand far enough apart; the first and the last stay."""
+    kept, last = [0], len(times_s) - 1
+    for index in range(1, last):
+        if times_s[kept[-1]] + CLOSEST_KEYS_S <= times_s[index] <= times_s[last] - CLOSEST_KEYS_S:
+            kept.append(index)
+    return [*kept, last]

@@ -1,4 +1,4 @@
-"""Which voice a language code means: any code that a voice lists, in any spelling.
+"""The voice for a language code: any code that a voice lists, in any spelling.
 
 espeak-ng gives each voice one or more codes, each with a priority (1 is the best); several voices may list the same
 code. What is asked for is looked up whole, then without its last subtag, and so on: ``de-AT`` is spoken by ``de``.
@@ -22,7 +22,7 @@ class VoiceEntry:
     """One voice of espeak-ng."""
 
     code: str
-    """Language code (BCP 47, small letters) that means this voice and no other."""
+    """Language code (BCP 47, lower case) that means this voice and no other."""
     name: str
     """Language and region in English."""
     identifier: str
@@ -74,12 +74,7 @@ class Catalogue:
         ----------
         asked : str
             A language code in any spelling (``fr``, ``pt-PT``, ``en_US``, ``de_DE.UTF-8``), or an identifier
-            (``roa/fr``); with the name of a speaker behind a plus sign (``fr+f3``), that one speaks.
-
-        Raises
-        ------
-        UsageError
-            If no voice speaks it, or there is no such speaker; the message names similar ones.
+            (``roa/fr``); with the name of a speaker after a plus sign (``fr+f3``), that one speaks.
         """
         language, _, speaker = asked.partition("+")
         if speaker:

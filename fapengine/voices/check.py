@@ -1,4 +1,4 @@
-"""What a voice must keep: its phones lie where they sound. A check for every voice, also for one of your own.
+"""A check for every voice, also for your own: its phones must lie where they sound.
 
 >>> import numpy as np
 >>> from fapengine.speech.phone_track import Phone
@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone
-from fapengine.voices.sound_level import PAUSE, SoundLevel
-from fapengine.voices.sounding import MIN_PHONE_S, ends_as, is_stop, is_vowel
+from fapengine.voices.sounding import MIN_PHONE_S, PAUSE, SoundLevel, ends_as, is_stop, is_vowel
 
 Law = Literal["order", "cover", "unknown", "dropped", "short", "loud pause", "open closure", "late vowel"]
 """Laws of a voice's phones, in the order in which they are checked.
@@ -38,26 +37,26 @@ loud pause
 open closure
     The silence before the burst of a stop belongs to the stop.
 late vowel
-    A vowel behind a nasal begins where the sound gets bright.
+    A vowel after a nasal begins where the sound gets bright.
 """
 EDGE_S = 0.001
 """Rounding that a voice may do at the ends of its sound."""
 CLOSURE_S = 0.015
 """Least length of a silence before a burst that is missed when it is not the stop's."""
 LATE_S = 0.025
-"""A vowel may begin so much behind where the sound gets bright; less than a frame at 30 frames a second."""
+"""Longest delay of a vowel after the sound gets bright; less than a frame at 30 frames a second."""
 
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """One place where the phones are not what the sound is."""
+    """One place where the phones do not fit the sound."""
 
     law: Law
     at_s: float
     label: str
     """Label of the phone, or of the one that lacks."""
     details: str
-    """Value that was got, and what was expected."""
+    """Actual and expected value."""
 
     def __str__(self) -> str:
         return f"{self.law}, {self.label!r} at {self.at_s:.3f} s: {self.details}"
@@ -84,11 +83,6 @@ def find_breaches(
     -------
     tuple of Breach
         In the order of :data:`Law`, then of time; empty for a voice that keeps them all.
-
-    Raises
-    ------
-    UsageError
-        If the samples are no row of finite numbers or the rate is not positive.
     """
     sound = SoundLevel(samples, rate_hz)
     return (
@@ -109,7 +103,7 @@ def _misplaced(phones: Sequence[Phone], duration_s: float) -> Iterator[Breach]:
             yield Breach("order", phone.start_s, phone.label, details)
     ends = ((phones[0].start_s, 0.0, phones[0]), (phones[-1].end_s, duration_s, phones[-1])) if phones else ()
     if not phones and duration_s:
-        yield Breach("cover", 0.0, "", f"got no phone, expected them to last {duration_s:.4f} s")
+        yield Breach("cover", 0.0, "", f"no phones, for a sound of {duration_s:.4f} s")
     for got_s, expected_s, phone in ends:
         if abs(got_s - expected_s) > EDGE_S:
             yield Breach("cover", got_s, phone.label, f"got {got_s:.4f} s, expected the sound's {expected_s:.4f} s")
@@ -128,13 +122,13 @@ def _dropped(phones: Sequence[Phone], spoken: Sequence[str] | None) -> Iterator[
         if kind in ("delete", "replace") and spoken:
             at_s = sounding[at].start_s if at < len(sounding) else phones[-1].end_s if phones else 0.0
             for label in spoken[first:last]:
-                yield Breach("dropped", at_s, label, "got no such phone here")
+                yield Breach("dropped", at_s, label, "the phone is missing here")
 
 
 def _short(phones: Sequence[Phone]) -> Iterator[Breach]:
     for phone in phones:
         if not phone.is_silence and phone.duration_s < MIN_PHONE_S:
-            details = f"got {1e3 * phone.duration_s:.1f} ms, expected at least {1e3 * MIN_PHONE_S:g}"
+            details = f"must be at least {1e3 * MIN_PHONE_S:g} ms, got {1e3 * phone.duration_s:.1f}"
             yield Breach("short", phone.start_s, phone.label, details)
 
 

@@ -1,9 +1,9 @@
 """espeak-ng as a voice: the library of the wheel ``espeakng-loader``, loaded at run time.
 
-The library reports a phone's onset only, in samples, and not quite where it is heard; :mod:`.sounding` mends that.
+The library reports a phone's onset only, in samples, and not quite where it is heard; :mod:`.sounding` corrects that.
 Names come in an IPA of its own (:mod:`.espeak_labels`). Words are reported by their place in the text.
 Its state is global to the process, so one lock guards it.
-GPL-3.0: the user installs it (``docs/adr/0003-voice-as-an-extra.md``).
+GPL-3.0: the user installs it (``design/decisions.md, 0003``).
 """
 
 import ctypes
@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import needed
 from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
+from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
 from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
@@ -25,20 +27,9 @@ from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_
 from fapengine.speech.text.ssml import check_ssml, find_tag
 from fapengine.speech.text.words import without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
-from fapengine.voices.espeak_labels import read_label
-from fapengine.voices.espeak_words import with_whole_words
+from fapengine.voices.espeak_labels import read_label, with_whole_words
 from fapengine.voices.protocol import Speech
-from fapengine.voices.sound_level import SoundLevel
-from fapengine.voices.sounding import Mark, sounding
-
-DEFAULT_VOICE = "en-us"
-RATES_WPM = (80, 449)
-"""Rates that espeak-ng speaks itself, words a minute (espeakRATE).
-
-From 450 it speeds up the finished sound, and the times of its events do not fit any more: they go back by up to 16 ms,
-and the last lies behind the sound (measured with 1.52).
-"""
-DEFAULT_RATE_WPM = 160
+from fapengine.voices.sounding import Mark, SoundLevel, sounding
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -81,12 +72,7 @@ _Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctype
 @cache
 def _library() -> tuple[ctypes.CDLL, int]:
     """Load and initialise espeak-ng once; return it and its sample rate."""
-    try:
-        import espeakng_loader
-    except ImportError as error:
-        raise ResourceError(
-            'voice: espeak-ng is not installed; mend it with: pip install "fapengine[voice]"'
-        ) from error
+    espeakng_loader = needed("espeakng_loader", "espeak-ng", "voice")
     try:
         library = ctypes.CDLL(espeakng_loader.get_library_path())
     except OSError as error:
@@ -101,26 +87,14 @@ def _library() -> tuple[ctypes.CDLL, int]:
 
 
 def sample_rate_hz() -> int:
-    """Return the sample rate of every sound that it makes.
-
-    Raises
-    ------
-    ResourceError
-        If espeak-ng is not installed.
-    """
+    """Return the sample rate of every sound that it makes."""
     with _lock:
         return _library()[1]
 
 
 @cache
 def catalogue() -> Catalogue:
-    """All voices that can speak; a voice whose dictionary was not installed is left out, for it says nothing.
-
-    Raises
-    ------
-    ResourceError
-        If espeak-ng is not installed.
-    """
+    """All voices that can speak; a voice without its dictionary is left out, because it says nothing."""
     with _lock:
         library, _ = _library()
         records = library.espeak_ListVoices(None)
@@ -171,13 +145,6 @@ def voices() -> dict[str, str]:
 class EspeakVoice:
     """An espeak-ng voice.
 
-    Raises
-    ------
-    UsageError
-        If the voice is unknown or the rate outside :data:`RATES_WPM`.
-    ResourceError
-        If espeak-ng is not installed.
-
     Examples
     --------
     >>> speech = EspeakVoice("en-us").speak("Mama.")
@@ -195,7 +162,7 @@ class EspeakVoice:
 
     def __post_init__(self) -> None:
         if not RATES_WPM[0] <= self.rate_wpm <= RATES_WPM[1]:
-            raise UsageError(f"rate: got {self.rate_wpm} words a minute, expected {RATES_WPM[0]}..{RATES_WPM[1]}")
+            raise UsageError(f"rate: must be {RATES_WPM[0]} to {RATES_WPM[1]} words a minute, got {self.rate_wpm}")
         catalogue().find(self.name)
 
     @property
@@ -216,19 +183,13 @@ class EspeakVoice:
         events, samples, rate_hz = self._synthesise(formed.text)
         phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz)
         if all(phone.is_silence for phone in phones.phones):
-            told = f"expected something to speak (voice {self.name!r} finds nothing in it)"
-            raise NothingToSpeakError(f"text: got {_shortened(text)}, {told}")
+            why = f"voice {self.name!r} finds nothing in it"
+            raise NothingToSpeakError(f"text: {_shortened(text)} contains nothing to speak ({why})")
         speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
         return speech.marked(marked)
 
     def transcribe(self, text: str) -> str:
-        """Return the phonemes of a text in IPA, as the library writes them without speaking (espeak_TextToPhonemes).
-
-        Raises
-        ------
-        ResourceError
-            If the library refuses the voice.
-        """
+        """Return the phonemes of a text in IPA, as the library writes them without speaking (espeak_TextToPhonemes)."""
         identifier = self.entry.identifier.encode()
         with _lock:
             library, _ = _library()

@@ -4,14 +4,14 @@ Theory of operation
 -------------------
 1. The words between two silences are spoken together, so that each is said as in running speech: ``a`` is no letter's
    name, ``of`` is weak. Each word is also spoken alone; the cheapest way to edit those phones into those of the phrase
-   tells which phones are whose. A voice that cannot speak the phrase has its words taken one by one.
+   tells which phones belong to which word. A voice that cannot speak the phrase speaks its words one by one.
 2. The lengths of a voice are its own, not the speaker's. Each is drawn to what is usual for its kind of sound, by
    :data:`USUAL_SHARE` (on a logarithmic scale).
 3. They are stretched or pressed until they fill the word, vowels more than consonants: each is multiplied by
    ``exp(k e)``, ``e`` being 1 for a vowel and :data:`CONSONANTS_YIELD` for a consonant.
 
-Signs without a letter or digit are silent; hm and mmm are hummed, where a voice would spell them. The track keeps its
-``level``, so that nobody takes it for measured.
+Words without a letter or digit are silent; hm and mmm are hummed, where a voice would spell them. The track keeps its
+``level``, so that it does not pass for measured.
 """
 
 import re
@@ -33,7 +33,7 @@ WORDS_OVERLAP_S = 0.05
 MAX_WORDS = 30
 """Words that are spoken together at most; more are taken in portions."""
 MAX_KNOWN_WORDS = 5_000
-"""Words that a pronouncer remembers; then it begins anew. About 5 MB."""
+"""Words that a pronouncer caches before it starts again. About 5 MB."""
 USUAL_SHARE = 0.5
 """Share of the usual length in that of a phone, 0..1. Against flite's times, any from 0.5 to 0.7 serves alike."""
 CONSONANTS_YIELD = 0.85
@@ -69,23 +69,17 @@ def pronounce(track: PhoneTrack, voice: Voice) -> PhoneTrack:
 
 
 def pronounce_words(words: Sequence[tuple[str, float, float]], voice: Voice) -> list[Phone]:
-    """Turn words that have times, as a TTS tells them beside its sound, into phones.
+    """Turn words with times, as a TTS gives them with its sound, into phones.
 
     Parameters
     ----------
     words : sequence of (str, float, float)
         Word, start and end in s; in order, up to :data:`WORDS_OVERLAP_S` of overlap.
-    voice : Voice
 
     Returns
     -------
     list of Phone
         From the first word on, without holes.
-
-    Raises
-    ------
-    UsageError
-        If times are out of order, or no times.
     """
     return Pronouncer(voice).words(words)
 
@@ -107,10 +101,6 @@ class Pronouncer:
 
     What it says of words does not depend on those that came before. Several threads may use it if they may use the
     voice.
-
-    Parameters
-    ----------
-    voice : Voice
 
     Examples
     --------
@@ -272,14 +262,14 @@ def stretched(lengths_s: Sequence[float], vowels: Sequence[bool], total_s: float
 
 
 def _drawn_s(phone: Phone) -> float:
-    """Length of a phone, drawn to what is usual for its kinds."""
+    """Length of a phone, moved towards the usual one of its kinds."""
     usual_s = sum(USUAL_S[kind] for kind in kinds(phone.label))
     return float(phone.duration_s ** (1.0 - USUAL_SHARE) * usual_s**USUAL_SHARE)
 
 
 @lru_cache(maxsize=4096)
 def kinds(label: str) -> tuple[str, ...]:
-    """Kinds of the sounds in a label, keys of :data:`USUAL_S`; what is no IPA counts as a vowel.
+    """Kinds of the sounds in a label, keys of :data:`USUAL_S`; anything that is not IPA counts as a vowel.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a voice is: text in, sound and the times of its phones out."""
+"""The interface of voices: text in, sound and the times of its phones out."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -11,6 +11,9 @@ from fapengine.errors import UsageError
 from fapengine.speech.marks import MarkedText, TimedMark, timed_marks, with_loudness, words_of
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
+MAX_PAD_S = 3600.0
+"""Longest silence that is put before or after speech."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Speech:
@@ -22,14 +25,14 @@ class Speech:
     phones: PhoneTrack
     """IPA; covers the whole sound, silence included."""
     remarks: tuple[str, ...] = ()
-    """Sentences about what was not spoken as it is written, such as a script that the voice does not read."""
+    """Sentences about text that was not spoken as written, such as a script that the voice does not read."""
     marks: tuple[TimedMark, ...] = ()
     """Marks of the text (:mod:`fapengine.speech.marks`), in the time of the sound."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples, "samples", ("N",), np.int16))
         if self.sample_rate_hz <= 0:
-            raise UsageError(f"sample_rate_hz: got {self.sample_rate_hz}, expected a positive number")
+            raise UsageError(f"sample_rate_hz: must be a positive number, got {self.sample_rate_hz}")
 
     @property
     def duration_s(self) -> float:
@@ -37,7 +40,16 @@ class Speech:
         return len(self.samples) / self.sample_rate_hz
 
     def padded(self, *, lead_s: float, tail_s: float) -> "Speech":
-        """Put silence before and behind, so that a face can start and end at rest."""
+        """Put silence before and after, so that a face can start and end at rest.
+
+        Raises
+        ------
+        UsageError
+            If a length is not 0 to :data:`MAX_PAD_S` seconds.
+        """
+        for name, length_s in (("lead_s", lead_s), ("tail_s", tail_s)):
+            if not 0 <= length_s <= MAX_PAD_S:
+                raise UsageError(f"{name}: got {length_s}, expected 0..{MAX_PAD_S:g} s")
         lead, tail = (round(length_s * self.sample_rate_hz) for length_s in (lead_s, tail_s))
         samples = np.concatenate([np.zeros(lead, np.int16), self.samples, np.zeros(tail, np.int16)])
         shift_s = lead / self.sample_rate_hz
@@ -49,7 +61,7 @@ class Speech:
         return replace(self, samples=samples, phones=PhoneTrack.of(moved), marks=marks)
 
     def marked(self, text: MarkedText) -> "Speech":
-        """Give the speech the marks of its text; loudness goes to the phones."""
+        """Add the marks of the text; their loudness goes to the phones."""
         marks = tuple(timed_marks(text, words_of(self.phones.phones), self.duration_s))
         phones = replace(self.phones, phones=with_loudness(self.phones.phones, marks))
         unknown = [f"text: the mark {label!r} says nothing that a face could show" for label in text.unknown]
@@ -60,13 +72,5 @@ class Voice(Protocol):
     """Anything that speaks and knows when each phone sounds."""
 
     def speak(self, text: str) -> Speech:
-        """Speak ``text``.
-
-        Raises
-        ------
-        UsageError
-            If there is nothing to speak.
-        ResourceError
-            If the voice cannot be loaded on this machine.
-        """
+        """Speak ``text``."""
         ...

@@ -1,20 +1,20 @@
-"""Phones where they sound: the marks of a voice, corrected by its samples.
+"""When phones sound: the marks of a voice, corrected by the loudness and brightness of its samples.
 
 Theory of operation
 -------------------
-A voice marks when each phone begins; what it calls the beginning is not always what is heard. espeak-ng, for one, puts
+A voice marks when each phone begins, but the mark is not always where the phone is heard. espeak-ng, for one, puts
 the silence of a stop before its mark (``Generate`` of its ``synthesize.c`` pauses for ``prepause`` and marks then),
-and marks a vowel behind a nasal or a liquid when its first part has been spoken. So the marks are a first guess, and
-the sound decides, in this order:
+and marks a vowel after a nasal or a liquid when its first part has been spoken. So the marks are a first guess, and
+the samples decide, in this order:
 
 1. Marks are put in order of time, and none lies outside the sound.
 2. A mark that only adds to the phone before (ʲ, a length) joins its label; its time is the next vowel's if one follows.
-3. A mark without a name is a pause where its samples are quiet, and only there: what sounds before the quiet belongs to
-   the phone before, what sounds behind it to the phone behind. A quiet shorter than :data:`MIN_PAUSE_S` is none,
-   and before a stop a quiet shorter than :data:`MAX_GAP_S` is the stop's closure.
+3. A mark without a name is a pause where its samples are quiet, and only there: sound before the quiet belongs to the
+   phone before, sound after it to the phone after. A quiet shorter than :data:`MIN_PAUSE_S` is no pause, and before a
+   stop a quiet shorter than :data:`MAX_GAP_S` is the stop's closure.
 4. A stop or affricate begins where the quiet begins that ends at its mark: there the lips or the tongue close.
-5. A vowel behind a nasal or a liquid begins where the sound gets bright (:meth:`SoundLevel.brightens`): there it opens.
-6. No phone is lost: one without time of its own takes the quiet around it if it is a stop, else a share of a neighbour.
+5. A vowel after a nasal or a liquid begins where the sound gets bright (:meth:`SoundLevel.brightens`): there it opens.
+6. No phone is lost: one without time of its own takes the quiet around it if it is a stop, else part of a neighbour.
 
 The phones cover the sound from its beginning to its end.
 """
@@ -22,10 +22,118 @@ The phones cover the sound from its beginning to its end.
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import UsageError
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone
-from fapengine.voices.sound_level import SoundLevel
+
+STEP_S = 0.001
+"""Resolution of all answers."""
+WINDOW_S = 0.004
+"""Time over which loudness is taken; a period of a man's voice is 10 ms, but it is never silent for 4 of them."""
+QUIET = 0.03
+"""Level below which a closure is silent, as a fraction of the RMS of the whole sound."""
+PAUSE = 0.1
+"""Level below which a stretch is a pause; breath and room may be in it."""
+BRIGHT_HZ = (900.0, 4000.0)
+"""Band that a mouth lets out and a nose or a tongue does not: the second and third formants of vowels."""
+BRIGHT_SHARE = 0.3
+"""A vowel begins at this fraction of the range from the darkest to the brightest."""
+_BRIGHT_WINDOW_S = 0.01
+
+
+class SoundLevel:
+    """A sound that is asked where it is quiet, and where it gets bright; it never changes.
+
+    Parameters
+    ----------
+    samples : (N,) number
+        Mono, any scale.
+    rate_hz : int
+        Samples a second.
+    """
+
+    def __init__(self, samples: ArrayLike, rate_hz: int) -> None:
+        self._samples = frozen(samples, "samples", ("N",), np.float64)
+        if rate_hz <= 0:
+            raise UsageError(f"rate_hz: must be a positive number, got {rate_hz}")
+        self._rate_hz = rate_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the sound."""
+        return len(self._samples) / self._rate_hz
+
+    @cached_property
+    def _energy(self) -> NDArray[np.float64]:
+        """(N + 1,): sum of squares up to each sample."""
+        return np.concatenate([[0.0], np.cumsum(np.square(self._samples))])
+
+    @cached_property
+    def _whole(self) -> float:
+        """RMS of the whole sound; 1 for a silent one, so that all of it is quiet."""
+        return float(np.sqrt(self._energy[-1] / max(len(self._samples), 1))) or 1.0
+
+    def level(self, start_s: ArrayLike, end_s: ArrayLike) -> NDArray[np.float64]:
+        """(...): RMS between two times, (...) each, as a fraction of that of the whole sound."""
+        last = len(self._samples)
+        first = np.clip(np.rint(np.asarray(start_s) * self._rate_hz).astype(int), 0, last)
+        behind = np.clip(np.rint(np.asarray(end_s) * self._rate_hz).astype(int), 0, last)
+        mean = (self._energy[behind] - self._energy[first]) / np.maximum(behind - first, 1)
+        level: NDArray[np.float64] = np.sqrt(np.maximum(mean, 0.0)) / self._whole
+        return level
+
+    def quiet_until(self, at_s: float, earliest_s: float, *, slack_s: float = 0.01) -> float:
+        """Start of the quiet that ends at a time, give or take ``slack_s``; the time itself without such quiet."""
+        times = at_s - STEP_S * np.arange(int(max(at_s - earliest_s, 0.0) / STEP_S) + 1)
+        quiet = self.level(times - WINDOW_S / 2, times + WINDOW_S / 2) <= QUIET
+        last = int(np.argmax(quiet))
+        if not quiet[last] or times[last] < at_s - slack_s:
+            return at_s
+        loud = np.flatnonzero(~quiet[last:])
+        return float(times[last + loud[0] - 1] if len(loud) else times[-1])
+
+    def stays_quiet(self, start_s: float, end_s: float) -> bool:
+        """Whether no moment between two times is louder than a closure."""
+        times = np.arange(start_s, end_s, STEP_S)
+        return bool((self.level(times, times + STEP_S) <= QUIET).all())
+
+    def longest_quiet(self, start_s: float, end_s: float) -> tuple[float, float]:
+        """Start and end of the longest stretch that is quiet as a pause is; twice ``start_s`` if there is none."""
+        edges = np.append(np.arange(start_s, end_s, STEP_S), end_s)
+        quiet = np.concatenate([[False], self.level(edges[:-1], edges[1:]) <= PAUSE, [False]])
+        turns = np.flatnonzero(quiet[1:] != quiet[:-1])
+        if not len(turns):
+            return start_s, start_s
+        longest = int(np.argmax(turns[1::2] - turns[::2]))
+        return float(edges[turns[2 * longest]]), float(edges[turns[2 * longest + 1]])
+
+    def brightens(self, start_s: float, end_s: float) -> float | None:
+        """Time at which the sound gets bright between two times, as where a vowel begins after a nasal; None if not.
+
+        Brightness is the energy between 0.9 and 4 kHz; the place is where its root first passes :data:`BRIGHT_SHARE` of
+        the range from its 5th to its 90th percentile; nowhere, if it does not double or is as low as in a closure.
+        """
+        margin = round(_BRIGHT_WINDOW_S * self._rate_hz)
+        first, last = round(start_s * self._rate_hz), round(end_s * self._rate_hz)
+        piece = self._samples[max(first - margin, 0) : last + margin]
+        if last - first < margin:
+            return None
+        spectrum = np.fft.rfft(piece * np.hanning(len(piece)) ** 0.1)
+        hertz = np.fft.rfftfreq(len(piece), 1.0 / self._rate_hz)
+        band = np.fft.irfft(np.where((hertz >= BRIGHT_HZ[0]) & (hertz <= BRIGHT_HZ[1]), spectrum, 0.0), len(piece))
+        power = np.convolve(np.square(band), np.hanning(margin) / np.hanning(margin).sum(), mode="same")
+        root = np.sqrt(power[first - max(first - margin, 0) :][: last - first])
+        dark, bright = np.percentile(root, (5, 90))
+        if bright < max(2.0 * dark, QUIET * self._whole):
+            return None
+        return float(start_s + int(np.argmax(root > dark + BRIGHT_SHARE * (bright - dark))) / self._rate_hz)
+
 
 MAX_CLOSURE_S = 0.09
 """Farthest that the closure of a stop reaches back from its mark. 9 of 10 measured are shorter than 71 ms (Italian, 160
@@ -33,11 +141,11 @@ words a minute); Italian pp takes up to 128, of which the vowel before it keeps 
 CLOSURE_IN_PAUSE_S = 0.06
 """Time that a stop takes of the pause before it; nothing in the sound says when the lips close there."""
 MAX_GAP_S = 0.06
-"""A nameless quiet that is shorter is the closure of the stop behind it."""
+"""A shorter nameless quiet is the closure of the stop after it."""
 MIN_PAUSE_S = 0.02
-"""A shorter quiet between two phones is heard as neither's pause; the phone before keeps it."""
+"""A shorter quiet between two phones is not a pause; it belongs to the phone before."""
 MAX_RISE_S = {"nasal": 0.045, "liquid": 0.02}
-"""Farthest that the mark of a vowel lies behind its beginning. Behind nasals 11 to 49 ms were measured (English, 160
+"""Longest delay of a vowel's mark after its beginning. After nasals 11 to 49 ms were measured (English, 160
 words a minute). A liquid or a glide has no sharp end; at least 20 ms of the vowel were spoken before its mark."""
 MIN_PHONE_S = 0.005
 """A phone with less time than this has none of its own."""
@@ -47,7 +155,7 @@ KEPT = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Where a voice says that a phone begins."""
+    """Start of a phone according to a voice."""
 
     at_s: float
     label: str
@@ -58,7 +166,7 @@ class Mark:
 
 
 def sounding(marks: Sequence[Mark], sound: SoundLevel) -> list[Phone]:
-    """Turn the marks of a voice into phones that begin where they are heard.
+    """Turn the marks of a voice into phones that begin where they sound.
 
     Parameters
     ----------
@@ -174,7 +282,7 @@ def _pauses(marks: list[Mark], sound: SoundLevel) -> list[Mark]:
 
 
 def _pause_before(mark: Mark | None, before: Mark | None, starts_s: float, sound: SoundLevel) -> list[Mark]:
-    """Find the pause in a nameless time, if there is one, and the phone behind it, if there is one."""
+    """Find the pause in a nameless time, and the phone after it; either may be None."""
     quiet_s, loud_s = sound.longest_quiet(starts_s, mark.at_s if mark else sound.duration_s)
     if before and before.at_s == starts_s and is_stop(before.label):  # not released: the quiet is its closure
         quiet_s = min(quiet_s + MAX_CLOSURE_S, loud_s)

@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from fapengine.live.audio import clock as sound_clock
-from fapengine.live.audio import device, mixer, playback
-from fapengine.live.engine import session
-from fapengine.live.hub import waiting
-from fapengine.live.server import server
-from fapengine.live.web import send_queue
-from fapengine.live.wire import livelink, vmc
-from fapengine.live.wire.speech_osc import clock as peer_clock
-from fapengine.live.wire.speech_osc import (
+from fapengine.audio import clock as sound_clock
+from fapengine.audio import device, mixer, player
+from fapengine.engine import session
+from fapengine.host import host
+from fapengine.laboratory import context_fit
+from fapengine.server import server
+from fapengine.server.web import connection
+from fapengine.trajectory import closures, expression, hermite, stream, targets
+from fapengine.wire import livelink, vmc
+from fapengine.wire.speech_osc import clock as peer_clock
+from fapengine.wire.speech_osc import (
     counts,
     handshake,
     one_shot,
@@ -25,7 +27,6 @@ from fapengine.live.wire.speech_osc import (
     send_window,
     time_tags,
 )
-from fapengine.trajectory import closures, context, expression, hermite, keyframes, stream, targets
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = " ".join(" ".join(path.read_text(encoding="utf-8").split()) for path in sorted(DOCS.rglob("*.md")))
@@ -35,53 +36,55 @@ PROMISES = (
     # docs/osc.md
     ("lasts until the next one, {} s at most", one_shot.QUIET_S),
     ("Everything is shown {} ms late", 1e3 * one_shot.DELAY_S),
-    ("which is guessed from the last {} of a sender", peers.GUESSED_FROM),
+    ("which is guessed from the last {} labels of a sender", peers.GUESSED_FROM),
     ("a tag more than {} s ahead", time_tags.MAX_SKEW_S),
-    ("{} in a row more than {} s behind, set it anew", ORDINALS[time_tags.LATE_IN_A_ROW], time_tags.LATE_S),
+    ("{} in a row more than {} s late", ORDINALS[time_tags.LATE_IN_A_ROW], time_tags.LATE_S),
     ("the server's voice says it, {} bytes at most", schema.TEXT_BYTES),
-    ("{} ms after they came", 1e3 * receive_window.ACK_S),
+    ("Sent {} ms after they came", 1e3 * receive_window.ACK_S),
     ("Session names have 1 to {} bytes, labels up to {}", schema.SESSION_BYTES, schema.LABEL_BYTES),
     ("utterances end within {} minutes", LIMITS.queued_s / 60),
     ("A message fits a datagram of {} bytes", schema.MAX_DATAGRAM),
     ("a packet above {} KiB is dropped", counts.WireLimits().packet / 1024),
-    ("pings {} times at once, then every {} s", handshake.FIRST_PINGS, handshake.PING_S),
+    ("It pings {} times at once, then every {} s", handshake.FIRST_PINGS, handshake.PING_S),
     (
         "and {} ms ({} to {} ms", 1e3 * send_window.MARGIN_S, 1e3 * send_window.MIN_REPEAT_S,
         1e3 * send_window.MAX_REPEAT_S,
     ),
-    ("does not acknowledge at {}, {} and {} ms", *(1e3 * after_s for after_s in send_window.END_REPEATS_S)),
+    ("does not acknowledge, at {}, {} and {} ms", *(1e3 * after_s for after_s in send_window.END_REPEATS_S)),
     ("the quickest of its last {} pings counts", peer_clock.WINDOW),
     ("at most {} % faster or slower, and jumps only from {} ms on", 100 * session.SLEW, 1e3 * session.JUMP_S),
     ("lips close for a p b m that ended up to {} s ago", stream.LATEST_CLOSURE_S),
     ("event `underrun`; after {} s the utterance is `finished`", LIMITS.silence_s),
-    ("| {}, {} | one bundle, split under {} bytes", vmc.MARIONETTE_PORT, vmc.PERFORMER_PORT, vmc.MAX_DATAGRAM),
-    ("| `livelink` | {} |", livelink.PORT),
+    ("bundles split under {} bytes", vmc.MAX_DATAGRAM),
+    ("| `vmc://HOST[:{}]` |", vmc.MARIONETTE_PORT),
+    ("port {} gets blendshapes only", vmc.PERFORMER_PORT),
+    ("| `livelink://HOST[:{}]` |", livelink.PORT),
     # docs/live.md and docs/page.md
-    ("SIGTERM or Ctrl-C | comes to rest in {} s", server.DRAIN_FADE_S),
-    ("goes on by the clock after {} s", waiting.SOUND_WAIT_S),
-    ("then waits up to {} s for its `audio`", waiting.SOUND_WAIT_S),
-    ("a page {} messages behind is closed", send_queue.MAX_TEXTS),
+    ("SIGTERM or Ctrl-C | returns to neutral in {} s", server.DRAIN_FADE_S),
+    ("continues by the clock after {} s", host.SOUND_WAIT_S),
+    ("then waits up to {} s for its `audio`", host.SOUND_WAIT_S),
+    ("a page {} messages behind is closed", connection.MAX_TEXTS),
     # docs/sound-and-window.md
-    ("the smallest distance of the last {} s", sound_clock.OFFSET_WINDOW_S),
+    ("The smallest distance of the last {} s", sound_clock.OFFSET_WINDOW_S),
     (
         "{} reports in a row that are {} ms off, or one that is {} ms",
         ORDINALS[sound_clock.STEPS], 1e3 * sound_clock.STEP_S, 1e3 * sound_clock.JUMP_S,
     ),
     (
-        "at most {} % faster or slower to meet it, and leaps where it is more than {} ms off",
+        "at most {} % faster or slower to correct itself, and jumps if it is more than {} ms off",
         100 * sound_clock.MAX_SLEW, 1e3 * sound_clock.LEAP_S,
     ),
-    ("tells the engine where each sound is, {} times a second", 1 / playback.TELL_EVERY_S),
-    ("heard for {} s of silence before it is believed", device.SETTLE_S),
-    ("when it has fetched nothing for {} s", device.DEAD_S),
-    ("takes its sound along within {} ms", 1e3 * mixer.FADE_S),
+    ("The engine receives each sound's position {} times a second", 1 / player.TELL_EVERY_S),
+    ("plays {} s of silence before its reports are used", device.SETTLE_S),
+    ("If it has fetched nothing for {} s", device.DEAD_S),
+    ("fades out its sound within {} ms", 1e3 * mixer.FADE_S),
     # docs/trajectories.md
-    ("two a phone ({} and {} %)", *(100 * fraction for fraction in context.FRACTIONS)),
-    ("where they would stand under {} ms apart", 1e3 * targets.APART_S),
+    ("two per phone ({} and {} %)", *(100 * fraction for fraction in context_fit.FRACTIONS)),
+    ("if they would be less than {} ms apart", 1e3 * targets.APART_S),
     ("0.3 mm for {} ms, or the whole phone", 1e3 * closures.MIN_HOLD_S),
     ("any expressions up to strength {}", expression.MAX_WEIGHT),
     ("| overshoot | ≤ {} % of the range", 100 * hermite.OVERSHOOT),
-    ("reached {} s behind the last phone", keyframes.REST_MARGIN_S),
+    ("reached {} s after the last phone", targets.REST_MARGIN_S),
 )  # fmt: skip
 
 

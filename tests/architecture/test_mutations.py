@@ -50,7 +50,7 @@ def test_the_list_above_is_the_list_that_is_run() -> None:
     assert len(BY_NAME) == len(MUTATIONS) >= 20
     written = [line.removeprefix("* ") for line in str(__doc__).splitlines() if line.startswith("* ")]
     assert written == [f"{mutation.name}: {mutation.why}" for mutation in MUTATIONS]
-    rooms = {"codec", "trajectory", "live/engine", "live/wire"}
+    rooms = {"codec", "trajectory", "engine", "wire"}
     assert all(any(mutation.file.startswith(f"fapengine/{room}") for mutation in MUTATIONS) for room in rooms)
 
 
@@ -75,6 +75,7 @@ def copy() -> Iterator[Path]:
         yield folder
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["padding", "offset of a clock"])
 def test_the_quickest_are_noticed(copy: Path, name: str) -> None:
     assert judge(copy, BY_NAME[name]) == "killed"
@@ -82,7 +83,7 @@ def test_the_quickest_are_noticed(copy: Path, name: str) -> None:
 
 def test_what_is_not_noticed_is_told(copy: Path) -> None:
     padding = BY_NAME["padding"]
-    assert judge(copy, replace(padding, tests=("tests/unit/live/test_protocol_clock.py",))) == "survived"
+    assert judge(copy, replace(padding, tests=("tests/unit/wire/test_protocol_clock.py",))) == "survived"
     assert judge(copy, replace(padding, tests=("tests/no_such_test.py",))) == "broken"
     assert judge(copy, replace(padding, old="no such text")) == "broken"
     assert (copy / padding.file).read_bytes() == (ROOT / padding.file).read_bytes()

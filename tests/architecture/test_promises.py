@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "explanation" / "threats.md"
+PAGE = ROOT / "SECURITY.md"
 
 
 def promises() -> list[tuple[str, list[str]]]:

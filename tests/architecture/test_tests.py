@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import slow_tests
+from tests import queues, slow_tests
 
 TESTS = Path(__file__).resolve().parents[1]
 FILES = sorted(TESTS.rglob("*.py"))
@@ -55,7 +55,7 @@ def test_no_program_outlives_tests_that_are_killed() -> None:
         program = int(tests.stdout.readline())
         os.kill(program, 0)
         tests.send_signal(signal.SIGKILL)
-    until_s = time.monotonic() + 30
+    until_s = time.monotonic() + 100
     while Path(f"/proc/{program}/stat").exists() and "Z" not in Path(f"/proc/{program}/stat").read_text().split()[2]:
         assert time.monotonic() < until_s, "the program runs on"
         time.sleep(0.02)
@@ -65,3 +65,20 @@ def test_no_program_outlives_tests_that_are_killed() -> None:
 def test_programs_that_run_on_are_started_in_one_way(path: Path) -> None:
     if path.name not in ("processes.py", Path(__file__).name):
         assert "subprocess.Popen(" not in path.read_text(), "use tests.processes.start: it ends with the tests"
+
+
+def test_the_queues_are_of_files_that_are_there() -> None:
+    names = [str(path.relative_to(TESTS.parent)) for path in FILES]
+    assert all(any(name.startswith(start) for name in names) for start in queues.WAITS)
+    assert set(queues.file_times()) <= set(names)
+
+
+def test_each_worker_takes_the_longest_file_of_its_queue_and_then_of_the_other() -> None:
+    left = dict.fromkeys(["tests/unit/a.py", "tests/live/b.py", "tests/unit/c.py", "tests/live/d.py"])
+    times_s = {"tests/unit/c.py": 9.0, "tests/live/d.py": 5.0}
+    taken = []
+    while left:
+        taken.append(queues.next_file(left, times_s, computes=True))
+        del left[taken[-1]]
+    assert taken == ["tests/unit/c.py", "tests/unit/a.py", "tests/live/d.py", "tests/live/b.py"]
+    assert queues.next_file(dict.fromkeys(taken), times_s, computes=False) == "tests/live/d.py"

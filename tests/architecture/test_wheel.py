@@ -28,6 +28,10 @@ def test_wheel_holds_every_shader_profile_and_page(wheel: Path) -> None:
     missing = [path for path in shipped if f"fapengine/_data/{path.relative_to(ROOT).as_posix()}" not in names]
     assert not missing
     assert "fapengine/py.typed" in names
+    tables = [path.relative_to(ROOT).as_posix() for path in (ROOT / "fapengine").rglob("*.npz")]
+    assert len(tables) >= 5
+    sums = [f"fapengine/{folder}/SHA256SUMS" for folder in ("mesh/default_head", "retarget")]
+    assert {*tables, *sums} <= names
 
 
 def test_wheel_works_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:

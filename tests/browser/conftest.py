@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.ears.protocol import RATE_HZ
 from fapengine.files.sound import save_wav
+from fapengine.recognition.protocol import RATE_HZ
 from tests.browser.chromium import Browser, find_chromium
 from tests.conftest import NO_BROWSER
 from tests.processes import start
-from tests.unit.ears.speech import BABY, spoken
+from tests.unit.recognition.speech import BABY, spoken
 
 SIZE = (900, 620)
 MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
 """Flags of a browser whose microphone is a file, over and over, and which asks nobody for leave."""
-PROGRAM = Path(__file__).with_name("serve_page.py")
+PROGRAM, ROOT = "tests.browser.serve_page", Path(__file__).resolve().parents[2]
 
 
 def free_port() -> int:
@@ -42,8 +42,8 @@ class Server:
         self.start()
 
     def start(self, *arguments: str) -> None:
-        command = [sys.executable, str(PROGRAM), str(self.port), str(self._head), "--origin", self.site, *arguments]
-        self.process = start(command, stdout=subprocess.PIPE, text=True)
+        command = [sys.executable, "-m", PROGRAM, str(self.port), str(self._head), "--origin", self.site, *arguments]
+        self.process = start(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
 
@@ -54,7 +54,7 @@ class Server:
     def end(self) -> int:
         """Ask it to stop; its exit code."""
         self.process.terminate()
-        self.process.communicate(timeout=10)
+        self.process.communicate(timeout=100)
         return self.process.returncode
 
 
@@ -81,7 +81,7 @@ class Page:
     def run(self, code: str) -> Any:
         return self._runner.run(self._browser.run(code))
 
-    def until(self, condition: str, limit_s: float = 30.0) -> None:
+    def until(self, condition: str, limit_s: float = 120.0) -> None:
         self._runner.run(self._browser.until(condition, limit_s))
 
     def picture(self) -> np.ndarray:

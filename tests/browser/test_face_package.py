@@ -15,11 +15,11 @@ import pytest
 from design import face_package
 from fapengine.codec.fapfile import format_fap
 from fapengine.files.sound import save_wav
-from fapengine.live.web.messages import pack_frame
-from fapengine.live.wire.shapes import ArkitFollower
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.server.web.messages import pack_frame
+from fapengine.wire.shapes import ArkitFollower
 from tests.browser.conftest import Page, Server
 from tests.processes import start
 from tests.unit.retarget.living_speech import living

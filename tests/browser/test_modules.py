@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.live.web.page_config import PAGE_CAMERAS
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
@@ -16,6 +15,7 @@ from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import Drawing
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
+from fapengine.server.web.page_files import PAGE_CAMERAS
 from tests.browser.conftest import Page
 
 # sRGB steps of 255, mean over the picture: two compilers' rounding, and edges that fall on either side of a pixel.

@@ -9,15 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fapengine.ears.protocol import RATE_HZ
+from fapengine.files.profiles import load_profile
 from fapengine.files.report.parts import new_figure, picture, table, to_svg, verdict
 from fapengine.files.report.parts import page as report_page
 from fapengine.mpeg4 import fap
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
 from tests.browser.conftest import Page
-from tests.unit.ears.speech import BABY, spoken
+from tests.unit.recognition.speech import BABY, spoken
 
 NEWEST = "page.session.jitterBuffer.frames.at(-1).faps"
 REST = f"{NEWEST}.every((value) => value === 0)"
+PLAN_HZ = 240.0
 KEEP_FRAMES = """
     window.kept = { frames: [], texts: [] };
     const push = page.session.jitterBuffer.push.bind(page.session.jitterBuffer);
@@ -26,13 +31,11 @@ KEEP_FRAMES = """
     page.session.message = (said) => { kept.texts.push(said); message(said); };
 """
 HOLD = """(() => {
-    const apart = ({ time }) => Math.abs(time - %r);
-    const frame = kept.frames.reduce((best, one) => (apart(one) < apart(best) ? one : best));
-    page.session.jitterBuffer.sample = (now, faps) => { faps.set(frame.faps); return { faps, time: frame.time }; };
+    page.session.jitterBuffer.sample = (now, faps) => { faps.set(%s); return { faps, time: now }; };
     page.session.fadeOut.at = () => 1;
     return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
 })()"""
-"""Show the frame of one moment, for as long as one likes to look at it."""
+"""Show one row of FAPs from now on."""
 
 
 def say(page: Page, text: str) -> None:
@@ -109,21 +112,35 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
 
 
 def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
+    """The page is sent what the planner says, and draws it: whichever frames a busy machine had time for."""
     page.open("clara")
     page.run(KEEP_FRAMES)
     say(page, "Mama, mama.")
     page.until("kept.texts.some((text) => text.kind === 'finished')")
-    texts = page.run("kept.texts")
+    texts, frames = page.run("[kept.texts, kept.frames.map(({ time, faps }) => [time, [...faps]])]")
     zero_s = next(text["time_s"] - text["position_s"] for text in texts if text["type"] == "position")
-    phones = [phone for text in texts if text["type"] == "phones" for phone in text["phones"]]
+    phones = [Phone(*phone[:3]) for text in texts if text["type"] == "phones" for phone in text["phones"]]
+    profile, style, unused = load_profile("grid_s1_en"), Style.still(), np.random.default_rng(1)
+    planned = plan(PhoneTrack.of(phones), profile, rng=unused, rate_hz=PLAN_HZ, style=style).track.values
+
+    def faps_at(time_s: float) -> np.ndarray:
+        index = min(int(time_s * PLAN_HZ), len(planned) - 2)  # a frame may come in the last 4 ms of the plan
+        share = time_s * PLAN_HZ - index
+        return planned[index] * (1 - share) + planned[index + 1] * share
+
+    during = [(time_s - zero_s, faps) for time_s, faps in frames if 0 <= time_s - zero_s < phones[-1].end_s]
+    assert during
+    assert max(np.abs(faps_at(time_s) - faps).max() for time_s, faps in during) <= 4  # 1.7, of rounding
     page.run("page.steering.fly(page.steering.presets.findIndex(([name]) => name === 'mouth'))")
     page.until("page.steering.flight === null")
 
     def middles(label: str) -> list[np.ndarray]:
         """Colours down the middle of the lips, in the middle of every such phone."""
         found = []
-        for at_s in (zero_s + (start_s + end_s) / 2 for name, start_s, end_s, _ in phones if name == label):
-            page.run(HOLD % at_s)
+        for phone in phones:
+            if phone.label != label:
+                continue
+            page.run(HOLD % faps_at((phone.start_s + phone.end_s) / 2).round().tolist())
             picture = stage(page.picture(), page)
             height, width, _ = picture.shape
             found.append(picture[int(0.2 * height) : int(0.7 * height), width // 2 - 3 : width // 2 + 3].mean(axis=1))
@@ -132,7 +149,7 @@ def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
     closed, opened = middles("m"), middles("ɑː")
     assert (len(closed), len(opened)) == (4, 2)
     for column in closed:  # but for the line where the lips meet all is skin and lips, which are red
-        assert (column[:, 0] - column[:, 2] < 42).sum() <= 3
+        assert (column[:, 0] - column[:, 2] < 42).sum() <= 6  # 3; of open lips 98
     other = [int((np.abs(column - closed[0]).max(axis=1) > 25).sum()) for column in (*closed, *opened)]
     assert max(other[:4]) <= 15
     assert min(other[4:]) >= 40  # where lips were there are teeth, tongue and the cavity
@@ -445,7 +462,7 @@ def test_what_is_said_has_the_rate_that_was_chosen_and_comes_back_by_arrow_keys(
     assert seen == ["First.", "First.", "First.", "Second.", "Second."]  # the last one still stands in the box
     page.run("document.getElementById('text').value = 'x'.repeat(3500)")
     page.key("Enter")
-    assert "3500 letters; 2000 are said at once" in page.run("document.getElementById('told').textContent")
+    assert "3500 characters; at most 2000 are allowed" in page.run("document.getElementById('told').textContent")
     assert len(page.run(said)) == 2
 
 
@@ -716,7 +733,7 @@ def test_what_the_server_refuses_is_told(page: Page) -> None:
     page.open("mia")
     say(page, "...")
     page.until("document.getElementById('told').classList.contains('wrong')")
-    assert "expected something to speak" in page.run("document.getElementById('told').textContent")
+    assert "contains nothing to speak" in page.run("document.getElementById('told').textContent")
 
 
 def test_the_documented_viewer_works(page: Page) -> None:
@@ -782,14 +799,13 @@ def test_the_microphone_moves_the_lips_and_lets_them_rest(page: Page) -> None:
     page.run("document.getElementById('microphone').click()")
     page.until("document.getElementById('microphone').getAttribute('aria-pressed') === 'true'")
     page.until("kept.texts.filter((text) => text.kind === 'finished').length >= 1")  # the sentence was once over
+    page.until(f"kept.frames.some((frame) => frame.faps[{fap.column(3)}] > 50)")
+    closing = "kept.texts.flatMap((text) => text.phones ?? []).filter(([label]) => 'pbm'.includes(label)).length"
+    page.until(f"{closing} >= 4")  # of the eight of its sentence
     page.run("document.getElementById('microphone').click()")
     page.until("document.getElementById('microphone').getAttribute('aria-pressed') === 'false'")
     page.until(REST)
-    texts = page.run("kept.texts")
-    labels = [label for text in texts if text["type"] == "phones" for label, *_ in text["phones"]]
-    assert sum(label in ("p", "b", "m") for label in labels) >= 4  # of the eight of its sentence
-    assert page.run(f"Math.max(...kept.frames.map((frame) => frame.faps[{fap.column(3)}]))") > 50
-    assert not any(text["type"] == "error" for text in texts)
+    assert not any(text["type"] == "error" for text in page.run("kept.texts"))
 
 
 def test_a_microphone_that_is_not_allowed_is_told(page: Page) -> None:

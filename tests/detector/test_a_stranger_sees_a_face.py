@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fapengine.expressions import EXPRESSIONS as ALL_EXPRESSIONS
+from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
-from fapengine.trajectory.expression import EXPRESSIONS as ALL_EXPRESSIONS
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import plan
@@ -38,8 +38,8 @@ SMALL = (200, 200)
 """A face in a chat window."""
 TURNS_DEG = tuple((yaw, pitch) for yaw in (-6.0, 0.0, 6.0) for pitch in (-3.0, 0.0, 3.0))
 """Turns of a head that speaks; what they do to landmarks is what an expression must exceed."""
-EXPRESSIONS = ("joy", "sadness", "anger", "fear", "disgust", "surprise")
-ON_ONE_SIDE = ("smile_left", "smile_right", "contempt")
+EXPRESSIONS = tuple(expression.label for expression in STANDARD_EXPRESSIONS)
+ON_ONE_SIDE = tuple(expression.label for expression in ALL_EXPRESSIONS if expression.mix)
 # Landmarks of MediaPipe's face mesh, by the feature points that they lie on.
 LANDMARKS = {
     "8.4": 61, "8.3": 291, "2.2": 13, "2.3": 14, "3.7": 263, "3.12": 33, "3.11": 362, "3.8": 133, "9.3": 4, "2.1": 152,
@@ -76,7 +76,7 @@ def _expressions(profile: Profile, strength: float = 1.0) -> dict[str, Array]:
     for name, pose in profile.expressions.items():
         moved = profile.space.to_points_mm(pose.target[None])
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu) + pose.fap
-        poses[name.name.lower()] = close_lips(strength * faps, np.zeros(1), [])[0]
+        poses[name.label] = close_lips(strength * faps, np.zeros(1), [])[0]
     for name in ON_ONE_SIDE:
         poses[name] = strength * expression_faps(profile)[:, ALL_EXPRESSIONS.index(Expression[name.upper()])]
     return poses

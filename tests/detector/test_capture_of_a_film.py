@@ -2,25 +2,31 @@
 
 import asyncio
 import json
+import threading
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import pytest
 
 import fapengine
+from fapengine.app import watch_live as watching
 from fapengine.app.watch_live import WatchJob, watch_live
-from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.landmarks import detector_python
+from fapengine.files.landmarks import Detector, detector_python
 from fapengine.files.video import inspect_film
+from fapengine.host.host import Host
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.mpeg4.track import FapTrack
-from tests.live.stage import Ear, config_of, running
+from fapengine.mpeg4.track import FapTrack, to_codable
+from tests.live.stage import Ear, config_of, running, until
+from tests.patient import PatientClock
 
 RATE_HZ = 25.0
 TEXT = "Bright sunshine shimmers on the ocean, and my baby moves a big yellow boat. We were away a year ago."
@@ -100,11 +106,11 @@ def test_what_cannot_be_captured_is_told(film: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.fap"
     (tmp_path / "marks.json").write_text(json.dumps([[[0.5, 0.5, 0.0]] * 478]))
     refused(DataError, "need the size of their pictures", tmp_path / "marks.json", "-o", out)
-    refused(UsageError, "expected both", tmp_path / "marks.json", "--size", "640x480", "-o", out)
+    refused(UsageError, "need both size and rate", tmp_path / "marks.json", "--size", "640x480", "-o", out)
     (tmp_path / "notes.txt").write_text("hello")
     refused(UsageError, "got ending '.txt'", tmp_path / "notes.txt", "-o", out)
-    refused(UsageError, "--output: got none", "webcam")
-    refused(UsageError, "expected none of a face that is moved now", "webcam", "--window", "--overlay", out)
+    refused(UsageError, "--output: missing", "webcam")
+    refused(UsageError, "--overlay: cannot be used live", "webcam", "--window", "--overlay", out)
     refused(UsageError, "expected webcam, or a film", tmp_path / "marks.json", "--sink", "vmc://127.0.0.1")
     refused(ResourceError, "nobody answers", film, "--to", "http://127.0.0.1:9/")
     refused(UsageError, "expected webcam, or webcam:1", "webcam:front", "-o", out)
@@ -119,35 +125,91 @@ def heard_opening(ear: Ear, session: str) -> tuple[np.ndarray, np.ndarray]:
     return times_s, np.array([-frame.values[fap.column(4)] - frame.values[fap.column(5)] for frame in frames])
 
 
-def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
-    film: Path, truth: FapTrack, tmp_path: Path
-) -> None:
-    """Webcam in, avatars move: an OSC sink of our own, and the session of a server with a sink of its own."""
-    own, served = Ear.open(), Ear.open()
-    kept = tmp_path / "kept.fap"
+class HeldDetector(Detector):
+    """A detector while which no time passes. Stateful."""
 
-    async def play() -> dict[str, object]:
+    clock: PatientClock
+
+    def find(self, picture: np.ndarray) -> np.ndarray:
+        try:
+            return super().find(picture)
+        finally:
+            self.clock.free("picture")
+
+
+class Screen:
+    """Nothing is seen; when it is closed, time passes again. Stateful."""
+
+    lead_s = 0.0
+
+    def __init__(self, clock: PatientClock) -> None:
+        self._clock = clock
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._clock.free(threading.current_thread())
+
+    def show(self, faps: np.ndarray, position_s: float) -> bool:
+        return True
+
+
+def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
+    film: Path, truth: FapTrack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Webcam in, avatars move: an OSC sink of our own, and the session of a server with a sink of its own.
+
+    Time stands still while a picture is looked at or FAPs are on their way, and waits for every frame.
+    """
+    kept, clock = tmp_path / "kept.fap", PatientClock()
+    monkeypatch.setattr(HeldDetector, "clock", clock, raising=False)
+    monkeypatch.setattr(watching, "Detector", HeldDetector)
+    send = watching._Link.perform
+
+    def sent(link: Any, values: dict[int, int]) -> None:
+        clock.allow("link")
+        send(link, values)
+
+    monkeypatch.setattr(watching._Link, "perform", sent)
+
+    def sleep(seconds: float) -> None:
+        clock.sleep(seconds)
+        if threading.current_thread().name == "fapengine-camera":  # the next picture is there
+            clock.allow("picture")
+
+    async def play(own: Ear, served: Ear) -> dict[str, object]:
         config = config_of(f"osc://127.0.0.1:{served.port}")
         config = replace(config, listen=replace(config.listen, web_port=0))
-        async with running(config, build_head()) as server:
+        async with running(config, build_head(), clock) as server:
+            take = Host.perform
+
+            def taken(host: Host, values: Mapping[int, int], now_s: float) -> None:
+                take(host, values, now_s)
+                if host.engine is server.hub.engine:
+                    clock.free("link")
+
+            monkeypatch.setattr(Host, "perform", taken)
             job = WatchJob(
                 source=str(film), sinks=(f"osc://127.0.0.1:{own.port}",), output=kept,
                 server=f"http://127.0.0.1:{server.sites[0][1]}/?session=anna",
             )  # fmt: skip
-            done = await asyncio.to_thread(watch_live, job, lambda: TerminalScreen(None))
-            await asyncio.sleep(0.8)
+            watch = partial(watch_live, job, lambda: Screen(clock), clock=clock, sleep=sleep)
+            done = await asyncio.to_thread(watch)
+            clock.free("link")
+            await until(lambda: abs(heard_opening(served, "anna")[1][-1]) <= 1)
             return done
 
-    done = asyncio.run(play())
     wanted = -truth.values[:, fap.column(4)] - truth.values[:, fap.column(5)].astype(float)
     length_s = len(wanted) / RATE_HZ
+    with closing(Ear.open()) as own, closing(Ear.open()) as served:
+        done = asyncio.run(play(own, served))
+        heard = [heard_opening(own, "face"), heard_opening(served, "anna")]
     assert done["known"]
     assert done["seen"] == 1.0
-    assert done["pictures"] + done["late"] == len(wanted)
-    assert done["pictures"] > 0.5 * len(wanted)  # all, where the machine has time
+    assert (done["pictures"], done["late"], done["skipped"]) == (len(wanted), 0, 0)
     assert length_s < done["seconds"]
-    for ear, session in ((own, "face"), (served, "anna")):
-        times_s, opening = heard_opening(ear, session)
+    for times_s, opening in heard:
 
         def alike(start_s: float, times_s: np.ndarray = times_s, opening: np.ndarray = opening) -> float:
             at_s = times_s - start_s
@@ -157,7 +219,6 @@ def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
             return float(np.corrcoef(opening[inside], there)[0, 1]) if moves else 0.0
 
         starts_s = np.arange(times_s[0], times_s[-1] - length_s + 0.1, 0.02)  # the detector takes a while to begin
-        assert max(alike(start_s) for start_s in starts_s) >= 0.9  # 0.967
+        assert max(alike(start_s) for start_s in starts_s) >= 0.85  # 0.93 to 0.96, by how frames and pictures fall
         assert abs(opening[-1]) <= 1  # it eased to rest
-        ear.close()
     assert len(fapengine.load(kept)) == done["frames"] + done["skipped"]

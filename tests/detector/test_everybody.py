@@ -56,12 +56,13 @@ def reads(state: str, seen: dict[str, float], rest: dict[str, float]) -> bool:
 
 
 @pytest.mark.skipif(not PYTHON.exists(), reason="face detector absent; make detector")
-def test_everybody_has_a_face_that_reads(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", [EVERYBODY[::4], pytest.param(EVERYBODY, marks=pytest.mark.nightly)], ids=len)
+def test_everybody_has_a_face_that_reads(names: tuple[str, ...], tmp_path: Path) -> None:
     profile, still = load_profile("grid_s1_en"), np.zeros(fap.FAP_COUNT)
     faces = {name: pose(profile, name) for name in STATES}
     faces["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
     pictures = []
-    for name in EVERYBODY:
+    for name in names:
         head = load_head(f"{name}{',' if ':' in name else ':'}level=coarse")
         pictures += draw(head, [still, *faces.values()], CLOSE, 256)
         pictures += draw(head, [still], preset("three-quarter"), 256)
@@ -69,7 +70,7 @@ def test_everybody_has_a_face_that_reads(tmp_path: Path) -> None:
     assert np.isfinite(found).all()  # a face in every picture
     read = [
         reads(state, measures(marks), measures(row[0]))
-        for row in found.reshape(len(EVERYBODY), len(faces) + 2, -1, 3)
+        for row in found.reshape(len(names), len(faces) + 2, -1, 3)
         for state, marks in zip(faces, row[1:-1], strict=True)
     ]
     assert np.mean(read) >= 0.95

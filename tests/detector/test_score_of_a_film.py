@@ -13,7 +13,7 @@ from fapengine.errors import DataError, ResourceError
 from fapengine.files.landmarks import VARIABLE, detector_python, landmarks_of
 from fapengine.files.sound import save_wav
 from fapengine.speech.formats.writing import WRITERS
-from tests.unit.ears.speech import BABY
+from tests.unit.recognition.speech import BABY
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_a_film_without_a_face_is_told(tmp_path: Path) -> None:
 
     grey = [np.full((64, 64, 3), 90 + n, np.uint8) for n in range(30)]
     write_video(tmp_path / "grey.mp4", grey, rate_hz=25.0)
-    with pytest.raises(DataError, match=r"grey\.mp4: film: got a face in 0 of 30 frames"):
+    with pytest.raises(DataError, match=r"grey\.mp4: video: only 0 of 30 frames show a face"):
         app(["score", str(tmp_path / "grey.mp4")], standalone_mode=False)
 
 

@@ -45,8 +45,8 @@ def test_a_terminal_without_unicode_shows_what_it_can(timings: str, locale: dict
 @pytest.mark.parametrize(
     ("arguments", "shell", "code", "message"),
     [
-        (("say", "-", "-o", "x.fap"), "<&-", 2, "standard input is closed"),
-        (("say", "Hello.", "--seed", "-1"), "", 2, "'--seed'"),
+        (("say", "-", "-o", "x.fap"), "<&-", 2, "standard input, but it is closed"),
+        (("say", "Hello.", "--seed", "-1"), "", 2, "--seed: got -1"),
         (("inspect", "TIMINGS"), ">/dev/full", 3, "output: cannot be written (No space left on device)"),
     ],
 )
@@ -63,8 +63,8 @@ def test_streams_and_numbers_that_cannot_be_used(
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (AttributeError("no\nrate"), 70, "fapengine: AttributeError: no rate; this is a bug of fapengine"),
-        (MemoryError(), 3, "fapengine: not enough memory"),
+        (AttributeError("no\nrate"), 70, "fapengine: AttributeError: no rate; this is a bug in fapengine"),
+        (MemoryError(), 3, "fapengine: out of memory"),
         (FapEngineError("odd"), 3, "fapengine: odd"),
     ],
 )

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from fapengine.cli import main
-from fapengine.cli.main import app
+from fapengine.cli.main import COMMANDS, app
 from fapengine.files.pictures import save_png
 
 TALK = ("mp4", "fap", "wav", "png")
@@ -57,10 +57,12 @@ VERBS = {
     "animate --profile": Verb("animate OTHER.pho --profile INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
     "animate --into": Verb("animate OTHER.pho --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap")),
     "animate --map": Verb("animate OTHER.pho --into OTHER.vrm --map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
-    "animate --ear": Verb("animate OTHER.ogg --ear INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
+    "animate --recognizer": Verb(
+        "animate OTHER.ogg --recognizer INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")
+    ),
     "animate --text": Verb("animate OTHER.ogg --text INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
     "align": Verb("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
-    "align --ear": Verb("align OTHER.wav --ear INPUT -o OUTPUT", "talk.json", ("talk.json",)),
+    "align --recognizer": Verb("align OTHER.wav --recognizer INPUT -o OUTPUT", "talk.json", ("talk.json",)),
     "align --text": Verb("align OTHER.wav --text INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)),
     **{
         f"render {option or 'track'}": Verb(
@@ -189,7 +191,7 @@ def test_nothing_is_replaced_where_it_is_forbidden(
 WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back", "--sliders"}
 NAMED = {"--head", "--profile", "--background"}
 """Options that name a file or something else."""
-READ_LIVE = {("say", "--ear")}
+READ_LIVE = {("say", "--recognizer")}
 """Inputs of what writes nothing."""
 
 
@@ -197,8 +199,10 @@ def commands() -> dict[str, Any]:
     import typer
 
     group: Any = typer.main.get_command(app)
-    alone = {name: command for name, command in group.commands.items() if name != "head"}
-    return alone | {f"head {name}": command for name, command in group.commands["head"].commands.items()}
+    alone = {name: group.get_command(None, name) for name in COMMANDS}
+    return {name: command for name, command in alone.items() if name != "head"} | {
+        f"head {name}": command for name, command in alone["head"].commands.items()
+    }
 
 
 def test_every_verb_that_writes_is_here() -> None:
@@ -250,7 +254,7 @@ BESIDE: dict[str, tuple[str, str, dict[str, str | bytes]]] = {
     "material": ("inspect in.obj --plot a.mtl", "a.mtl", {"in.obj": OBJ}),
     "its texture": ("head import in.obj -o .", "head.png", {"in.obj": OBJ, "a.mtl": "newmtl a\nmap_Kd head.png\n"}),
     "texture of PLY": ("inspect in.ply --plot b.png", "b.png", {"in.ply": PLY}),
-    "card of an ear": ("align OTHER.wav --ear in.onnx -o in.json", "in.json", {"in.onnx": "no ear"}),
+    "card of an ear": ("align OTHER.wav --recognizer in.onnx -o in.json", "in.json", {"in.onnx": "no ear"}),
     "timings of a row": ("batch in.csv --to fba -o c", "c/a.fba", {"in.csv": "id,timings\na,c/a.fba\n"}),
     "timings, index of rows": ("batch in.csv --to fba -o c", "c/index.csv", {"in.csv": "id,timings\na,c/index.csv\n"}),
     "words": ("batch in*.wav --text c/{stem}.csv --to fap -o c", "c/index.csv", {"index.wav": "RIFF"}),

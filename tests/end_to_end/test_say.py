@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fapengine.cli import main
-from fapengine.files.fap import load_fap
+from fapengine.files.motion import load_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import load_sound
 from fapengine.files.video import Video, load_video
@@ -165,7 +165,7 @@ def test_what_cannot_be_rendered_is_told(
         (["say", "Hello", "--size", "big"], 2, "512x512"),
         (["say", "Hello", "--size", "511x512", "-o", "x.mp4"], 2, "even"),
         (["say", "Hello", "--camera", "under"], 2, "front"),
-        (["say", "..."], 2, "something to speak"),
+        (["say", "..."], 2, "nothing to speak"),
         (["say", "Hello", "--rate", "5"], 2, "80..449"),
         (["say", "Hello", "--profile", "nobody"], 2, "grid_s1_en"),
         (["animate", "none.TextGrid"], 2, "cannot be read"),

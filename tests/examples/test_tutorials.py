@@ -30,7 +30,7 @@ MADE = {
 """Files that a tutorial writes below ``out``."""
 PRINTED = {
     "first-face": ("open_jaw reaches", "frames came back"),
-    "first-live-face": ("back at rest",),
+    "first-live-face": ("the face is neutral again",),
     "own-head": ("FAPs move it",),
     "tts-over-osc": ("finished\nfinished\ncancelled",),
 }

@@ -26,7 +26,7 @@ WITH_WORKERS = ("worker", "parent")
 SPEAKERS = ("anna", "berta", "carl")
 SOON_S = 180.0
 """Limit of waiting for what should happen at once: a machine may have ten times the work that it can do."""
-WORKERS, WORKER = 2, "fapengine.live.server.worker "
+WORKERS, WORKER = 2, "fapengine.server.cluster.worker"
 """How many, and how their command lines say so."""
 OPEN = 40
 """FAP 3 of an open mouth."""
@@ -229,7 +229,11 @@ class World:
             return self._rng.choice(self._workers())
         if part in ("server", "parent", "sender", "browser"):
             return self._marked["server" if part == "parent" else part].process.pid
-        spelled = {"voice": "fapengine.voices.worker", "ear": "fapengine.ears.process", "guard": "fapengine serve"}
+        spelled = {
+            "voice": "fapengine.voices.process",
+            "ear": "fapengine.recognition.process",
+            "guard": "fapengine serve",
+        }
         server = self._marked["server"]
 
         def found() -> list[int]:

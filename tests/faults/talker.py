@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from fapengine.live.clients.sender import Client
+from fapengine.clients.sender import Client
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.espeak import EspeakVoice
 

@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.files.animation import sequence_files
-from fapengine.files.fap import load_fap
 from fapengine.files.fba import load_fba
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.heads.load import load_head
-from fapengine.files.motion import load_motion
+from fapengine.files.motion import load_fap, load_motion
+from fapengine.files.moving import sequence_files
 from fapengine.files.pictures import load_picture
 from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, save_markers

@@ -29,7 +29,7 @@ def example(name: str) -> ModuleType:
 
 async def _answered() -> list[Any]:
     made = example("pipecat_agent").processors((64, 64))
-    await made[-1]._actor.ready()
+    await made[-1]._face.ready()
     asked = InputTransportMessageFrame(message={"text": "my mama"})
     down, _ = await run_test(Pipeline(made), frames_to_send=[asked, SleepFrame(4.0)], start_timeout=20)
     return list(down)
@@ -105,8 +105,8 @@ async def _said() -> tuple[Any, list[Any], list[str]]:
     await avatar.start(session, Room())
     session.output.audio.on("playback_finished", events.append)
     told = []
-    tell = avatar._actor.word
-    avatar._actor.word = lambda text, *times: (told.append(text.strip()), tell(text, *times))
+    tell = avatar._face.word
+    avatar._face.word = lambda text, *times: (told.append(text.strip()), tell(text, *times))
     await session.start(module.Assistant(avatar))
     handle = session.say(module.answer("plum jam"))
     await asyncio.wait_for(handle.wait_for_playout(), 30)

@@ -11,11 +11,11 @@ from livekit import rtc
 from livekit.agents.types import TimedString
 from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 
-from fapengine.agents.actor import Actor, ActorOptions
+from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, runner_of
 from tests.frameworks.clock import in_time
 
-OPTIONS = ActorOptions(size=(64, 64))
+OPTIONS = AgentOptions(size=(64, 64))
 
 
 def sound(length_s: float) -> np.ndarray:
@@ -50,7 +50,7 @@ class Room(rtc.EventEmitter):  # type: ignore[type-arg]
 
 
 async def _generated() -> tuple[list[Any], np.ndarray]:
-    actor = Actor.open(OPTIONS)
+    actor = AgentFace.open(OPTIONS)
     generator, given, made = FaceGenerator(actor, OPTIONS.size), sound(1.0), []
     await actor.ready()
     for frame in pieces(given):
@@ -78,7 +78,7 @@ def test_the_generator_gives_all_sound_each_with_its_picture_then_the_end() -> N
 
 async def _played(interrupts: bool) -> list[Any]:
     actor, output, events = (
-        Actor.open(OPTIONS),
+        AgentFace.open(OPTIONS),
         QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True),
         [],
     )
@@ -151,7 +151,7 @@ async def _session() -> None:
         piece async for piece in avatar.read(_text(TimedString("Well", 0.1, 0.4), " ", TimedString("now", 0.6, 0.8)))
     ]
     assert "".join(passed) == "Well now"
-    assert len(avatar._actor.stage._queue[0].cues) == 3
+    assert len(avatar._face.host._cues[1]) == 3
     await avatar.aclose()
 
 

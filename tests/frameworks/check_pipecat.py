@@ -28,10 +28,10 @@ from pipecat.transports.smallwebrtc.connection import SmallWebRTCConnection
 from pipecat.transports.smallwebrtc.transport import SmallWebRTCTransport
 from pipecat.workers.runner import WorkerRunner
 
-from fapengine.agents.actor import ActorOptions
+from fapengine.agents.face import AgentOptions
 from fapengine.agents.pipecat import FapengineVideoService
-from fapengine.ears.choice import new_ear
-from fapengine.ears.process import DirectEar
+from fapengine.recognition.choice import new_recognizer
+from fapengine.recognition.process import DirectRecognizer
 from fapengine.voices.espeak import EspeakVoice
 from tests.frameworks.clock import in_time
 from tests.leaping import LeapingLoop
@@ -53,7 +53,7 @@ def sound_frames(samples: np.ndarray, rate_hz: int, piece_s: float = 0.04) -> li
 
 
 async def through(face: FapengineVideoService, sent: list[object]) -> list[object]:
-    await face._actor.ready()
+    await face._face.ready()
     down, _ = await run_test(face, frames_to_send=sent, start_timeout=20)
     return list(down)
 
@@ -115,7 +115,7 @@ def test_a_client_sees_lips_shut_on_the_m_that_it_hears(monkeypatch: pytest.Monk
     """
     loop = LeapingLoop()
     loop.lend(monkeypatch)
-    monkeypatch.setattr("fapengine.agents.actor.EarProcess.open", lambda: DirectEar(new_ear(None)))
+    monkeypatch.setattr("fapengine.agents.face.RecognizerProcess.open", lambda: DirectRecognizer(new_recognizer(None)))
     p95_s, openness = _called(lambda: loop)
     assert p95_s <= MAX_PIPELINE_OFF_S
     assert openness < 0.25
@@ -177,7 +177,7 @@ async def _call(
     samples: np.ndarray, rate_hz: int
 ) -> tuple[list[tuple[float, float, int, int]], list[tuple[float, float, np.ndarray]]]:
     size = (256, 256)
-    face = FapengineVideoService(options=ActorOptions(size=size, frame_rate_hz=RATE_HZ))
+    face = FapengineVideoService(options=AgentOptions(size=size, frame_rate_hz=RATE_HZ))
     _number_pictures(face)
     client, connection = RTCPeerConnection(), SmallWebRTCConnection()
     params = TransportParams(
@@ -204,7 +204,7 @@ async def _call(
     await client.setRemoteDescription(RTCSessionDescription(answer["sdp"], answer["type"]))
     running = asyncio.ensure_future(runner.run())
     await connection.connect()
-    await face._actor.ready()
+    await face._face.ready()
     await asyncio.sleep(2.0)
     for frame in [TTSStartedFrame(), *sound_frames(samples, rate_hz), TTSStoppedFrame()]:
         await worker.queue_frame(frame)
@@ -219,7 +219,7 @@ async def _call(
 
 def _number_pictures(face: FapengineVideoService) -> None:
     """Write into each picture, at its top, the number of its frame of sound; 0 in silence."""
-    make, draw = face._actor.frame, face._actor.picture
+    make, draw = face._face.frame, face._face.picture
     number, said = [0], [0]
 
     def frame(now_s: float) -> object:
@@ -235,7 +235,7 @@ def _number_pictures(face: FapengineVideoService) -> None:
             pixels[:CODE_PX, bit * CODE_PX : (bit + 1) * CODE_PX] = 255 * (code >> bit & 1)
         return pixels.tobytes()
 
-    face._actor.frame, face._actor.picture = frame, picture  # type: ignore[method-assign]
+    face._face.frame, face._face.picture = frame, picture  # type: ignore[method-assign]
 
 
 async def _read(

@@ -24,8 +24,7 @@ from fapengine.capture.c3d import format_c3d, parse_c3d
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.table import format_table, parse_table
-from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
@@ -39,29 +38,30 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.recordings import load_mesh
 from fapengine.files.sessions import load_session
 from fapengine.files.sound import load_sound
-from fapengine.live.server.config import EXAMPLE, parse_config
-from fapengine.live.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
-from fapengine.live.wire import fap_osc, livelink, osc
-from fapengine.live.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
-from fapengine.live.wire.rtp import RtpReceiver, RtpSender
-from fapengine.live.wire.speech_osc import codec, schema
 from fapengine.mesh.default_head.style import parse_look
 from fapengine.mesh.rig.fdp_files import parse_fdp
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import parse_profile
 from fapengine.render.drawing import parse_background, parse_size
-from fapengine.retarget.arkit import ARKIT_NAMES
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vmc_recording import parse_vmc_recording
+from fapengine.server.config import EXAMPLE, parse_config
+from fapengine.server.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
 from fapengine.speech.formats.registry import ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.text.normal_form import decoded, speakable
 from fapengine.speech.text.ssml import check_ssml, find_tag
-from fapengine.voices.streams.services import SERVICES
+from fapengine.voices.services import SERVICES
+from fapengine.wire import fap_osc, livelink, osc
+from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
+from fapengine.wire.rtp import RtpSender
+from fapengine.wire.speech_osc import codec, schema
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.files.test_gltf import vrm
 from tests.unit.mesh.rigs import own_rig
 from tests.unit.speech.samples import SAMPLES
+from tests.unit.wire.rtp_receiver import RtpReceiver
 
 CORPUS = Path(__file__).with_name("corpus")
 RNG_SEED = 0

@@ -23,10 +23,11 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from fapengine.cli.main import app, main
+from fapengine.cli.main import COMMANDS, app, main
 from tests.fuzz.mutated import mutated
 from tests.fuzz.readers import readers
 
@@ -98,7 +99,8 @@ def fill(folder: Path, chance: random.Random) -> list[str]:
 
 def command_line(chance: random.Random, names: Sequence[str], only: str) -> list[str]:
     """Make up a command."""
-    verbs = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    group: Any = typer.main.get_command(app)
+    verbs = {name: group.get_command(None, name) for name in COMMANDS}
     verbs = verbs | {f"head {name}": verb for name, verb in verbs["head"].commands.items()}
     name = chance.choice([name for name in verbs if name not in (*ENDLESS, "head") and only in name])
     words = name.split()

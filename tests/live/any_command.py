@@ -20,13 +20,13 @@ import numpy as np
 
 from bench.live import Server, serving
 from bench.live_load import listening
-from fapengine.live.engine import commands
-from fapengine.live.engine.command_table import shifted
-from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express, Seek
-from fapengine.live.wire.fap_osc import decode_frame
-from fapengine.live.wire.speech_osc import codec, schema
+from fapengine.engine import commands
+from fapengine.engine.command_table import shifted
+from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express, Seek
+from fapengine.expressions import EXPRESSIONS
 from fapengine.mpeg4 import fap
-from fapengine.trajectory.expression import EXPRESSIONS
+from fapengine.wire.fap_osc import decode_frame
+from fapengine.wire.speech_osc import codec, schema
 from tests.simulation.any_command import INNER, Face, Trial
 
 CONFIG = """[style]
@@ -132,15 +132,17 @@ def messages(session: str, command: Command, now_s: float) -> Iterator[schema.Fr
         yield schema.SessionCommand(session, shifted(command, -now_s))
 
 
-def run(seconds: float, rate: float, seed: int, *, longest_s: float = np.inf) -> tuple[WireTrial, list[float]]:
-    """Tell a server so many commands a second; gives the trial, and its memory every second, MB."""
+def run(
+    seconds: float, rate: float, seed: int, *, longest_s: float = np.inf, least: int = 0
+) -> tuple[WireTrial, list[float]]:
+    """Tell a server so many commands a second, at least some; gives the trial, and its memory every second, MB."""
     memory: list[float] = []
     with listening() as ear, listening() as other:
         ports = ear.getsockname()[1], other.getsockname()[1]
         with serving(*ports, config=CONFIG) as server:
             trial = WireTrial(seed, longest_s=longest_s, address=server.address, ear=ear)
             start_s = time.monotonic()
-            while (now_s := time.monotonic() - start_s) < seconds:
+            while (now_s := time.monotonic() - start_s) < seconds or trial.told.total() < least:
                 trial.now_s = now_s
                 trial.listen()
                 for _ in range(int(trial.rng.poisson(rate * 0.02))):

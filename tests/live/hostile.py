@@ -4,8 +4,8 @@ import random
 import struct
 from collections.abc import Iterator
 
-from fapengine.live.wire import osc
-from fapengine.live.wire.framing import encode_length, encode_slip
+from fapengine.wire import osc
+from fapengine.wire.framing import encode_length, encode_slip
 
 ADDRESSES = (
     "/phoneme", "/viseme", "/tts/start", "/tts/stop", "/expr", "/gaze", "/blink", "/head", "/param", "/fap/1/hello",

@@ -11,14 +11,15 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fapengine.live.server.config import Caps, Face, Listen, ServeConfig
-from fapengine.live.server.server import Server
-from fapengine.live.wire import osc
-from fapengine.live.wire.fap_osc import FapFrame, decode_frame
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
+from fapengine.server.config import Caps, Face, Listen, ServeConfig
+from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
+from fapengine.wire import osc
+from fapengine.wire.fap_osc import FapFrame, decode_frame
 from tests.english import english
+from tests.patient import PatientClock
 from tests.processes import start
 
 JAW = fap.column(3)
@@ -37,6 +38,7 @@ class Ear:
         own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
         own.bind(("127.0.0.1", 0))
         own.setblocking(False)
+        OPENED.append(own)
         return cls(own)
 
     @property
@@ -72,6 +74,7 @@ class Sender:
 
     def __init__(self, address: tuple[str, int]) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        OPENED.append(self.socket)
         self.socket.connect(address)
         self.socket.setblocking(False)
 
@@ -111,14 +114,20 @@ def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: fl
 
 
 @asynccontextmanager
-async def running(config: ServeConfig, head: FaceMesh | None = None) -> AsyncIterator[Server]:
-    """Run a server inside, and drain it at the end."""
-    server = Server(config, english(), head)
+async def running(
+    config: ServeConfig, head: FaceMesh | None = None, clock: PatientClock | None = None
+) -> AsyncIterator[Server]:
+    """Run a server inside, and drain it at the end; a patient clock waits for each of its frames."""
+    server = Server(config, english(), head, clock=clock or time.monotonic)
+    if clock is not None:
+        server.hub.listeners.on_frames(lambda frames: clock.allow(server, 1 / config.face.rate_hz))
     await server.start()
     task = asyncio.create_task(server.run())
     try:
         yield server
     finally:
+        if clock is not None:
+            clock.free(server)
         server.stop()
         await task
 
@@ -145,6 +154,8 @@ async def until(true: Callable[[], bool], limit_s: float = 100.0) -> None:
 
 STARTED: list[subprocess.Popen[bytes]] = []
 """Servers in processes of their own; when a test is over they are ended."""
+OPENED: list[socket.socket] = []
+"""Sockets of ears and senders; when a test is over, and failed, they are closed all the same."""
 
 
 class Serve:
@@ -169,7 +180,7 @@ class Serve:
 
     def end(self, number: int) -> int:
         self.process.send_signal(number)
-        return self.process.wait(20)
+        return self.process.wait(100)
 
 
 def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], object] = lambda: None) -> None:

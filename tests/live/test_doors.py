@@ -14,12 +14,13 @@ from dataclasses import replace
 
 import pytest
 
-from fapengine.live.server import listeners, web_site
-from fapengine.live.server.config import Listen
-from fapengine.live.server.logs import begin_log
-from fapengine.live.server.server import Server
-from fapengine.live.wire import osc
-from fapengine.live.wire.framing import encode_slip
+from fapengine.server.config import Listen
+from fapengine.server.intake import listeners
+from fapengine.server.logs import begin_log
+from fapengine.server.server import Server
+from fapengine.server.web import site as web_site
+from fapengine.wire import osc
+from fapengine.wire.framing import encode_slip
 from tests.live.stage import config_of, on_a_loop, running, until
 from tests.processes import start
 
@@ -182,7 +183,7 @@ def test_every_answer_is_guarded_and_tells_no_version(asked: str) -> None:
 
 
 def test_more_connections_than_files_are_refused_and_senders_are_heard() -> None:
-    command = [sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page", "--metrics", "0"]
+    command = [sys.executable, "-m", "fapengine", "serve", "--port", "0", "--no-page", "--metrics-port", "0"]
     few_files = ["sh", "-c", 'ulimit -Sn 64 && ulimit -Hn 200 && exec "$@"', "sh", *command]
 
     with (
@@ -195,7 +196,7 @@ def test_more_connections_than_files_are_refused_and_senders_are_heard() -> None
             one = held.enter_context(socket.create_connection(("127.0.0.1", metrics_port)))
             with contextlib.suppress(ConnectionError):
                 one.sendall(HALF_A_REQUEST)
-        with socket.create_connection(("127.0.0.1", osc_port), timeout=20.0) as sender:
+        with socket.create_connection(("127.0.0.1", osc_port), timeout=100.0) as sender:
             sender.sendall(encode_slip(osc.message("/fap/1/hello", "sissi", "anna", 1, "ipa", "", 3)))
             assert b"/fap/1/welcome" in sender.recv(4096)
         server.terminate()

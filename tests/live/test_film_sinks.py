@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.live.server.config import Listen, ServeConfig
-from fapengine.live.server.film_sinks import open_film_sink
-from fapengine.live.server.sink_address import parse_sink
-from fapengine.live.server.sinks import open_sink
+from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.sinks.kinds import open_sink, parse_sink
 from tests.live.stage import on_a_loop, running, until
 from tests.processes import start
-from tests.unit.live.test_server_sinks import Stage
+from tests.unit.server.test_server_sinks import Stage
 
 LISTENER = """
 import av, numpy, sys
@@ -141,8 +139,7 @@ def test_a_protocol_that_ffmpeg_does_not_speak_is_refused() -> None:
 )  # fmt: skip
 def test_addresses_that_cannot_be_are_refused(url: str) -> None:
     async def main() -> None:
-        address = parse_sink(url)
-        await open_film_sink(None, address, "default")  # type: ignore[arg-type]
+        await open_sink(None, parse_sink(url), studio=object())  # type: ignore[arg-type]
 
     with pytest.raises(UsageError):
         asyncio.run(main())

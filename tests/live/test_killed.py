@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from fapengine.live.wire.speech_osc.sender import OscSender
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.speech_osc.sender import OscSender
 from tests.live.stage import Ear, Sender, Serve, config_of, on_a_loop, running, until, wait
 
 LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 250)]

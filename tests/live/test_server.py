@@ -8,10 +8,10 @@ import aiohttp
 import pytest
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.live.server.config import Listen
-from fapengine.live.server.server import Server
-from fapengine.live.wire import osc
-from fapengine.live.wire.framing import SlipDecoder, encode_slip
+from fapengine.server.config import Listen
+from fapengine.server.server import Server
+from fapengine.wire import osc
+from fapengine.wire.framing import SlipDecoder, encode_slip
 from tests.english import english
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 

@@ -7,12 +7,12 @@ import aiohttp
 import numpy as np
 import pytest
 
-from fapengine.live.server import web_site
-from fapengine.live.server.config import Listen
-from fapengine.live.server.server import Server
-from fapengine.live.web.messages import FRAME
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
+from fapengine.server.config import Listen
+from fapengine.server.server import Server
+from fapengine.server.web import site as web_site
+from fapengine.server.web.messages import FRAME
 from tests.english import english
 from tests.live.stage import Sender, config_of, on_a_loop, until
 

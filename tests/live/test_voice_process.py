@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
-from fapengine.live.server import voice_process
-from fapengine.live.server.voice_process import VoiceProcess
-from fapengine.live.wire import osc
+from fapengine.voices import process as voice_process
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import EspeakVoice
+from fapengine.voices.process import VoiceProcess
+from fapengine.wire import osc
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 
 ENDLESS = "字" * 4000
@@ -30,7 +30,7 @@ def test_it_speaks_as_a_voice_in_this_process_does_and_tells_what_is_wrong() -> 
         assert same[0] == same[1]
         times = [[one.start_s for one in speech.phones.phones] for speech in (spoken, here)]
         assert times[0] == pytest.approx(times[1], abs=0.01)
-        with pytest.raises(NothingToSpeakError, match="something to speak"):
+        with pytest.raises(NothingToSpeakError, match="nothing to speak"):
             await voice.speak("...", CHOICE, 9.0)
         with pytest.raises(UsageError, match="qq"):
             await voice.speak("Mama.", VoiceChoice("qq"), 9.0)
@@ -46,15 +46,15 @@ def test_a_voice_that_is_ended_says_so_and_the_next_text_has_a_new_one(monkeypat
     async def main() -> None:
         voice = VoiceProcess()
         asked = asyncio.create_task(voice.speak(ENDLESS, CHOICE, 1e9))
-        await until(lambda: voice._process is not None)
-        voice._process.kill()
+        await until(lambda: voice._child is not None)
+        voice._child.kill()
         with pytest.raises(ResourceError, match="its process has ended"):
             await asked
         assert (await voice.speak("Mama.", CHOICE, 9.0)).duration_s > 0.3
         monkeypatch.setattr(voice_process, "PIECE_LIMIT_S", 0.2)
         with pytest.raises(ResourceError, match="no answer"):
             await voice.speak(ENDLESS, CHOICE, 1e9)
-        assert voice._process is None
+        assert voice._child is None
         voice.close()
         with pytest.raises(ResourceError, match="has ended"):
             await voice.speak("Mama.", CHOICE, 9.0)
@@ -66,11 +66,11 @@ def test_an_asker_who_is_gone_does_not_end_the_voice() -> None:
     async def main() -> None:
         voice = VoiceProcess()
         gone = asyncio.create_task(voice.speak("字" * 100, CHOICE, 1e9))
-        await until(lambda: voice._process is not None)
-        first = voice._process
+        await until(lambda: voice._child is not None)
+        first = voice._child
         gone.cancel()
         assert (await voice.speak("Mama.", CHOICE, 9.0)).duration_s > 0.3
-        assert voice._process is first
+        assert voice._child is first
         voice.close()
         await voice.wait_closed()
 
@@ -86,12 +86,12 @@ def test_a_server_that_is_told_to_stop_does_not_wait_for_its_voice() -> None:
             sender.utter("anna", 0, "ma" + "a" * 20)
             await until(lambda: max(ear.jaw("anna"), default=0) > 50)
             working = asyncio.create_task(server.voice.speak(ENDLESS, CHOICE, 1e9))
-            await until(lambda: server.voice._process is not None)
-            process = server.voice._process
+            await until(lambda: server.voice._child is not None)
+            process = server.voice._child
             shown = len(ear.jaw("anna"))
         with pytest.raises(ResourceError, match="has ended"):
             await working  # not spoken to its end
-        assert await process.wait()  # -9, or 255 where its end was seen by another wait than asyncio's
+        assert process.process.returncode == -9
         jaw = ear.jaw("anna")
         assert jaw[-1] == 0
         assert len(jaw) - shown < 2 * 60 * 0.5  # it drained for 0.3 s of frames, not for the seconds of the voice

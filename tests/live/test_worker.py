@@ -4,10 +4,10 @@ import asyncio
 import socket
 from collections.abc import Callable
 
-from fapengine.live.server import channel
-from fapengine.live.server.channel import Channel
-from fapengine.live.server.worker import Worker
-from fapengine.live.wire import osc
+from fapengine.server.cluster import channel
+from fapengine.server.cluster.channel import Channel
+from fapengine.server.cluster.worker import Worker
+from fapengine.wire import osc
 from tests.live.stage import Sender, config_of, on_a_loop, until
 
 HELLO = osc.message("/fap/1/hello", "sissisi", "anna", 1, "ipa", "", 1, "", 5)

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import pytest
 
+from fapengine.clients.sender import Client
+from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import UsageError
-from fapengine.live.clients.sender import Client
-from fapengine.live.clients.websocket_viewer import WebSocketViewer
-from fapengine.live.server.config import ServeConfig, SoundChoice
-from fapengine.live.server.placement import owner
-from fapengine.live.server.workers import check_workers
-from fapengine.live.wire.fap_osc import FapFrame
+from fapengine.server.cluster.workers import check_workers
+from fapengine.server.config import ServeConfig, SoundChoice
+from fapengine.server.ownership.placement import owner
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.fap_osc import FapFrame
 from tests.live.stage import JAW, Ear, Sender, Serve, wait
 
 LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 250)]
@@ -35,7 +35,7 @@ class Stage:
     def __init__(self, folder: Path, *more: str) -> None:
         self.ear = Ear.open()
         self.log = folder / "log"
-        self.serve = Serve(self.log, self.ear, 0, "--workers", "2", "--metrics", "0", *more)
+        self.serve = Serve(self.log, self.ear, 0, "--workers", "2", "--metrics-port", "0", *more)
         told = dict(part.split(":") for part in self.serve.where["workers"].split())
         self.processes = {int(worker): int(process) for worker, process in told.items()}
 
@@ -49,7 +49,7 @@ class Stage:
         return time.monotonic()
 
     def metrics(self) -> dict[str, float]:
-        text = urllib.request.urlopen(self.serve.where["metrics"], timeout=10).read().decode()
+        text = urllib.request.urlopen(self.serve.where["metrics"], timeout=100).read().decode()
         return {key: float(value) for key, value in re.findall(r"^([^#\s]\S*) (\S+)$", text, re.M)}
 
     def end(self) -> None:
@@ -127,7 +127,7 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
 def test_pages_and_streams_are_handed_over_and_rest_when_the_parent_is_killed(tmp_path: Path) -> None:
     with staged(tmp_path, "--web-port", "0") as stage:
         url = stage.serve.where["page"]
-        assert b"<canvas" in urllib.request.urlopen(url, timeout=20).read()
+        assert b"<canvas" in urllib.request.urlopen(url, timeout=100).read()
         viewers = {name: WebSocketViewer(url, session=name) for name in SESSIONS}
         wait(lambda: all(viewer.state == "open" for viewer in viewers.values()))
         client = Client(*stage.serve.address, session="anna", tcp=True).wait(60.0)

@@ -6,10 +6,10 @@ from osc4py3.oscbuildparse import OSCBundle, OSCMessage, decode_packet
 from pylivelinkface import FaceBlendShape, PyLiveLinkFace
 from vmcp.events import BlendShapeEvent, BoneTransformEvent
 
-from fapengine.live.hub.messages import HubFrames
-from fapengine.live.server.frame_encoders import SingleFaceEncoder, livelink_face, vmc_face
+from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES
+from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.server.sinks.encoders import SingleFaceEncoder, livelink_face, vmc_face
 from tests.unit.retarget.living_speech import RATE_HZ, held, living
 
 DEVICE = "01234567-89AB-CDEF-0123-456789ABCDEF"

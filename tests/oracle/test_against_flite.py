@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from fapengine.speech.formats.lines import parse_flite
+from fapengine.speech.formats.corpora import parse_flite
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import pronounce
@@ -39,7 +39,7 @@ CARRIED = tuple(f"now say {word} again please" for word in WORDS)
 
 def _flite(text: str, *options: str) -> str:
     command = ["flite", *options, "-t", text, "none"]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
 
 
 @cache

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from fapengine.speech import ipa
+from fapengine.speech.alphabets.convert import MARKS, UNSEEN, XSAMPA_LETTERS, from_xsampa
 from fapengine.speech.alphabets.japanese import OPENJTALK, from_kana
 from fapengine.speech.alphabets.mandarin import from_pinyin, plain_pinyin
-from fapengine.speech.alphabets.xsampa import LETTERS, MARKS, UNSEEN, from_xsampa
 
 XSAMPA_DIFFERENCES = {
     "k_<": "ƙ has left the IPA; the mark falls away, k is seen",
@@ -51,11 +51,11 @@ def test_xsampa_is_panphons() -> None:
 
 
 def test_every_xsampa_letter_takes_every_mark_and_keeps_its_letter() -> None:
-    for spelling, sound in LETTERS.items():
+    for spelling, sound in XSAMPA_LETTERS.items():
         for mark in (*MARKS, *UNSEEN):
-            if spelling + mark in LETTERS or any(
+            if spelling + mark in XSAMPA_LETTERS or any(
                 (spelling + mark).startswith(longer)
-                for longer in LETTERS
+                for longer in XSAMPA_LETTERS
                 if len(longer) > len(spelling) and longer.startswith(spelling)
             ):
                 continue  # together they are another letter: b_<, @`  # fmt: skip

@@ -6,7 +6,7 @@ import warnings
 import pytest
 
 from fapengine.speech import ipa
-from fapengine.speech.features import ALIKE, FEATURES, ROWS, feature_distance, features
+from fapengine.speech.ipa import ALIKE, FEATURES, ROWS, feature_distance, features
 
 
 @pytest.fixture(scope="module")

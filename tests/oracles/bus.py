@@ -15,10 +15,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from fapengine.live.clients.sender import Client
-from fapengine.live.clients.websocket_viewer import WebSocketViewer
-from fapengine.live.wire.fap_osc import FapFrame
+from fapengine.clients.sender import Client
+from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.fap_osc import FapFrame
 from tests.live.stage import JAW, Ear, Sender, Serve, wait
 from tests.live.test_workers import assert_in_one_place
 from tests.processes import start
@@ -94,7 +94,7 @@ class Stage:
 
     def add(self, *more: str) -> Server:
         log = self.folder / f"log{len(self.servers)}"
-        more = ("--bus", self.nats.url, "--metrics", "0", "--web-port", "0", *more)
+        more = ("--nats", self.nats.url, "--metrics-port", "0", "--web-port", "0", *more)
         self.servers.append(Server(log, self.ear, 0, *more))
         return self.servers[-1]
 

@@ -12,8 +12,8 @@ import socket
 import subprocess
 from pathlib import Path
 
-from fapengine.live.server.config import Listen, ServeConfig
-from fapengine.live.server.server import Server
+from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.english import english
 

@@ -85,7 +85,7 @@ def check_in_pyodide(root: Path) -> None:
     assert there["ends"] == here["ends"], (here["ends"], there["ends"])
     assert there["ends"][: len(VERBS)] == [0] * len(VERBS)
     assert there["ends"][-1] == 3
-    assert "scipy is not installed; mend it with: pip install scipy" in told
+    assert "scipy is not installed. Install it with: pip install scipy" in told
     written = {path.name: path.read_bytes() for path in (folder / "there").iterdir()}
     assert written == {path.name: path.read_bytes() for path in (folder / "here").iterdir()}
     read = there["ends"][len(VERBS) : -1].count(0)

@@ -16,9 +16,9 @@ import aiohttp
 import numpy as np
 from aiortc import RTCConfiguration, RTCIceServer, RTCIceTransportPolicy, RTCPeerConnection
 
-from fapengine.live.server.config import CallChoice, Listen, ServeConfig
-from fapengine.live.server.server import Server
 from fapengine.mesh.default_head.head import build_head
+from fapengine.server.config import CallChoice, Listen, ServeConfig
+from fapengine.server.server import Server
 from tests.english import english
 from tests.live.caller import Caller, read_track
 from tests.processes import start

@@ -13,14 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fapengine.live.engine.commands import Append, Begin, End, Express
-from fapengine.live.engine.engine import Engine
-from fapengine.mpeg4.visemes import Expression
+from fapengine.engine.commands import Append, Begin, End, Express
+from fapengine.engine.engine import Engine
+from fapengine.expressions import EXPRESSIONS, Expression
+from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.expression import EXPRESSIONS, Mood, mood_ramps
+from fapengine.trajectory.expression import Mood, mood_ramps
 from fapengine.trajectory.gestures import FIXATION_S
 from fapengine.trajectory.planner import plan, rest_s
-from fapengine.trajectory.style import GENERATORS, Style
+from fapengine.trajectory.style import Style
 from tests.english import english
 
 STYLES = {

@@ -13,8 +13,7 @@ from fapengine.capture.c3d import format_c3d, parse_c3d
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.table import format_table, parse_table
-from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError
 
 TRACK = MarkerTrack(

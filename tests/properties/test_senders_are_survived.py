@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.live.engine.commands import Cancel
-from fapengine.live.engine.engine import Engine
-from fapengine.live.engine.session import Limits
-from fapengine.live.wire import osc
-from fapengine.live.wire.speech_osc import codec, schema
-from fapengine.live.wire.speech_osc.counts import WireLimits
-from fapengine.live.wire.speech_osc.one_shot_messages import ADDRESSES, nameless
-from fapengine.live.wire.speech_osc.receiver import OscReceiver
-from fapengine.live.wire.speech_osc.sender import OscSender
+from fapengine.engine.commands import Cancel
+from fapengine.engine.engine import Engine
+from fapengine.engine.session import Limits
 from fapengine.trajectory.style import Style
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import codec, schema
+from fapengine.wire.speech_osc.counts import WireLimits
+from fapengine.wire.speech_osc.one_shot_messages import ADDRESSES, nameless
+from fapengine.wire.speech_osc.receiver import OscReceiver
+from fapengine.wire.speech_osc.sender import OscSender
 from tests.english import english
 
 LIMITS = WireLimits(peers=8, utterances=8, texts=4)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
-from fapengine.live.wire import fap_osc, livelink, osc
 from fapengine.mpeg4.track import FapTrack
+from fapengine.wire import fap_osc, livelink, osc
 
 TRACK = FapTrack.of(np.arange(68)[None] * (np.arange(68) > 1), rate_hz=25.0)
 (FRAME,) = fap_osc.encode_track(TRACK, session="anna")

@@ -28,17 +28,18 @@ from math import inf
 
 import numpy as np
 
+from fapengine.engine import commands
+from fapengine.engine.command_table import Choice, EndlessDuration, FieldSpec, Time, fields_of
+from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express, Pause, Resume, Seek
+from fapengine.engine.engine import Engine
+from fapengine.engine.session import Limits
 from fapengine.errors import UsageError
-from fapengine.live.engine import commands
-from fapengine.live.engine.command_table import Choice, EndlessDuration, FieldSpec, Time, fields_of
-from fapengine.live.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express, Pause, Resume, Seek
-from fapengine.live.engine.engine import Engine
-from fapengine.live.engine.session import Limits
+from fapengine.expressions import EXPRESSIONS
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
+from fapengine.mpeg4.track import to_codable
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.closures import MIN_HOLD_S, PAIRS, RAMP_S
-from fapengine.trajectory.expression import EXPRESSIONS, expression_faps
+from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from tests.english import english

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.live.calls.tracks import MAX_BLOCKS, FilmTracks
-from fapengine.live.film.film import SHOW_AFTER_S
-from fapengine.live.film.latest import MAX_LATE_S, SEEN_S
-from fapengine.live.film.soundtrack import BLOCK_S
+from fapengine.server.calls.tracks import MAX_BLOCKS, FilmTracks
+from fapengine.server.film.film import SHOW_AFTER_S
+from fapengine.server.film.latest import MAX_LATE_S, SEEN_S
+from fapengine.server.film.soundtrack import BLOCK_S
 from tests.leaping import LeapingLoop
 
 SIZE = (16, 16)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fapengine.live.engine import commands
-from fapengine.live.engine.session import Session
+from fapengine.engine import commands
+from fapengine.engine.session import Session
 from fapengine.mpeg4 import fap
 from tests.simulation.any_command import Trial, run
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.live.server import partitions
-from fapengine.live.server.partitions import (
+from fapengine.server.ownership import partitions
+from fapengine.server.ownership.partitions import (
     FENCE_S,
     RENEW_S,
     TTL_S,
@@ -109,7 +109,7 @@ class Shown:
 
 
 class Node:
-    """One machine: the pure core, and around it what :mod:`fapengine.live.server.bus` and the workers do. Stateful."""
+    """One machine: the pure core, and around it what the bus and the workers do. Stateful."""
 
     def __init__(self, name: str, stage: "Stage") -> None:
         self.name, self.stage, self.world = name, stage, stage.world

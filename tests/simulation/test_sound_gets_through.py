@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine.ears.protocol import RATE_HZ
-from fapengine.ears.sphinx_ear import SphinxEar
-from fapengine.live.wire.speech_osc.sound_window import HOLD_S, MIRROR_S
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.wire.speech_osc.sound_window import HOLD_S, MIRROR_S
 from tests.simulation.network import Channel, Clock
 from tests.simulation.world import World
-from tests.unit.ears.speech import BABY, POPPIES, closures, met, opening_mm, spoken
+from tests.unit.recognition.speech import BABY, POPPIES, closures, met, opening_mm, spoken
 
 LOSSY = Channel(loss=0.05, burst_s=0.15, burst_share=0.05, late=0.05, twice=0.02)
 """5 % lost one by one, a twentieth of the time nothing for 0.15 s, 5 % overtaken, 2 % doubled."""
@@ -92,7 +92,7 @@ def test_the_ear_is_never_far_behind(lossy: Streamed) -> None:
 
 def test_the_lips_go_on(talk: NDArray[np.int16], lossy: Streamed) -> None:
     def lips(samples: NDArray[np.int16]) -> tuple[NDArray[np.float64], list[float]]:
-        ear = SphinxEar()
+        ear = SphinxRecognizer()
         track = PhoneTrack.of(ear.push(samples) + ear.end())
         return opening_mm(track, len(samples) / RATE_HZ), closures(track)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fapengine.live.wire import osc
-from fapengine.live.wire.speech_osc import codec, schema
-from fapengine.live.wire.speech_osc.time_tags import time_tag
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import codec, schema
+from fapengine.wire.speech_osc.time_tags import time_tag
 from tests.simulation.network import Channel, Clock
 from tests.simulation.world import CLOSED_FAPU, FRAME_STEPS, STEP_S, Talk, World, script
 
@@ -90,7 +90,7 @@ class Ear:
         true_s = world.steps * STEP_S
         one = world.engine.utterance("anna", 0)
         heard_s = world.sender_clock.steady(true_s) - talk.zero_s
-        if one is not None and one.anchored and 0.5 < heard_s < talk.phones[-1].end_s:
+        if one is not None and one.state.is_placed and 0.5 < heard_s < talk.phones[-1].end_s:
             self.errors_s.append(one.position_s(world.engine_clock(true_s)) - heard_s)
 
     def p95_ms(self) -> float:

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fapengine.live.engine.engine import Engine
-from fapengine.live.wire.speech_osc import schema
-from fapengine.live.wire.speech_osc.receiver import OscReceiver
-from fapengine.live.wire.speech_osc.sender import OscSender
+from fapengine.engine.engine import Engine
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
+from fapengine.wire.speech_osc import schema
+from fapengine.wire.speech_osc.receiver import OscReceiver
+from fapengine.wire.speech_osc.sender import OscSender
 from tests.english import english
 from tests.simulation import network
 

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UnsupportedError
-from fapengine.files.gltf.curves import Curves, quaternions_of
 from fapengine.files.gltf.document import (
     BINARY_CHUNK,
     JSON_CHUNK,
@@ -41,8 +40,8 @@ from fapengine.files.gltf.scene import (
     world_transforms,
 )  # fmt: skip
 from fapengine.files.gltf.vrm import bindings
-from fapengine.files.gltf.writing import Row, Writer
-from fapengine.models.keyed_curve import STRAIGHT
+from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
+from fapengine.models.via_points import STRAIGHT
 from fapengine.retarget.blendshape_names import plain, viseme
 from fapengine.retarget.rig_weights import Meanings, has_arkit, rig_weights
 
@@ -98,7 +97,7 @@ def add_clip(
         Reads files that the document names; of a document that is no GLB they go into the result.
     motion : FaceMotion
     keys : str
-        ``"linear"`` or ``"cubic"``: see :func:`fapengine.models.keyed_curve.key_curve`.
+        ``"linear"`` or ``"cubic"``: see :func:`fapengine.models.via_points.key_curve`.
     meanings : mapping, optional
         What shapes of other names mean.
 

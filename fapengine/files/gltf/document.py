@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
-from fapengine.files.gltf.draco import DRACO, decode_draco
+from fapengine.files.gltf.compression import DRACO, decode_draco, decode_meshopt
 from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item, parse_json
-from fapengine.files.gltf.meshopt import decode_meshopt
 
 MAGIC, VERSION = b"glTF", 2
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.files.gltf.curves import Curves, quaternions_of
-from fapengine.files.gltf.writing import INDICES, VERTICES, Row, Writer
+from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
 from fapengine.retarget.puppet import HEAD, JOINTS, NECK, PARENTS, Part, Puppet
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ class ShapeClip:
     rate_hz: float
     name: str
     keys: str
-    """``"linear"`` or ``"cubic"``: see :func:`fapengine.models.keyed_curve.key_curve`."""
+    """``"linear"`` or ``"cubic"``: see :func:`fapengine.models.via_points.key_curve`."""
 
 
 def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | None = None) -> bytes:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.files.gltf.document import Budget, Gltf, fetch_uri
-from fapengine.files.gltf.images import Picture, opened, shrink
+from fapengine.files.gltf.images import MAX_TEXTURE_PX, Picture, pack_tiles, shrink
 from fapengine.files.gltf.json_cursor import Item
-from fapengine.files.gltf.tiles import MAX_TEXTURE_PX, pack_tiles
+from fapengine.files.pictures import opened
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.files.gltf.clip import FaceMotion
-from fapengine.files.gltf.curves import Curves, quaternions_of
-from fapengine.files.gltf.writing import Row, Writer
-from fapengine.models.keyed_curve import STRAIGHT
+from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
+from fapengine.models.via_points import STRAIGHT
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
+from fapengine.retarget.arkit import approximate_arkit
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Our own head on a scan: a mesh file and its feature points in, a head with all of our FAPs out."""
+"""The built-in head fitted to a scan: a mesh file and its feature points in, a head with all FAPs out."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,28 +19,28 @@ from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.import_head import ImportedHead
 from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.models.adapted_head import Nearness, adapt_head, scan_surface
-from fapengine.models.scan_colours import has_colours, paint_from_scan
+from fapengine.models.scans import has_colours, paint_from_scan
 from fapengine.mpeg4 import fap
 
 
 def adapt_head_file(
     path: Path, points: Path | None = None, mapping: Path | None = None
 ) -> tuple[ImportedHead, HeadInfo, Nearness]:
-    """Put our own head on to a scan.
+    """Fit the built-in head to a scan.
 
     Parameters
     ----------
     path : Path
         A mesh in any unit and axes, or a profile with a dense face.
     points : Path, optional
-        Table of feature points; needed for a mesh without blendshapes.
+        Table of feature points; required for a mesh without blendshapes.
     mapping : Path, optional
-        Table of what blendshapes with other names mean; they tell where feature points are.
+        Table of the meaning of other blendshape names, which locate feature points.
 
     Returns
     -------
     ImportedHead
-        Its mesh is ours, adapted; its notes say whose colours it has.
+        The built-in head, adapted; its notes say where the colours come from.
     HeadInfo
     Nearness
         Distances from the scan before and after.
@@ -50,7 +50,7 @@ def adapt_head_file(
     UsageError
         As :func:`fapengine.files.heads.import_file.import_head_file`; or if the path is a profile without a dense face.
     DataError
-        If a file's content is wrong, or the feature points are too few; ``where`` is the file.
+        If a file's content is wrong, or there are too few feature points; ``where`` is the file.
     ResourceError
         If trimesh is needed and not installed.
     """
@@ -74,18 +74,14 @@ def adapt_head_file(
 
 
 def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -> tuple[ImportedHead, Nearness]:
-    """Put our own head on to the dense face of a fit, at the markers' neutral pose.
+    """Fit the built-in head to the dense face of a fit, in the neutral pose of the markers.
 
-    Parameters
-    ----------
-    face : DenseFace
-    points : mapping of str to int, optional
-        Vertices of further feature points, or in place of those that the markers show.
+    ``points`` are vertices of further feature points, or replace those of the markers.
 
     Raises
     ------
     DataError
-        If the feature points are too few.
+        If there are too few feature points.
     """
     neutral, chosen, paint = face.neutral_face_mm, dict(points or {}), face.paint or Paint()
     mesh = BlendshapeMesh(
@@ -97,7 +93,7 @@ def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -
 
 
 def adapted_info(face: DenseFace) -> HeadInfo:
-    """Tell what :func:`adapt_dense_face` makes."""
+    """Origin of the result of :func:`adapt_dense_face`."""
     return HeadInfo(f"fapengine's head on the dense face of {face.subject}", face.licence)
 
 

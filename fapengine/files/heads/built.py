@@ -1,7 +1,7 @@
-"""Our own heads, kept on disk once they are built: to build one takes a second or two, to read it a few hundredths.
+"""Cache of built-in heads on disk: building one takes a second or two, reading it a few hundredths.
 
-The folder is ``$FAPENGINE_CACHE``, or ``fapengine`` where the system keeps such files; ``FAPENGINE_CACHE=off`` keeps
-nothing. A head is found by the digest of all that makes it, so a changed program never sees an old one.
+The folder is ``$FAPENGINE_CACHE``, or ``fapengine`` in the system's cache folder; ``FAPENGINE_CACHE=off`` disables it.
+The key is the digest of all code and tables that make a head, so a changed program never reads an old one.
 """
 
 import hashlib
@@ -22,20 +22,20 @@ from fapengine.mesh.face_mesh import FaceMesh
 
 CACHE_VARIABLE = "FAPENGINE_CACHE"
 MAX_KEPT = 16
-"""Heads that are kept, about 2 MB each; beyond it the one that was used longest ago goes."""
+"""Cached heads, about 2 MB each; beyond that the least recently used one is removed."""
 MADE_BY = ("mesh", "geometry", "mpeg4")
-"""Packages whose code makes a head."""
+"""Packages with the code and tables that make a head."""
 OURS = HeadInfo("fapengine", "Apache-2.0")
 
 
 @lru_cache(maxsize=4)
 def load_built(style: HeadStyle, level: str = "normal") -> FaceMesh:
-    """Return our own head of a style and level, read from disk if it was built before.
+    """Return a built-in head of a style and level, from the cache if possible.
 
     Raises
     ------
     UsageError
-        If there is no such level.
+        If the level is unknown.
     """
     folder = _folder()
     if folder is None:
@@ -79,15 +79,16 @@ def _folder() -> Path | None:
 
 
 def _digest(style: HeadStyle, level: str) -> str:
-    """Name of everything that a head depends on."""
+    """Digest of everything that a head depends on."""
     import scipy  # planning starts without it
 
     digest = hashlib.sha256(f"{SCHEMA} {numpy.__version__} {scipy.__version__}".encode())
     digest.update(f"{style} {level}".encode())
     package = Path(fapengine.mesh.__path__[0]).parent
     for folder in MADE_BY:
-        for source in sorted((package / folder).rglob("*.py")):
-            digest.update(source.read_bytes())
+        for source in sorted((package / folder).rglob("*")):
+            if source.suffix in (".py", ".npz"):
+                digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
 
 

@@ -1,4 +1,4 @@
-"""Dense faces of profiles as heads."""
+"""Dense faces of profiles, as heads."""
 
 from pathlib import Path
 
@@ -15,16 +15,16 @@ from fapengine.mesh.rig.import_head import ImportedHead
 from fapengine.profiles import TOML_NAME as PROFILE_NAME
 
 ADAPTED = "head"
-"""Folder, within a profile, of our own head adapted to its dense face."""
+"""Folder, within a profile, of the built-in head adapted to its dense face."""
 
 
 def is_profile(folder: Path) -> bool:
-    """Tell whether a folder is a profile's, with a dense face or without."""
+    """Whether a folder is a profile, with or without a dense face."""
     return (folder / PROFILE_NAME).is_file() or (folder / TOML_NAME).is_file()
 
 
 def adapted_in(folder: Path) -> Path | None:
-    """Find the head of ours that was adapted to a profile's dense face; None if there is none."""
+    """Find the built-in head adapted to a profile's dense face; None without one."""
     head = folder / ADAPTED
     return head if is_profile(folder) and (head / HEAD_NAME).is_file() else None
 
@@ -49,26 +49,22 @@ def load_dense(folder: Path) -> DenseFace:
 
 
 def dense_info(folder: Path) -> HeadInfo:
-    """Tell whose dense face it is, without making a head of it. Raises as :func:`load_dense`."""
+    """Origin of a dense face, without making a head from it. Raises as :func:`load_dense`."""
     face = load_dense(folder)
     return HeadInfo(f"dense face of {face.subject}", face.licence)
 
 
 def load_dense_head(folder: Path, points: Path | None = None) -> tuple[ImportedHead, ModeRig, HeadInfo]:
-    """Make a head of a profile's dense face.
+    """Make a head from the dense face of a profile.
 
-    Parameters
-    ----------
-    folder : Path
-    points : Path, optional
-        Table of feature points, in the vertices of the reference scan or in mm of the dense face.
+    ``points`` is a table of feature points, in the vertices of the reference scan or in mm of the dense face.
 
     Raises
     ------
     UsageError
         As :func:`load_dense`, or if the table cannot be read.
     DataError
-        If no head can be made of it; ``where`` is the folder.
+        If no head can be made from it; ``where`` is the folder.
     """
     face = load_dense(folder)
     marked = load_feature_points(points, face.neutral_face_mm, face.triangles) if points else {}

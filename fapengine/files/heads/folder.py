@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import DAMAGE
 from fapengine._late import Late
 from fapengine._strict_toml import parse_toml, quoted, spell_path
-from fapengine.capture.arrays import DAMAGE
 from fapengine.errors import DataError, ProfileError, UsageError
-from fapengine.files.gltf.images import opened
 from fapengine.files.paths import read_bytes, replacing_folder
+from fapengine.files.pictures import opened
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Folds
 from fapengine.mpeg4.fapu import Fapu
 

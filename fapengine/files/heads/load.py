@@ -1,4 +1,4 @@
-"""Heads by name: our own, as any person, a head's folder, or the dense face of a profile's."""
+"""Heads by name: built-in people, the folder of a head, or the dense face of a profile."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from fapengine.errors import UsageError
 from fapengine.files.heads.built import OURS, load_built
 from fapengine.files.heads.folder import HeadInfo, load_folder, load_modes
-from fapengine.mesh.default_head.people import parse_person
-from fapengine.mesh.default_head.style import LEVELS
+from fapengine.mesh.default_head.style import LEVELS, parse_person
 from fapengine.mesh.face_mesh import FaceMesh
 
 if TYPE_CHECKING:
@@ -19,23 +18,25 @@ if TYPE_CHECKING:
 
 DEFAULT_HEAD = "default"
 CALLS_PX = 640
-"""Longer side of a picture, up to which level ``calls`` looks like ``normal``."""
+"""Longer side of an image up to which level ``calls`` looks like ``normal``."""
 
 
 def load_head(name: str) -> FaceMesh:
-    """Load a head: a person of our own, or the folder of another.
+    """Load a head: a built-in person, or the folder of another head.
 
     Parameters
     ----------
     name : str
-        ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, as
-        ``"woman:age=0.8,level=fine"``; else a folder, of a head or of a profile with a dense face: there our own head
-        adapted to it, if the fit made one.
+        ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, such
+        as
+        ``"woman:age=0.8,level=fine"``; else the folder of a head or of a profile with a dense face. If the fit adapted
+        the
+        built-in head to it, that one is loaded.
 
     Raises
     ------
     UsageError
-        If there is no such folder or look.
+        If there is no such folder or person.
     ProfileError
         If its content is wrong; ``where`` is file and key.
     """
@@ -50,9 +51,9 @@ def load_head(name: str) -> FaceMesh:
 
 
 def load_head_for_calls(name: str, size: tuple[int, int]) -> FaceMesh:
-    """Load a head for pictures of a size that are drawn all the time, in pixels: our own at level ``calls``.
+    """Load a head for live images of a size in pixels: a built-in one at level ``calls``.
 
-    A level that ``name`` tells stays, as ``"woman:level=normal"``, and so does a head on larger pictures than
+    A level in ``name``, such as ``"woman:level=normal"``, is kept, and so is the head for images larger than
     :data:`CALLS_PX`. Raises as :func:`load_head`.
     """
     look = parse_person(name)
@@ -62,7 +63,7 @@ def load_head_for_calls(name: str, size: tuple[int, int]) -> FaceMesh:
 
 
 def load_head_and_modes(name: str) -> tuple[FaceMesh, ModeRig | None]:
-    """Load a head and, if it is a dense face, what drives its modes. Raises as :func:`load_head`."""
+    """Load a head and, if it is a dense face, the rig that drives its modes. Raises as :func:`load_head`."""
     folder = Path(name)
     if parse_person(name):
         return load_head(name), None
@@ -75,7 +76,7 @@ def load_head_and_modes(name: str) -> tuple[FaceMesh, ModeRig | None]:
 
 
 def load_head_of_modes(name: str) -> tuple[FaceMesh, ModeRig]:
-    """Load a dense face that recorded takes move: a profile's, or one that ``fapengine head import`` wrote.
+    """Load a dense face for recorded takes: of a profile, or from ``fapengine head import``.
 
     Raises
     ------
@@ -94,7 +95,7 @@ def load_head_of_modes(name: str) -> tuple[FaceMesh, ModeRig]:
 
 
 def load_levels(name: str) -> tuple[FaceMesh, list[Callable[[], FaceMesh]]]:
-    """Load a head, and tell how to load its coarser levels of detail: one if it is our own; a folder holds none.
+    """Load a head, and return functions that load its coarser levels of detail: one for a built-in head, else none.
 
     Raises as :func:`load_head`.
     """
@@ -104,7 +105,7 @@ def load_levels(name: str) -> tuple[FaceMesh, list[Callable[[], FaceMesh]]]:
 
 
 def load_head_info(name: str) -> HeadInfo:
-    """Tell where a head comes from. Raises as :func:`load_head`."""
+    """Origin of a head. Raises as :func:`load_head`."""
     if parse_person(name):
         return OURS
     from fapengine.files.heads.dense import adapted_in, dense_info, is_profile

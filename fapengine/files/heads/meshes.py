@@ -1,16 +1,123 @@
 """Faces from files: glTF, GLB, VRM and ICT-FaceKit's folders with blendshapes, and any mesh without."""
 
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.gltf.document import Fetch, parse_gltf
-from fapengine.files.gltf.images import MAX_PIXELS
 from fapengine.files.gltf.scene import read_scene
-from fapengine.files.heads.ict_facekit import load_ict_folder
-from fapengine.files.mesh_colours import find_paint
 from fapengine.files.paths import read_bytes
+from fapengine.files.pictures import MAX_IMAGE_PIXELS
+from fapengine.files.recordings import find_paint
 from fapengine.laboratory.setup import Paint
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
+
+NEUTRAL_NAMES = ("generic_neutral_mesh.obj", "neutral.obj")
+IDENTITY = "identity"
+MIN_MOTION_SHARE = 1e-6
+"""Motion of a vertex, as a share of the mesh's size, that is more than rounding."""
+ICT_VERTICES = 26719
+ICT_SURFACES = (
+    ("Face", 9409), ("Head and neck", 11248), ("Mouth socket", 13294), ("Eye socket left", 13678),
+    ("Eye socket right", 14062), ("Gums and tongue", 17039), ("Teeth", 21451), ("Eyeball left", 23021),
+    ("Eyeball right", 24591), ("Tear fluid left", 24795), ("Tear fluid right", 24999), ("Eye blend", 25047),
+    ("Eye occlusion", 25351), ("Eyelashes", 26719),
+)  # fmt: skip
+"""Parts of ICT-FaceKit's mesh in its order, and the vertex where each ends."""
+ICT_TRANSLUCENT = ("Tear fluid", "Eye blend", "Eye occlusion")
+
+
+def load_ict_folder(folder: Path) -> BlendshapeMesh:
+    """Read a folder of OBJ files.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or there is no neutral face.
+    DataError
+        If the content of a file is wrong; ``where`` is file and line.
+    """
+    neutral = next((folder / name for name in NEUTRAL_NAMES if (folder / name).is_file()), None)
+    if neutral is None:
+        raise UsageError(f"{folder}: got no {NEUTRAL_NAMES[0]}, expected a folder as ICT-FaceKit has it")
+    vertices, triangles, surface, names = _obj(neutral)
+    still = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    blendshapes = {}
+    for path in sorted(folder.glob("*.obj")):
+        if path == neutral or path.name.startswith(IDENTITY):
+            continue
+        moved = _vertices(read_bytes(path), str(path))
+        if len(moved) != len(vertices):
+            raise DataError(
+                f"OBJ: got {len(moved)} vertices, expected {len(vertices)} as in {neutral.name}", where=str(path)
+            )
+        moves = moved - vertices
+        kept = np.flatnonzero(np.abs(moves).max(axis=1) > still)
+        blendshapes[path.stem] = Blendshape(kept, moves[kept])
+    notes: tuple[str, ...] = ()
+    if len(vertices) == ICT_VERTICES:
+        ends = [end for _, end in ICT_SURFACES]
+        surface, names = np.searchsorted(ends, np.arange(len(vertices)), side="right"), [n for n, _ in ICT_SURFACES]
+    hidden = [number for number, name in enumerate(names) if name.startswith(ICT_TRANSLUCENT)]
+    if hidden:
+        triangles = triangles[~np.isin(surface[triangles[:, 0]], hidden)]
+        notes = tuple(f"{names[number]}: left out, as it is translucent" for number in hidden)
+    return BlendshapeMesh(
+        vertices=vertices,
+        triangles=triangles,
+        blendshapes=blendshapes,
+        surfaces=tuple(names),
+        surface=surface,
+        notes=notes,
+    )
+
+
+def _vertices(data: bytes, where: str) -> NDArray[np.float64]:
+    """(V, 3): vertices of an OBJ file."""
+    rows = [line.split()[1:4] for line in data.splitlines() if line[:2] in (b"v ", b"v\t")]
+    try:
+        vertices = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    except ValueError as error:
+        raise DataError(f"OBJ: got vertices that are not three numbers ({error})", where=where) from error
+    if not len(vertices) or not np.isfinite(vertices).all():
+        raise DataError(f"OBJ: got {len(vertices)} vertices, expected some, all finite", where=where)
+    return vertices
+
+
+def _obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], list[str]]:
+    """Vertices, triangles, and the surface of each vertex by the materials' names."""
+    data = read_bytes(path)
+    vertices = _vertices(data, str(path))
+    surface, names, current = np.zeros(len(vertices), np.int64), [""], 0
+    triangles: list[tuple[int, int, int]] = []
+    for number, line in enumerate(data.splitlines(), 1):
+        word, _, rest = line.partition(b" ")
+        if word in (b"usemtl", b"g", b"o"):
+            name = rest.strip().decode("utf-8", "replace")
+            names += [] if name in names else [name]
+            current = names.index(name)
+        elif word == b"f":
+            try:
+                corners = [int(corner.partition(b"/")[0]) for corner in rest.split()]
+            except ValueError as error:
+                raise DataError(
+                    f"OBJ face: got {rest[:40]!r}, expected indices", where=f"{path}, line {number}"
+                ) from error
+            corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
+            if len(corners) < 3 or not all(0 <= corner < len(vertices) for corner in corners):
+                raise DataError(
+                    f"OBJ face: got {rest[:40]!r}, expected 3 or more of 1..{len(vertices)}",
+                    where=f"{path}, line {number}",
+                )
+            surface[corners] = current
+            triangles += [(corners[0], second, third) for second, third in pairwise(corners[1:])]
+    if not triangles:
+        raise DataError("OBJ: got no face, expected some", where=str(path))
+    return vertices, np.array(triangles, np.int64), surface, names
+
 
 RIG_ENDINGS = (".glb", ".gltf", ".vrm")
 
@@ -83,9 +190,9 @@ def load_neutral(path: Path) -> BlendshapeMesh:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)
     paint = find_paint(visual, len(vertices)) or Paint()
-    if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_PIXELS:
+    if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_IMAGE_PIXELS:
         size = f"{paint.texture.shape[1]}x{paint.texture.shape[0]}"
-        raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_PIXELS}", where=str(path))
+        raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_IMAGE_PIXELS}", where=str(path))
     return BlendshapeMesh(
         vertices=vertices, triangles=triangles, blendshapes={}, texture=paint.texture, uv=paint.uv, albedo=paint.albedo
     )

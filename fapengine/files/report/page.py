@@ -86,7 +86,7 @@ def _warnings(warnings: Sequence[str]) -> str:
 
 def _expressions(fitted: Fitted) -> str:
     names = [
-        f"{expression.name.lower()}{' (borrowed)' if expression in fitted.borrowed else ''}"
+        f"{expression.label}{' (borrowed)' if expression in fitted.borrowed else ''}"
         for expression in fitted.profile.expressions
     ]
     return ", ".join(names) or "none"

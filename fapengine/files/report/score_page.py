@@ -18,8 +18,7 @@ from fapengine.files.report.parts import (
     to_svg,
     verdict,
 )
-from fapengine.scoring.contacts import is_bilabial, is_labiodental
-from fapengine.scoring.mouth import Mouth
+from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.scoring.score import Score
 from fapengine.speech.phone_track import PhoneTrack
 

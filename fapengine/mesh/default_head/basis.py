@@ -4,12 +4,12 @@ Theory of operation
 -------------------
 A FAP moves its feature point by one FAPU step in its direction; the skin around follows with a weight that is 1 at the
 point and falls smoothly to 0. On the lips the weight is a product: *along* the contour a curve between neighbouring
-feature points, nowhere negative, so that lips that do not cross at the points cross nowhere; *across* it a step between
-inner and outer contour, so that neither lip moves the other. Round the lips, on cheeks and chin, the skin follows the
-feature points of the lower face as that of a real face does (:mod:`.skin`); what those fields say at another FAP's
-point is taken off, so that every point goes where its own FAP says. The jaw is a bone; its weight is 0 on the lips,
-whose own FAPs say where they are (Table C.1: open_jaw does not move them), and elsewhere the share that real skin has
-in the jaw's turn. Lids turn about the eye in piecewise-linear steps (the standard's FaceDefTables).
+feature points, never negative, so that lips that do not cross at the points cross nowhere; *across* it a step between
+inner and outer contour, so that neither lip moves the other. Around the lips, on cheeks and chin, the skin follows the
+feature points of the lower face like that of a real face (:mod:`.skin`); the value of those fields at another FAP's
+point is subtracted, so that every point goes where its own FAP says. The jaw is a bone; its weight is 0 on the lips,
+which are placed by their own FAPs (Table C.1: open_jaw does not move them), and elsewhere the fraction by which real
+skin follows the jaw's rotation. Lids turn about the eye in piecewise-linear steps (the standard's FaceDefTables).
 """
 
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.basis_collector import BasisCollector
 from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.default_head.folds import fold_shares
-from fapengine.mesh.default_head.head_parts import HeadParts
 from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import CROWNS
+from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.default_head.skin import skin_fields
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mpeg4 import fap
@@ -36,27 +36,29 @@ UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 300.0, 600.0)
 WIDE_KNOTS = (0.0, -600.0)
 EASE, ROUND_TO_CORNER = 0.35, 0.35
-"""Share of the way from middle to half way that is a cosine, the rest being a parabola; share of the way on to the
-corner that is a parabola, the rest being a line. So the contours of recorded speech have no kink half way."""
+"""Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
+there to the corner that is a parabola, the rest being a line. So contours of recorded speech have no kink half way.
+"""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
-"""Millimetres by which a corner of the lips goes back for each that it goes outwards: lips slide round the teeth."""
+"""Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
-"""Middle of the axis through the jaw's joints, mm."""
+"""Midpoint of the axis through the jaw joints, mm."""
 LIFT_CHEEK = 41
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
 PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
 OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
-"""FAPs whose points lie on the skin that :mod:`.skin` moves."""
+"""FAPs with points on the skin that :mod:`.skin` moves."""
 CORRECTION_MM = 16.0
 """Reach of the correction that keeps a feature point to its own FAP."""
 PUSH_SIDE = 0.35, 1.15
-"""Distances from the middle, in those of the lips' corners, between which skin that goes forward with a lip comes to
-rest. The corners rest, and skin that went on beside them made a fold like a moustache."""
+"""Distances from the middle, relative to the corners of the lips, between which skin pushed forward with a lip returns
+to rest. The corners stay, and skin that moved next to them made a fold like a moustache.
+"""
 BLADE_MM = 7.0
-"""Length of the tongue that goes wholly with its tip."""
+"""Length of the tongue that moves fully with its tip."""
 SLIT_MM = 6.0
-"""Height over which the skin beside the mouth line passes from upper to lower lip."""
+"""Height of the transition from upper to lower lip in the skin beside the mouth line."""
 
 
 def build_basis(
@@ -68,9 +70,9 @@ def build_basis(
     fapu: Fapu,
     age: float,
 ) -> tuple[Array, DeformationBasis, Array]:
-    """Weight of the jaw bone on every vertex that is not all bone already, (V,), the basis, its entries' shades, (N,).
+    """Return the jaw weight of vertices not rigidly on a bone, (V,), the basis, and its entries' shades, (N,).
 
-    ``template``, (V, 3) mm, are the vertices before the measured face moved them; ``places``, (V, 2), are those of
+    ``template``, (V, 3) mm, are the vertices before the measured face displaced them; ``places``, (V, 2), are those of
     :mod:`.faces`. ``age`` is the style's.
     """
     collector = BasisCollector(len(points))
@@ -126,7 +128,7 @@ Linear = Callable[[int, Indices, Array], None]
 
 
 def _along(t: Array, at: float) -> Array:
-    """Weight along the lip of a knot: 1 at ``at``, 0 at the other knots, nowhere below 0; the weights sum to 1.
+    """Weight of a knot along the lip: 1 at ``at``, 0 at the other knots, never below 0; the weights sum to 1.
 
     The lip is round in its middle, and falls ever more steeply from there to its corner.
     """
@@ -184,14 +186,14 @@ def _lips(head: HeadParts, linear: Linear) -> None:
 
 
 def _skin_share(level: Array) -> Array:
-    """How far skin round the lips goes by the fields of real skin: 0 on the lips' edge, 1 where the rings end."""
+    """Weight of the fields of real skin around the lips: 0 at the edge of the lips, 1 where the rings end."""
     return smoothstep(level - 1)
 
 
 def _skin_fields(
     points: Array, places: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]
 ) -> dict[int, Array]:
-    """FAP to (N, 3): how the skin moves for a millimetre of it, corrected where feature points of other FAPs lie."""
+    """FAP to (N, 3): displacement of the skin per millimetre, corrected at the feature points of other FAPs."""
     at = points[skin]
     fields = skin_fields(places[skin])
     share = np.ones(len(points))
@@ -219,7 +221,7 @@ def _skin_fields(
 
 
 def _keep_to_its_own(moves: Array, number: int, owner: int, nearest: int, bump: Array) -> None:
-    """Let one FAP's field be 1 along the owner's direction at the owner's point if it is the owner, or else 0."""
+    """Scale a FAP's field to 1 along the owner's direction at the owner's point if it is the owner, else to 0."""
     direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
     gain = moves[nearest] @ direction
     if owner == number:
@@ -305,9 +307,10 @@ def _tongue(
 
 
 def _jaw_weight(points: Array, head: HeadParts, skin: Indices, field: Array, chin: Array) -> Array:
-    """(V,) how much a skin vertex turns with the jaw; teeth and tongue are the jaw's wholly and are not named here.
+    """(V,) fraction by which a skin vertex turns with the jaw; teeth and tongue follow it fully and are not included.
 
-    ``field`` is what real skin does for a millimetre of open_jaw; its share in the direction of the jaw's turn is kept.
+    ``field`` is the displacement of real skin per millimetre of open_jaw; its part in the direction of the jaw's
+    rotation is used.
     """
     weight = np.zeros(len(points))
     lever = points[skin] - JAW_PIVOT

@@ -1,10 +1,10 @@
-"""Eyeballs, lids and lashes. Lids lie on a sphere a little larger than the eyeball, so that they can slide over it.
+"""Eyeballs, lids and lashes. Lids are on a sphere slightly larger than the eyeball, so that they can slide over it.
 
 Theory of operation
 -------------------
 The lid rings of :func:`build_lids` run from the border of the block (level 2) over the crease to the margin (level 1)
-and round its edge inwards (below 1). A lid moves by turning about the eyeball's horizontal axis:
-:func:`lid_displacement` turns the margin from its neutral height to a given one and the rings behind it by a share
+and around its edge inwards (below 1). A lid moves by turning about the horizontal axis of the eyeball:
+:func:`lid_displacement` turns the margin from its neutral height to a given one and the rings behind it by a fraction
 that falls to zero at the crease, so skin folds there and slides over the ball below. Lashes turn with their root.
 """
 
@@ -17,8 +17,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import skin_uv
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.rings import Block, Rings, resampled
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled
 from fapengine.mesh.default_head.style import Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
@@ -28,37 +27,37 @@ Indices = NDArray[np.int64]
 
 RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
-"""Left eyeball; the right one is its mirror."""
+"""Left eyeball; the right one is its mirror image."""
 LID_THICKNESS = 1.15
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
 OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
 CREASE = 1.4
 EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
-"""Round the margin: level, height above the eyeball, size of the opening."""
+"""Around the margin: level, height above the eyeball, size of the opening."""
 POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Eye:
-    """One eye."""
+    """Vertices and angles of one eye."""
 
     lids: Rings
     ball: Indices
     lashes: Indices
     """(L, 6): two at the root, two half way, two at the tip."""
     lash_roots: Indices
-    """(L,): place of each lash's root on the ring."""
+    """(L,): index of each lash's root on the ring."""
     centre: Array
     side: float
     """1 left, -1 right."""
     angles: Array
-    """(N,) rad: neutral elevation of each margin vertex, seen from the eyeball's centre."""
+    """(N,) rad: neutral elevation of each margin vertex, seen from the centre of the eyeball."""
     closed: Array
-    """(N,) rad: elevation of the other lid's margin at the same place along the eye."""
+    """(N,) rad: elevation of the other lid's margin at the same position along the eye."""
 
 
 def margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
-    """(N, 2): the rim of the opening; t is 1 at the outer corner."""
+    """(N, 2): rim of the opening; t is 1 at the outer corner."""
     share = (1 + t) / 2
     corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
     half = style.eye_opening_mm / 2
@@ -77,16 +76,16 @@ def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
 
 
 def _forward(t: Array, level: float) -> Array:
-    """(N,) mm: the inner corner lies before the ball, over the tear duct."""
+    """(N,) mm: offset of the inner corner in front of the ball, over the tear duct."""
     out: Array = 3.8 * smoothstep((-t - 0.58) / 0.42) * smoothstep((level - 0.45) / 0.3)
     return out
 
 
 def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
-    """(N, 2) mm: the ring of a level from 1, the rim, to 2, the block's border.
+    """(N, 2) mm: the ring of a level from 1, the rim, to 2, the border of the block.
 
-    Rings between them are almonds that meet at the eye's corners; only the outer ones turn into the block's rectangle.
-    So the crease, and with it a shut lid, has no square corners.
+    Rings between them are almonds that meet at the corners of the eye; only the outer ones become the block's
+    rectangle. So the crease, and with it a closed lid, has no square corners.
     """
     out, share = border - rim, level - 1
     arch = (1 - np.abs(t) ** 2.4) ** 0.8
@@ -105,7 +104,7 @@ def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
 def build_lids(
     builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, side: float, divided: Detail
 ) -> Eye:
-    """Add lids, ball and lashes of one eye inside a block whose border, (N,) vertex indices, exists already."""
+    """Add lids, ball and lashes of one eye inside a block with existing border vertices, (N,) indices."""
     detail = divided.skin
     along, upper = block.along()
     t = side * along  # 1 at the outer corner on both sides
@@ -166,15 +165,9 @@ def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
 
 
 def moved_eye(eye: Eye, centre: Array, before: Array, after: Array) -> Eye:
-    """Return an eye whose ball and lids stand elsewhere.
+    """Return an eye with its ball and lids at another place.
 
-    Parameters
-    ----------
-    eye : Eye
-    centre : (3,) mm
-        Where its ball's centre lies now.
-    before, after : (N, 3) mm
-        The lids' margin, as it was and as it is now.
+    ``centre`` is the new centre of the ball, (3,) mm; ``before`` and ``after`` are the lid margin, (N, 3) mm each.
     """
     was, now = before - eye.centre, after - centre
     angles = eye.angles + np.arctan2(now[:, 1], now[:, 2]) - np.arctan2(was[:, 1], was[:, 2])
@@ -210,7 +203,7 @@ def _build_lashes(
 
 
 def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> None:
-    """Add the pink knot in the inner corner, over the tear duct."""
+    """Add the pink tissue in the inner corner, over the tear duct."""
     polar = np.linspace(0.35, 1.7, max(3, round(4 * detail)))[::-1, None]
     around = np.linspace(0, 2 * np.pi, 4 * max(2, round(2.5 * detail)), endpoint=False)
     unit = np.stack(
@@ -249,7 +242,7 @@ def _build_ball(builder: MeshBuilder, centre: Array, side: float, detail: float)
 
 
 def turned(points: Array, centre: Array, angle: Array) -> Array:
-    """(..., 3) mm: how points move that turn about the eyeball's horizontal axis by ``angle`` (...), rad, upwards."""
+    """(..., 3) mm: displacement by a turn about the horizontal axis of the eyeball, ``angle`` (...) rad upwards."""
     offset = points - centre
     cosine, sine = np.cos(angle), np.sin(angle)
     y = offset[..., 1] * cosine + offset[..., 2] * sine
@@ -258,16 +251,10 @@ def turned(points: Array, centre: Array, angle: Array) -> Array:
 
 
 def lid_displacement(points: Array, eye: Eye, turn: Array) -> Array:
-    """(levels, N, 3) mm: lid vertices turned about the eyeball's horizontal axis.
+    """(levels, N, 3) mm: displacement of lid vertices turned about the horizontal axis of the eyeball.
 
-    Parameters
-    ----------
-    points : (levels, N, 3) mm
-        Neutral lid vertices.
-    eye : Eye
-        Whose lids.
-    turn : (N,) rad
-        How far each margin vertex turns, upwards positive.
+    ``points`` are the neutral lid vertices, (levels, N, 3) mm; ``turn`` is the turn of each margin vertex, (N,) rad,
+    upwards positive.
     """
     level = eye.lids.level
     share = np.where(level >= 1, 1 - smoothstep((level - 1) / (CREASE + 0.12 - 1)), 1.0)

@@ -1,12 +1,12 @@
-"""Folds of the skin that come and go with FAPs: where they lie, what they do to the light, and what draws them.
+"""Skin folds that follow FAPs: their position, their effect on the light, and the FAPs that cause them.
 
 Theory of operation
 -------------------
-Folds are furrows in a height map over the painting (:func:`fold_map`): lines of the forehead, between the brows, crow's
-feet, on the nose's sides, beside the nose, under the lower lid and on the chin. Kept is not the height but what its
-slope, a small turn of the normal, does to the light of the studio's key lamp, so that the shader need not work out
-normals at pixels. Every vertex says how deep the folds are about it: a share at rest, which grows with age, and a
-share for each FAP that draws them (:func:`fold_shares`). Outside of folds the map has pores, which break highlights up.
+Folds are furrows in a height map over the texture (:func:`fold_map`): lines of the forehead, between the brows, crow's
+feet, on the sides of the nose, beside the nose, under the lower lid and on the chin. The map stores not the height but
+the effect of its slope, a small rotation of the normal, on the light of the key lamp, so that the shader need not
+compute normals per pixel. Every vertex has a fold depth: a fraction at rest, which grows with age, and a fraction for
+each FAP that causes folds (:func:`fold_shares`). Outside of folds the map has pores, which break up highlights.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,20 +29,20 @@ Array = NDArray[np.float64]
 KEY_FROM = np.array([-0.42, 0.52, 0.745])
 """Direction of the key lamp, as in ``lights.glsl``."""
 RANGE = 0.9
-"""Change of the light, as a share, for one unit of the map beyond its pores; ``FOLDS`` in ``face.frag``."""
+"""Relative change of the light for one unit of the map beyond its pores; ``FOLDS`` in ``face.frag``."""
 PORES = 0.25
-"""Distance from the map's middle, of 1, that pores keep; folds are beyond it. Also in ``face.frag``."""
+"""Distance from the middle of the map, of 1, that pores stay within; folds are beyond it. Also in ``face.frag``."""
 LIT_SIDE = 0.5
-"""Share of the light on a furrow's lit side; light goes into skin, which evens it out, and shadow stays."""
+"""Fraction of the light on the lit side of a furrow; light scatters in skin, shadow does not."""
 AT_REST, OLD = 0.035, 0.42
-"""Share of the folds that a young and an old face has at rest."""
+"""Fraction of the folds at rest in a young and in an old face."""
 YOUNG = 0.45
-"""Share of an old face's folds that FAPs draw on the youngest."""
+"""Fraction of the folds of an old face that FAPs cause in the youngest."""
 
 FOREHEAD, BETWEEN_BROWS, CROWS_FEET, NOSE, BESIDE_NOSE, UNDER_EYE, CHIN = range(7)
 
 Drive = tuple[int, float, float]
-"""FAP of the left half or of the middle; share of the fold that it draws at most; mm that it takes, with a sign."""
+"""FAP of the left half or of the middle; largest fraction of the fold; displacement for it, mm, signed."""
 DRIVES: dict[int, tuple[Drive, ...]] = {
     FOREHEAD: ((31, 0.5, 5.0), (33, 0.6, 6.0)),
     BETWEEN_BROWS: ((37, 0.75, 4.0), (31, 0.4, -6.0)),
@@ -52,20 +52,20 @@ DRIVES: dict[int, tuple[Drive, ...]] = {
     BESIDE_NOSE: ((59, 0.45, 6.5), (55, 0.5, -9.0)),
     CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
 }
-"""FAPs that draw each fold; those of the right half have the FAP of the right."""
+"""FAPs that cause each fold; the right half has the FAPs of the right."""
 MIDDLE = (18, 63)
 NEGLIGIBLE = 0.3
-"""Shares below this at 1000 FAPU are left out: every one costs time in the vertex shader."""
+"""Fractions below this at 1000 FAPU are dropped: each costs time in the vertex shader."""
 
 
 def _wave(x: Array, number: int) -> Array:
-    """(...) mm: how a line of the skin strays."""
+    """(...) mm: deviation of a line of the skin."""
     wave: Array = 0.8 * np.sin(0.13 * x + 1.7 * number) + 0.45 * np.sin(0.31 * x + 2.9 * number)
     return wave
 
 
 Furrow = tuple[Array, Array, float, float]
-"""Distance from it, mm; how much of it is here, 0..1; its half width and its depth, mm."""
+"""Distance from it, mm; its strength here, 0..1; its half width and its depth, mm."""
 
 
 def _forehead(x: Array, y: Array) -> Iterator[Furrow]:
@@ -123,11 +123,11 @@ FURROWS: tuple[tuple[float, float, Callable[[Array, Array], Iterator[Furrow]]], 
     (52.0, 114.0, _forehead), (42.0, 67.0, _between_brows), (13.0, 56.0, _crows_feet), (8.0, 48.0, _under_eye),
     (2.0, 42.0, _on_nose), (-51.0, 4.0, _beside_nose), (-73.0, -36.0, _on_chin),
 )  # fmt: skip
-"""Heights between which the furrows of a region lie, mm, and the furrows there."""
+"""Height range of the furrows of a region, mm, and the furrows."""
 
 
 def _dimples(x: Array, y: Array) -> Array:
-    """(...) mm: the skin of a chin that is drawn up, like orange peel."""
+    """(...) mm: the skin of a raised chin, like orange peel."""
     peel = gaussian_filter(grain(x.shape, 41), (4.2, 2.9), mode="nearest")
     peel = np.clip(peel / peel.std(), -1.5, 2.0)
     here: Array = np.exp(-((x / 13.0) ** 4) - ((y + 64.0) / 9.0) ** 4)
@@ -136,7 +136,7 @@ def _dimples(x: Array, y: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def fold_map() -> NDArray[np.uint8]:
-    """Draw what full folds and pores do to the light, over the painting: the same for every head.
+    """Compute the effect of full folds and pores on the light, over the texture; the same for every head.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def fold_map() -> NDArray[np.uint8]:
 
 
 def _share(region: int, x: Array, y: Array) -> Array:
-    """(N,): how much a vertex belongs to a region, either half."""
+    """(N,): membership of a vertex in a region, either half."""
     across = np.abs(x)
     share: Array = {
         FOREHEAD: smoothstep((y - 60.0) / 7.0) * smoothstep((106.0 - y) / 8.0) * smoothstep((58.0 - across) / 14.0),
@@ -199,7 +199,7 @@ def _share(region: int, x: Array, y: Array) -> Array:
 
 
 def resting_folds(points: Array, age: float) -> Array:
-    """(N,): share of the folds that skin at places of the template, (N, 3) mm, has at rest; 0 behind."""
+    """(N,): fraction of the folds at rest for skin at places of the template, (N, 3) mm; 0 at the back."""
     x, y, z = points.T
     rest = np.full(len(points), AT_REST)
     for region in (FOREHEAD, BETWEEN_BROWS, CROWS_FEET, UNDER_EYE, BESIDE_NOSE):
@@ -209,7 +209,7 @@ def resting_folds(points: Array, age: float) -> Array:
 
 
 def fold_shares(points: Array, fapu: Fapu, age: float) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
-    """Yield for each FAP that draws folds: its number, which of the places, and the share for one FAPU there.
+    """Yield for each FAP that causes folds its number, the indices of the places, and the fraction per FAPU there.
 
     ``points`` is (N, 3) mm on the template; ``age`` 0..1: firm skin folds less.
     """

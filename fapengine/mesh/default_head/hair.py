@@ -2,11 +2,10 @@
 
 Theory of operation
 -------------------
-A lock is a tapered blade of three vertices across (its middle stands higher than its edges) that follows a field of
+A lock is a tapered blade of three vertices across (the middle is higher than the edges) that follows a field of
 directions over the scalp: away from the parting on top, down and back at the sides, down the back. Each step of the
-path is laid back to its height above the scalp. Roots are spread evenly over the part of the scalp behind the
-hairline; those higher up lie over those lower down, as shingles do. Nothing is left to chance: what varies from lock
-to lock are fractions of multiples of the golden ratio.
+path is projected back to its height above the scalp. Roots are evenly spaced on the scalp behind the hairline; higher
+ones cover lower ones, like shingles. Nothing is random: locks vary by fractions of multiples of the golden ratio.
 """
 
 import numpy as np
@@ -16,12 +15,10 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
 from fapengine.mesh.default_head.faces import normal, position
-from fapengine.mesh.default_head.hairline import hairline
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.rings import resampled
-from fapengine.mesh.default_head.scalp import GOLDEN, Scalp
-from fapengine.mesh.default_head.sections import AXIS_Z_MM
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
+from fapengine.mesh.default_head.scalp import GOLDEN, Scalp, hairline
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.default_head.tresses import ENDS_MM, build_tresses
 from fapengine.mesh.face_mesh import Material
 
@@ -30,29 +27,30 @@ Indices = NDArray[np.int64]
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
 CAP_SHADE, LIKE_CAP = 0.85, 0.75
-"""Shade of the cap, and how nearly locks have it where they lie on it."""
+"""Shade of the cap, and how closely locks match it where they lie on it."""
 EVEN_LIGHT_HAIR = 2.4
-"""Share of the shades' range that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones."""
+"""Fraction of the range of shades that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones.
+"""
 CAP_TOP_MM, RISES, RISES_SHORT = 144.0, 0.22, 0.24
-"""Height of the cap's crown, and share of the way there over which the cap gets its thickness."""
+"""Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness."""
 ROOT, HARD_ROOT = 0.3, 0.55
-"""Share of the skin's colour where the cap begins: with single hairs along its edge, and without."""
+"""Fraction of skin colour where the cap begins: with single hairs along its edge, and without."""
 LEAN_RAD, RELIEF_MM = 0.55, 0.5
-"""Angle by which strands of the cap go back on their way down the sides, and height of their waves."""
+"""Angle by which strands of the cap lean back on their way down the sides, and height of their waves."""
 EDGE_HAIRS, EDGE_POINTS = 260, 3
 """Single hairs along the hairline, and points of each."""
 LOCKS_FROM_MM, SWEPT_MM = 78.0, (18.0, 86.0)
-"""Height from which locks frame the face; place to the left of which and above which the hair is swept off it."""
+"""Height from which locks frame the face; position left of which and above which the hair is swept off it."""
 LOCKS = 128
 TAPER = (0.35, 0.9, 1.0, 0.82, 0.45)
-"""Width of a lock from root towards the tip, which is a point."""
+"""Width of a lock from the root towards the tip, which is a point."""
 THICK, UNDER_LOCKS = {"short": 1.0, "cropped": 0.22}, 0.1
-"""Thickness of the cap by haircut, as a share of that of short hair; under long hair."""
+"""Thickness of the cap by haircut, relative to short hair; under long hair."""
 HAIRS_A_LOCK, HAIR_POINTS = 4, 3
 SPLIT_FROM = 0.3
-"""Share of a lock by the face from which it parts into single hairs."""
+"""Position along a lock next to the face from which it splits into single hairs."""
 OPAQUE_TO = 0.75
-"""Share of such a lock's length after which single hairs go on alone."""
+"""Position along such a lock after which only single hairs continue."""
 FACE_Z_MM = 60.0
 """Locks that end before this depth frame the face."""
 CROWN_MM = 132.0
@@ -274,14 +272,14 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
 
 
 def _shortened(paths: Array, share: float) -> Array:
-    """(N, R, 3): paths, (N, R, 3), that end after a share of their rows, with as many rows."""
+    """(N, R, 3): paths, (N, R, 3), cut after a fraction of their rows, resampled to as many rows."""
     at = share * np.arange(paths.shape[1])
     low = np.minimum(at.astype(np.int64), paths.shape[1] - 2)
     return np.asarray(paths[:, low] + (at - low)[:, None] * (paths[:, low + 1] - paths[:, low]))
 
 
 def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: Palette) -> Indices:
-    """Add single hairs over locks that are seen beside the face, so that these have no hard edges; (N,) indices.
+    """Add single hairs over the locks next to the face, so that these have no hard edges; (N,) indices.
 
     ``locks`` is (locks, rows, 3, xyz) mm: points of each from edge to edge.
     """

@@ -1,4 +1,4 @@
-"""The default head: our own model, made by this code from proportions; the same every time.
+"""The default head: a mesh generated from proportions; the same every time.
 
 Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
@@ -17,20 +17,16 @@ from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, nose, parts
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
-from fapengine.mesh.default_head.brows import build_brow
-from fapengine.mesh.default_head.cheeks import even_out
-from fapengine.mesh.default_head.ears import build_ear
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
-from fapengine.mesh.default_head.glasses import build_glasses
 from fapengine.mesh.default_head.hair import build_hair
-from fapengine.mesh.default_head.hairline import hairline
-from fapengine.mesh.default_head.head_parts import HeadParts
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder
 from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
-from fapengine.mesh.default_head.points import locate
-from fapengine.mesh.default_head.rings import Block
+from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glasses
+from fapengine.mesh.default_head.points import HeadParts, locate
+from fapengine.mesh.default_head.scalp import hairline
+from fapengine.mesh.default_head.skin import even_out
 from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
@@ -42,23 +38,24 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
-"""Least light, as a share, on what is inside of the mouth."""
+"""Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05
-"""Share of the light that a millimetre forward gives to the tongue's tip, and a millimetre back takes."""
+"""Change of the relative light on the tip of the tongue per millimetre forward."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
-"""Share of the light that teeth get for each millimetre of a FAP: the lower lip's that is pushed, raised corners'."""
+"""Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""
 SHADED_TEETH = 0.04
-"""Least light on upper teeth, which lie in the lip's shadow."""
+"""Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.65, 0.85
-"""Least light on a lid that is open, and on one that is shut."""
+"""Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
-"""Distance of hair that shades skin; share of the light that hair and jaw take away."""
+"""Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
-"""Height of a row of the grid; its vertices at the border of the mouth's block are level with the mouth's corners."""
+"""Height of a row of the grid; its vertices at the border of the mouth's block are level with the corners of the mouth.
+"""
 ROWS: tuple[tuple[float, int], ...] = (  # upper end of a stretch, mm, and its rows
     (-116.0, 1), (-92.0, 3), (-62.0, 10), (MOUTH_LINE_Y, 9), (-16.5, 7), (-12.0, 2), (6.0, 9), (17.5, 4),
     (33.0, 5), (51.0, 6), (62.0, 3), (90.0, 5), (115.0, 3), (142.0, 3),
@@ -69,7 +66,7 @@ COLUMNS: tuple[tuple[float, int], ...] = (  # outer end of a stretch, degrees, a
 
 
 def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: float) -> Array:
-    """Return the ends of all stretches, and between them so many steps as each has, changing length gradually."""
+    """Return the ends of all stretches with each stretch's number of steps between them, changing length gradually."""
     ends = np.array([start, *(end for end, _ in stretches)])
     counts = np.cumsum([0, *(max(1, round(count * detail)) for _, count in stretches)])
     spaced: Array = PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
@@ -106,19 +103,19 @@ def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> Face
     Parameters
     ----------
     style : HeadStyle, optional
-        Proportions and colours; by default an average adult's.
+        Proportions and colours; by default an average adult.
     level : str
-        One of :data:`.style.LEVELS`. All are the same surface, divided more or less finely, with the same channels.
+        One of :data:`.style.LEVELS`. All are the same surface at different resolutions, with the same channels.
 
     Returns
     -------
     FaceMesh
-        Every FDP feature point, and the deformation basis. The last four heads are remembered.
+        Every FDP feature point, and the deformation basis. The last four heads are cached.
 
     Raises
     ------
     UsageError
-        If there is no such level.
+        If the level is unknown.
     """
     if level not in LEVELS:
         raise UsageError(f"level: got {level!r}, expected one of {', '.join(LEVELS)}")
@@ -132,25 +129,22 @@ def _built(style: HeadStyle, level: str) -> FaceMesh:
 
 
 Reshape = Callable[[Array, Indices, HeadParts, dict[str, int]], tuple[Array, HeadParts]]
-"""Takes vertices, (V, 3) mm, triangles, (F, 3), parts, and feature points; gives vertices, and parts whose eyes fit."""
+"""Takes vertices, (V, 3) mm, triangles, (F, 3), parts, and feature points; returns vertices, and parts with matching
+eyes.
+"""
 
 
 def build_reshaped(style: HeadStyle, reshape: Reshape) -> FaceMesh:
-    """Build the head of a style on another shape: its FAPs, units and shades are those of the shape.
+    """Build the head of a style in another shape, given by ``reshape``, which is called once.
 
-    Parameters
-    ----------
-    style : HeadStyle
-        Gives colours and hair.
-    reshape : callable
-        See :data:`Reshape`; called once.
+    FAPs, units and shading are those of the new shape; colours and hair come from the style.
     """
     builder, head = build_parts(style, LEVELS["normal"])
     return _finish(builder, head, style, LEVELS["normal"], reshape)
 
 
 def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts]:
-    """Build the template: all vertices before the measured face moves them."""
+    """Build the template: all vertices before the measured face displaces them."""
     builder, detail, finer = MeshBuilder(), level.skin, level.hair
     grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
 
@@ -209,13 +203,13 @@ def _build_skin(
 
 
 def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
-    """(rows - 1, columns - 1): cells of the grid that hair covers wholly; drawing them would be for nothing."""
+    """(rows - 1, columns - 1): grid cells completely covered by hair, which need not be drawn."""
     covered = y > hairline(angle) + 14.0
     return covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:]
 
 
 def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
-    """(..., 3): nostrils are dark, and red rather than grey."""
+    """(..., 3): nostrils are dark, and reddish rather than grey."""
     x = radius(angle, y, style) * np.sin(angle)
     inside = nose.nostril(x, y, style.nose_width) * (np.cos(angle) > 0.5)
     shade: Array = 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
@@ -223,7 +217,7 @@ def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
 
 
 def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
-    """Even out the skin where the rings round mouth and eyes meet the grid."""
+    """Smooth the skin where the rings around mouth and eyes meet the grid."""
     rounds = max(1, round(2 * detail**2))
     weight = np.zeros(len(points))
     weight[head.grid] = 1.0
@@ -245,9 +239,9 @@ def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -
 
 
 def _on_face(template: Array, builder: MeshBuilder, head: HeadParts, style: HeadStyle) -> Array:
-    """(V, 3) mm: the template laid on the measured face.
+    """(V, 3) mm: the template displaced to the measured face.
 
-    Teeth and tongue, which have their place behind the lips of the mean, follow those of the person.
+    Teeth and tongue, which fit behind the lips of the mean face, follow the lips of the person.
     """
     points = template.copy()
     place = builder.column("place")
@@ -268,9 +262,9 @@ def _light_lids(
     shades: Array,
     rest: Array,
 ) -> None:
-    """Let the light on the lids change as they shut: set ``occlusion``, ``shades`` and ``rest`` where they are.
+    """Make the light on the lids follow their closing: set ``occlusion``, ``shades`` and ``rest`` of their vertices.
 
-    An open lid is folded away in the dark; when it is shut it lies on the ball in the light.
+    An open lid is folded away in the dark; a closed one is on the ball in the light.
     """
     closing = np.array([channel.fap in UPPER_LIDS and channel.stop > channel.start for channel in basis.channels])
     length = np.array(
@@ -297,10 +291,10 @@ def _light_lids(
 def _light_mouth(
     points: Array, head: HeadParts, basis: DeformationBasis, mm_per_fapu: float, shades: Array, rest: Array
 ) -> None:
-    """Let the light in the mouth change with lips and tongue: set ``shades`` and ``rest`` there.
+    """Make the light in the mouth follow lips and tongue: set ``shades`` and ``rest`` of their vertices.
 
-    The tongue lies in the dark as it is drawn back and in the light as it comes out, lower teeth in the dark behind a
-    lip that is pushed forward, and upper teeth, else in their lip's shadow, in the light when a smile lifts it.
+    The tongue is dark when drawn back and lit when it comes out; lower teeth are dark behind a lip that is pushed
+    forward, and upper teeth, otherwise in the shadow of their lip, are lit when a smile lifts it.
     """
     fap = np.array([channel.fap for channel in basis.channels])[basis.entry_channels]
     owner = np.repeat(np.arange(len(rest)), np.diff(basis.offsets))
@@ -314,7 +308,7 @@ def _light_mouth(
 
 
 def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
-    """Let the key lamp's light be shaded on skin below hair and on the neck below the jaw: change ``occlusion``."""
+    """Darken ``occlusion`` of skin below hair and of the neck below the jaw, which shade it from the key lamp."""
     skin = head.grid.ravel()
     at = points[skin]
     shade = np.zeros(len(skin))

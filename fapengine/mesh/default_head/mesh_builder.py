@@ -1,4 +1,9 @@
-"""Building a mesh part by part: grids and rings of quads, with everything that a vertex carries."""
+"""Building a mesh part by part: grids, rings around the openings of mouth and eyes, and strands of hair.
+
+An opening replaces a block of cells of the skin grid. The border of the block is the outermost ring, the rim of the
+opening the innermost, and each border vertex has one vertex in every ring. A ring starts at the corner with the larger
+x and runs counter-clockwise as seen from the front: first along the upper side, then back along the lower.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,8 +17,9 @@ from fapengine.mesh.face_mesh import Bone, Material
 Array = NDArray[np.float64]
 
 STRAND_MARGIN_MM = 0.6
-"""Distance by which a strand's ribbon is wider than its hair on either side: so wide that the pixels at the hair's edge
-lie on the ribbon too, down to about 2 pixels a mm."""
+"""Margin of a strand's ribbon on either side of its hair, so that edge pixels are on the ribbon down to about 2 pixels
+per mm.
+"""
 
 
 NOWHERE = (np.nan, np.nan)
@@ -43,9 +49,9 @@ class MeshBuilder:
         uv: ArrayLike = PLAIN_UV,
         place: ArrayLike = NOWHERE,
     ) -> NDArray[np.int64]:
-        """Add vertices, (..., 3) mm; everything else broadcasts. Returns their indices, of shape (...).
+        """Add vertices, (..., 3) mm; all other arguments broadcast. Returns their indices, (...).
 
-        ``place`` is angle, rad, and height, mm, on the bare head, by which the measured face moves a vertex of the skin
+        ``place`` is angle, rad, and height, mm, on the bare head, at which the measured face moves a skin vertex
         (:mod:`.faces`).
         """
         shape = points_mm.shape[:-1]
@@ -69,8 +75,8 @@ class MeshBuilder:
     def quads(self, grid: NDArray[np.int64], *, closed: bool = False, keep: NDArray[np.bool_] | None = None) -> None:
         """Join a (rows, columns) grid of vertices; ``closed`` joins the last column to the first.
 
-        The outside is where rows run up and columns to the right. ``keep`` leaves out cells: (rows - 1, columns or
-        columns - 1) bool.
+        The outside is where rows run up and columns to the right. ``keep`` selects cells: (rows - 1, columns or columns
+        - 1) bool.
         """
         if closed:
             grid = np.concatenate([grid, grid[:, :1]], axis=1)
@@ -97,9 +103,9 @@ class MeshBuilder:
         spine_mm : (L, P, 3)
             Points along each hair, root first.
         half_width_mm : (L, P) or (P,)
-            Half the hair's width there.
+            Half the width of the hair.
         aside : (L, 3) or (3,)
-            Unit direction across the ribbon: its outside is where ``aside`` points to the right and the hair upwards.
+            Unit direction across the ribbon: its outside is where ``aside`` points right and the hair up.
         albedo : (L, 3) or (3,) linear RGB
         place : (L, P, 2) or (2,)
             See :meth:`add`.
@@ -118,7 +124,7 @@ class MeshBuilder:
         return grid.reshape(count, -1)
 
     def fan(self, ring: NDArray[np.int64], centre: int) -> None:
-        """Close a ring, (N,) indices, with a centre; the outside is where the ring runs counter-clockwise."""
+        """Close a ring, (N,) indices, with a centre vertex; the outside is where the ring runs counter-clockwise."""
         self._triangles.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
 
     def loose(self, triangles: NDArray[np.int64]) -> None:
@@ -132,3 +138,79 @@ class MeshBuilder:
     def triangles(self) -> NDArray[np.int64]:
         """(F, 3), counter-clockwise from outside."""
         return np.concatenate(self._triangles)
+
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Cells of the skin grid that an opening replaces."""
+
+    bottom: int
+    top: int
+    """Rows of the grid."""
+    corner: int
+    """Row with the corners of the opening."""
+    left: int
+    right: int
+    """Columns of the grid, rising with x."""
+
+    def border(self) -> tuple[Indices, Indices]:
+        """Rows and columns of the border's vertices, (N,) each, in ring order."""
+        up = np.arange(self.corner, self.top)
+        across = np.arange(self.right, self.left, -1)
+        down = np.arange(self.top, self.bottom, -1)
+        back = np.arange(self.left, self.right)
+        rise = np.arange(self.bottom, self.corner)
+        rows = np.concatenate([up, np.full(len(across), self.top), down, np.full(len(back), self.bottom), rise])
+        columns = np.concatenate(
+            [np.full(len(up), self.right), across, np.full(len(down), self.left), back, np.full(len(rise), self.right)]
+        )
+        return rows, columns
+
+    @property
+    def upper_count(self) -> int:
+        """Segments of the upper side, corner to corner."""
+        return 2 * (self.top - self.corner) + (self.right - self.left)
+
+    @property
+    def lower_count(self) -> int:
+        """Segments of the lower side."""
+        return 2 * (self.corner - self.bottom) + (self.right - self.left)
+
+    def along(self) -> tuple[Array, NDArray[np.bool_]]:
+        """(N,) position along the opening, 1 at the first corner to -1 at the other; (N,) upper side or corner."""
+        upper = np.arange(self.upper_count + 1) / self.upper_count
+        lower = np.arange(1, self.lower_count) / self.lower_count
+        t = np.concatenate([_spread(upper), -_spread(lower)])
+        return t, np.arange(len(t)) <= self.upper_count
+
+
+def _spread(share: Array) -> Array:
+    """From 1 to -1, somewhat denser at the ends."""
+    spread: Array = 0.45 * np.cos(np.pi * share) + 0.55 * (1 - 2 * share)
+    return spread
+
+
+def resampled(table: ArrayLike, detail: float) -> Array:
+    """(M, ...) from (N, ...): about ``detail`` times as many rows; the first and the last are kept."""
+    rows = np.asarray(table, dtype=np.float64)
+    flat = rows.reshape(len(rows), -1)
+    places = np.linspace(0, len(rows) - 1, max(2, round((len(rows) - 1) * detail) + 1))
+    columns = [np.interp(places, np.arange(len(rows)), column) for column in flat.T]
+    return np.stack(columns, axis=-1).reshape(len(places), *rows.shape[1:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rings:
+    """Vertices around an opening."""
+
+    indices: Indices
+    """(levels, N), outermost first."""
+    level: Array
+    """(levels,): 2 at the border of the block, 1 at the outer edge of lip or lid, 0 at the rim, negative inside."""
+    t: Array
+    """(N,): 1 to -1 from corner to corner."""
+    upper: NDArray[np.bool_]
+    """(N,): upper side or corner."""

@@ -1,7 +1,7 @@
-"""Lips and the inside of the mouth: rings from the skin over the lips into the mouth bag.
+"""Lips and the inside of the mouth: rings from the skin over the lips into the oral cavity.
 
-The neutral lips touch along a horizontal line (the standard's neutral face). Numbers are millimetres; the lip
-contours follow the proportions of the measured head (feature points 8.1-8.10, 2.2-2.9).
+The neutral lips touch along a horizontal line (the standard's neutral face). Numbers are millimetres; the lip contours
+follow the proportions of the measured head (feature points 8.1-8.10, 2.2-2.9).
 """
 
 import numpy as np
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
 from fapengine.mesh.default_head.atlas import skin_uv
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.rings import Block, Rings, resampled
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Material
@@ -23,9 +22,9 @@ MIDDLE = (0.0, LINE_Y)
 """Place between the lips, on the bare head."""
 INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
 HALF_WAY = 0.55
-"""Place along the lip, 0 middle to 1 corner, of the feature points half way (2.6, 8.5, ...)."""
+"""Position along the lip, 0 middle to 1 corner, of the feature points half way (2.6, 8.5, ...)."""
 APART = 0.004
-"""Share by which those of the lower lip lie nearer to the middle: no two feature points are at one place at rest."""
+"""Fraction by which those of the lower lip are closer to the middle: no two feature points coincide at rest."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
 INSIDE = (  # level, away from the mouth line, backwards, share of the width
@@ -35,13 +34,13 @@ INSIDE = (  # level, away from the mouth line, backwards, share of the width
     (-0.7, 10.0, 16.0, 1.18),
     (-1.0, 15.0, 34.0, 1.05),
 )
-"""The mouth bag. It widens behind the lips, so that the dental arch lies before its wall."""
+"""The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 
 
 def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
-    """(N,): places along the lips, moved a little so that one of each lip, on each side, is :data:`HALF_WAY`.
+    """(N,): positions along the lips, shifted slightly so that each lip has one at :data:`HALF_WAY` on each side.
 
-    Otherwise the feature points there would lie beside it, on upper and lower lip not alike.
+    Otherwise the feature points there would be next to it, and differ between upper and lower lip.
     """
     moved = t.copy()
     for lip, place in ((upper, HALF_WAY), (~upper, HALF_WAY * (1 - APART))):
@@ -52,7 +51,7 @@ def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
 
 
 def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
-    """(N,) height of the lips' outer edge."""
+    """(N,) height of the outer edge of the lips."""
     arch = (1 - np.abs(t) ** 1.8) ** 1.0
     bow = 9.7 * arch - 1.1 * np.exp(-((t / 0.14) ** 2)) + 0.25 * np.exp(-(((np.abs(t) - 0.3) / 0.12) ** 2))
     lower = (1 - np.abs(t) ** 2.1) ** 0.92
@@ -61,13 +60,13 @@ def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
 
 
 def line(t: Array) -> Array:
-    """(N,) height of the line between the lips: as high in the middle as at the corners, a little wavy between."""
+    """(N,) height of the line between the lips: equal in the middle and at the corners, slightly wavy between."""
     wave: Array = LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
     return wave
 
 
 def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
-    """Height of the lips over the bare face, (...) mm.
+    """Height of the lips above the bare face, (...) mm.
 
     ``share`` is 0 at the mouth line, 1 at the outer edge, 2 beyond; ``t`` runs from -1 to 1 along the line.
     """
@@ -89,7 +88,7 @@ def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> 
 def build_mouth(
     builder: MeshBuilder, border: NDArray[np.int64], block: Block, style: HeadStyle, detail: float
 ) -> Rings:
-    """Add lips and mouth bag inside a block whose border vertices exist already: (N,) indices."""
+    """Add lips and oral cavity inside a block with existing border vertices, (N,) indices."""
     t, upper = block.along()
     t = with_half_way(t, upper)
     at_border = builder.column("points_mm")[border]

@@ -1,12 +1,11 @@
-"""The nose: a ridge, two wings and two nostrils, standing out of a bare face without one.
+"""The nose: a ridge, two wings and two nostrils, added to a bare face without one.
 
 Theory of operation
 -------------------
 A point of the bare face moves outwards by the nose's height there, and down by :data:`TILT` times as much. So the
-underside of the nose, which looks down, still has room for rows of vertices. Heights are sums of a ridge along the
-middle and Gaussian bumps for wings, grooves and nostrils. Measures in millimetres, of the bare face's points
-(before they move): fitted to the neutral head of ICT-FaceKit (University of Southern California, MIT licence), then
-rounded.
+underside of the nose still has room for rows of vertices. Heights are sums of a ridge along the middle and Gaussian
+bumps for wings, grooves and nostrils. Values in millimetres refer to points of the bare face before they move; they
+were fitted to the neutral head of ICT-FaceKit (University of Southern California, MIT licence) and rounded.
 """
 
 import numpy as np
@@ -34,7 +33,7 @@ def _bump(x: Array, y: Array, at: tuple[float, float], size: tuple[float, float]
 
 
 def height(x: Array, y: Array, length: float, width: float) -> Array:
-    """Height of the nose over the bare face, (...) mm, at ``x`` and ``y``, (...) mm; ``x`` of either sign."""
+    """Height of the nose above the bare face, (...) mm, at ``x`` and ``y``, (...) mm; ``x`` of either sign."""
     across = np.abs(x) / width
     ridge = PchipInterpolator(RIDGE_Y, RIDGE_HEIGHT)(np.clip(y, RIDGE_Y[0], RIDGE_Y[-1]))
     half = PchipInterpolator(WIDTH_Y, HALF_WIDTH)(np.clip(y, WIDTH_Y[0], WIDTH_Y[-1]))
@@ -47,12 +46,12 @@ def height(x: Array, y: Array, length: float, width: float) -> Array:
 
 
 def nostril(x: Array, y: Array, width: float) -> Array:
-    """Depth of a nostril, (...), 0 on skin to 1 in its middle, at ``x`` and ``y``, (...) mm, of the bare face."""
+    """Depth of a nostril, (...), 0 on skin to 1 at its centre, at ``x`` and ``y``, (...) mm, of the bare face."""
     return _bump(np.abs(x) / width, y, NOSTRIL_AT, NOSTRIL_SIZE, 2.5)
 
 
 def displacement(points: Array, length: float, width: float) -> Array:
-    """(..., 3) mm: what the nose adds to points of the bare face."""
+    """(..., 3) mm: displacement of points of the bare face by the nose."""
     x, y = points[..., 0], points[..., 1]
     out = height(x, y, length, width) * (points[..., 2] > 60)
     hole = NOSTRIL_DEPTH * nostril(x, y, width) * (points[..., 2] > 60)

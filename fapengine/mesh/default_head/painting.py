@@ -1,7 +1,7 @@
-"""What is too fine for vertices, painted: mottled skin, freckles, lip creases, brows, lash roots, strands of hair.
+"""Texture for details finer than vertices: mottled skin, freckles, lip creases, brows, lash roots, strands of hair.
 
-The painting multiplies the colours of the vertices, so it carries no colour of its own where nothing fine is. Nothing
-is random: its grain comes from a hash of the texels' numbers.
+The texture multiplies the colours of the vertices, so it is neutral where there is no detail. Nothing is random: its
+grain comes from a hash of the texel numbers.
 """
 
 from functools import lru_cache
@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
-from fapengine.mesh.default_head import atlas, brows, eyes, mouth, nose
-from fapengine.mesh.default_head.hairline import hairline
+from fapengine.mesh.default_head import atlas, eyes, mouth, nose, parts
+from fapengine.mesh.default_head.scalp import hairline
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import radius
 
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 
 PIGMENT = np.array([0.55, 0.9, 1.2])
 COARSE = 4
-"""Every so many texels the shape of the head is asked for where a texel lies."""
+"""Texel step at which the shape of the head is evaluated."""
 
 
 def grain(shape: tuple[int, int], seed: int) -> Array:
-    """(H, W): white noise, -1..1, by a hash of the place."""
+    """(H, W): white noise, -1..1, from a hash of the position."""
     rows, columns = np.indices(shape, dtype=np.uint64)
     value = rows * np.uint64(0x9E3779B1) + columns * np.uint64(0x85EBCA77) + np.uint64(seed * 0xC2B2AE3D + 1)
     for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
@@ -35,7 +35,7 @@ def grain(shape: tuple[int, int], seed: int) -> Array:
 
 
 def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float]) -> Array:
-    """Noise whose spots have about ``size`` texels (rows, columns); its deviation is 1."""
+    """Noise with spots of about ``size`` texels (rows, columns) and a standard deviation of 1."""
     cloud = gaussian_filter(grain(shape, seed), size, mode="wrap", truncate=2.5)
     spread: Array = cloud / cloud.std()
     return spread
@@ -43,12 +43,12 @@ def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float])
 
 @lru_cache(maxsize=4)
 def paint(style: HeadStyle) -> NDArray[np.uint8]:
-    """Paint a head.
+    """Paint the texture of a head.
 
     Returns
     -------
     (768, 1024, 3) uint8
-        sRGB; as :attr:`fapengine.mesh.face_mesh.FaceMesh.texture` asks. Read-only.
+        sRGB; see :attr:`fapengine.mesh.face_mesh.FaceMesh.texture`. Read-only.
     """
     height, width = atlas.SIZE
     linear = np.ones((height, width, 3))
@@ -64,7 +64,7 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
 
 
 def _strands(shape: tuple[int, int]) -> Array:
-    """Hair seen close: fine strands that run with the rows, in bundles."""
+    """Close-up of hair: fine strands along the rows, in bundles."""
     fine, bundle, wide = (_cloud(shape, *how) for how in ((31, (60.0, 0.7)), (32, (90.0, 3.0)), (33, (110.0, 8.0))))
     return np.clip(0.72 + 0.10 * fine + 0.12 * bundle + 0.10 * wide, 0.25, 1.0)
 
@@ -95,7 +95,7 @@ def _skin(style: HeadStyle) -> Array:
 
 
 def _freckles(x: Array, y: Array, style: HeadStyle) -> Array:
-    """Darken a few spots on nose and cheeks."""
+    """Dark spots on nose and cheeks."""
     shape = (y.shape[0], y.shape[1])
     where = np.exp(-(((np.abs(x) - 26) / 30) ** 2) - ((y - 6) / 22) ** 2)
     seeds = np.where(grain(shape, 7) > 1.0 - 0.0022 * style.freckles, 0.6 + 0.4 * grain(shape, 8), 0.0)
@@ -105,7 +105,7 @@ def _freckles(x: Array, y: Array, style: HeadStyle) -> Array:
 
 
 def _lips(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
-    """Creases that run from lip to lip, and a paler seam round the red."""
+    """Creases across the lips, and a paler seam around the red."""
     t = x / (mouth.OUTER_HALF_WIDTH * style.mouth_width)
     inside_t = np.clip(t, -0.999, 0.999)
     upper = y > mouth.LINE_Y
@@ -121,7 +121,7 @@ def _lips(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Arr
 
 
 def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
-    """Roots of the lashes along the margins, and a little shade on the lids."""
+    """Roots of the lashes along the margins, and slight shading on the lids."""
     across = np.abs(x)
     middle_x, half_x = (
         (eyes.INNER_CORNER[0] + eyes.OUTER_CORNER[0]) / 2,
@@ -141,12 +141,12 @@ def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) 
 
 
 def _hairs(x: Array, y: Array, angle: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
-    """Brows under their hairs, and the roots where the hairline begins."""
+    """Skin under the brows, and hair roots along the hairline."""
     light_skin = np.array([0.70, 0.435, 0.315])
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
     shape = (y.shape[0], y.shape[1])
-    middle, half = brows.line(np.linspace(0, 1, 101), style.brow_thickness)
+    middle, half = parts.brow_line(np.linspace(0, 1, 101), style.brow_thickness)
     across = np.abs(x)
     share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
     off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)

@@ -1,14 +1,23 @@
-"""Teeth, tongue, and the shirt that ends the neck."""
+"""Parts added to the bare head: teeth, tongue, brows, ears, glasses, and the shirt at the end of the neck.
+
+An ear is a shell over an egg-shaped outline, its relief a sum of ridges and hollows with anatomical names. Its local
+axes are *up* along the ear, *back* across it and *out* of the head; ``share`` runs from the middle (0) to the outline
+(1), and further rings roll over the edge back to the head. Proportions: Farkas 1994, adults: 62 mm long, 35 mm wide.
+Brows are hairs on the skin; the skin below is painted (:mod:`fapengine.mesh.default_head.painting`). Glasses are tubes
+in front of the face, clear of brows, lashes and cheeks; their lenses are clear and not drawn.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
+from fapengine.mesh.colours import BLOOD
 from fapengine.mesh.default_head import faces
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.rings import resampled
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
+from fapengine.mesh.default_head.style import HeadStyle, palette_of
+from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
 
 Array = NDArray[np.float64]
@@ -26,16 +35,16 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
 
 
 CROWNS = slice(3, 10)
-"""Rows of teeth that are no gum."""
+"""Rows of teeth without the gum."""
 UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0, 9.0)
 LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0, 10.5)
-"""Widths of crowns from the middle to the back, as tables of dental anatomy have them. Their ratios count."""
+"""Crown widths from the middle to the back, from tables of dental anatomy. Only their ratios count."""
 GAP_POWER = 2.5
-"""Power that crowds columns at the gaps between teeth; 1 spreads them evenly."""
+"""Power that concentrates columns at the gaps between teeth; 1 is uniform."""
 
 
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
-    """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the gum's end first."""
+    """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the end of the gum first."""
     teeth, each = 14, max(3, round(3 * detail))
     half_width, front_z = (27.5, 103.6) if upper else (25.5, 100.3)
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
@@ -78,13 +87,13 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
 
 
 TONGUE_TIP = np.array([0.0, -36.0, 97.0])
-"""Place of the tip at rest: behind the edge between upper and lower teeth, where the standard's neutral face has it."""
+"""Rest position of the tip: behind the edge between upper and lower teeth, as in the standard's neutral face."""
 
 
 TONGUE_RISE_MM = 4.5
-"""Height of the tongue's back over its tip."""
+"""Height of the back of the tongue above its tip."""
 BACK_ON_JAW = 0.5
-"""Share of the jaw's turn with which the tongue's back goes; the tip, behind the lower teeth, goes with them."""
+"""Fraction of the jaw's rotation that the back of the tongue follows; the tip follows it fully."""
 
 
 def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
@@ -115,9 +124,9 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
-    """Add collar and shoulders, (N,) indices, which stay where they are when the head turns.
+    """Add collar and shoulders, (N,) indices, which do not follow the head's rotation.
 
-    The collar lies round the neck of this head.
+    The collar fits around the neck of this head.
     """
     around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
     # fmt: off
@@ -151,3 +160,190 @@ def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indice
     grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
     builder.quads(grid[::-1], closed=True)
     return grid
+
+
+BROW_MIDDLE = np.array([[10.5, 54.6], [20.0, 57.4], [32.0, 60.2], [43.0, 59.2], [53.5, 53.4]])
+"""Centre line of the left brow, (x, y) mm, from the nose outwards (feature points 4.1, 4.3, 4.5)."""
+BROW_HALF_WIDTH = np.array([3.0, 3.7, 3.2, 2.2, 0.5])
+BROW_HAIRS = 140
+GOLDEN = 0.6180339887498949
+
+
+def brow_line(share: Array, thickness: float) -> tuple[Array, Array]:
+    """(N, 2) centre line and (N,) half width, mm, of the left brow."""
+    knots = np.linspace(0, 1, len(BROW_MIDDLE))
+    middle = np.stack([PchipInterpolator(knots, BROW_MIDDLE[:, axis])(share) for axis in range(2)], axis=-1)
+    return middle, thickness * PchipInterpolator(knots, BROW_HALF_WIDTH)(share)
+
+
+def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
+    """Add one brow; returns its indices, (N,)."""
+    palette = palette_of(style)
+    dark = 0.75 * palette.brows
+
+    number = np.arange(round(BROW_HAIRS * np.clip(detail, 0.5, 1.6)))
+    at = (number + 0.5) / len(number)
+    spread = 2 * ((number * GOLDEN) % 1) - 1
+    wild = 2 * ((number * GOLDEN * 7.31) % 1) - 1
+    middle, half = brow_line(at, style.brow_thickness)
+    root = middle + (0.85 * spread * half)[:, None] * np.array([0.15, 1.0])
+    # Hairs rise near the nose, then lie along the brow; those above its middle turn down, those below up.
+    slope = np.interp(at, (0.0, 0.12, 0.35, 0.6, 1.0), (80.0, 55.0, 24.0, 0.0, -28.0)) - 16.0 * spread + 10.0 * wild
+    along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
+    length = (5.4 + 1.2 * wild) * np.interp(at, (0.0, 0.1, 0.8, 1.0), (0.65, 1.0, 1.0, 0.6))
+    half_width = 0.5 * np.interp(at, (0.0, 0.15, 1.0), (0.3, 0.42, 0.36))[:, None] * [1.0, 0.1]
+    tip = root + length[:, None] * along
+    flat = np.stack([root, tip], axis=1)
+    angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
+    spine = (position(angle, y, style) + np.array([0.30, 0.80])[:, None] * normal(angle, y, style)) * [side, 1, 1]
+    aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
+    tint = dark * (0.85 + 0.35 * ((number * GOLDEN * 3.7) % 1))[:, None]
+    place = np.stack([side * angle, y], axis=-1)
+    return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
+
+
+EAR_MIDDLE = np.array([82.0, 16.5, -4.0])
+EAR_UP, EAR_BACK = np.array([0.05, 0.975, -0.215]), np.array([0.21, -0.170, -0.963])
+EAR_ROOT = (np.deg2rad(93.0), 10.0)
+"""Place on the bare head that an ear follows."""
+EAR_HALF_LENGTH, EAR_HALF_WIDTH = 29.5, 16.5
+EAR_JOIN_MM = 9.5
+"""Depth of the front of an ear inside the head."""
+EAR_INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
+EAR_EDGE = ((1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0))
+"""Around the edge: share, height."""
+
+
+def _ridge(share: Array, at: float, width: float) -> Array:
+    ridge: Array = np.exp(-(((share - at) / width) ** 2))
+    return ridge
+
+
+def _relief(share: Array, up: Array, back: Array) -> Array:
+    """Height above the shell, mm, by direction (``up``, ``back``: sine and cosine) and share."""
+    u, v = share * back, share * up
+    helix = smoothstep((up + 0.62 + 0.35 * back) / 0.45) * (1 - 0.75 * smoothstep((-back - 0.82) / 0.2) * (up < 0.3))
+    antihelix = smoothstep((back + 0.35 + 0.9 * np.clip(up, 0, 1)) / 0.6) * smoothstep((0.99 - up) / 0.25)
+    antihelix *= smoothstep((up + 0.92) / 0.3)
+    relief = 3.9 * helix * _ridge(share, 0.91, 0.075) - 3.0 * helix * _ridge(share, 0.755, 0.075)
+    relief += 2.6 * antihelix * _ridge(share, 0.58, 0.10)
+    relief -= 6.5 * np.exp(-((((u + 0.16) / 0.36) ** 2 + ((v + 0.14) / 0.36) ** 2) ** 1.6))  # concha
+    relief -= 2.0 * np.exp(-(((u + 0.02) / 0.24) ** 2) - ((v - 0.40) / 0.14) ** 2)  # triangular fossa
+    relief += 4.6 * np.exp(-(((u + 0.70) / 0.17) ** 2) - ((v + 0.16) / 0.15) ** 2)  # tragus
+    relief += 2.4 * np.exp(-(((u - 0.12) / 0.18) ** 2) - ((v + 0.52) / 0.10) ** 2)  # antitragus
+    relief += 2.6 * np.exp(-(((u + 0.42) / 0.22) ** 2) - ((v - 0.10) / 0.085) ** 2)  # root of the helix
+    relief += 2.0 * np.exp(-(((u + 0.05) / 0.4) ** 2) - ((v + 0.80) / 0.16) ** 2)  # lobe
+    return relief
+
+
+def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
+    """Add one ear; returns its indices, (R, S): rings by segments."""
+    around = np.linspace(0, 2 * np.pi, max(20, round(28 * detail)), endpoint=False)
+    up, back = np.cos(around), np.sin(around)
+    inside = np.array(EAR_INSIDE) if detail >= 1 else np.array(EAR_INSIDE)[[0, 2, 3, 4, 6, 8, 9]]
+    if detail > 1:
+        places = np.linspace(0, len(inside) - 1, round((len(inside) - 1) * detail) + 1)
+        inside = np.interp(places, np.arange(len(inside)), inside)
+    outline = 1 + 0.08 * up * np.abs(up) + 0.10 * back * up - 0.05 * smoothstep((-up - 0.35) / 0.6) * np.abs(back)
+    share = np.concatenate([inside, [edge for edge, _ in EAR_EDGE]])[:, None]
+    height = _relief(share, up, back)
+    height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None]
+    height[len(inside) :] += np.array([drop for _, drop in EAR_EDGE])[:, None]
+    shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
+    # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
+    joined = smoothstep((-back - 0.25) / 0.6) * smoothstep((up + 0.95) / 0.3) * smoothstep((0.8 - up) / 0.5)
+    shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.45) / 0.45)
+    narrow = 1 - 0.20 * smoothstep((-up * share - 0.05) / 0.75)
+    full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)
+    local = np.stack(
+        [
+            EAR_HALF_LENGTH * outline * up * share,
+            EAR_HALF_WIDTH * outline * narrow * full * back * share,
+            height + shell,
+        ],
+        axis=-1,
+    )
+    points = EAR_MIDDLE + local @ np.stack([EAR_UP, EAR_BACK, np.cross(EAR_BACK, EAR_UP)])
+    points = (points + faces.displacement(EAR_ROOT, style.weights)) * [side, 1, 1]
+    palette = palette_of(style)
+    albedo = palette.skin(points)
+    deep = np.clip(-height / 7.0, 0, 1)[..., None]
+    albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
+    albedo = albedo * (1 - 0.05 * BLOOD)  # as the painting does to the skin beside
+    grid = builder.add(points, albedo=albedo)
+    builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
+    middle = int(builder.add(points[0].mean(axis=0), albedo=albedo[0].mean(axis=0)))
+    builder.fan(grid[0, ::-1] if side > 0 else grid[0], middle)
+    return grid
+
+
+FRAME = np.array([0.016, 0.012, 0.011])
+"""Linear RGB: dark horn."""
+RIM_MIDDLE, RIM_HALF = np.array([32.0, 32.5]), np.array([24.0, 19.0])
+RIM_SQUARENESS = 2.7
+WRAP_PER_MM = 0.0042
+"""Curvature of the front around the face."""
+CLEAR_MM, SIDE_CLEAR_MM = 2.6, 3.0
+EAR_Z_MM, EAR_Y_MM = 2.0, 36.0
+"""Place where a temple rests on the ear and bends."""
+
+
+def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
+    """Add glasses; returns their indices, (N,). They follow only the head."""
+    around = np.linspace(0, 2 * np.pi, max(24, round(36 * detail)), endpoint=False)
+    cosine, sine = np.cos(around), np.sin(around)
+    rounded = np.stack([cosine, sine], axis=-1) * (np.abs(cosine) ** RIM_SQUARENESS + np.abs(sine) ** RIM_SQUARENESS)[
+        :, None
+    ] ** (-1 / RIM_SQUARENESS)
+    flat = RIM_MIDDLE + rounded * RIM_HALF * [1.0, 1.0]
+    flat[:, 0] -= 0.06 * (flat[:, 1] - RIM_MIDDLE[1]) * (flat[:, 0] < RIM_MIDDLE[0])  # wider apart below, for the nose
+    front = float(np.max(_depth(flat, style) + WRAP_PER_MM * flat[:, 0] ** 2)) + CLEAR_MM
+
+    def before(where: Array) -> Array:
+        return np.concatenate([where, (front - WRAP_PER_MM * where[:, :1] ** 2)], axis=1)
+
+    rim = before(flat)
+    inner = np.array([flat[:, 0].min(), RIM_MIDDLE[1] + 5.0])
+    across = np.linspace(-1, 1, max(5, round(7 * detail)))
+    bridge = before(np.stack([inner[0] * across, inner[1] + 2.2 * (1 - across**2)], axis=-1))
+    temple = _temple(rim[np.abs(around - 0.3).argmin()], style, max(8, round(10 * detail)))
+    mirror = np.array([-1.0, 1.0, 1.0])
+    parts = [
+        _tube(builder, rim, 1.15, closed=True),
+        _tube(builder, (rim * mirror)[::-1], 1.15, closed=True),
+        _tube(builder, bridge, 1.15),
+        _tube(builder, temple, 1.2),
+        _tube(builder, temple * mirror, 1.2),
+    ]
+    return np.concatenate(parts)
+
+
+def _depth(flat: Array, style: HeadStyle) -> Array:
+    """(N,) mm: z of the face at points seen from the front."""
+    depth: Array = faces.position(angle_of(flat[:, 0], flat[:, 1], style), flat[:, 1], style)[:, 2]
+    return depth
+
+
+def _temple(start: Array, style: HeadStyle, count: int) -> Array:
+    """(count, 3) mm: from the rim past the temple to the ear and down behind it."""
+    share = np.linspace(0, 1, count)
+    z = start[2] + (EAR_Z_MM - 20.0 - start[2]) * share
+    y = start[1] + (EAR_Y_MM - start[1]) * np.clip(share / 0.7, 0, 1) - 16.0 * smoothstep((EAR_Z_MM + 2.0 - z) / 24.0)
+    beside = faces.position(np.arctan2(80.0, z - 10.0), np.full(count, EAR_Y_MM), style)[:, 0] + SIDE_CLEAR_MM
+    x = start[0] + np.clip(beside - start[0], 0, None) * smoothstep(share / 0.4)
+    return np.stack([x, y, z], axis=-1)
+
+
+def _tube(builder: MeshBuilder, path: Array, radius_mm: float, *, closed: bool = False) -> Indices:
+    """Add a six-sided tube around a path, (N, 3) mm; returns its indices."""
+    along = np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0) if closed else np.gradient(path, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.cross(along, np.where(np.abs(along[:, 2:]) > 0.8, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    over = np.cross(aside, along)
+    turn = np.linspace(0, 2 * np.pi, 6, endpoint=False)[:, None, None]
+    rings = path + radius_mm * (np.cos(turn) * aside + np.sin(turn) * over)
+    grid = builder.add(rings, albedo=FRAME, material=Material.CLOTH)
+    rows = np.concatenate([grid, grid[:1]])
+    builder.quads(rows, closed=closed)
+    return grid.ravel()

@@ -1,11 +1,38 @@
-"""Where the FDP feature points lie on the default head."""
+"""The parts of the default head, and the vertices of the FDP feature points on them."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.mesh.default_head.head_parts import HeadParts
+from fapengine.mesh.default_head.eyes import Eye
+from fapengine.mesh.default_head.mesh_builder import Rings
 from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import TONGUE_TIP
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadParts:
+    """Vertices of each part of the head, for the deformation basis."""
+
+    grid: Indices
+    """(rows, columns): the skin."""
+    mouth: Rings
+    eyes: tuple[Eye, Eye]
+    brows: tuple[Indices, Indices]
+    ears: tuple[Indices, Indices]
+    upper_teeth: Indices
+    lower_teeth: Indices
+    tongue: Indices
+    hair: Indices
+    """Empty on a bald head."""
+    crown: int
+    """The vertex that closes the skin at the top."""
+    pivot: int
+    """A vertex without triangles: feature point 7.1, the top of the spine."""
+
 
 Array = NDArray[np.float64]
 
@@ -65,7 +92,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
 
 
 def _covered(head: HeadParts) -> NDArray[np.int64]:
-    """Grid vertices inside the blocks of mouth and eyes, which carry no triangle."""
+    """Grid vertices inside the blocks of mouth and eyes, which are in no triangle."""
     covered = []
     for rings in (head.mouth, head.eyes[0].lids, head.eyes[1].lids):
         at = np.isin(head.grid, rings.indices[0])

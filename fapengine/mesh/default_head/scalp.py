@@ -1,7 +1,8 @@
-"""The scalp as hair sees it: points to which locks are laid."""
+"""The scalp under the hair: the hairline, and the surface that locks are placed on."""
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
 from fapengine.mesh.default_head.faces import normal, position
@@ -9,12 +10,23 @@ from fapengine.mesh.default_head.style import HeadStyle
 
 Array = NDArray[np.float64]
 
+HAIRLINE_DEG = (0, 18, 34, 46, 56, 64, 70, 76, 84, 96, 108, 120, 140, 180)
+HAIRLINE_MM = (92, 94, 91, 79, 62, 48, 28, 16, 34, 44, 20, -28, -46, -50)
+"""Height of the hairline, by angle from the front."""
+
+
+def hairline(angle: Array) -> Array:
+    """Height of the hairline, (...) mm, by angle from the front, (...) rad."""
+    degrees = np.rad2deg(np.abs(angle))
+    return np.asarray(PchipInterpolator(HAIRLINE_DEG, HAIRLINE_MM)(degrees), dtype=np.float64)
+
+
 GOLDEN = 0.6180339887498949
-"""Fractions of its multiples vary what lies side by side."""
+"""Golden ratio; fractions of its multiples vary neighbouring locks without randomness."""
 
 
 class Scalp:
-    """The bare head as points to which others are laid."""
+    """The bare head as a point cloud for projections."""
 
     def __init__(self, style: HeadStyle) -> None:
         angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
@@ -23,7 +35,7 @@ class Scalp:
         self._tree = cKDTree(self.points)
 
     def under(self, points: Array) -> tuple[Array, Array]:
-        """(N, 3) each: the scalp below points, and its normal."""
+        """Project points, (N, 3) mm, onto the scalp: the feet and their normals, (N, 3) each."""
         distance, near = (np.asarray(result) for result in self._tree.query(points, k=6))
         weight = (1 / (distance + 0.5) ** 2)[..., None]
         normals = (self.normals[near] * weight).sum(axis=1)

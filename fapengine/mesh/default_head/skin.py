@@ -1,32 +1,48 @@
-"""How skin outside the lips follows the feature points of the lower face, learned from a real one.
+"""Skin of the lower face: how it follows the feature points, learned from a real face, and how it is evened out.
 
 Theory of operation
 -------------------
-``design/learn_skin.py`` finds, for every vertex of a real face, the displacement that goes with each FAP while the
-others stand still: dense modes driven by feature points, as in paper 003, section 4, made local by a ridge. The
-registration of ``design/learn_faces.py`` carries them to a grid of places on our template (:mod:`.faces`), so that the
-fold beside the nose and the cheek above it lie where they lie on the face that they were learned from.
+``design/learn_skin.py`` finds, for every vertex of a real face, its displacement for each FAP while the others are 0:
+dense modes driven by feature points, as in paper 003, section 4, made local by a ridge penalty. The registration of
+``design/learn_faces.py`` maps them to a grid of places on the template (:mod:`.faces`), so that nasolabial fold and
+cheek are where they were on that face.
+
+Near the lips skin follows the rings around them, farther away these fields. The rings change from an oval to the
+rectangle of their block, and the mixture shows the block's corners: a smile, which moves the corners of the lips by
+7 mm, had a dent there. So :func:`even_out` averages the displacements of this skin over neighbours. Lips and feature
+points keep their motion. A lifted cheek likewise continues below the lower lid, which does not move at its margin.
+
+The table, ``skin.npz``, comes from ICT-FaceKit (MIT licence, University of Southern California, Institute for Creative
+Technologies) and from speech of the GRID corpus (Cooke et al. 2006), through the points of ISO/IEC 14496-2.
 """
 
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
+from scipy.spatial import cKDTree
 
+from fapengine._arrays import read_table
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.default_head import skin_table
-from fapengine.mesh.default_head.faces import unpacked
+from fapengine.mesh.default_head.faces import STEP_MM
+from fapengine.mesh.default_head.points import HeadParts
+from fapengine.mesh.face_mesh import DeformationBasis
+from fapengine.mpeg4 import fap
 
 Array = NDArray[np.float64]
 
 FAPS = (3, 16, 17, 39, 40, 41, 42, 51, 52, 53, 54, 55, 56, 57, 58, 59, 60)
-"""FAPs that move skin of the lower face far and wide. Chin boss and nose have small motions of their own, of which
-speech shows little; the inner lips move no skin, and FAP 14 and 15 are the jaw's alone."""
+"""FAPs that move large areas of the lower face. Chin boss and nose have small motions of their own, which speech hardly
+shows; the inner lips move no skin, and FAP 14 and 15 are the jaw's alone.
+"""
 TWINS = {39: 40, 41: 42, 53: 54, 55: 56, 57: 58, 59: 60}
 FADE_IN = (0.03, 0.16)
-"""Motion in millimetres per millimetre: skin below the first stands still, from the second on it moves fully. Every
-field costs time in the vertex shader, and what is left out here nobody sees."""
+"""Motion in millimetres per millimetre: below the first value skin is still, from the second on it moves fully. Every
+field costs time in the vertex shader, and the motion left out is not visible.
+"""
 
 _SWAP = [FAPS.index(({**TWINS, **{b: a for a, b in TWINS.items()}}).get(number, number)) for number in FAPS]
 
@@ -38,15 +54,21 @@ def mirror(moves: Array) -> Array:
 
 
 @cache
+def skin_table() -> tuple[Array, Array, Array]:
+    """Read ``skin.npz``: angles, (A,) rad, heights, (Y,) mm, and displacements of the left half, (A, Y, F * 3) mm."""
+    table = read_table(__package__, "skin.npz")
+    return np.deg2rad(table["angles_deg"]), table["heights_mm"], STEP_MM * table["moves"]
+
+
+@cache
 def _splines() -> tuple[RectBivariateSpline, ...]:
-    """Three of each of :data:`FAPS`, over angle, rad, and height, mm, of the left half."""
-    angles, heights = np.deg2rad(skin_table.ANGLES_DEG), np.array(skin_table.HEIGHTS_MM)
-    tables = unpacked(skin_table.MOVES).reshape(len(angles), len(heights), -1)
-    return tuple(RectBivariateSpline(angles, heights, tables[..., i]) for i in range(tables.shape[-1]))
+    """Three splines for each of :data:`FAPS`, over angle, rad, and height, mm, of the left half."""
+    angles, heights, moves = skin_table()
+    return tuple(RectBivariateSpline(angles, heights, moves[..., i]) for i in range(moves.shape[-1]))
 
 
 def skin_fields(places: ArrayLike) -> dict[int, Array]:
-    """Interpolate the skin's motion for one millimetre of each FAP.
+    """Interpolate the displacement of the skin for one millimetre of each FAP.
 
     Parameters
     ----------
@@ -59,12 +81,118 @@ def skin_fields(places: ArrayLike) -> dict[int, Array]:
         Millimetres per millimetre, by FAP number.
     """
     angle, height = np.asarray(places, dtype=np.float64).T
-    low, high, widest = skin_table.HEIGHTS_MM[0], skin_table.HEIGHTS_MM[-1], np.deg2rad(skin_table.ANGLES_DEG[-1])
+    angles, heights, _ = skin_table()
     fields = np.zeros((len(angle), len(FAPS), 3))
-    on = np.flatnonzero((np.abs(angle) <= widest) & (height >= low) & (height <= high))
+    on = np.flatnonzero((np.abs(angle) <= angles[-1]) & (height >= heights[0]) & (height <= heights[-1]))
     values = np.stack([spline.ev(np.abs(angle[on]), height[on]) for spline in _splines()], axis=-1)
     left = values.reshape(len(on), len(FAPS), 3)
     fields[on] = np.where((angle[on] < 0)[:, None, None], mirror(left), left)
     size = np.linalg.norm(fields, axis=-1, keepdims=True)
     fields *= smoothstep((size - FADE_IN[0]) / (FADE_IN[1] - FADE_IN[0]))
     return dict(zip(FAPS, np.moveaxis(fields, 1, 0), strict=True))
+
+
+Indices = NDArray[np.int64]
+
+ROUNDS = 8
+"""Rounds of averaging at level ``normal``; a finer mesh needs more, as its neighbours are closer."""
+LIPS_MM, POINT_MM = 3.0, 4.0
+"""Distances from the lips and from a feature point beyond which skin is averaged."""
+TOP, BOTTOM, FADE_MM = 6.0, -74.0, 8.0
+"""Heights between which skin is averaged, and the length of the transition."""
+LIFTS, TOP_OF_LIFTS = (41, 42), 34.0
+MARGIN_MM, ROUNDS_OF_LIFTS = 5.0, 24
+"""The same for lifted cheeks: upper height, distance from the lid margins, rounds."""
+FRONT_MM = 55.0
+OWNERS, REACH_MM = (39, 40, 41, 42), 18.0
+"""FAPs with points on the cheeks, where averages are corrected along each one's direction, and the reach of the
+correction.
+"""
+
+
+def even_out(
+    basis: DeformationBasis,
+    points: Array,
+    triangles: Indices,
+    head: HeadParts,
+    feature_points: Mapping[str, int],
+    detail: float,
+) -> DeformationBasis:
+    """Average the displacements of the cheeks over neighbours.
+
+    Points are (V, 3) mm, triangles (F, 3), feature points vertices by name; ``detail`` is that of the skin, see
+    :data:`fapengine.mesh.default_head.style.LEVELS`.
+    """
+    mouth = head.mouth
+    lips = np.unique(mouth.indices[mouth.level <= 1])
+    rings = [rings.indices[rings.level > 1].ravel() for rings in (mouth, *(eye.lids for eye in head.eyes))]
+    skin = np.unique(np.concatenate([head.grid.ravel(), *rings]))
+    owners = {number: feature_points[fap.spec(number).point] for number in OWNERS}
+    held = np.setdiff1d([*feature_points.values()], [*lips, *owners.values()])
+    at = points[skin]
+    lids = np.concatenate([eye.lids.indices[eye.lids.level <= 1].ravel() for eye in head.eyes])
+    resting = (
+        smoothstep((at[:, 1] - BOTTOM) / FADE_MM)
+        * smoothstep((at[:, 2] - FRONT_MM) / FADE_MM)
+        * smoothstep(cKDTree(points[lips]).query(at)[0] / LIPS_MM)
+        * smoothstep(cKDTree(points[np.setdiff1d(held, lids)]).query(at)[0] / POINT_MM)
+    )
+    speech, lift = np.zeros(len(points)), np.zeros(len(points))
+    speech[skin] = resting * smoothstep((TOP - at[:, 1]) / FADE_MM)
+    to_margin = smoothstep(cKDTree(points[lids]).query(at)[0] / MARGIN_MM)
+    lift[skin] = resting * smoothstep((TOP_OF_LIFTS - at[:, 1]) / FADE_MM) * to_margin
+    every = [number for number in FAPS if number not in LIFTS]
+    evened = _averaged(basis, triangles, speech, every, round(ROUNDS * detail**2))
+    evened = _averaged(evened, triangles, lift, LIFTS, round(ROUNDS_OF_LIFTS * detail**2))
+    return _put_right(evened, basis, points, owners)
+
+
+def _put_right(
+    evened: DeformationBasis, basis: DeformationBasis, points: Array, owners: Mapping[int, int]
+) -> DeformationBasis:
+    """Restore the motion of points on the cheeks along their own FAPs' directions; ``owners`` are vertices by FAP."""
+    entries = evened.entry_mm.copy()
+    owner = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
+    for number, vertex in owners.items():
+        direction = np.array(fap.HEAD_AXES[fap.spec(number).positive], dtype=np.float64)
+        of_point = slice(basis.offsets[vertex], basis.offsets[vertex + 1])
+        lost = np.zeros(basis.width)
+        lost[basis.entry_channels[of_point]] = (basis.entry_mm[of_point] - entries[of_point]) @ direction
+        away = np.linalg.norm(points - points[vertex], axis=1)
+        bump = np.clip(1 - (away / REACH_MM) ** 2, 0, None) ** 2
+        entries += ((lost[basis.entry_channels] * bump[owner])[:, None] * direction).astype(np.float32)
+    return replace(evened, entry_mm=entries)
+
+
+def _averaged(
+    basis: DeformationBasis, triangles: Indices, free: Array, faps: Iterable[int], rounds: int
+) -> DeformationBasis:
+    """Average over neighbours at vertices with entries, weighted by ``free``, (V,) 0..1."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = edges[(free[edges] > 0).any(axis=1)]
+    near, ends = np.unique(edges, return_inverse=True)
+    first, second = ends.reshape(edges.shape).T
+    degree = np.maximum(np.bincount(ends.ravel(), minlength=len(near)), 1)[:, None]
+    share = 0.5 * free[near][:, None]
+    owner = np.repeat(np.arange(len(free)), np.diff(basis.offsets))
+    place = np.searchsorted(near, owner)
+    here = near[np.minimum(place, len(near) - 1)] == owner
+    entries = basis.entry_mm.copy()
+    for number, channel in enumerate(basis.channels):
+        if channel.fap not in faps:
+            continue
+        mine = np.flatnonzero(here & (basis.entry_channels == number))
+        moves = np.zeros((len(near), 3))
+        moves[place[mine]] = entries[mine]
+        for _ in range(rounds):
+            around = np.stack(
+                [
+                    np.bincount(first, moves[second, axis], len(near))
+                    + np.bincount(second, moves[first, axis], len(near))
+                    for axis in range(3)
+                ],
+                axis=-1,
+            )
+            moves += share * (around / degree - moves)
+        entries[mine] = moves[place[mine]]
+    return replace(basis, entry_mm=entries)

@@ -1,19 +1,28 @@
-"""``HeadStyle``: what differs from head to head. Every number has a meaning; 1 or 0 is an average adult's."""
+"""``HeadStyle``: how heads differ from each other; named people and random ones.
 
+Every number has a meaning; 1 or 0 is an average adult.
+
+Named people are hand-made. ``random:7`` draws a person: the shape from the measured differences between faces
+(:mod:`.faces`), the other values uniformly within bounds.
+"""
+
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
-from fapengine.mesh.default_head.faces_axes import AXES, MIDDLE_AGE
-from fapengine.mesh.default_head.faces_table import MODES
 
 
 class Detail(NamedTuple):
-    """Fineness of a head's mesh: edges a length, as a multiple of those of level ``normal``."""
+    """Resolution of a head's mesh: edges per length, relative to level ``normal``."""
 
     skin: float
-    """All but hair."""
+    """Everything except hair."""
     hair: float
     """Hair, brows and lashes."""
 
@@ -28,24 +37,38 @@ LEVELS: dict[str, Detail] = {
 """Level of detail by name: about 6, 10, 15, 26 and 71 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
+MODES = 16
+"""Number of measured modes of difference between faces (:mod:`.faces`)."""
 MAX_WEIGHT = 2.5
+# fmt: off
+AXES: dict[str, tuple[float, ...]] = {
+    "sex": (0.06, 1.03, 0.16, 0.41, -0.24, -0.32, -0.07, -0.26, 0.09, 0.10, 0.28, 0.14, -0.33, 0.81, -0.45, -0.13),
+    "build": (
+        0.77, 0.87, -0.49, -0.18, -0.19, 0.19, -0.46, -0.49, -0.11, -0.34, -0.04, -0.57, -0.49, -0.05, 0.41, 0.28,
+    ),
+    "age": (0.79, 0.42, -0.43, 0.75, 0.23, 0.04, 0.35, 0.15, -0.35, 0.03, -0.41, -0.44, 0.69, 0.47, 0.35, 0.27),
+}
+# fmt: on
+"""Weights of the modes for one step of sex, build or age, in standard deviations (``design/learn_axes.py``)."""
+MIDDLE_AGE = 0.25
+"""Age of the mean face; one step of the axis leads from it to 1."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),
     "nose_width": (0.75, 1.3), "eye_opening_mm": (8, 13), "lip_fullness": (0.5, 1.5), "mouth_width": (0.85, 1.15),
     "brow_thickness": (0.4, 2), "age": (0, 1), "sex": (-2, 2), "build": (-2, 2),
     "skin_tone": (0, 1), "freckles": (0, 3),
 }  # fmt: skip
-"""Numbers of :class:`HeadStyle` to the least and the most that they may be."""
+"""Smallest and largest value of the numbers in :class:`HeadStyle`."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeadStyle:
-    """Proportions and colours; the default is an average adult (Farkas 1994; :mod:`.sections`).
+    """Proportions and colours; the default is an average adult (Farkas 1994; :data:`.surface.SECTIONS`).
 
     Raises
     ------
     UsageError
-        If a number lies where no head has it, or a colour has no name here.
+        If a number is out of bounds, or a colour is unknown.
     """
 
     jaw_width: float = 0.955
@@ -59,7 +82,7 @@ class HeadStyle:
     nose_width: float = 0.93
     """Width from wing to wing, 0.75..1.3; average 33 mm for women, 35 mm for men."""
     eye_opening_mm: float = 11.2
-    """Distance of the lids in the middle, 8..13; the iris is as wide (the standard's neutral face)."""
+    """Lid distance in the middle, 8..13; also the diameter of the iris (the standard's neutral face)."""
     lip_fullness: float = 0.92
     """Height of the red of the lips, 0.5..1.5."""
     mouth_width: float = 1.0
@@ -67,13 +90,13 @@ class HeadStyle:
     brow_thickness: float = 1.0
     """Thickness of the brows, 0.4..2."""
     age: float = 0.25
-    """Age, 0 young to 1 old: folds, grooves under the eyes, and what else goes with it in the measured faces."""
+    """Age, 0 young to 1 old: folds, grooves under the eyes, and the differences in shape that go with age."""
     sex: float = 0.0
-    """Shape of the face, -2 very female to 2 very male; -1 and 1 are usual (:mod:`.faces_axes`)."""
+    """Shape of the face, -2 very female to 2 very male; -1 and 1 are usual (:data:`AXES`)."""
     build: float = 0.0
     """Shape of the face, -2 very lean to 2 very heavy."""
     skin_tone: float = 0.2
-    """Tone of the skin, 0 very light to 1 very dark."""
+    """Skin tone, 0 very light to 1 very dark."""
     freckles: float = 0.4
     """Number of freckles, 0 none to 3 many."""
     hair_colour: str = "brown"
@@ -85,12 +108,13 @@ class HeadStyle:
     """One of :data:`EYE_COLOURS`."""
     glasses: bool = False
     identity: tuple[float, ...] = ()
-    """Weights of the measured differences between people, at most 16 numbers of -2.5..2.5: people are spread about 0
-    with a standard deviation of 1 (:mod:`.faces`). The whole face follows but the eyes."""
+    """Weights of the measured modes, at most 16 numbers of -2.5..2.5; in people they have mean 0 and standard deviation
+    1 (:mod:`.faces`). The whole face follows except the eyes.
+    """
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights of the measured differences, sex, build and age among them; none if they are those of the mean."""
+        """Weights of the modes including sex, build and age; empty for the mean face."""
         steps = {"sex": self.sex, "build": self.build, "age": (self.age - MIDDLE_AGE) / (1 - MIDDLE_AGE)}
         if not any(steps.values()):
             return self.identity
@@ -114,23 +138,24 @@ class HeadStyle:
 
 
 def palette_of(style: HeadStyle) -> Palette:
-    """Make the colours of skin, lips and hair that go with a style."""
+    """Colours of skin, lips and hair of a style."""
     return Palette.of(style.skin_tone, style.hair_colour)
 
 
 def parse_look(text: str, usual: HeadStyle | None = None) -> tuple[HeadStyle, str]:
-    """Read ``"hair_colour=red,age=0.8,level=fine"``: fields of :class:`HeadStyle`, and a level of detail.
+    """Parse ``"hair_colour=red,age=0.8,level=fine"``: fields of :class:`HeadStyle`, and a level of detail.
 
     Returns
     -------
     (HeadStyle, str)
-        What is not named is as ``usual`` has it, or as by default; the level, by default ``"normal"``, is not looked
-        at here.
+        Fields that are not named are those of ``usual``, or the defaults; the level is ``"normal"`` by default and is
+        not
+        checked.
 
     Raises
     ------
     UsageError
-        If a name or a value is none.
+        If a name or a value is unknown.
     """
     defaults = {field.name: getattr(HeadStyle(), field.name) for field in fields(HeadStyle)}
     style, level = usual or HeadStyle(), "normal"
@@ -148,7 +173,7 @@ def parse_look(text: str, usual: HeadStyle | None = None) -> tuple[HeadStyle, st
 
 
 def _as(like: object, name: str, value: str) -> float | str | bool | tuple[float, ...]:
-    """Read a value of the kind that the default has."""
+    """Parse a value of the type of the default."""
     if isinstance(like, str):
         return value
     if isinstance(like, tuple):
@@ -161,3 +186,91 @@ def _as(like: object, name: str, value: str) -> float | str | bool | tuple[float
         return float(value)
     except ValueError as error:
         raise UsageError(f"{name}: got {value!r}, expected a number") from error
+
+
+PEOPLE: Mapping[str, HeadStyle] = MappingProxyType({
+    "default": HeadStyle(),
+    "woman": HeadStyle(
+        identity=(-0.45, -1.35, 0.3, 0.15, 0.6, 0.15, -0.45, 0.3, 0.3, -0.15, -0.15, 0.15, 0.3, -0.9, 0.6, -0.15),
+        cheek_fullness_mm=2.0, chin_mm=0.2, nose_length=0.88, nose_width=0.9, eye_opening_mm=11.8,
+        lip_fullness=1.06, brow_thickness=0.62, age=0.12, skin_tone=0.15, freckles=0.3,
+        hair_colour="chestnut", haircut="long", eye_colour="green",
+    ),
+    "man": HeadStyle(
+        identity=(0.6, 1.65, -0.15, 0.15, -0.6, -0.15, 0.15, -0.3, -0.6, 0.15, 0, -0.3, -0.15, 0.75, -0.6, 0.15),
+        chin_mm=2.0, nose_length=0.97, nose_width=0.96, eye_opening_mm=10.4, lip_fullness=0.86, brow_thickness=1.4,
+        age=0.4, skin_tone=0.3, hair_colour="black", eye_colour="dark",
+    ),
+    "child": HeadStyle(
+        identity=(-0.75, -1.95, 0, -1.05, 0.9, 0.3, -0.3, 0.15, 0.6, -0.3, 0, 0.75, 0.15, -1.65, 1.05, -0.6),
+        jaw_width=0.94, cheek_fullness_mm=4.2, chin_mm=-1.0, nose_length=0.74, nose_width=0.86, eye_opening_mm=12.6,
+        mouth_width=0.93, brow_thickness=0.55, age=0.0, skin_tone=0.12, freckles=1.6, hair_colour="blond",
+        eye_colour="blue",
+    ),
+    "older": HeadStyle(
+        identity=(0.75, 0.9, 0, 0.15, 0.15, 0.15, 0.45, 0, 0.15, 0, -0.3, -0.3, 0.15, 1.05, 0.15, 0.15),
+        cheek_fullness_mm=-0.2, nose_length=0.98, nose_width=0.98, eye_opening_mm=9.8, lip_fullness=0.78,
+        brow_thickness=1.1, age=0.95, skin_tone=0.22, freckles=0.8, hair_colour="grey", eye_colour="grey",
+    ),
+})  # fmt: skip
+"""Style by name."""
+RANDOM = "random"
+PERSON = re.compile(r"([^:,]*)[:,]?(.*)", re.DOTALL)
+USUAL = 2.0
+"""Largest weight of a mode in random people."""
+
+
+def somebody(seed: int) -> HeadStyle:
+    """Draw a random person; the same seed gives the same person.
+
+    Raises
+    ------
+    UsageError
+        If the seed is negative.
+    """
+    if seed < 0:
+        raise UsageError(f"{RANDOM}: got {seed}, expected 0 or more")
+    rng = np.random.default_rng(seed)
+    weights = np.clip(rng.normal(size=MODES), -USUAL, USUAL).round(2)
+    usual = HeadStyle()
+    age, tone = rng.uniform(0, 1), rng.uniform(0, 1)
+    hair_colours = [name for name in HAIR_COLOURS if name == "grey" or age < 0.7]
+    if tone > 0.5:  # of dark skins, hair and eyes are dark
+        hair_colours = ["black", "grey"] if age > 0.7 else ["black", "brown"]
+    eye_colours = ["dark", "brown"] if tone > 0.5 else list(EYE_COLOURS)
+    return replace(
+        usual,
+        identity=tuple(weights.tolist()),
+        eye_opening_mm=round(rng.uniform(10.2, 12.0), 2),
+        lip_fullness=round(rng.uniform(0.8, 1.2), 3),
+        brow_thickness=round(rng.uniform(0.6, 1.5), 2),
+        age=round(age, 2),
+        skin_tone=round(tone, 2),
+        freckles=round(2 * rng.uniform(0, 1) ** 2, 2),
+        hair_colour=str(rng.choice(hair_colours)),
+        haircut=str(rng.choice(HAIRCUTS)),
+        hair=bool(rng.uniform() > 0.25 * age),
+        eye_colour=str(rng.choice(eye_colours)),
+    )
+
+
+def parse_person(name: str) -> tuple[HeadStyle, str] | None:
+    """Parse ``"woman"``, ``"woman,glasses"``, ``"woman:hair_colour=red,level=fine"`` or ``"random:7,age=0.9"``.
+
+    Returns
+    -------
+    (HeadStyle, str) or None
+        Style and level of detail; None if the text starts neither with a name in :data:`PEOPLE` nor with ``random``.
+
+    Raises
+    ------
+    UsageError
+        If the text after the name cannot be parsed.
+    """
+    person, changes = PERSON.match(name).groups()  # type: ignore[union-attr]  # it matches every text
+    if person == RANDOM:
+        seed, _, changes = changes.partition(",")
+        if not seed.isdecimal():
+            raise UsageError(f"head: got {name!r}, expected {RANDOM}:NUMBER such as {RANDOM}:7")
+        return parse_look(changes, somebody(int(seed)))
+    return parse_look(changes, PEOPLE[person]) if person in PEOPLE else None

@@ -1,12 +1,12 @@
-"""Long hair: locks side by side that run from a parting in the middle over the head to the sides, and hang.
+"""Long hair: locks side by side that run from a centre parting over the head to the sides, and hang.
 
 Theory of operation
 -------------------
 Each half of the hair is one smooth sheet over the head, (u, v): u runs along the parting from the forehead to the
 crown, and below from the temple to the nape; v runs from the parting to the tips. Locks divide it lengthwise, so that
-all flow alike and none pierces another: each is a strip of five columns, rounded, whose edges are tucked under its
-neighbours, and which narrows to a tip. More hair hangs under them, or one would look through between them. Nothing is
-left to chance: what varies from lock to lock are fractions of multiples of the golden ratio.
+none intersects another: each is a rounded strip of five columns with edges tucked under its neighbours and a narrow
+tip. More hair hangs under them to fill the gaps. Nothing is random: locks vary by fractions of multiples of the golden
+ratio.
 """
 
 from dataclasses import dataclass
@@ -19,11 +19,10 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
 from fapengine.mesh.default_head.faces import normal, position
-from fapengine.mesh.default_head.hairline import hairline
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.scalp import GOLDEN, Scalp
-from fapengine.mesh.default_head.sections import AXIS_Z_MM
+from fapengine.mesh.default_head.scalp import GOLDEN, Scalp, hairline
 from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.face_mesh import Material
 
 Array = NDArray[np.float64]
@@ -31,35 +30,35 @@ Indices = NDArray[np.int64]
 
 ENDS_MM = {"long": -124.0, "bob": -70.0}
 RAGGED = {"long": 1.0, "bob": 0.45}
-"""Height at which long hair ends, by haircut, and how much locks narrow there and differ in length."""
+"""Height of the ends of long hair, by haircut, and how much locks narrow there and differ in length."""
 CENTRE = np.array([0.0, 50.0, 0.0])
-"""Point of the skull from which the way over it is seen."""
+"""Point of the skull from which directions over it are measured."""
 FOREHEAD_DEG, CROWN_DEG = 28.0, 128.0
 """Ends of the parting, as angles up from the front."""
 CROWN_U = 0.72
-"""Place along the sheet from which all hair begins at the crown."""
+"""Position along the sheet from which all hair begins at the crown."""
 TEMPLE_DEG, NAPE_DEG, HANGS_BELOW_MM = 64.0, 183.0, 34.0
 """Angles of the foremost and the hindmost hair, which reaches under the other half's; height below which hair hangs."""
 FRONT_U = 0.12
-"""Place along the sheet up to which hair keeps to the hairline."""
+"""Position along the sheet up to which hair follows the hairline."""
 PARTING_V = 0.007
-"""Place down the sheet to which the skin of the parting shows."""
+"""Position down the sheet to which the skin of the parting shows."""
 OVER_HEAD = 0.5
-"""Share of the rows that lie on the head."""
+"""Fraction of the rows on the head."""
 ACROSS = np.array([0.0, 0.16, 0.5, 0.84, 1.0])
 """Columns of a lock."""
 ROUND_MM = np.array([-2.6, -0.5, 0.5, -0.5, -2.6])
-"""Height of each over the sheet."""
+"""Height of each above the sheet."""
 SHADE = np.array([0.60, 0.90, 1.06, 0.90, 0.60])
 OVERLAP = 0.14
-"""Share of a lock's width by which it reaches under its neighbours."""
+"""Fraction of a lock's width that is under its neighbours."""
 EAR_MM = 9.0
-"""Distance by which hair lies further out over an ear."""
+"""Additional distance of hair over an ear."""
 HAIRS_A_LOCK = 2
 
 
 def _ways(u: Array, over: Array, style: HeadStyle) -> tuple[Array, Array]:
-    """(R, U, 3) each: points of the head under the left half, and its normals; ``over`` runs from 0 to 1."""
+    """(R, U, 3) each: points of the head under the left half, and their normals; ``over`` runs from 0 to 1."""
     begins = np.deg2rad(np.interp(u, (0.0, CROWN_U), (FOREHEAD_DEG, CROWN_DEG)))
     start = np.stack([0.02 + 0 * u, np.sin(begins), np.cos(begins)], axis=-1)
     round_about = np.deg2rad(TEMPLE_DEG + (NAPE_DEG - TEMPLE_DEG) * u)
@@ -89,7 +88,7 @@ def _ways(u: Array, over: Array, style: HeadStyle) -> tuple[Array, Array]:
 
 
 def _sheet(style: HeadStyle, u: Array, v: Array) -> tuple[Array, Array]:
-    """(R, U, 3) each: the left half, and the direction outwards; ``v`` runs from 0 at the parting to 1 at the ends."""
+    """(R, U, 3) each: the left half, and its outward direction; ``v`` runs from 0 at the parting to 1 at the ends."""
     over = np.clip(v / OVER_HEAD, 0, 1)
     points, out = _ways(u, over, style)
     drop = np.clip((v - OVER_HEAD) / (1 - OVER_HEAD), 0, 1)[:, None]
@@ -121,17 +120,17 @@ class _Half:
 
     u: Array
     v: Array
-    """(U,), (R,): places along and down the sheet."""
+    """(U,), (R,): positions along and down the sheet."""
     sheet: Array
     out: Array
-    """(R, U, 3) each: points, mm, and the direction outwards."""
+    """(R, U, 3) each: points, mm, and outward directions."""
     side: float
     """1 left, -1 right."""
     ragged: float
     palette: Palette
 
     def at(self, field: Array, u: Array) -> Array:
-        """(R, L, C, 3): a field, (R, U, 3), at places along, (R, L, C)."""
+        """(R, L, C, 3): interpolate a field, (R, U, 3), at positions along the sheet, (R, L, C)."""
         where = u * (len(self.u) - 1)
         low = np.minimum(where.astype(np.int64), len(self.u) - 2)
         row = np.arange(len(field))[:, None, None]
@@ -139,7 +138,7 @@ class _Half:
         return found
 
     def add(self, builder: MeshBuilder, grid: Array, albedo: Array, uv: Array, *, inside: bool = False) -> Indices:
-        """Add a surface, (R, C, 3) mm, the parting's row first, seen from outside or from inside."""
+        """Add a surface, (R, C, 3) mm, the row of the parting first, seen from outside or from inside."""
         vertices = builder.add(grid, albedo=albedo, material=Material.HAIR, uv=uv)
         builder.quads(vertices[::-1] if (self.side > 0) != inside else vertices[::-1, ::-1])
         return vertices.ravel()
@@ -185,7 +184,7 @@ def _build_locks(builder: MeshBuilder, half: _Half, locks: int) -> Indices:
 
 
 def _build_hairs(builder: MeshBuilder, half: _Half, points: Array, outwards: Array) -> Indices:
-    """Add single hairs that lie on locks, (R, L, 5, 3) mm, and go on beyond their tips."""
+    """Add single hairs on the locks, (R, L, 5, 3) mm, that extend beyond their tips."""
     rows = np.round(np.array([0.86, 0.94, 1.0]) * (len(points) - 1)).astype(int)
     locks = np.arange(points.shape[1])
     spines, asides, tints = [], [], []
@@ -205,7 +204,7 @@ def _build_hairs(builder: MeshBuilder, half: _Half, points: Array, outwards: Arr
 
 
 def _build_under(builder: MeshBuilder, half: _Half) -> tuple[Indices, Indices]:
-    """Add what hangs under the locks, seen from outside between them and from inside beside the neck."""
+    """Add the hair under the locks, seen from outside between them and from inside next to the neck."""
     shares, at = np.linspace(0.32, 1.0 - 0.05 * half.ragged, 10), np.linspace(0.0, 1.0, 25) ** 1.15
     rows, columns = (np.round(a * (len(b) - 1)).astype(int) for a, b in ((shares, half.v), (at, half.u)))
     points = half.sheet[rows][:, columns] - np.where(at > 0, 3.5, 1.5)[:, None] * half.out[rows][:, columns]

@@ -1,4 +1,4 @@
-"""The axes and the size of a face: eyes are where blendshapes shut lids, the mouth where they open the jaw."""
+"""Axes and size of a face: eyes are where blendshapes close lids, the mouth is where they open the jaw."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,30 +16,30 @@ ROLES = (LEFT, RIGHT, JAW)
 BOTH = "lids"
 """Role of a blendshape that closes both eyes, instead of the first two."""
 EYE_SHARE = 0.3
-"""Radius of an eye's surroundings, as a share of the distance between the eyes' bones."""
+"""Radius of the region of an eye, relative to the distance between the bones of the eyes."""
 
 
 def face_axes(
     mesh: BlendshapeMesh, moves: Mapping[str, Array], separation_mm: float
 ) -> tuple[dict[str, Array], tuple[Array, Array, float], dict[str, Array]]:
-    """Find a face's axes.
+    """Find the axes of a face.
 
     Parameters
     ----------
     mesh : BlendshapeMesh
     moves : mapping of str to (V, 3) array
-        Motion by role, as :func:`fapengine.mesh.rig.feature_points.locate` takes it.
+        Motion by role, as for :func:`fapengine.mesh.rig.feature_points.locate`.
     separation_mm : float
-        Distance between the eyes that the face shall have.
+        Eye distance to scale to.
 
     Returns
     -------
     dict of str to (V, 3)
-        Motion by role, a blink of both eyes parted.
+        Motion by role, with a blink of both eyes split.
     (3,), (3, 3), float
-        The middle between the eyes, rows of axes (the subject's left, up, ahead), and mm per unit of the mesh.
+        The midpoint between the eyes, rows of axes (the subject's left, up, ahead), and mm per unit of the mesh.
     dict of str to (V,)
-        Amount by which each vertex shows a role; bones stand in for lids.
+        Weight of each vertex in a role; bones replace missing lids.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def face_axes(
 
 
 def _round_bones(mesh: BlendshapeMesh, moves: Mapping[str, Array]) -> dict[str, Array]:
-    """(V,) by role: instead of lids that no blendshape moves, what lies round the bones of both eyes."""
+    """(V,) by role: the vertices around the bones of both eyes, instead of lids that no blendshape moves."""
     joints = [mesh.bones[name].joint for name in ("left eye", "right eye") if name in mesh.bones]
     if len(joints) < 2:
         return {}
@@ -72,9 +72,9 @@ def _round_bones(mesh: BlendshapeMesh, moves: Mapping[str, Array]) -> dict[str, 
 def _axes(
     mesh: BlendshapeMesh, amounts: Mapping[str, Array], separation_mm: float, lids: Sequence[str]
 ) -> tuple[Array, Array, float]:
-    """Middle between the eyes, rows of axes, and mm per unit.
+    """Midpoint between the eyes, rows of axes, and mm per unit.
 
-    Sides of ``lids`` are known by their blendshapes, and checked by where these look; bones name theirs.
+    The sides of ``lids`` are known from their blendshapes and checked by the direction they face; bones have names.
     """
     left, right, jaw = (_centroid(mesh.vertices, amounts[role]) for role in ROLES)
     middle = (left + right) / 2
@@ -93,12 +93,12 @@ def _axes(
 
 
 def _facing(normals: Array, weight: Array, ahead: Array) -> float:
-    """Mean cosine between a direction and the normals of what moves."""
+    """Mean cosine between a direction and the normals of the moving vertices."""
     return float(weight @ (normals @ ahead)) / max(float(weight.sum()), 1e-12)
 
 
 def _halves(mesh: BlendshapeMesh, lids: Array, jaw: Array | None) -> dict[str, Array]:
-    """Part a blink of both eyes at the middle between them; the left one is where the face then looks outwards."""
+    """Split a blink of both eyes at the middle between them; the left one is where the face then faces outwards."""
     size = np.linalg.norm(lids, axis=1)
     moved = size > 0.05 * size.max(initial=0.0)
     if jaw is None or not moved.any():

@@ -1,21 +1,21 @@
-"""From each FAP to the blendshapes of a rig and what they lack: the deformation basis of an imported head.
+"""From each FAP to the blendshapes of a rig plus a correction: the deformation basis of an imported head.
 
 Theory of operation
 -------------------
 The blendshapes' motion of the feature points, measured on the mesh itself, is a matrix ``S`` (blendshapes x FAPs, mm).
-A FAP asks its own point to go a step and all others to stay: ``e``. Weights ``a`` of the blendshapes answer with least
-squares,
+A FAP asks its own point to move a step and all others to stay: ``e``. The weights ``a`` of the blendshapes are the
+least squares solution
 
     minimise  |a S - e|^2 / noise^2 + |a|^2 / usual^2,
 
-where ``noise`` is what a feature point may be off (mm) and ``usual`` a blendshape's usual weight. What remains,
-``e - a S``, is made up for by the fields of least bending of :mod:`fapengine.mesh.rig.point_fields`. So every
-FAP moves its own point by exactly its step and no other point, in the rig's own manner as far as the rig knows one;
-and FAPs that come from a pose of the rig give that pose back, because all of it is linear.
+where ``noise`` is the tolerance of a feature point (mm) and ``usual`` a typical weight of a blendshape. The rest,
+``e - a S``, is added by the fields of least bending of :mod:`fapengine.mesh.rig.point_fields`. So every FAP moves its
+own point by exactly its step and no other point, and looks like the rig as far as the rig allows; and FAPs that come
+from a pose of the rig reproduce that pose, because everything is linear.
 
-The renderer adds up blendshapes and fields, not FAPs: a vertex has fewer of them. Their weights are sums of the
-channels (``DeformationBasis.mix``). Lids follow their eyeball by further channels
-(:mod:`fapengine.mesh.rig.lids`) that say how far a vertex that slides over it is from the straight line.
+The renderer sums blendshapes and fields, not FAPs: a vertex has fewer of them. Their weights are sums of the channels
+(``DeformationBasis.mix``). Lids follow their eyeball by further channels (:mod:`fapengine.mesh.rig.lids`) with the
+deviation of a sliding vertex from the straight line.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mesh.rig import lids
-from fapengine.mesh.rig.parts import Eyes
+from fapengine.mesh.rig.parts import Eyes, find_tongue
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import PointFields
-from fapengine.mesh.rig.tongue import find_tongue
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -38,29 +37,29 @@ Indices = NDArray[np.int64]
 
 NOISE_MM, USUAL_WEIGHT = 1.5, 0.3
 MIN_MOTION_SHARE = 0.02
-"""Motion of a blendshape, as a share of the FAP's own, below which it is left out of the FAP."""
+"""Motion of a blendshape, relative to the FAP's own, below which it is dropped from the FAP."""
 MIN_JAW_MM = 4.0
 """Motion of the chin from which a blendshape opens the jaw."""
 ROW_FAPU = 1000.0
-"""Weight that the displacements of a row are given for: a blendshape at full weight, as FAPs are large there."""
+"""Weight that the displacements of a row refer to: a blendshape at full weight, as FAPs are of this order there."""
 NEGLIGIBLE_MM = 0.1
-"""Displacement, at that weight, below which a vertex is left out of a row."""
+"""Displacement, at that weight, below which a vertex is dropped from a row."""
 MAX_ROWS = 128
-"""Room for rows in the shaders."""
+"""Rows that fit into the shaders."""
 JAW_FAPS = (3, 14, 15)
 EYE_THRUST_FAPS = (27, 28)
 CHIN_FAP = 18
-"""FAP that moves the chin against the jaw: both are counted from point 2.1."""
+"""FAP that moves the chin relative to the jaw: both refer to point 2.1."""
 TONGUE_FAPS = (43, 44, 45, 46, 47)
 TONGUE_SHIFTS = (43, 44, 45)
 """FAPs that move a tongue without blendshapes."""
 TONGUE_STIFFNESS = 1.6
-"""Power of the way from root (0) to tip (1) by which a tongue's vertices move."""
+"""Exponent of the position from root (0) to tip (1) by which vertices of a tongue move."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinate:
-    """One FAP as a direction in which a feature point goes."""
+    """One FAP as the direction of a feature point's motion."""
 
     number: int
     point: str
@@ -70,7 +69,7 @@ class Coordinate:
 
 
 def coordinates(points: Mapping[str, int], jaw: bool) -> list[Coordinate]:
-    """FAPs that shift a point of the skin, by the vertices of its feature points; those of the jaw if ``jaw``."""
+    """FAPs that shift a point of the skin, by the vertices of its feature points; those of the jaw only if ``jaw``."""
     shifted = []
     for row in fap.FAPS:
         axis = fap.HEAD_AXES.get(row.positive)
@@ -94,15 +93,14 @@ def blend(moves: Array, faps: Sequence[Coordinate], chin: int, demanded: Array) 
     chin : int
         Vertex of feature point 2.1.
     demanded : (N, B)
-        Weight of blendshapes for 1 mm of each coordinate that a mapping demands; NaN in the column of one that is
-        free.
+        Weight of blendshapes for 1 mm of each coordinate that a mapping prescribes; NaN in the column of a free one.
 
     Returns
     -------
     (N, B)
         Weight of each blendshape for 1 mm of each coordinate.
     (N, N)
-        Lack of each FAP's own and the others' coordinates then, mm for 1 mm.
+        Remaining error of each FAP in its own and the other coordinates, mm for 1 mm.
     """
     shifts = np.stack([_shift(moves, coordinate, chin) for coordinate in faps], axis=1)
     free = np.isnan(demanded).all(axis=0)
@@ -117,14 +115,14 @@ def blend(moves: Array, faps: Sequence[Coordinate], chin: int, demanded: Array) 
 
 
 def _shift(moves: Array, coordinate: Coordinate, chin: int) -> Array:
-    """(B,) mm: motion of a coordinate by each blendshape."""
+    """(B,) mm: motion along a coordinate by each blendshape."""
     motion = moves[:, coordinate.vertex] - (moves[:, chin] if coordinate.number == CHIN_FAP else 0.0)
     shift: Array = motion @ coordinate.axis
     return shift
 
 
 class RowCollector:
-    """Gathers channels, and rows of displacements that they weigh, into a basis.
+    """Collects channels, and rows of displacements weighted by them, into a basis.
 
     Stateful.
     """
@@ -150,7 +148,7 @@ class RowCollector:
             self._weights.append(weights)
 
     def basis(self) -> DeformationBasis:
-        """Sort what was added by vertex; of more than :data:`MAX_ROWS` rows those that move most are kept."""
+        """Return the basis, sorted by vertex; of more than :data:`MAX_ROWS` rows those that move most are kept."""
         if len(self._entries) > MAX_ROWS:
             self._leave_out_weakest()
         mix = np.zeros((len(self._weights), len(self.channels)))
@@ -180,13 +178,13 @@ class RowCollector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Rig:
-    """What of a placed mesh moves: blendshapes, skin and eyes."""
+    """The moving parts of a placed mesh: blendshapes, skin and eyes."""
 
     mesh: PlacedMesh
     moves: Array
     """(B, V, 3) mm: motion by each blendshape at full weight."""
     own_faps: Sequence[Mapping[int, float] | None]
-    """(B,): FAPs that a blendshape means by itself, FAPU at full weight; None for one that is free."""
+    """(B,): FAPs that a blendshape means by itself, FAPU at full weight; None for a free one."""
     fields: PointFields
     eyes: Eyes
 
@@ -197,7 +195,7 @@ class Rig:
 
     @property
     def carried_mm(self) -> Array:
-        """(V,) mm: motion of each vertex by the blendshape that moves it farthest."""
+        """(V,) mm: largest motion of each vertex by a blendshape."""
         farthest: Array = np.linalg.norm(self.moves, axis=2).max(axis=0, initial=0.0)
         return farthest
 
@@ -208,7 +206,7 @@ class Rig:
 
 
 def build_basis(rig: Rig, fapu: Fapu) -> tuple[DeformationBasis, list[int]]:
-    """Make the basis of a rig, and tell the FAPs that move it by more than bones."""
+    """Make the basis of a rig, and return the FAPs that move it by more than bones."""
     collector = RowCollector(len(rig.mesh.vertices_mm))
     faps = coordinates(rig.fields.points, rig.opens_jaw)
     _add_coordinates(collector, rig, faps, fapu)
@@ -219,7 +217,7 @@ def build_basis(rig: Rig, fapu: Fapu) -> tuple[DeformationBasis, list[int]]:
 
 
 def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinate], fapu: Fapu) -> None:
-    """Add the blendshapes, and the fields of what they lack, for all coordinates."""
+    """Add the blendshapes, and the fields for the remaining error, for all coordinates."""
     steps = np.array([fapu.unit(fap.spec(coordinate.number).unit) for coordinate in faps])
     weights, lacks = blend(rig.moves, faps, rig.chin, _demanded(rig, faps, steps))
     signed = [_signed_channels(collector, coordinate, rig.eyes) for coordinate in faps]
@@ -251,14 +249,14 @@ def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinat
 
 
 def _field_moves(rig: Rig, coordinate: Coordinate) -> Array:
-    """(S + M, 3): motion of the skin for 1 mm of a coordinate that no blendshape makes."""
+    """(S + M, 3): motion of the skin for 1 mm of a coordinate that no blendshape produces."""
     share = rig.fields.jaw if coordinate.number in JAW_FAPS else rig.fields.shares[coordinate.point]
     moves: Array = share[:, None] * coordinate.axis
     return moves
 
 
 def _demanded(rig: Rig, faps: Sequence[Coordinate], steps: Array) -> Array:
-    """(N, B): weights for 1 mm that a mapping demands; NaN for blendshapes that it does not name."""
+    """(N, B): weights for 1 mm that a mapping prescribes; NaN for blendshapes that it does not name."""
     weights = np.full((len(faps), len(rig.moves)), np.nan)
     for column, own_faps in enumerate(rig.own_faps):
         if own_faps is not None:
@@ -282,7 +280,7 @@ def _own_weights(
 
 
 def _signed_channels(collector: RowCollector, coordinate: Coordinate, eyes: Eyes) -> list[tuple[int, float]]:
-    """Channels of a FAP and their signs: a lid's stop where it is shut."""
+    """Channels of a FAP and their signs; those of a lid stop where it is closed."""
     if not lids.slides(coordinate.number, eyes):
         return [(collector.channel(Channel(coordinate.number, -np.inf, np.inf)), 1.0)]
     return [
@@ -292,7 +290,7 @@ def _signed_channels(collector: RowCollector, coordinate: Coordinate, eyes: Eyes
 
 
 def _add_tongue(collector: RowCollector, mesh: PlacedMesh, fapu: Fapu, without: Sequence[int]) -> list[int]:
-    """Move a tongue that is no part of the skin, most at its tip, not at its root, by FAPs that do not move it yet."""
+    """Move a tongue separate from the skin, most at its tip, not at its root, by FAPs that do not move it yet."""
     tongue = find_tongue(mesh)
     if tongue is None:
         return []

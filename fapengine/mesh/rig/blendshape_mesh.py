@@ -1,4 +1,4 @@
-"""A mesh with named blendshapes (glTF's morph targets) and bones, as a file or a program has it."""
+"""A mesh with named blendshapes (glTF's morph targets) and bones, as read from a file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,10 +33,10 @@ class Blendshape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigBone:
-    """A bone: the vertices that it carries, and the joint that it turns about."""
+    """A bone: the weights of its vertices, and its joint."""
 
     weight: Array
-    """(V,) float64, 0..1: share of each vertex that goes with the bone and its children."""
+    """(V,) float64, 0..1: weight of each vertex on the bone and its children."""
     joint: Array
     """(3,) float64, in the mesh's unit and axes."""
 
@@ -48,7 +48,7 @@ class BlendshapeMesh:
     Raises
     ------
     UsageError
-        If an array has another shape, a vertex is named that is not there, or a bone has a name of its own.
+        If an array has another shape, a vertex index is out of range, or a bone has an unknown name.
     """
 
     vertices: Array
@@ -56,21 +56,21 @@ class BlendshapeMesh:
     triangles: Indices
     """(F, 3) int64, counter-clockwise from outside."""
     blendshapes: Mapping[str, Blendshape]
-    """Blendshapes by the names that the file gives, in its order."""
+    """Blendshapes by the names in the file, in its order."""
     uv: Array | None = None
-    """(V, 2) float64: place in ``texture``, (0, 0) its top left corner; None without one."""
+    """(V, 2) float64: texture coordinates, (0, 0) the top left corner; None without a texture."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 4) uint8: base colour of the whole mesh, sRGB and straight alpha."""
     albedo: Array | None = None
-    """(V, 3) float64, linear RGB, 0..1: multiplies the texture, or stands alone; None where nothing is said."""
+    """(V, 3) float64, linear RGB, 0..1: multiplies the texture, or stands alone; None if the file has none."""
     surfaces: tuple[str, ...] = ()
     """Names of the mesh's surfaces, such as ``"Teeth"``, ``"Hair / HairMaterial"``."""
     surface: NDArray[np.int64] | None = None
-    """(V,) int64: index in ``surfaces`` of the one that a vertex belongs to."""
+    """(V,) int64: index in ``surfaces`` of each vertex."""
     bones: Mapping[str, RigBone] = field(default_factory=dict)
     """Bones by :data:`BONE_NAMES`."""
     notes: tuple[str, ...] = ()
-    """Sentences about what was left out of the file."""
+    """Sentences about parts of the file that were left out."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("V", 3), np.float64))

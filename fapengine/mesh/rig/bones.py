@@ -1,9 +1,8 @@
-"""Bones of an imported head: what turns with the jaw, the eyes and the head, and about which joints.
+"""Bones of an imported head: the vertices that turn with jaw, eyes and head, and the joints.
 
-Eyes turn by the rig's bones or about their balls. Parts below the mouth line inside of the head go with the jaw, and so
-does what lies below it of a part of both jaws; skin goes by the share that it takes of the chin's motion. Where
-blendshapes open the jaw, it is left to them. The neck follows the head as its skin weights say, or fades below the
-chin.
+Eyes turn by the rig's bones or about their balls. Parts below the mouth line inside the head follow the jaw, and so
+does the lower half of a part of both jaws; skin follows by its weight in the chin's motion. Blendshapes that open the
+jaw take precedence. The neck follows the head by its skin weights, or fades below the chin.
 """
 
 from dataclasses import dataclass
@@ -13,10 +12,9 @@ from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.face_mesh import Bone, FaceMesh
-from fapengine.mesh.rig.parts import Eyes
+from fapengine.mesh.rig.parts import Eyes, find_tongue, share_of_lower_jaw
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import MIN_SHARE, PointFields
-from fapengine.mesh.rig.tongue import find_tongue, share_of_lower_jaw
 
 Array = NDArray[np.float64]
 
@@ -26,16 +24,16 @@ EYE_SIDES = (("3.5", Bone.LEFT_EYE, (23, 25, 27)), ("3.6", Bone.RIGHT_EYE, (24, 
 LOWER_MOUTH_POINTS = ("9.9", "9.11", "6.1", "6.2")
 """Feature points of the lower teeth and the tongue."""
 INSIDE_MM = 20.0
-"""Height over the mouth line up to which the middle of a part that hangs on both jaws may lie."""
+"""Height above the mouth line up to which the middle of a part attached to both jaws may be."""
 NECK_MM = (45.0, 75.0)
-"""Distance below the chin from which the head's motion fades, and the length over which it does."""
+"""Distance below the chin from which the head's motion fades, and the length of the fade."""
 MIN_CARRIED_MM = 1.0
 """Motion by a blendshape from which a vertex is left to it, not to the jaw's bone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Bones:
-    """Bone and weights of each vertex, and the joints, as :class:`fapengine.mesh.face_mesh.FaceMesh` takes them."""
+    """Bone and weights of each vertex, and the joints, for :class:`fapengine.mesh.face_mesh.FaceMesh`."""
 
     bone: NDArray[np.uint8]
     """(V,): :class:`fapengine.mesh.face_mesh.Bone`."""
@@ -51,7 +49,7 @@ class Bones:
     """(2, 3): left, right."""
 
     def reached(self, eyes: Eyes, jaw_opens: bool) -> set[int]:
-        """FAPs that these bones, or the blendshapes that open the jaw, move."""
+        """FAPs moved by these bones, or by the blendshapes that open the jaw."""
         faps = set(BONE_FAPS)
         for pupil, _, numbers in EYE_SIDES:
             if pupil not in eyes or not len(eyes[pupil].vertices):
@@ -104,7 +102,7 @@ def bind_bones(
 
 
 def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[NDArray[np.uint8], Array]:
-    """(V,) bone and (V,) weight: parts of the lower mouth, skin, eyeballs, then what follows the skin."""
+    """(V,) bone and (V,) weight: parts of the lower mouth, skin, eyeballs, then followers of the skin."""
     bone, weight = np.zeros(len(mesh.vertices_mm), np.uint8), np.zeros(len(mesh.vertices_mm))
     tongue = find_tongue(mesh)
     for part, goes_down in _inside_of_mouth(mesh):
@@ -122,7 +120,7 @@ def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[N
 
 
 def _inside_of_mouth(mesh: PlacedMesh) -> list[tuple[NDArray[np.int64], bool]]:
-    """Vertices, (N,), of each part inside of the head near the mouth, and whether it lies below the mouth line."""
+    """Vertices, (N,), of each part inside the head near the mouth, and whether it is below the mouth line."""
     positions = mesh.positions
     mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2
     named = {mesh.part[mesh.points[name]] for name in LOWER_MOUTH_POINTS if name in mesh.points}

@@ -1,6 +1,6 @@
 """Feature points of other programs' faces: Xface's ``.fdp`` (XML) and Visage's (text).
 
-Layouts, as far as they are read::
+Supported layouts::
 
     <xfdp><head><fapu ENS0="51" ES0="69" IRISD0="16" MNS0="30" MW0="50"/></head>
     <fdp affects="SUBMESH" index="VERTEX" name="2.1">...</fdp></xfdp>
@@ -9,8 +9,8 @@ Layouts, as far as they are read::
     2.1 x y z SURFACE.VERTEX
     NUL 0
 
-Xface counts the vertices of each submesh from 0. Its regions and weights are those of its own deformation and are not
-taken: how skin follows a point is for the mesh to say (:mod:`.point_fields`).
+Xface counts the vertices of each submesh from 0. Its regions and weights belong to its own deformation and are ignored:
+how skin follows a point is determined from the mesh (:mod:`.point_fields`).
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ UNITS = ("IRISD0", "ES0", "ENS0", "MNS0", "MW0")
 
 @dataclass(frozen=True, slots=True)
 class FdpFile:
-    """What an ``.fdp`` file says of a face."""
+    """Content of an ``.fdp`` file."""
 
     points: dict[str, dict[str, int]]
     """Vertex by feature point, by submesh: the chin's point may also move the teeth."""
     units: dict[str, float]
-    """FAPU in units of the mesh, as far as the file tells them."""
+    """FAPU in units of the mesh, where given."""
 
     @property
     def skin(self) -> str:
-        """Submesh that most points are on."""
+        """Submesh with the most points."""
         return max(self.points, key=lambda submesh: len(self.points[submesh]))
 
     @property
@@ -43,7 +43,7 @@ class FdpFile:
 
 
 def is_fdp(data: bytes) -> bool:
-    """Tell an ``.fdp`` file of either kind by its first bytes."""
+    """Detect an ``.fdp`` file of either kind by its first bytes."""
     head = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     return (head.startswith(b"<") and b"<xfdp" in head) or head.startswith(b"1.0 ")
 
@@ -54,7 +54,7 @@ def parse_fdp(data: bytes) -> FdpFile:
     Raises
     ------
     DataError
-        If it is neither, or holds no point.
+        If it is neither, or contains no point.
     UnsupportedError
         For XML with entities.
     """

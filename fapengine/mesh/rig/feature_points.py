@@ -1,12 +1,12 @@
-"""Where the feature points lie on a mesh that has blendshapes: found by what the blendshapes move.
+"""Feature points of a mesh with blendshapes, found from the vertices that the blendshapes move.
 
 Theory of operation
 -------------------
-Left eye, right eye and mouth are where blinks and the open jaw move the mesh; they give the head's axes and its size.
-A *seam* is where two vertices lie together but move apart: lips when the jaw opens, and lids, seen in their closed
-pose. Seams give the inner lips, the corners of mouth and eyes, and the lids' margins. Nose tip and chin are the
-outermost places of the middle line between them. The standard head's points are then bent onto these anchors (thin
-plate spline), and each takes the nearest vertex of the skin that moves with its own lip and faces the same way.
+Left eye, right eye and mouth are where blinks and the open jaw move the mesh; they define the axes and size of the
+head. A *seam* is where two vertices coincide but move apart: lips when the jaw opens, and lids, in their closed pose.
+Seams give the inner lips, the corners of mouth and eyes, and the lid margins. Nose tip and chin are the extreme points
+of the middle line between them. The points of the standard head are then warped onto these anchors (thin plate spline),
+and each takes the nearest vertex of the skin that moves with its own lip and faces the same way.
 """
 
 from collections.abc import Mapping
@@ -29,32 +29,33 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_SEAM_GAP_MM = 4.0
-"""Distance within which the two sides of a seam lie."""
+"""Largest distance between the two sides of a seam."""
 EXTENT_QUANTILE = {"lids": 0.9, "lips": 0.7}
-"""Quantile of the moved skin's motion that counts as its extent; what moves farthest may hide in the mouth."""
+"""Quantile of the motion of moved skin that counts as its extent; the largest motion may be hidden in the mouth."""
 MIN_SEAM_TEAR = {"lids": (0.3, 0.1), "lips": (0.03, 0.06)}
-"""Difference between the motions of a seam's sides, as a share of the extent, and more for each mm between them: skin
-stretches."""
+"""Difference between the motions of the sides of a seam, relative to the extent, and more for each mm between them:
+skin stretches.
+"""
 SEAM_END_MM = 1.5
 """Distance from its last vertex within which a seam ends."""
 PROFILE_STEP_MM = 3.0
 """Height of a step of the profile."""
 MIN_LID_MOTION = 0.6
-"""Share of the extent that the middle of an upper lid's margin moves at least."""
+"""Least fraction of the extent that the middle of an upper lid margin moves."""
 NO_SKIN_WORDS = (
     "lash", "hair", "brow", "teeth", "tooth", "tongue", "tear", "eyeball", "cornea", "occlusion", "glass",
 )  # fmt: skip
-"""Words in the names of surfaces that are not the skin, though they may touch it."""
+"""Words in the names of surfaces that are not skin, though they may touch it."""
 MAX_BENDING_ERROR_MM = 9.0
-"""Distance from a bent point of the standard head to its vertex; a point without one so near is left out."""
+"""Largest distance from a warped point of the standard head to its vertex; points without one are left out."""
 MIN_NORMAL_COSINE = 0.2
-"""Cosine between the normals of a point and of its vertex."""
+"""Least cosine between the normals of a point and of its vertex."""
 LOWER_POINTS = ("2.3", "2.8", "2.9", "8.2", "8.7", "8.8", "2.1", "2.10", "2.11", "2.12")
 UPPER_POINTS = ("2.2", "2.6", "2.7", "8.1", "8.5", "8.6", "8.9", "8.10", "9.3", "9.15", "9.1", "9.2", "9.4", "9.5")
 FAR_GROUPS = ("10.", "11.")
-"""Groups of feature points so far from all anchors that bending says little."""
+"""Groups of feature points too far from all anchors for warping."""
 NOSE_BASE = "9.15"
-"""Feature point that a nostril may be taken for."""
+"""Feature point that may be confused with a nostril."""
 POINTS_OFF_SKIN = (
     "3.5", "3.6", "6.1", "6.2", "6.3", "6.4", "7.1", "9.8", "9.9", "9.10", "9.11", "11.4", "11.5", "11.6",
 )  # fmt: skip
@@ -64,7 +65,7 @@ EYEBALL_MM = (10.0, 45.0)
 
 @dataclass(slots=True)
 class _Face:
-    """A mesh nearly in the standard's axes, and the anchors found on it.
+    """A mesh approximately in the standard's axes, and the anchors found on it.
 
     Stateful.
     """
@@ -84,7 +85,7 @@ class _Face:
     """Vertices of the feature points found so far."""
 
     def amount(self, role: str) -> Array:
-        """(V,): motion of each vertex, as a share of :meth:`extent`."""
+        """(V,): motion of each vertex, relative to :meth:`extent`."""
         share: Array = np.linalg.norm(self.moves[role], axis=1) / self.extent(role)
         return share
 
@@ -97,17 +98,18 @@ class _Face:
 
 
 def locate(mesh: BlendshapeMesh, moves: Mapping[str, Array], standard: FaceMesh) -> dict[str, int]:
-    """Find feature points.
+    """Find the feature points.
 
     Parameters
     ----------
     mesh : BlendshapeMesh
     moves : mapping of str to (V, 3) array
-        Motion that closes each eye's lids and opens the mouth, by :data:`~fapengine.mesh.rig.axes.ROLES` (or
+        Motion that closes the lids of each eye and opens the mouth, by :data:`~fapengine.mesh.rig.axes.ROLES` (or
         :data:`~fapengine.mesh.rig.axes.BOTH` for the lids of both eyes), in the mesh's unit and axes. A rig with eye
-        bones may lack the lids'.
+        bones
+        may have none for the lids.
     standard : FaceMesh
-        Has the points that are looked for.
+        Has the points to find.
 
     Returns
     -------
@@ -148,7 +150,7 @@ def _face(
 
 
 def _seam(face: _Face, vertices: Array, role: str) -> tuple[Indices, Indices, Array]:
-    """Pairs of skin vertices that lie together and part: those that move more, the others, and their distances."""
+    """Pairs of skin vertices that coincide and separate: those that move more, the others, and their distances."""
     amount, skin = face.amount(role), face.skin
     moves = face.moves[role] / face.extent(role)
     min_tear, tear_per_mm = MIN_SEAM_TEAR["lips" if role == JAW else "lids"]
@@ -205,7 +207,7 @@ def _lips(face: _Face) -> dict[str, int]:
 
 
 def _lids(face: _Face, role: str, names: tuple[str, str, str, str]) -> dict[str, int]:
-    """Margins of the lids where they meet in the closed pose, and its ends."""
+    """Margins of the lids where they meet in the closed pose, and their ends."""
     moving, still, gap = _seam(face, face.vertices + face.moves[role], role)
     if not len(moving):
         return {}
@@ -219,7 +221,7 @@ def _lids(face: _Face, role: str, names: tuple[str, str, str, str]) -> dict[str,
 
 
 def _middle_line(face: _Face, anchors: Mapping[str, int]) -> dict[str, int]:
-    """Nose tip, its base and the chin: the outermost places of the profile."""
+    """Nose tip, nose base and chin: the extreme points of the profile."""
     vertices, skin = face.vertices, face.skin
     lip = vertices[anchors["2.2"]]
     lower_lids = vertices[[anchors[name] for name in ("3.3", "3.4") if name in anchors]]
@@ -238,7 +240,7 @@ def _middle_line(face: _Face, anchors: Mapping[str, int]) -> dict[str, int]:
 
 
 def _nose(face: _Face, strip: Indices, lip: Array) -> dict[str, int]:
-    """Tip of the nose, and its base: the deepest place of the profile between tip and upper lip."""
+    """Tip of the nose, and its base: the deepest point of the profile between tip and upper lip."""
     vertices = face.vertices
     tip = int(strip[vertices[strip, 2].argmax()])
     in_middle = (np.abs(vertices[strip, 0] - lip[0]) < 3.5) & (face.normals[strip, 2] > 0.15)
@@ -252,7 +254,7 @@ def _nose(face: _Face, strip: Indices, lip: Array) -> dict[str, int]:
 
 
 def _front(vertices: Array, strip: Indices) -> Indices:
-    """Vertices of a strip that lie foremost at their height: none inside the nose."""
+    """Foremost vertices of a strip at each height; none inside the nose."""
     band = np.floor(vertices[strip, 1] / PROFILE_STEP_MM)
     order = np.lexsort((-vertices[strip, 2], band))
     first = np.flatnonzero(np.diff(band[order], prepend=np.nan) != 0)
@@ -269,7 +271,7 @@ def _distinct(points: Mapping[str, int]) -> dict[str, int]:
 
 
 def _turned_to(face: _Face, standard: FaceMesh) -> _Face:
-    """Turn the face to the standard's axes and size, by the anchors found so far."""
+    """Rotate and scale the face to the standard by the anchors found so far."""
     ours = face.vertices[[*face.anchors.values()]]
     theirs = np.stack([standard.point_mm(name) for name in face.anchors]).astype(np.float64)
     spread = float(np.linalg.norm(ours - ours.mean(axis=0)))
@@ -282,7 +284,7 @@ def _turned_to(face: _Face, standard: FaceMesh) -> _Face:
 
 
 def _bent(face: _Face, standard: FaceMesh) -> dict[str, int]:
-    """Bend the standard's points onto the anchors; each takes a vertex."""
+    """Warp the standard's points onto the anchors; each takes a vertex."""
     face.anchors = _without_nostril(face, standard)
     shift = _shift(face.vertices, face.anchors, standard)
     amount = face.amount(JAW)
@@ -308,7 +310,7 @@ def _bent(face: _Face, standard: FaceMesh) -> dict[str, int]:
 
 
 def _without_nostril(face: _Face, standard: FaceMesh) -> dict[str, int]:
-    """Anchors, less the nose's base if it lies far from where the others bend it to: it is a nostril then."""
+    """Anchors without the nose base if it is far from where the others warp it to: then it is a nostril."""
     others = {name: vertex for name, vertex in face.anchors.items() if name != NOSE_BASE}
     if NOSE_BASE not in face.anchors:
         return others
@@ -355,7 +357,7 @@ def _is_ball(vertices: Array, lids: Array) -> bool:
 
 
 def _tongue(face: _Face, mesh: BlendshapeMesh) -> dict[str, int]:
-    """Tip of the tongue: of the parts called so, the one that reaches farthest back along the middle."""
+    """Tip of the tongue: of the parts with that name, the one that reaches farthest back along the middle."""
     used = np.unique(face.triangles)
     named = mesh.on_surfaces(("tongue",)) & ~mesh.on_surfaces(("gum",))  # one grown to the gums would take them along
     tongues = used[named[used] & (face.part[used] != face.part[face.skin[0]])]

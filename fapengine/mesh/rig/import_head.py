@@ -1,10 +1,15 @@
-"""Anybody's head: a mesh and its feature points, moved by its own blendshapes so that FAPs move their own points alone.
+"""Heads from meshes: each FAP moves its own point only, by blendshapes or fields; or bones alone move them.
 
-The mesh is laid onto the standard's face (:mod:`~fapengine.mesh.rig.placed_mesh`); eyes and what follows the skin are
-found (:mod:`~fapengine.mesh.rig.parts`); the skin gets a field for each feature point
+The mesh is aligned with the standard's face (:mod:`~fapengine.mesh.rig.placed_mesh`); eyes and followers of the skin
+are found (:mod:`~fapengine.mesh.rig.parts`); the skin gets a field for each feature point
 (:mod:`~fapengine.mesh.rig.point_fields`); blendshapes, fields and lids become a basis
-(:mod:`~fapengine.mesh.rig.blendshape_basis`); the rest goes by bones (:mod:`~fapengine.mesh.rig.bones`). A mesh without
-blendshapes is moved by its fields and bones alone.
+(:mod:`~fapengine.mesh.rig.blendshape_basis`); the rest moves by bones (:mod:`~fapengine.mesh.rig.bones`). A mesh
+without blendshapes is moved by its fields and bones.
+
+Without blendshapes and feature points the position of the lips is unknown, and :func:`head_of_bones` aligns the mesh by
+its bones: the head's joint is the pivot, up is the scene's y, the face looks where the eyes are relative to the joint
+(else along z, as in glTF), and the height above the joint is the standard's. It nods and turns, and jaw and eyes move
+if they have bones; lips and brows do not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
-from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh
+from fapengine.mesh.colours import TEETH, Palette
+from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
 from fapengine.mesh.rig import surfaces
 from fapengine.mesh.rig.blendshape_basis import Rig, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.bones import Bones, bind_bones
 from fapengine.mesh.rig.parts import find_eyes
-from fapengine.mesh.rig.placed_mesh import PlacedMesh, place_mesh
+from fapengine.mesh.rig.placed_mesh import KEPT_BELOW_CHIN_MM, KEPT_BESIDE_MM, PlacedMesh, find_parts, place_mesh
 from fapengine.mesh.rig.point_fields import fit_point_fields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -30,7 +36,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedHead:
-    """A head made of somebody's mesh."""
+    """A head made from a mesh."""
 
     mesh: FaceMesh
     moved: tuple[int, ...]
@@ -40,13 +46,13 @@ class ImportedHead:
     scale: float
     """Millimetres of the standard's face for one unit of the file."""
     notes: tuple[str, ...]
-    """Sentences about what was left out or stands in for something."""
+    """Sentences about parts that were left out or replaced."""
     used: tuple[str, ...]
     """Blendshapes of the file that FAPs blend."""
     unused: tuple[str, ...]
     """Blendshapes of the file that no FAP blends."""
     placed: PlacedMesh
-    """The mesh as it was laid onto the standard's face."""
+    """The mesh aligned with the standard's face."""
 
 
 def import_head(
@@ -56,25 +62,26 @@ def import_head(
     standard: FaceMesh,
     own_faps: Mapping[str, Mapping[int, float]] | None = None,
 ) -> ImportedHead:
-    """Make a head of a mesh.
+    """Make a head from a mesh.
 
     Parameters
     ----------
     mesh : BlendshapeMesh
     blendshapes : sequence of str
-        Names of those to blend; with none, the fields of the feature points do all. Blendshapes of gaze do not belong
-        here: eyes turn.
+        Names of those to blend; with none, the fields of the feature points do everything. Leave out blendshapes of
+        gaze:
+        eyes turn.
     points : mapping of str to int
-        Vertex of each feature point, by hand or from :func:`fapengine.mesh.rig.feature_points.locate`.
+        Vertex of each feature point, set by hand or from :func:`fapengine.mesh.rig.feature_points.locate`.
     standard : FaceMesh
-        Gives scale and axes, and what a face without that point has.
+        Defines scale and axes, and replaces missing points.
     own_faps : mapping of str to FAPs, optional
         Further blendshapes that mean FAPs by themselves: FAP number to FAPU at full weight, not 0.
 
     Raises
     ------
     DataError
-        As :func:`fapengine.mesh.rig.placed_mesh.place_mesh`; or if a blendshape is not there.
+        As :func:`fapengine.mesh.rig.placed_mesh.place_mesh`; or if a blendshape does not exist.
     """
     chosen = _chosen(mesh, blendshapes, own_faps or {})
     placed = place_mesh(mesh, points, standard)
@@ -107,7 +114,7 @@ def _chosen(
 
 
 def _make_rig(mesh: PlacedMesh, chosen: Mapping[str, Mapping[int, float] | None]) -> Rig:
-    """Collect what of the mesh moves; eyeballs turn, and no blendshape moves them."""
+    """Collect the moving parts of the mesh; eyeballs turn, and no blendshape moves them."""
     eyes = find_eyes(mesh)
     moves = np.zeros((len(chosen), len(mesh.kept), 3))
     for row, name in zip(moves, chosen, strict=True):
@@ -122,7 +129,7 @@ def _make_rig(mesh: PlacedMesh, chosen: Mapping[str, Mapping[int, float] | None]
 
 
 def _measure(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Fapu, list[str]]:
-    """Measure the face's units; a face that lacks their points has the standard's, and a note."""
+    """Measure the units of the face; without their points it gets those of the standard, and a note."""
     positions = mesh.positions
     try:
         return Fapu.measure(positions), []
@@ -136,7 +143,7 @@ def _measure(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Fapu, list[str]]:
 
 
 def _make_mesh(rig: Rig, bones: Bones, fapu: Fapu, basis: DeformationBasis) -> FaceMesh:
-    """Put together what the renderer takes."""
+    """Assemble the mesh for the renderer."""
     placed = rig.mesh
     normals = surfaces.smooth_normals(placed)
     blank = surfaces.blank_eyes(placed, rig.eyes)
@@ -160,3 +167,128 @@ def _make_mesh(rig: Rig, bones: Bones, fapu: Fapu, basis: DeformationBasis) -> F
         basis=basis,
         texture=placed.source.texture,
     )
+
+
+HEAD, JAW, EYES = "head", "jaw", ("left eye", "right eye")
+HEAD_FAPS, JAW_FAPS = (48, 49, 50), (3, 14, 15)
+EYE_FAPS = {"left eye": (23, 25, 27), "right eye": (24, 26, 28)}
+MIN_WEIGHT = 0.5
+"""Weight from which a vertex belongs to a bone."""
+CHIN = "2.1"
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def can_follow_bones(mesh: BlendshapeMesh) -> bool:
+    """Whether a mesh has a bone with the vertices of a head."""
+    return HEAD in mesh.bones and bool((mesh.bones[HEAD].weight > MIN_WEIGHT).any())
+
+
+def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
+    """Make a head that only bones move; the mesh has y up, and the standard defines size, place and units.
+
+    Raises
+    ------
+    DataError
+        If no bone has the vertices of a head, or none of them is above its joint.
+    """
+    if not can_follow_bones(mesh):
+        raise DataError("bones: got no head that carries vertices, expected one")
+    placed = _place(mesh, standard)
+    moving = {name: mesh.bones[name].weight[placed.kept] for name in (JAW, *EYES) if name in mesh.bones}
+    moving = {name: weight for name, weight in moving.items() if (weight > MIN_WEIGHT).any()}
+    bone, weight = _bones(moving, len(placed.kept))
+    material = surfaces.choose_materials(placed, {}, {})
+    material[np.isin(bone, (Bone.LEFT_EYE, Bone.RIGHT_EYE))] = Material.BALL
+    normals = surfaces.smooth_normals(placed)
+    pivots = {name: placed.to_head_space(mesh.bones[name].joint) for name in moving}
+    numbers = {*HEAD_FAPS, *(JAW_FAPS if JAW in moving else ())}
+    numbers |= {number for eye in EYES if eye in moving for number in EYE_FAPS[eye]}
+    head = FaceMesh(
+        vertices_mm=placed.vertices_mm.astype(np.float32),
+        normals=normals.astype(np.float32),
+        uv=surfaces.texture_coordinates(placed, {}).astype(np.float32),
+        albedo=_colours(placed, material),
+        material=material,
+        occlusion=surfaces.ambient_light(placed, normals, material),
+        bone=bone,
+        bone_weight=weight.astype(np.float32),
+        head_weight=mesh.bones[HEAD].weight[placed.kept].astype(np.float32),
+        triangles=placed.triangles.astype(np.int32),
+        feature_points=placed.points,
+        jaw_pivot_mm=pivots.get(JAW, standard.jaw_pivot_mm),
+        head_pivot_mm=placed.to_head_space(mesh.bones[HEAD].joint),
+        eye_pivots_mm=np.stack([pivots.get(eye, standard.eye_pivots_mm[row]) for row, eye in enumerate(EYES)]),
+        fapu=standard.fapu,
+        basis=DeformationBasis(
+            channels=(),
+            offsets=np.zeros(len(placed.kept) + 1, np.int32),
+            entry_channels=np.zeros(0, np.int32),
+            entry_mm=np.zeros((0, 3), np.float32),
+        ),
+        texture=mesh.texture,
+    )
+    moves = ", ".join([HEAD, *moving])
+    return ImportedHead(
+        mesh=head,
+        moved=tuple(sorted(numbers)),
+        missing=tuple(row.number for row in fap.FAPS if row.number > 2 and row.number not in numbers),
+        scale=placed.scale,
+        notes=(*mesh.notes, f"no blendshape has a name that is known: bones alone move it ({moves}), lips stay"),
+        used=(),
+        unused=tuple(mesh.blendshapes),
+        placed=placed,
+    )
+
+
+def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
+    """Align it with the standard's head, and keep head and shoulders."""
+    carried, joint = mesh.bones[HEAD].weight > MIN_WEIGHT, mesh.bones[HEAD].joint
+    height = float((mesh.vertices[carried] - joint).max(axis=0)[1])
+    if not height > 0:
+        raise DataError("bones: got nothing of the head above its joint, expected a head with y up")
+    axes = _axes(mesh)
+    wanted = float(standard.vertices_mm[standard.head_weight > MIN_WEIGHT, 1].max() - standard.head_pivot_mm[1])
+    scale = wanted / height
+    vertices = scale * (mesh.vertices - joint) @ axes.T + standard.head_pivot_mm
+    chin = standard.point_mm(CHIN)
+    inside = (vertices[:, 1] > chin[1] - KEPT_BELOW_CHIN_MM) & (np.abs(vertices[:, 0]) < KEPT_BESIDE_MM)
+    kept, corners = np.unique(mesh.triangles[inside[mesh.triangles].all(axis=1)], return_inverse=True)
+    triangles = corners.reshape(-1, 3).astype(np.int64)
+    node, part = find_parts(vertices[kept], triangles)
+    nearest = int(np.linalg.norm(vertices[kept] - chin, axis=1).argmin())
+    return PlacedMesh(
+        source=mesh, vertices_mm=vertices[kept], triangles=triangles, kept=kept.astype(np.int64),
+        points={CHIN: nearest}, scale=scale, rotation=axes, node=node, part=part,
+    )  # fmt: skip
+
+
+def _axes(mesh: BlendshapeMesh) -> Array:
+    """(3, 3): rows are the subject's left, up and ahead."""
+    left = np.array([1.0, 0.0, 0.0])
+    if all(eye in mesh.bones for eye in EYES):
+        across = (mesh.bones[EYES[0]].joint - mesh.bones[EYES[1]].joint) * (1.0, 0.0, 1.0)
+        if np.linalg.norm(across) > 0:
+            left = across / np.linalg.norm(across)
+    return np.stack([left, UP, np.cross(left, UP)])
+
+
+def _bones(moving: Mapping[str, Array], count: int) -> tuple[NDArray[np.uint8], Array]:
+    """(V,) bone and (V,) weight: each vertex follows the bone with the largest weight."""
+    bone, weight = np.zeros(count, np.uint8), np.zeros(count)
+    kinds = {JAW: Bone.JAW, EYES[0]: Bone.LEFT_EYE, EYES[1]: Bone.RIGHT_EYE}
+    for name, share in moving.items():
+        more = share > weight
+        bone[more], weight[more] = kinds[name], share[more]
+    return bone, np.clip(weight, 0.0, 1.0)
+
+
+def _colours(placed: PlacedMesh, material: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(V, 3) linear RGB: colours of the file; else by the names of surfaces, else of skin."""
+    source = placed.source
+    albedo = None if source.albedo is None else source.albedo[placed.kept]
+    if albedo is not None and (source.texture is not None or np.ptp(albedo, axis=0).max(initial=0.0) > 0):
+        return np.asarray(np.clip(albedo, 0, 1), np.float32)
+    painted = np.array(Palette.of().skin(placed.vertices_mm))
+    for kind, colour in {**surfaces.PAINTS, Material.TEETH: TEETH}.items():
+        painted[material == kind] = colour
+    return np.asarray(np.clip(painted, 0, 1), np.float32)

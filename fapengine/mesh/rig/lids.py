@@ -1,4 +1,4 @@
-"""Lids that slide over their eyeball: the way from the straight motion of a FAP to one round the ball."""
+"""Lids that slide over their eyeball: from the straight motion of a FAP to one around the ball."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,21 +15,23 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PUPILS = {19: "3.5", 20: "3.6", 21: "3.5", 22: "3.6"}
-"""Pupil of the eye that each lid's FAP belongs to."""
+"""Pupil of the eye of each lid's FAP."""
 KNOTS = (0.0, 341.0, 683.0, 1024.0, 1100.0)
-"""Values of the FAP, FAPU, between which a lid's vertices go straight."""
+"""Values of the FAP, FAPU, between which vertices of a lid move in straight lines."""
 SHUT, WIDE_OPEN = 1024.0, -600.0
-"""Values of the FAP, FAPU, that shut a lid and open it wide."""
+"""Values of the FAP, FAPU, that close a lid and open it wide."""
 SAMPLES, SAMPLED_SHARE = 240, 1.3
-"""Number of samples of a lid's way, and the share of it that they cover."""
+"""Number of samples of a lid's path, and the fraction of it that they cover."""
 MIN_CLEARANCE_RATIO = 1.02
-"""Distance from the eye's centre, in radii, that a lid keeps when it shuts."""
+"""Distance from the centre of the eye, in radii, that a closing lid keeps."""
 MAX_RISE_RATIO = 1.03
-"""Distance from the eye's centre, in that at rest, that a lid does not exceed when it shuts."""
+"""Distance from the centre of the eye, relative to rest, that a closing lid does not exceed."""
 USUAL_RADIUS_MM = 12.0
-"""Radius of an eye whose ball is not there."""
+"""Radius of an eye without a ball."""
 SLIDING_RADII, STRAIGHT_RADII = 1.35, 1.9
-"""Distance from the eye's centre, in radii, up to which skin slides over the ball, and from which it goes straight."""
+"""Distance from the centre of the eye, in radii, up to which skin slides over the ball, and from which it moves
+straight.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,25 +48,15 @@ class Lid:
 
 
 def slides(number: int, eyes: Eyes) -> bool:
-    """Whether a FAP moves a lid whose eye is known."""
+    """Whether a FAP moves a lid of a known eye."""
     return number in PUPILS and PUPILS[number] in eyes
 
 
 def bend(mesh: PlacedMesh, eyes: Eyes, lid: Lid, motion: Array) -> Iterator[tuple[Channel, Indices, Array]]:
-    """Lead a lid round its eyeball, in pieces, its point going down (up) by exactly the FAP's steps.
+    """Lead a lid around its eyeball, piece by piece, its point moving up or down by exactly the FAP's steps.
 
-    Parameters
-    ----------
-    mesh : PlacedMesh
-    eyes : Eyes
-    lid : Lid
-    motion : (V, 3) mm
-        Straight motion for one FAPU, which is there already.
-
-    Yields
-    ------
-    Channel, (N,) vertices, (N, 3) mm
-        Displacement over the whole of a piece: from the straight motion to the one round the ball.
+    ``motion`` is the straight motion for one FAPU, (V, 3) mm, which exists already. Yields a channel, its vertices,
+    (N,), and the displacement over the whole piece from the straight path to the one around the ball, (N, 3) mm.
     """
     ball, centre = eyes[PUPILS[lid.number]]
     arm = mesh.vertices_mm - centre
@@ -88,7 +80,7 @@ def bend(mesh: PlacedMesh, eyes: Eyes, lid: Lid, motion: Array) -> Iterator[tupl
 
 
 def _round_ball(arm: Array, way: Array, share: float, radius: float) -> Array:
-    """(N, 3): vertices after a share of their way, as far from the eye's centre as lies between its two ends."""
+    """(N, 3): vertices after a fraction of their path, at a distance from the eye's centre between its ends."""
     straight = arm + share * way
     first, last, now = (np.linalg.norm(end, axis=1) for end in (arm, arm + way, straight))
     last = np.clip(last, np.minimum(first, MIN_CLEARANCE_RATIO * radius), MAX_RISE_RATIO * first)

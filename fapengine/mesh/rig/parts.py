@@ -1,11 +1,19 @@
-"""Parts of a placed mesh that are no skin: eyeballs, and lashes, brows and beards that follow the skin below them."""
+"""Parts of a placed mesh other than skin: eyeballs; lashes, brows and beards that follow the skin; tongue and gums.
 
+Files often keep tongue and gums as one part. The tongue is found by the distance from its tip (feature point 6.1) along
+the surface: a part that extends in front of the tip again is no longer tongue there. Gums belong to a jaw by height.
+"""
+
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 
 Array = NDArray[np.float64]
@@ -16,11 +24,11 @@ EYE_CORNERS = {"3.5": ("3.7", "3.11"), "3.6": ("3.8", "3.12")}
 EYE_BONES = {"3.5": "left eye", "3.6": "right eye"}
 """Name of each eye's bone, by its pupil."""
 EYE_DEPTH_MM = 11.0
-"""Distance from the middle of the eye's corners back to the ball's centre."""
+"""Distance from the midpoint of the corners of the eye back to the centre of the ball."""
 MAX_SHELL_RATIO = 1.2
 """Radii of an eyeball within which a whole part (cornea, tear film, the ball itself) belongs to the eye."""
 MIN_BONE_WEIGHT = 0.5
-"""Weight of an eye's bone from which a vertex belongs to the eyeball."""
+"""Weight of the eye's bone from which a vertex belongs to the eyeball."""
 LID_AND_BROW_POINTS = ("3.1", "3.2", "3.3", "3.4", "3.7", "3.8", "3.11", "3.12", *(f"4.{n}" for n in range(1, 7)))
 MAX_FOLLOWER_MM = 14.0
 """Distance from lids and brows within which a whole part grows there."""
@@ -32,7 +40,7 @@ class Eyeball(NamedTuple):
     """One eye of a placed mesh."""
 
     vertices: Indices
-    """(N,), possibly none."""
+    """(N,), may be empty."""
     centre_mm: Array
     """(3,) mm, head space."""
 
@@ -54,7 +62,7 @@ def find_eyes(mesh: PlacedMesh) -> Eyes:
 
 
 def _eye_by_shape(mesh: PlacedMesh, pupil: str) -> Eyeball | None:
-    """Find an eyeball around its pupil or behind its corners, with the shells round it; None without such points."""
+    """Find an eyeball around its pupil or behind its corners, with the shells around it; None without such points."""
     part, vertices = mesh.part, mesh.vertices_mm
     corners = [vertices[mesh.points[name]] for name in EYE_CORNERS[pupil] if name in mesh.points]
     if pupil in mesh.points and part[mesh.points[pupil]] != mesh.skin_part:
@@ -81,16 +89,16 @@ def _sphere_centre(points: Array) -> Array:
 
 
 def find_followers(mesh: PlacedMesh, eyes: Eyes) -> tuple[Indices, Indices]:
-    """Find lashes, brows and beards that are no part of the skin, and the skin vertex that each follows.
+    """Find lashes, brows and beards that are not part of the skin, and the skin vertex that each follows.
 
-    Surfaces called so are found by their name, small parts at lids and brows by their place.
+    They are found by the names of their surfaces, and small parts at lids and brows by their place.
 
     Returns
     -------
     (M,) int64
         Vertices that follow.
     (M,) int64
-        Index in :attr:`PlacedMesh.skin` of the vertex that is nearest to each.
+        Index in :attr:`PlacedMesh.skin` of the nearest vertex to each.
     """
     vertices, skin = mesh.vertices_mm, mesh.skin
     free = mesh.part != mesh.skin_part
@@ -104,3 +112,60 @@ def find_followers(mesh: PlacedMesh, eyes: Eyes) -> tuple[Indices, Indices]:
         follows |= free & wholly_near[mesh.part]
     followers = np.flatnonzero(follows)
     return followers, np.asarray(cKDTree(vertices[skin]).query(vertices[followers])[1], np.int64)
+
+
+IN_FRONT_MM = 2.0
+"""Distance in front of the tip from which a surface is not tongue."""
+FRONT_MM, BOTH_JAWS_MM = 10.0, 10.0
+"""Depth of the front of a part, and its reach above and below the mouth line from which it belongs to both jaws."""
+BETWEEN_JAWS_MM = 6.0
+"""Distance from the mouth line at which a part of both jaws follows the lower one fully, or not at all."""
+ROOT_SHARE = 0.25
+"""Position from root to tip from which a tongue follows the lower jaw fully."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tongue:
+    """Vertices of a tongue and of connected gums, and the fraction of the tip's motion that they follow."""
+
+    vertices: Indices
+    """(N,): those of the part with the tip."""
+    share: Array
+    """(N,): position from root, 0, to tip, 1; 0 on gums."""
+
+
+def find_tongue(mesh: PlacedMesh) -> Tongue | None:
+    """Find the tongue by its tip; None if that is unknown or on the skin."""
+    if "6.1" not in mesh.points or mesh.part[mesh.points["6.1"]] == mesh.skin_part:
+        return None
+    tip = mesh.points["6.1"]
+    vertices = np.flatnonzero(mesh.part == mesh.part[tip])
+    way = _ways(mesh, tip)[vertices]
+    in_front = mesh.vertices_mm[vertices, 2] > mesh.vertices_mm[tip, 2] + IN_FRONT_MM
+    root = max(float(np.min(way, where=in_front, initial=way.max())), 1.0)
+    return Tongue(vertices, np.clip(1.0 - way / root, 0.0, 1.0))
+
+
+def _ways(mesh: PlacedMesh, start: int) -> Array:
+    """(V,) mm: distance along the edges from a vertex; infinite on other parts."""
+    first = np.zeros(mesh.node.max() + 1, np.int64)
+    first[mesh.node] = np.arange(len(mesh.node))
+    place, corners = mesh.vertices_mm[first], mesh.node[mesh.triangles]
+    edges = np.unique(np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])), axis=0)
+    long_mm = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1).clip(min=1e-6)
+    links = csr_array((long_mm, (edges[:, 0], edges[:, 1])), shape=(len(first), len(first)))
+    ways: Array = dijkstra(links, directed=False, indices=mesh.node[[start]])[0, mesh.node]
+    return ways
+
+
+def share_of_lower_jaw(mesh: PlacedMesh, tongue: Tongue | None, part: Indices) -> Array | None:
+    """(N,) 0..1: fraction by which vertices of a part, (N,), follow the lower jaw; None if it is not of both jaws."""
+    positions, place = mesh.positions, mesh.vertices_mm[part]
+    mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2
+    front = place[place[:, 2] > place[:, 2].max() - FRONT_MM, 1] - mouth_line
+    if min(front.max(), -front.min()) < BOTH_JAWS_MM:
+        return None
+    lower = np.asarray(smoothstep(0.5 + (mouth_line - place[:, 1]) / (2 * BETWEEN_JAWS_MM)), np.float64)
+    if tongue is None or tongue.vertices[0] not in part:
+        return lower
+    return np.maximum(lower, np.asarray(smoothstep(tongue.share / ROOT_SHARE), np.float64))

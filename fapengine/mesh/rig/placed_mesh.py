@@ -1,7 +1,7 @@
-"""A mesh laid onto the standard's face by its feature points (turn, shift, scale).
+"""A mesh aligned with the standard's face by its feature points (rotation, translation, scale).
 
-The units and axes of the file do not matter any more, and cameras and shading fit. Vertices at one place count as one
-node; what hangs together is one part. What lies far below the chin or beside the face is left out.
+After this the units and axes of the file do not matter, and cameras and shading fit. Vertices at one position form one
+node; connected nodes form one part. Geometry far below the chin or beside the face is removed.
 """
 
 from collections.abc import Mapping
@@ -22,19 +22,19 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 NEEDED_POINTS = ("8.1", "8.2", "8.3", "8.4", "2.1")
-"""Feature points that no face can do without: the outer lips and the chin."""
+"""Feature points that every face needs: the outer lips and the chin."""
 MIN_POINTS = 8
 MAX_MIRROR_RATIO = 0.6
-"""Residual of the mirrored face, as a share of that of the face itself, that shows left and right exchanged."""
+"""Residual of the mirrored face, relative to the face itself, below which left and right are exchanged."""
 NODE_SIZE_MM = 1e-3
 """Edge of the cells that vertices of one node share."""
 MIN_NODE_COSINE = 0.3
-"""Cosine between the normals of vertices at one place, below which they are two nodes: lips or lids that touch."""
+"""Cosine between the normals of vertices at one position, below which they are two nodes: lips or lids that touch."""
 MIN_EXTENT = 1e-9
 KEPT_BELOW_CHIN_MM = 190.0
-"""Height of what is kept below the chin: neck and shoulders."""
+"""Height kept below the chin: neck and shoulders."""
 KEPT_BESIDE_MM = 320.0
-"""Half width of what is kept, from the middle line."""
+"""Half width kept, from the middle line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -47,7 +47,7 @@ class PlacedMesh:
     triangles: Indices
     """(F, 3)."""
     kept: Indices
-    """(V,): vertex of the source."""
+    """(V,): index of the vertex in the source."""
     points: Mapping[str, int]
     """Vertices by feature point."""
     scale: float
@@ -55,9 +55,9 @@ class PlacedMesh:
     rotation: Array
     """(3, 3): axes of the source to those of head space."""
     node: Indices
-    """(V,): number of a vertex's node; copies along a seam share one."""
+    """(V,): node of each vertex; copies along a seam share one."""
     part: Indices
-    """(V,): number of the connected part that a vertex belongs to."""
+    """(V,): connected part of each vertex."""
 
     @property
     def positions(self) -> dict[str, Array]:
@@ -66,36 +66,36 @@ class PlacedMesh:
 
     @property
     def skin(self) -> Indices:
-        """(S,): vertices of the part that bears the lips."""
+        """(S,): vertices of the part with the lips."""
         return np.flatnonzero(self.part == self.skin_part)
 
     @property
     def skin_part(self) -> int:
-        """Number of the part that bears the lips."""
+        """Number of the part with the lips."""
         return int(self.part[self.points["8.1"]])
 
     def to_head_space(self, position: Array) -> Array:
-        """(3,) mm: where a position of the source, (3,), lies now."""
+        """(3,) mm: a position of the source, (3,), in head space."""
         arm = position - self.source.vertices[self.kept[0]]
         placed: Array = self.vertices_mm[0] + self.scale * arm @ self.rotation.T
         return placed
 
 
 def place_mesh(mesh: BlendshapeMesh, points: Mapping[str, int], standard: FaceMesh) -> PlacedMesh:
-    """Lay a mesh onto the standard's face and leave out what is far from it.
+    """Align a mesh with the standard's face and remove geometry far from it.
 
     Parameters
     ----------
     mesh : BlendshapeMesh
     points : mapping of str to int
-        Vertex of each feature point that is known.
+        Vertex of each known feature point.
     standard : FaceMesh
-        Gives scale and axes.
+        Defines scale and axes.
 
     Raises
     ------
     DataError
-        If too few points are known, two are one vertex, one is no vertex or far from the face, or left and right are
+        If too few points are known, two share a vertex, one is not a vertex or far from the face, or left and right are
         exchanged.
     """
     check_points(points, mesh)
@@ -121,7 +121,7 @@ def _inside(points: Mapping[str, int], kept: Indices) -> list[tuple[str, int]]:
 
 
 def check_points(points: Mapping[str, int], mesh: BlendshapeMesh) -> None:
-    """Refuse too few points, points of one vertex, and vertices that no triangle has.
+    """Reject too few points, points that share a vertex, and vertices without a triangle.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def check_points(points: Mapping[str, int], mesh: BlendshapeMesh) -> None:
 
 
 def _fit(vertices: Array, points: Mapping[str, int], standard: FaceMesh) -> tuple[Array, float, Array]:
-    """(V, 3) mm vertices on the standard's face, mm for one unit, and (3, 3) the rotation."""
+    """(V, 3) mm vertices aligned with the standard's face, mm for one unit, and the rotation, (3, 3)."""
     common = [name for name in points if name in standard.feature_points]
     ours = vertices[[points[name] for name in common]]
     theirs = np.stack([standard.point_mm(name) for name in common]).astype(np.float64)
@@ -172,21 +172,10 @@ def _fit(vertices: Array, points: Mapping[str, int], standard: FaceMesh) -> tupl
 
 
 def find_parts(vertices_mm: Array, triangles: Indices) -> tuple[Indices, Indices]:
-    """Join vertices at one place into nodes, and nodes into connected parts.
+    """Merge vertices at one position into nodes, and nodes into connected parts.
 
-    Copies along a seam are one node; lips or lids that touch are not, because they face each other.
-
-    Parameters
-    ----------
-    vertices_mm : (V, 3) mm
-    triangles : (F, 3)
-
-    Returns
-    -------
-    (V,) int64
-        Number of each vertex's node.
-    (V,) int64
-        Number of the connected part that it belongs to.
+    Copies along a seam are one node; lips or lids that touch are not, because they face each other. Takes vertices, (V,
+    3) mm, and triangles, (F, 3); returns the node and the part of each vertex, (V,) int64 each.
     """
     _, first, cell = np.unique(
         np.round(vertices_mm / NODE_SIZE_MM).astype(np.int64), axis=0, return_index=True, return_inverse=True

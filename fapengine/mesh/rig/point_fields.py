@@ -1,11 +1,11 @@
-"""Fields of the feature points: how far the skin around a point goes with it.
+"""Fields of the feature points: how far the skin around a point follows it.
 
 Theory of operation
 -------------------
-On the skin each feature point has a field that is 1 there, 0 at every other point and far away, and bends least
-between (bilaplacian of the mesh). A slit mouth or lid stops it, because the mesh does. So each FAP moves its own point
-by exactly its step and no other point at all. What follows the skin (lashes, brows, beards) takes the shares of the
-skin vertex nearest to it.
+On the skin each feature point has a field that is 1 there, 0 at every other point and far away, and bends least between
+them (bilaplacian of the mesh). It stops at an open mouth or lid, where the mesh has a gap. So each FAP moves its own
+point by exactly its step and no other point. Followers of the skin (lashes, brows, beards) get the weights of the
+nearest skin vertex.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fapengine.geometry.continuation import continue_smoothly
+from fapengine.geometry.surface import continue_smoothly
 from fapengine.mesh.rig.parts import Eyes, find_followers
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 
@@ -22,18 +22,18 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_REACH_MM = 34.0
-"""Distance from every feature point beyond which skin stands still."""
+"""Distance from every feature point beyond which skin does not move."""
 MIN_SHARE = 0.004
-"""Share below which nothing moves so far that it can be seen."""
+"""Weight below which motion is not visible."""
 CHIN_POINTS = ("2.1", "2.10", "2.11", "2.12")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PointFields:
-    """The skin, what follows it, and the share that each takes of the motion of every feature point on it."""
+    """The skin, its followers, and the weight of each in the motion of every feature point on it."""
 
     points: dict[str, int]
-    """Vertices of the feature points that lie on the skin."""
+    """Vertices of the feature points on the skin."""
     skin: Indices
     """(S,): vertices of the skin."""
     followers: Indices
@@ -41,15 +41,15 @@ class PointFields:
     nearest: Indices
     """(M,): skin vertex that each follows."""
     vertices: Indices
-    """(S + M,): those of the skin, then those that follow it."""
+    """(S + M,): those of the skin, then its followers."""
     shares: dict[str, Array]
     """(S + M,) by feature point: 1 at the point, 0 at the others."""
     jaw: Array
-    """(S + M,): share that goes with the chin, 0..1."""
+    """(S + M,): weight in the chin's motion, 0..1."""
 
 
 def fit_point_fields(mesh: PlacedMesh, eyes: Eyes) -> PointFields:
-    """Continue the motion of each feature point, and of the chin, over the skin of a placed mesh."""
+    """Extend the motion of each feature point, and of the chin, over the skin of a placed mesh."""
     points = {name: index for name, index in mesh.points.items() if mesh.part[index] == mesh.skin_part}
     skin, (followers, nearest) = mesh.skin, find_followers(mesh, eyes)
     shares = _continued(mesh, points, np.eye(len(points)))
@@ -66,7 +66,7 @@ def fit_point_fields(mesh: PlacedMesh, eyes: Eyes) -> PointFields:
 
 
 def _continued(mesh: PlacedMesh, points: dict[str, int], values: Array) -> Array:
-    """(S, C): values of the feature points, (P, C), continued over the skin; far from all of them they are 0."""
+    """(S, C): values at the feature points, (P, C), extended over the skin; 0 far from all of them."""
     skin, anchors = mesh.skin, list(points.values())
     nodes = np.unique(mesh.node[skin])
     local = np.full(mesh.node.max() + 1, -1)

@@ -17,26 +17,27 @@ Indices = NDArray[np.int64]
 
 LIP_OUTLINE = ("8.3", "8.5", "8.1", "8.6", "8.4", "8.8", "8.2", "8.7")
 LIP_DEPTH_MM = 6.0
-"""Distance behind the outline of the lips within which skin is painted as a lip."""
+"""Distance behind the outline of the lips within which skin is coloured as lip."""
 IRIS_COSINE, WHITE_COSINE = 0.93, 0.5
-"""Cosines of the angles from the front, about 22 and 60 degrees, at which an iris and the white round it end."""
+"""Cosines of the angles from the front, about 22 and 60 degrees, at which an iris and the white around it end."""
 BALL_TOLERANCE = 0.03
-"""Difference of a vertex's distance from the eye's centre, in radii, above which it is of a lid, a lash or a duct."""
+"""Difference of a vertex's distance from the centre of the eye, in radii, above which it is on a lid, a lash or a duct.
+"""
 MIN_IRIS_CONTRAST = 0.15
-"""Difference between the colours of an eyeball that shows an iris; one is drawn on others."""
+"""Colour difference within an eyeball that has an iris; one is drawn on others."""
 SURFACE_MATERIALS = (
     (("tooth", "teeth"), Material.TEETH), (("tongue",), Material.TONGUE), (("gum",), Material.GUM),
     (("lash",), Material.LASH), (("hair", "brow", "beard"), Material.HAIR),
     (("cloth", "shirt", "outfit", "dress", "top", "body_suit"), Material.CLOTH),
 )  # fmt: skip
-"""Words in the names of surfaces, and the material that they tell."""
+"""Words in the names of surfaces, and the material that they mean."""
 PAINTS = {
     Material.EYE: colours.EYE, Material.GUM: colours.GUM, Material.TONGUE: colours.TONGUE, Material.LASH: colours.LASH,
     Material.HAIR: np.array([0.055, 0.032, 0.02]), Material.CLOTH: colours.CLOTH,
 }  # fmt: skip
-"""Linear RGB of materials that a file gives no colour; anything else beside the skin is taken for teeth."""
+"""Linear RGB of materials without colours in the file; other parts next to the skin are taken as teeth."""
 MIN_MOUTH_LIGHT = 0.45
-"""Share of the ambient light that the inside of the mouth has at least: it was measured with the mouth shut."""
+"""Least fraction of ambient light inside the mouth: it was computed with the mouth closed."""
 
 
 def smooth_normals(mesh: PlacedMesh) -> Array:
@@ -48,7 +49,7 @@ def smooth_normals(mesh: PlacedMesh) -> Array:
 
 
 def ambient_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(V,): share of the ambient light that arrives, 0..1."""
+    """(V,): fraction of ambient light that arrives, 0..1."""
     light = smooth_over_mesh(bake_occlusion(mesh.vertices_mm, normals), mesh.triangles, 2)
     inside = np.isin(material, (Material.TEETH, Material.TONGUE, Material.GUM))
     light = np.clip(light, 0.0, 1.0)
@@ -56,12 +57,12 @@ def ambient_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8])
 
 
 def blank_eyes(mesh: PlacedMesh, eyes: Eyes) -> Eyes:
-    """Eyeballs of the mesh whose own colours show no iris."""
+    """Eyeballs of the mesh without an iris in their colours."""
     return {pupil: eye for pupil, eye in eyes.items() if len(eye.vertices) and not _has_iris(mesh, eye)}
 
 
 def _has_iris(mesh: PlacedMesh, eye: Eyeball) -> bool:
-    """Whether an eyeball's own colours differ between its front and what is round it."""
+    """Whether the colours of an eyeball differ between its front and the region around it."""
     source, ball = mesh.source, mesh.kept[eye.vertices]
     arm = mesh.vertices_mm[eye.vertices] - eye.centre_mm
     radius = np.maximum(np.linalg.norm(arm, axis=1), 1e-9)
@@ -89,7 +90,7 @@ def choose_materials(mesh: PlacedMesh, eyes: Eyes, blank: Eyes) -> NDArray[np.ui
 
 
 def texture_coordinates(mesh: PlacedMesh, blank: Eyes) -> Array:
-    """(V, 2): places in the file's texture; on ``blank`` eyes the plane that an iris is drawn on."""
+    """(V, 2): coordinates in the file's texture; on ``blank`` eyes the plane for drawing an iris."""
     source = mesh.source
     has_uv = source.uv is not None and (source.texture is not None or _is_painted(mesh))
     uv = source.uv[mesh.kept] if source.uv is not None and has_uv else np.zeros((len(mesh.kept), 2))
@@ -100,13 +101,13 @@ def texture_coordinates(mesh: PlacedMesh, blank: Eyes) -> Array:
 
 
 def _is_painted(mesh: PlacedMesh) -> bool:
-    """Whether the file's colours of vertices say more than one default for all."""
+    """Whether the vertex colours of the file differ from one default for all."""
     albedo = mesh.source.albedo
     return albedo is not None and len(albedo) > 0 and bool(np.ptp(albedo, axis=0).max() > 0.0)
 
 
 def choose_colours(mesh: PlacedMesh, material: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(V, 3) linear RGB: the file's colours; without any, skin and lips and the inside of the mouth are painted."""
+    """(V, 3) linear RGB: colours of the file; without any, skin, lips and the inside of the mouth are painted."""
     source = mesh.source
     if source.albedo is not None and (source.texture is not None or _is_painted(mesh)):
         return np.asarray(np.clip(source.albedo[mesh.kept], 0, 1), np.float32)

@@ -1,19 +1,136 @@
-"""Labels to IPA, in any alphabet; which alphabet it is, is found by :mod:`fapengine.speech.alphabets.guess`."""
+"""Labels to IPA: ARPAbet, X-SAMPA and the phone sets; :mod:`fapengine.speech.alphabets.guess` finds which one it is.
+
+ARPAbet is read in all its spellings: CMU Pronouncing Dictionary 0.7b (two letters, a stress digit); TIMIT,
+``PHONCODE.DOC`` (closures, ``ax-h``, ``hv``, ``eng``); Kaldi, "Data preparation" (``_B _I _E _S``: position in the
+word); Festival, ``radio_phones.scm``; Buckeye Corpus manual, 2nd release (nasal vowels, ``tq``). Case does not matter.
+
+X-SAMPA (J. C. Wells, "Computer-coding the IPA", 1995, revised 2000) is read whole: letters, modifiers, ejectives,
+implosives, clicks. SAMPA of a language (MBROLA, MARY, BAS) is a subset, except for the archiphonemes of French, ``E/``
+and its like, which leave open which of two vowels is meant. A modifier is ``_`` and one character (two if the second
+is a backslash). It becomes the IPA's diacritic, so rounding and nasality, which are seen, are kept.
+"""
 
 import re
+import unicodedata
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
-from fapengine.speech.alphabets.arpabet import ARPABET, from_arpabet, without_position
-from fapengine.speech.alphabets.phone_set import PhoneSet
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
-from fapengine.speech.alphabets.xsampa import LETTERS as XSAMPA_LETTERS
-from fapengine.speech.alphabets.xsampa import from_xsampa
 
-__all__ = [
-    "ALPHABETS", "ARPABET", "SILENCES", "XSAMPA_LETTERS", "from_arpabet", "from_set", "from_xsampa", "is_silence",
-    "to_ipa", "without_position",
-]  # fmt: skip
+# fmt: off
+ARPABET: dict[str, str] = {
+    "AA": "ɑ",  "AE": "æ",  "AH": "ʌ",  "AO": "ɔ",  "AW": "aʊ", "AX": "ə",  "AXR": "ɚ", "AY": "aɪ", "EH": "ɛ",
+    "ER": "ɝ",  "EY": "eɪ", "IH": "ɪ",  "IX": "ɨ",  "IY": "i",  "OW": "oʊ", "OY": "ɔɪ", "UH": "ʊ",  "UW": "u",
+    "UX": "ʉ",  "B": "b",   "CH": "tʃ", "D": "d",   "DH": "ð",  "DX": "ɾ",  "EL": "l",  "EM": "m",  "EN": "n",
+    "F": "f",   "G": "ɡ",   "HH": "h",  "H": "h",   "JH": "dʒ", "K": "k",   "L": "l",   "M": "m",   "N": "n",
+    "NG": "ŋ",  "NX": "ɾ",  "P": "p",   "Q": "ʔ",   "R": "ɹ",   "S": "s",   "SH": "ʃ",  "T": "t",   "TH": "θ",
+    "V": "v",   "W": "w",   "WH": "ʍ",  "Y": "j",   "Z": "z",   "ZH": "ʒ",
+    "AH0": "ə", "ER0": "ɚ", "IH0": "ɪ̈",                                               # reduced, for want of stress
+    "AX-H": "ə̥", "ENG": "ŋ", "HV": "ɦ",                                               # TIMIT
+    "BCL": "b", "DCL": "d", "GCL": "ɡ", "PCL": "p", "TCL": "t", "KCL": "k",           # its closures
+    "TQ": "ʔ", "HHN": "h",                                                            # Buckeye
+    "AAN": "ɑ̃", "AEN": "æ̃", "AHN": "ʌ̃", "AON": "ɔ̃", "AWN": "ãʊ̃", "AYN": "ãɪ̃", "EHN": "ɛ̃", "ERN": "ɝ̃", "EYN": "ẽɪ̃",
+    "IHN": "ɪ̃", "IYN": "ĩ", "OWN": "õʊ̃", "OYN": "ɔ̃ɪ̃", "UHN": "ʊ̃", "UWN": "ũ",        # its nasal vowels
+}
+# fmt: on
+_POSITION = re.compile(r"(?<=.)_[BIES]$")
+
+
+def without_position(label: str) -> str:
+    """Take Kaldi's place in the word off a label.
+
+    Examples
+    --------
+    >>> without_position("HH_B"), without_position("sil_S"), without_position("_")
+    ('HH', 'sil', '_')
+    """
+    return _POSITION.sub("", label)
+
+
+def from_arpabet(label: str) -> str | None:
+    """IPA of an ARPAbet label, stress digit and position allowed; None if it is none.
+
+    Examples
+    --------
+    >>> from_arpabet("AY1"), from_arpabet("hh"), from_arpabet("AH0_B"), from_arpabet("pcl"), from_arpabet("?")
+    ('aɪ', 'h', 'ə', 'p', None)
+    """
+    plain = without_position(label).upper()
+    return ARPABET[plain] if plain in ARPABET else ARPABET.get(plain.rstrip("012"))
+
+
+# fmt: off
+XSAMPA_LETTERS: dict[str, str] = {  # longest spellings are tried first
+    "A": "ɑ", "B": "β", "C": "ç", "D": "ð", "E": "ɛ", "F": "ɱ", "G": "ɣ", "H": "ɥ", "I": "ɪ", "J": "ɲ", "K": "ɬ",
+    "L": "ʎ", "M": "ɯ", "N": "ŋ", "O": "ɔ", "P": "ʋ", "Q": "ɒ", "R": "ʁ", "S": "ʃ", "T": "θ", "U": "ʊ", "V": "ʌ",
+    "W": "ʍ", "X": "χ", "Y": "ʏ", "Z": "ʒ", "{": "æ", "}": "ʉ", "@": "ə", "@`": "ɚ", "1": "ɨ", "2": "ø", "3": "ɜ",
+    "3`": "ɝ", "4": "ɾ", "5": "ɫ", "6": "ɐ", "7": "ɤ", "8": "ɵ", "9": "œ", "&": "ɶ", "?": "ʔ", "?\\": "ʕ",
+    "r\\": "ɹ", "R\\": "ʀ", "s\\": "ɕ", "z\\": "ʑ", "x\\": "ɧ", "h\\": "ɦ", "H\\": "ʜ", "j\\": "ʝ", "J\\": "ɟ",
+    "p\\": "ɸ", "v\\": "ʋ", "B\\": "ʙ", "G\\": "ɢ", "N\\": "ɴ", "L\\": "ʟ", "M\\": "ɰ", "O\\": "ʘ", "X\\": "ħ",
+    "K\\": "ɮ", "l\\": "ɺ", "r\\`": "ɻ", "l`": "ɭ", "n`": "ɳ", "r`": "ɽ", "s`": "ʂ", "t`": "ʈ", "z`": "ʐ",
+    "d`": "ɖ", "u\\": "ʊ", "I\\": "ɪ", "U\\": "ʊ", "3\\": "ɞ", "@\\": "ɘ",
+    "<\\": "ʢ", ">\\": "ʡ", "|\\": "ǀ", "!\\": "ǃ", "=\\": "ǂ", "|\\|\\": "ǁ",
+    "b_<": "ɓ", "d_<": "ɗ", "g_<": "ɠ", "J\\_<": "ʄ", "G\\_<": "ʛ",
+    "E/": "ɛ", "A/": "a", "&/": "ø", "O/": "ɔ", "U~/": "œ̃",                    # SAMPA of French: e or ɛ, a or ɑ ...
+    **{letter: letter for letter in "abcdefhijklmnopqrstuvwxyz"}, "g": "ɡ",
+}
+MARKS: dict[str, str] = {  # what follows a letter and changes it
+    "_>": "ʼ", "_0": "̥", "_v": "̬", "_h": "ʰ", "_t": "̤", "_k": "̰", "_N": "̼", "_d": "̪", "_a": "̺", "_m": "̻", "_O": "̹",
+    "_c": "̜", "_+": "̟", "_-": "̠", '_"': "̈", "_x": "̽", "=": "̩", "_=": "̩", "_^": "̯", "_w": "ʷ", "'": "ʲ", "_j": "ʲ",
+    "_G": "ˠ", "_?\\": "ˤ", "_e": "̴", "_r": "̝", "_o": "̞", "~": "̃", "_~": "̃", "_n": "ⁿ", "_l": "ˡ", "_}": "̚", "_A": "̘",
+    "_q": "̙", "_X": "̆", "`": "˞", ":": "ː", ":\\": "ˑ", "_<": "",
+}
+# fmt: on
+UNSEEN = (
+    "_T",
+    "_H",
+    "_M",
+    "_L",
+    "_B",
+    "_F",
+    "_R",
+    "_/",
+    "_\\",
+    "<F>",
+    "<R>",
+    "-\\",
+    "_",
+    "-",
+    ".",
+    "||",
+    "|",
+    "^",
+    "!",
+)
+"""Tones, breaks and joins: nothing of them is seen."""
+_PIECES = {**XSAMPA_LETTERS, **MARKS, **dict.fromkeys(UNSEEN, ""), '"': "", "%": ""}
+_MAX_LETTERS = max(map(len, _PIECES))
+
+
+def from_xsampa(label: str) -> str | None:
+    r"""IPA of an X-SAMPA label; None if it is none.
+
+    Letters of the IPA that ASCII lacks are no X-SAMPA.
+
+    Examples
+    --------
+    >>> from_xsampa("tS"), from_xsampa("A:"), from_xsampa("r\\"), from_xsampa("§")
+    ('tʃ', 'ɑː', 'ɹ', None)
+    >>> from_xsampa("p_h"), from_xsampa("b_<"), from_xsampa("|\\|\\"), from_xsampa("_h")
+    ('pʰ', 'ɓ', 'ǁ', None)
+    >>> from_xsampa("s_m") == "s\u033b"
+    True
+    """
+    out, letters, rest = "", 0, label
+    while rest:
+        width = next((n for n in range(min(_MAX_LETTERS, len(rest)), 0, -1) if rest[:n] in _PIECES), 0)
+        if not width:
+            return None
+        out += _PIECES[rest[:width]]
+        letters += rest[:width] in XSAMPA_LETTERS
+        rest = rest[width:]
+    return unicodedata.normalize("NFC", out) if letters else None
+
 
 SILENCES = frozenset(
     {"", "_", "sil", "silb", "sile", "silence", "sp", "ssp", "spn", "spnoise", "pau", "pause", "h#", "epi",
@@ -48,26 +165,8 @@ def is_silence(label: str, *, spelled: bool = False) -> bool:
     return plain in SILENCES or without_position(label.strip()).lower() in SILENCES
 
 
-def from_set(label: str, phones: PhoneSet) -> str | None:
-    """IPA of a label of a phone set, empty for silence; None if it is none.
-
-    Examples
-    --------
-    >>> from_set("chuang1", PHONE_SETS["pinyin"]), from_set("きょ", PHONE_SETS["kana"])
-    ('ʈʂʰwaŋ', 'kʲo')
-    >>> from_set("hWs", PHONE_SETS["misaki"])
-    'haʊs'
-    """
-    return phones.to_ipa(label)
-
-
 def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
     """IPA and stress of a label; a label outside the alphabet stays as it is, to be reported later.
-
-    Raises
-    ------
-    UsageError
-        If there is no such alphabet.
 
     Examples
     --------
@@ -79,13 +178,7 @@ def to_ipa(label: str, alphabet: str) -> tuple[str, int]:
 
 
 def spelled_out(label: str, alphabet: str) -> tuple[str | None, int]:
-    """IPA and stress of a label, empty for silence; None for a label outside the alphabet.
-
-    Raises
-    ------
-    UsageError
-        If there is no such alphabet.
-    """
+    """IPA and stress of a label, empty for silence; None for a label outside the alphabet."""
     if alphabet == "arpabet":
         return from_arpabet(label), {"1": 1, "2": 2}.get(without_position(label)[-1:], 0)
     if alphabet == "x-sampa":
@@ -94,6 +187,6 @@ def spelled_out(label: str, alphabet: str) -> tuple[str | None, int]:
         spelling, stress = ipa.split_stress(without_position(label))
         return ipa.normalise(PHONE_SETS["mfa"].table.get(spelling, spelling)), stress
     if alphabet not in PHONE_SETS:
-        raise UsageError(f"alphabet: got {alphabet!r}, expected one of {', '.join(ALPHABETS)}")
+        raise UsageError(f"alphabet: unknown value {alphabet!r}; use one of {', '.join(ALPHABETS)}")
     stress = {"'": 1, ",": 2, "ˈ": 1, "ˌ": 2}.get(label[:1], 0) if alphabet in ("espeak", "misaki") else 0
     return PHONE_SETS[alphabet].to_ipa(label), stress

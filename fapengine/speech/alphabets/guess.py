@@ -1,4 +1,4 @@
-"""Which alphabet labels are written in: the one that has most of them as whole labels.
+"""Guessing the alphabet of labels: the one that has most of them as whole labels.
 
 Almost any text can be cut into letters of IPA or X-SAMPA, so letters prove nothing. A label counts for an alphabet if
 it is one of its labels, and for IPA and X-SAMPA, which are built of letters, if it is one phone: a vowel or diphthong,
@@ -93,41 +93,41 @@ def guess(labels: Iterable[str]) -> Guess:
     >>> guess(["m", "ao"]).others, guess(["The", "birch", "canoe"]).words
     (('ipa', 'pinyin'), True)
     """
-    different = sorted({label.strip() for label in labels if not alphabets.is_silence(label)})
-    if not different:
+    distinct = sorted({label.strip() for label in labels if not alphabets.is_silence(label)})
+    if not distinct:
         return Guess("ipa", 1.0, (), False)
-    mixed = _mixed_case(different)
-    capitals = all(label.upper() == label and label.isascii() for label in different)
-    has: dict[str, list[str]] = {
-        name: [
-            label
-            for label in different
-            if explains(name, label) and not (name == "arpabet" and mixed and not label.isupper())
-        ]
+    capitals = all(label.upper() == label and label.isascii() for label in distinct)
+    explained = _explained(distinct, capitals=capitals)
+    letters = ("ipa", "x-sampa", "arpabet") if capitals else ("ipa", "x-sampa")  # others need more than letters
+    candidates = [
+        name
         for name in GUESSED
-    }
-    if capitals and any(len(label) > 1 for label in has["arpabet"]):
-        has["x-sampa"] = has["pinyin"] = []  # neither is written in capitals alone
-    small = {label for label in different if label in _BASIC}
-    if not small and len([label for label in different if label.isupper()]) >= MIN_CAPITALS:
-        has["x-sampa"] = []  # every language has some of these consonants, and X-SAMPA writes them small
-    has["pinyin"] = [label for label in has["pinyin"] if not label.isupper() or capitals]
-    certain = ("ipa", "x-sampa", "arpabet") if capitals else ("ipa", "x-sampa")
-    sure = [name for name in GUESSED if name in certain or any(map(_tells, has[name]))]
-    most = max(len(has[name]) for name in sure)
-    best = next(name for name in sure if len(has[name]) == most)
-    others: tuple[str, ...] = ()
-    for name in sure:
-        if len(has[name]) == most and not any(_same(known, name, different) for known in (best, *others)):
-            others = (*others, name)
-    explained = most / len(different)
-    words = explained < MIN_EXPLAINED and sum(map(len, different)) / len(different) > WORD_LETTERS
-    return Guess(best, explained, others if explained >= MIN_EXPLAINED else (), words)
+        if name in letters or any(len(label) > 1 or not label.isascii() for label in explained[name])
+    ]
+    count = max(len(explained[name]) for name in candidates)
+    best, *ties = (name for name in candidates if len(explained[name]) == count)
+    others: list[str] = []
+    for name in ties:
+        if not any(_same(other, name, distinct) for other in (best, *others)):
+            others.append(name)
+    part = count / len(distinct)
+    if part >= MIN_EXPLAINED:
+        return Guess(best, part, tuple(others), words=False)
+    return Guess(best, part, (), words=sum(map(len, distinct)) / len(distinct) > WORD_LETTERS)
 
 
-def _tells(label: str) -> bool:
-    """Whether a label is evidence for an alphabet other than the IPA: a single small letter is none."""
-    return len(label) > 1 or not label.isascii()
+def _explained(labels: Sequence[str], *, capitals: bool) -> dict[str, list[str]]:
+    """Labels that each alphabet has; the case of the labels excludes some."""
+    found = {name: [label for label in labels if explains(name, label)] for name in GUESSED}
+    if _mixed_case(labels):
+        found["arpabet"] = [label for label in found["arpabet"] if label.isupper()]
+    if not capitals:
+        found["pinyin"] = [label for label in found["pinyin"] if not label.isupper()]
+    elif any(len(label) > 1 for label in found["arpabet"]):
+        found["x-sampa"] = found["pinyin"] = []  # neither is written in capitals alone
+    if sum(label.isupper() for label in labels) >= MIN_CAPITALS and _BASIC.isdisjoint(labels):
+        found["x-sampa"] = []  # every language has some of these consonants, and X-SAMPA writes them small
+    return found
 
 
 def _mixed_case(labels: Sequence[str]) -> bool:

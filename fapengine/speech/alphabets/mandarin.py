@@ -77,7 +77,6 @@ SYLLABLES = _syllables()
 """Whole syllables, and combinations that Mandarin has not."""
 _UNITS = INITIALS | FINALS | HELD | SYLLABLES | {"hm": "hm", "hng": "hŋ"}
 """Labels of one file: initials, finals, syllables."""
-_IN_A_ROW = re.compile("|".join(sorted(SYLLABLES, key=len, reverse=True)))
 _ZHUYIN = re.compile(f"([{''.join(_BOPOMOFO)}]?)([ㄧㄨㄩ]?[{''.join(_RIMES)}]?)(ㄦ?)")
 
 

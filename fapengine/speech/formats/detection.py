@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 from fapengine.errors import DataError
 from fapengine.speech.alphabets.guess import MIN_EXPLAINED, guess
-from fapengine.speech.formats import characters, documents
+from fapengine.speech.formats import documents, services
 from fapengine.speech.formats.documents import Node
-from fapengine.speech.formats.piper import LIST_KEYS
-from fapengine.speech.formats.subtitles import CUE
+from fapengine.speech.formats.synthesizers import LIST_KEYS
 from fapengine.speech.formats.table import header_of, is_row
 from fapengine.speech.formats.textgrid import decode_text
-from fapengine.speech.formats.word_lists import walk
+from fapengine.speech.formats.word_lists import CUE, walk
 
 _ROWS = 50
 _EVENTS = 200
@@ -149,11 +148,6 @@ def has(*keys: str) -> Callable[[Sample], bool]:
     return lambda sample: sample.first().has(*keys)
 
 
-def has_any(*keys: str) -> Callable[[Sample], bool]:
-    """Test for any of some keys of the first object."""
-    return lambda sample: any(sample.first().has(key) for key in keys)
-
-
 def is_piper(sample: Sample) -> bool:
     """Whether phones of Piper have lengths."""
     node = sample.first()
@@ -188,7 +182,7 @@ def is_elevenlabs(sample: Sample) -> bool:
     node = sample.first()
     words = list(walk(node, "words[]"))[:1]
     spoken = any(word.has("text") and not word.has("confidence") for word in words)
-    return spoken or any(node.has(key) for key in (*characters.ALIGNMENTS, *characters.CHARACTERS))
+    return spoken or any(node.has(key) for key in (*services.ALIGNMENTS, *services.CHARACTERS))
 
 
 def is_headtts(sample: Sample) -> bool:

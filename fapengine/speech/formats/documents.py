@@ -30,7 +30,7 @@ class Node:
         for key in keys:
             if self.has(key):
                 return self[key]
-        raise DataError(f"got no {keys[0]!r}, expected it", where=self.where or "the top")
+        raise DataError(f"{keys[0]!r} is missing", where=self.where or "the top")
 
     def __getitem__(self, key: str) -> "Node":
         if not isinstance(self.value, dict) or key not in self.value:
@@ -80,15 +80,9 @@ class Node:
 
 
 def parse_document(data: bytes, what: str) -> Node:
-    """Read JSON, or JSON lines as the list of their values.
-
-    Raises
-    ------
-    DataError
-        If it is neither; ``where`` is line and column.
-    """
+    """Read JSON, or JSON lines as the list of their values."""
     if len(data) > MAX_BYTES:
-        raise DataError(f"{what}: got {len(data)} bytes, expected at most {MAX_BYTES}")
+        raise DataError(f"{what}: must have at most {MAX_BYTES} bytes, got {len(data)}")
     text = decode_text(data, what)
     if text.startswith(("data:", "event:", "id:", ":")):  # server-sent events: a JSON value behind each "data:"
         text = "\n".join(line[5:] for line in text.splitlines() if line.startswith("data:") and "{" in line)
@@ -114,13 +108,7 @@ def _line(number: int, line: str, what: str) -> object:
 
 
 def same_length(*lists: list[float] | list[str], where: str) -> None:
-    """Check that parallel lists are equally long.
-
-    Raises
-    ------
-    DataError
-        If they are not.
-    """
+    """Check that parallel lists are equally long."""
     if len({len(each) for each in lists}) > 1:
         raise DataError(
             f"lists: got lengths {[len(each) for each in lists]}, expected the same", where=where or "the top"

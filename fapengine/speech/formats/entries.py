@@ -8,10 +8,8 @@ from fapengine.errors import DataError
 from fapengine.speech import ipa
 from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.guess import guess, is_doubtful
-from fapengine.speech.entry import Entry
 from fapengine.speech.neighbours import JAPANESE, in_japanese, join_closures
-from fapengine.speech.phone_track import SILENCE, Level, Phone, PhoneTrack
-from fapengine.speech.reading import Reading, UnknownPhone
+from fapengine.speech.phone_track import SILENCE, Entry, Level, Phone, PhoneTrack, Reading, UnknownPhone
 
 __all__ = ["LAST_S", "MAX_TIME_S", "OVERLAP_S", "Entry", "shared_out", "track_of", "until_next", "with_words"]
 
@@ -52,15 +50,10 @@ def track_of(
         One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed. Spelled words have none.
     level, spelled : Level, bool
         See :class:`PhoneTrack`.
-
-    Raises
-    ------
-    DataError
-        If there is nothing, or times are no numbers, fall, overlap, or exceed a day; ``where`` is the entry's.
     """
     entries = list(entries)
     if not entries:
-        raise DataError(f"{what}: got no timed label at all")
+        raise DataError(f"{what}: contains no timed label")
     timed: list[Entry] = []
     for entry in entries:
         _check(entry, timed[-1].end_s if timed else 0.0)

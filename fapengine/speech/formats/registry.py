@@ -4,29 +4,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, UsageError
-from fapengine.speech.formats import (
-    azure,
-    characters,
-    corpora,
-    detection,
-    lines,
-    papagayo,
-    rhubarb,
-    singing,
-    spoken_words,
+from fapengine.speech.formats import animation, corpora, detection, services, singing, spoken_words
+from fapengine.speech.formats.corpora import parse_mfa_csv, parse_mfa_json
+from fapengine.speech.formats.services import parse_polly
+from fapengine.speech.formats.synthesizers import (
+    LISTS,
+    parse_espeak_events,
+    parse_headtts,
+    parse_kokoro,
+    parse_pho,
+    parse_phone_list,
+    parse_piper,
+    parse_voicevox,
 )
-from fapengine.speech.formats.espeak_events import parse_espeak_events
-from fapengine.speech.formats.kokoro import parse_headtts, parse_kokoro
-from fapengine.speech.formats.mfa import parse_mfa_json
-from fapengine.speech.formats.pho import parse_pho
-from fapengine.speech.formats.phone_list import LISTS, parse_phone_list
-from fapengine.speech.formats.piper import parse_piper
-from fapengine.speech.formats.polly import parse_polly
-from fapengine.speech.formats.subtitles import parse_subtitles
 from fapengine.speech.formats.table import parse_columns, parse_table
 from fapengine.speech.formats.textgrid import parse_textgrid
-from fapengine.speech.formats.voicevox import parse_voicevox
-from fapengine.speech.formats.word_lists import WORD_LISTS, WordList, is_word_list, parse_word_list
+from fapengine.speech.formats.word_lists import WORD_LISTS, WordList, is_word_list, parse_subtitles, parse_word_list
 from fapengine.speech.phone_track import PhoneTrack
 
 
@@ -79,7 +72,7 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("mfa-json", "Montreal Forced Aligner", lambda d, w: parse_mfa_json(d, tier=w.tier, alphabet=w.alphabet),
            detection.has("tiers"), (), ("tier", "alphabet")),
     Format("mfa-csv", "Montreal Forced Aligner",
-           lambda d, w: lines.parse_mfa_csv(d, tier=w.tier, alphabet=w.alphabet),
+           lambda d, w: parse_mfa_csv(d, tier=w.tier, alphabet=w.alphabet),
            lambda s: bool(s.rows) and s.rows[0].strip() == "Begin,End,Label,Type,Speaker", (), ("tier", "alphabet")),
     Format("gentle", "Gentle", lambda d, w: spoken_words.parse_gentle(d, alphabet=w.alphabet),
            lambda s: spoken_words.is_gentle(s.first()), (), ("alphabet",)),
@@ -99,39 +92,41 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("espeak-json", "espeak-ng", lambda d, w: parse_espeak_events(d, alphabet=w.alphabet),
            detection.is_espeak, (), ("alphabet",)),
     Format("polly", "Amazon Polly speech marks", lambda d, w: parse_polly(d), detection.has("time", "type", "value")),
-    Format("azure", "Azure Speech visemes", lambda d, w: azure.parse_azure(d), lambda s: azure.is_event(s.first())),
-    Format("elevenlabs", "ElevenLabs alignments", lambda d, w: characters.parse_elevenlabs(d), detection.is_elevenlabs),
-    Format("cartesia", "Cartesia timestamps", lambda d, w: characters.parse_cartesia(d),
-           detection.any_event_has(*characters.TIMESTAMPS)),
+    Format("azure", "Azure Speech visemes", lambda d, w: services.parse_azure(d),
+           lambda s: services.is_event(s.first())),
+    Format("elevenlabs", "ElevenLabs alignments", lambda d, w: services.parse_elevenlabs(d), detection.is_elevenlabs),
+    Format("cartesia", "Cartesia timestamps", lambda d, w: services.parse_cartesia(d),
+           detection.any_event_has(*services.TIMESTAMPS)),
     Format("voicevox", "VOICEVOX audio queries", lambda d, w: parse_voicevox(d), detection.has("accent_phrases")),
     Format("kokoro", "Kokoro tokens", lambda d, w: parse_kokoro(d), detection.is_kokoro),
     Format("headtts", "HeadTTS visemes", lambda d, w: parse_headtts(d), detection.is_headtts),
     Format("piper", "Piper phoneme alignments", lambda d, w: parse_piper(d), detection.is_piper),
-    Format("rhubarb-json", "Rhubarb Lip Sync", lambda d, w: rhubarb.parse_rhubarb_json(d), detection.has("mouthCues")),
-    Format("rhubarb-xml", "Rhubarb Lip Sync", lambda d, w: rhubarb.parse_rhubarb_xml(d),
+    Format("rhubarb-json", "Rhubarb Lip Sync", lambda d, w: animation.parse_rhubarb_json(d),
+           detection.has("mouthCues")),
+    Format("rhubarb-xml", "Rhubarb Lip Sync", lambda d, w: animation.parse_rhubarb_xml(d),
            lambda s: b"<rhubarbResult" in s.head),
-    Format("rhubarb-tsv", "Rhubarb Lip Sync", lambda d, w: lines.parse_rhubarb_tsv(d),
+    Format("rhubarb-tsv", "Rhubarb Lip Sync", lambda d, w: corpora.parse_rhubarb_tsv(d),
            lambda s: s.every_row(rf"{detection.NUMBER}\t[A-HX]\s*")),
     Format("subtitles", "SRT and WebVTT with words: edge-tts, Whisper, YouTube", lambda d, w: parse_subtitles(d),
            detection.is_subtitles, (".srt", ".vtt")),
-    Format("papagayo", "Papagayo", lambda d, w: papagayo.parse_papagayo(d, tier=w.tier, alphabet=w.alphabet),
+    Format("papagayo", "Papagayo", lambda d, w: animation.parse_papagayo(d, tier=w.tier, alphabet=w.alphabet),
            detection.starts_with("lipsync version 1"), (".pgo",), ("tier", "alphabet")),
     Format("moho", "Moho switch layers",
-           lambda d, w: papagayo.parse_moho(d, rate_hz=parse_columns(w.columns or "").rate_hz, alphabet=w.alphabet),
+           lambda d, w: animation.parse_moho(d, rate_hz=parse_columns(w.columns or "").rate_hz, alphabet=w.alphabet),
            detection.starts_with("MohoSwitch1"), (), ("alphabet", "columns")),
     Format("utau", "UTAU, OpenUtau", lambda d, w: singing.parse_utau(d, alphabet=w.alphabet), detection.is_utau,
            (".ust", ".ustx"), ("alphabet",)),
     Format("timit", "TIMIT .PHN and .WRD", lambda d, w: corpora.parse_timit(d, alphabet=w.alphabet),
            detection.is_timit, (".phn", ".wrd"), ("alphabet",), ("align",)),
-    Format("align", "GRID corpus", lambda d, w: lines.parse_align(d), detection.is_grid, (".align",), (), ("timit",)),
-    Format("xlabel", "Festival, MARY", lambda d, w: lines.parse_xlabel(d, alphabet=w.alphabet), detection.is_xlabel, (),
-           ("alphabet",)),
-    Format("htk", "HTK, Merlin, Julius, Audacity labels", lambda d, w: lines.parse_htk(
+    Format("align", "GRID corpus", lambda d, w: corpora.parse_align(d), detection.is_grid, (".align",), (), ("timit",)),
+    Format("xlabel", "Festival, MARY", lambda d, w: corpora.parse_xlabel(d, alphabet=w.alphabet),
+           detection.is_xlabel, (), ("alphabet",)),
+    Format("htk", "HTK, Merlin, Julius, Audacity labels", lambda d, w: corpora.parse_htk(
                d, alphabet=w.alphabet, rate_hz=parse_columns(w.columns or "").rate_hz),
            detection.is_three_columns, (".lab",), ("alphabet", "columns")),
     Format("ctm", "CTM: Kaldi, NeMo", lambda d, w: corpora.parse_ctm(d, tier=w.tier, alphabet=w.alphabet),
            detection.is_ctm, (".ctm",), ("tier", "alphabet")),
-    Format("flite", "flite -psdur", lambda d, w: lines.parse_flite(d, alphabet=w.alphabet),
+    Format("flite", "flite -psdur", lambda d, w: corpora.parse_flite(d, alphabet=w.alphabet),
            lambda s: s.every_row(rf"(\S+:{detection.NUMBER}\s*)+"), (), ("alphabet",)),
     Format("pho", "MBROLA, espeak-ng --pho", lambda d, w: parse_pho(d, alphabet=w.alphabet or "x-sampa"),
            detection.is_pho, (".pho",), ("alphabet",)),
@@ -173,17 +168,10 @@ def parse_timings(
         Ending of the file's name, such as ``".lab"``.
     wishes : ParseOptions, optional
         Tier, alphabet, columns.
-
-    Raises
-    ------
-    UsageError
-        If there is no such format, or it has no such choice.
-    DataError
-        If the content is of no format, or damaged.
     """
     wishes = wishes or ParseOptions()
     if file_format is not None and file_format not in FORMATS:
-        raise UsageError(f"file_format: got {file_format!r}, expected one of {', '.join(FORMATS)}")
+        raise UsageError(f"file_format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
     fitting = [FORMATS[file_format]] if file_format else _fitting(data, ending)
     if not fitting:
         raise DataError(

@@ -20,20 +20,12 @@ _LANGUAGE = re.compile(r"^[a-z]{2,3}/(?=.)")
 
 
 def parse_diffsinger(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
-    """Read the phones of all phrases; ``zh/`` before a phone is its language, and falls away.
-
-    Raises
-    ------
-    DataError
-        If a phrase has no durations, counts differ, or phrases overlap.
-    """
+    """Read the phones of all phrases; ``zh/`` before a phone is its language, and falls away."""
     entries: list[Entry] = []
     for phrase in parse_document(data, "DiffSinger").entries():
         labels = phrase["ph_seq"].text().split()
         if not phrase.has("ph_dur"):
-            raise DataError(
-                "DiffSinger: got no ph_dur, expected it; let the variance model fill it in", where=phrase.where
-            )
+            raise DataError("DiffSinger: ph_dur is missing; let the variance model fill it in", where=phrase.where)
         lengths = [_number(text, phrase.where) for text in phrase["ph_dur"].text().split()]
         if len(lengths) != len(labels):
             raise DataError(f"ph_dur: got {len(lengths)} durations, expected {len(labels)}", where=phrase.where)
@@ -61,13 +53,6 @@ def parse_utau(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read the notes of a song: kana and pinyin are sung as they are, words are pronounced.
 
     Of a lyric such as ``a か`` the second part is sung, a sign behind it (``か_強``) falls away.
-
-    Raises
-    ------
-    DataError
-        For a length or tempo that is no number.
-    UnsupportedError
-        For OpenUtau's own project.
     """
     text = _shift_jis_or_utf8(data)
     if re.search(r"^ustx_version:", text, re.MULTILINE):

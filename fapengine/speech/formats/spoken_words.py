@@ -17,7 +17,6 @@ from fapengine.speech.formats.entries import Entry, track_of
 from fapengine.speech.formats.word_lists import timed_words, walk
 from fapengine.speech.phone_track import PhoneTrack
 
-SUCCESS = "success"
 INWORLD = ("timestampInfo", "result.timestampInfo", "[].timestampInfo", "[].result.timestampInfo")
 
 
@@ -27,13 +26,7 @@ def is_gentle(first: Node) -> bool:
 
 
 def parse_gentle(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
-    """Read phones, or the words where no word has phones.
-
-    Raises
-    ------
-    DataError
-        If no word was found in the sound, or times are wrong.
-    """
+    """Read phones, or the words where no word has phones."""
     phones: list[Entry] = []
     words: list[Entry | tuple[str, str]] = []
     for word in parse_document(data, "Gentle")["words"].items():
@@ -63,13 +56,7 @@ def _cut(entries: list[Entry]) -> list[Entry]:
 
 
 def parse_pocketsphinx(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
-    """Read the phones, or the words where there are none.
-
-    Raises
-    ------
-    DataError
-        If keys lack or times are wrong.
-    """
+    """Read the phones, or the words where there are none."""
     phones: list[Entry] = []
     words: list[Entry | tuple[str, str]] = []
     for word in (word for line in parse_document(data, "PocketSphinx").entries() for word in walk(line, "w[]")):
@@ -91,13 +78,7 @@ def _begin_and_length(node: Node, label: str, word: str = "") -> Entry:
 
 
 def parse_aeneas(data: bytes) -> PhoneTrack:
-    """Read the innermost fragments, which must be words.
-
-    Raises
-    ------
-    DataError
-        If they are phrases, or times are wrong.
-    """
+    """Read the innermost fragments, which must be words."""
     words: list[Entry | tuple[str, str]] = []
 
     def add(fragments: Node) -> None:
@@ -124,20 +105,14 @@ def _found(document: Node, path: str) -> list[Node]:
 
 
 def parse_inworld(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
-    """Read phones; of visemes alone, the visemes; of words alone, the words.
-
-    Raises
-    ------
-    DataError
-        If lists differ in length, or times are wrong.
-    """
+    """Read phones; of visemes alone, the visemes; of words alone, the words."""
     document = parse_document(data, "Inworld")
     phones: list[Entry] = []
     words: list[Entry] = []
     visemes = False
     for info in (info for path in INWORLD for info in _found(document, path)):
         if not info.has("wordAlignment"):
-            raise DataError("Inworld: got no wordAlignment; ask for timestampType WORD", where=info.where)
+            raise DataError("Inworld: wordAlignment is missing; ask for timestampType WORD", where=info.where)
         alignment = info["wordAlignment"]
         texts, starts_s = alignment["words"].texts(), alignment["wordStartTimeSeconds"].numbers()
         ends_s = alignment["wordEndTimeSeconds"].numbers()
@@ -164,13 +139,7 @@ def is_fish(document: Node) -> bool:
 
 
 def parse_fish(data: bytes) -> PhoneTrack:
-    """Read the last alignment of every chunk, each from the offset of its chunk.
-
-    Raises
-    ------
-    DataError
-        If segments are phrases, or times are wrong.
-    """
+    """Read the last alignment of every chunk, each from the offset of its chunk."""
     chunks: dict[float, list[Entry]] = {}
     for event in parse_document(data, "Fish Audio").entries():
         if event.has("alignment"):

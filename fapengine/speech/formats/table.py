@@ -51,11 +51,6 @@ class Columns:
 def parse_columns(text: str) -> Columns:
     """Read ``start=begin,label=sound,unit=ms`` or ``fps=24``.
 
-    Raises
-    ------
-    UsageError
-        For a key that is none, or a unit or rate that is none.
-
     Examples
     --------
     >>> parse_columns("start=begin, unit=ms").names, parse_columns("fps=24").unit_s == 1 / 24
@@ -116,15 +111,7 @@ def is_row(node: Node) -> bool:
 
 
 def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None = None) -> PhoneTrack:
-    """Read a list; words if its label column is called word or text and holds words.
-
-    Raises
-    ------
-    DataError
-        If a column lacks, a time is none, or the unit is open.
-    UsageError
-        If ``columns`` is none.
-    """
+    """Read a list; words if its label column is called word or text and holds words."""
     said = parse_columns(columns or "")
     text = decode_text(data, "table")
     is_json = text.lstrip()[:1] in ("{", "[")

@@ -2,17 +2,94 @@
 
 Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
 ``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
+
+The binary form has big-endian numbers, and texts after their length. Praat does not document it; this is what Praat
+writes (compared with the same grid saved as text).
 """
 
 import re
+import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.formats.entries import Entry, track_of, with_words
-from fapengine.speech.formats.praat_binary import START, parse_binary_tiers
-from fapengine.speech.formats.tier import Tier
 from fapengine.speech.phone_track import PhoneTrack
+
+
+@dataclass(frozen=True, slots=True)
+class Tier:
+    """One interval tier."""
+
+    name: str
+    intervals: tuple[tuple[float, float, str], ...]
+    """(start_s, end_s, label), as written."""
+
+
+START = b"ooBinaryFile"
+
+
+class _Bytes:
+    """The bytes from the front to the back. Stateful."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self.at = data, 0
+
+    def take(self, count: int) -> bytes:
+        if count < 0 or self.at + count > len(self._data):
+            raise TruncatedError("TextGrid: the file ends inside a value", where=f"byte {self.at}")
+        self.at += count
+        return self._data[self.at - count : self.at]
+
+    def number(self, form: str) -> float:
+        return float(struct.unpack(f">{form}", self.take(struct.calcsize(form)))[0])
+
+    def count(self) -> int:
+        value = int(self.number("i"))
+        if not 0 <= value <= len(self._data):
+            raise DataError(f"count: got {value}, expected one the file can hold", where=f"byte {self.at - 4}")
+        return value
+
+    def name(self) -> str:
+        """Text with one byte of length: the name of a class."""
+        return self.take(self.take(1)[0]).decode("latin-1")
+
+    def text(self) -> str:
+        """Text with two bytes of length; a length of -1 means that UTF-16 follows."""
+        length = int(self.number("h"))
+        if length >= 0:
+            return self.take(length).decode("latin-1")
+        return self.take(2 * int(self.number("H"))).decode("utf-16-be", "replace")
+
+
+def parse_binary_tiers(data: bytes) -> tuple[Tier, ...]:
+    """Read every interval tier; point tiers are passed over."""
+    source = _Bytes(data)
+    source.take(len(START))
+    kind = source.name()
+    if kind != "TextGrid":
+        raise DataError(f"Praat: got a binary {kind[:40]!r}, expected a TextGrid", where="byte 12")
+    source.take(16)  # the grid's times
+    if source.take(1) == b"\0":
+        return ()
+    tiers: list[Tier] = []
+    for _ in range(source.count()):
+        kind, name = source.name(), source.text()
+        source.take(16)  # the tier's times
+        count = source.count()
+        if kind == "IntervalTier":
+            rows = tuple((source.number("d"), source.number("d"), source.text()) for _ in range(count))
+            tiers.append(Tier(name, rows))
+        elif kind == "TextTier":
+            for _ in range(count):
+                source.take(8), source.text()
+        else:
+            raise DataError(
+                f"tier class: got {kind[:40]!r}, expected IntervalTier or TextTier", where=f"byte {source.at}"
+            )
+    return tuple(tiers)
+
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
 WORD_TIERS = ("words", "word", "ort-mau", "ort")
@@ -21,13 +98,7 @@ _TOKEN = re.compile(r'"(?:[^"]|"")*"|<[a-z]+>|![^\n]*|"|[^\s"]+')
 
 
 def decode_text(data: bytes, what: str) -> str:
-    """Decode UTF-8, or UTF-16 with a byte-order mark.
-
-    Raises
-    ------
-    DataError
-        If the bytes are neither; ``where`` is the byte.
-    """
+    """Decode UTF-8, or UTF-16 with a byte-order mark."""
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
         return data.decode(encoding)
@@ -93,13 +164,7 @@ class _Tokens:
 
 
 def parse_tiers(data: bytes) -> tuple[Tier, ...]:
-    """Read every interval tier; point tiers are passed over.
-
-    Raises
-    ------
-    DataError
-        For anything that is no TextGrid, with the line.
-    """
+    """Read every interval tier; point tiers are passed over."""
     if data.startswith(START):
         return parse_binary_tiers(data)
     tokens = _Tokens(_praat_text(data))
@@ -172,7 +237,7 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
     while not tokens.ended():
         tier = tokens.count("tier number")
         if not 1 <= tier <= len(classes):
-            raise DataError(f"tier number: got {tier}, expected 1..{len(classes)}", where=tokens.where())
+            raise DataError(f"tier number: must be 1 to {len(classes)}, got {tier}", where=tokens.where())
         if classes[tier - 1] == "IntervalTier":
             rows_by_tier[tier - 1].append((tokens.number(), tokens.number(), tokens.text()))
         else:
@@ -185,13 +250,7 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
 
 
 def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
-    """Find a tier by name, or by the usual names, or because it is the only one.
-
-    Raises
-    ------
-    DataError
-        If none or several fit; the message lists the tiers.
-    """
+    """Find a tier by name, or by the usual names, or because it is the only one."""
     names = [tier.name for tier in tiers]
     if wanted is not None:
         fitting = [tier for tier in tiers if tier.name.lower() == wanted.lower()]
@@ -217,11 +276,6 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
         Name of the phone tier; by default the one that is called phones, phonemes, segments, MAU...
     alphabet : str, optional
         One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed from all labels.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged, ambiguous, or its intervals overlap.
     """
     tiers = parse_tiers(data)
     chosen = _chosen(tiers, tier)

@@ -1,9 +1,14 @@
-"""Words with times as speech recognisers and voices list them in JSON: one reader, and a row of data for each tool.
+"""Words with times: JSON of speech recognizers and voices, and subtitles.
 
-Every tool has a list of words somewhere, each with a text, a start and an end; where the list is, what the keys are
-called and what a time means differs. A word without times, which aligners leave where they fail, gets the time between
-its neighbours, or is said together with the word before. What is timed in phrases is refused, and the message says how
-to ask for words. Sources: the tools' own documentation, as of 2026-11.
+Every tool's JSON has a list of words somewhere, each with a text, a start and an end; where the list is, what the keys
+are called and what a time means differs. One reader serves them all, with a row of data for each tool. A word without
+times, which aligners leave where they fail, gets the time between its neighbours, or joins the word before. Lists that
+are timed in phrases are refused, and the message says how to ask for words. Sources: the tools' own documentation, as
+of 2026-11.
+
+Subtitles, SRT (as SubRip writes it) and WebVTT (W3C, 2019), are read where words have times: one word a cue (edge-tts,
+Whisper with one word a line), times inside a cue (WebVTT, ``<00:00:01.120>``), or one underlined word in each cue
+(Whisper, ``highlight_words``). Cues of phrases are refused, because they do not say when each word is spoken.
 """
 
 import re
@@ -13,6 +18,7 @@ from dataclasses import dataclass, replace
 from fapengine.errors import DataError
 from fapengine.speech.formats.documents import Node, parse_document
 from fapengine.speech.formats.entries import Entry, shared_out, track_of
+from fapengine.speech.formats.textgrid import decode_text
 from fapengine.speech.phone_track import PhoneTrack
 
 TICK_S = 1e-7
@@ -228,11 +234,6 @@ def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str
         In the order in which they are spoken; the latter have no times.
     what, hint : str
         Format and advice, for messages.
-
-    Raises
-    ------
-    DataError
-        If an entry holds several words, starts fall, or nothing is timed.
     """
     words: list[Entry] = []
     waiting: list[tuple[str, str]] = []
@@ -250,7 +251,7 @@ def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str
         waiting = []
         words.append(replace(entry, label=plain))
     if not any(isinstance(entry, Entry) for entry in entries):
-        raise DataError(f"{what}: got no timed word; {hint}")
+        raise DataError(f"{what}: contains no timed word; {hint}")
     words += _placed(waiting, words, None)
     for index in range(len(words) - 1):
         if words[index].start_s <= words[index + 1].start_s < words[index].end_s:
@@ -281,16 +282,11 @@ def parse_word_list(data: bytes, *, kind: WordList, tier: str | None = None) -> 
         The tool.
     tier : str, optional
         Number of the channel, where a recording has several.
-
-    Raises
-    ------
-    DataError
-        If there are no words but phrases, several channels, or times are wrong.
     """
     document = _one_channel(parse_document(data, kind.tool), tier, kind)
     rows = rows_of(document, kind)
     if not rows:
-        raise DataError(f"{kind.name}: got no word with times; {kind.hint}")
+        raise DataError(f"{kind.name}: contains no word with times; {kind.hint}")
     entries: list[Entry | tuple[str, str]] = []
     for row in rows:
         label, times = value_of(row, kind.label), _times(row, kind)
@@ -312,3 +308,67 @@ def _one_channel(document: Node, tier: str | None, kind: WordList) -> Node:
             f"{kind.name}: got {len(channels)} channels, expected one; name one of {names} with tier=NUMBER"
         )
     return Node({"results": {"channels": [channels[int(tier or 0)].value]}})
+
+
+_CLOCK = r"(?:(\d+):)?(\d{1,2}):(\d{1,2})[.,](\d{1,3})"
+CUE = re.compile(rf"\s*{_CLOCK}\s*-->\s*{_CLOCK}(\s.*)?")
+"""Times of a cue: hours may lack, comma or point before the milliseconds."""
+_INSIDE = re.compile(rf"<{_CLOCK}>")
+_TAG = re.compile(r"</?[a-zA-Z][^>]*>|\{\\[^}]*\}")
+_UNDERLINED = re.compile(r"<u>(.*?)</u>", re.DOTALL)
+HINT = "words need times of their own: one word a cue, or <00:00:01.120> before each word"
+
+
+def _clock_s(groups: tuple[str | None, ...]) -> float:
+    hours, minutes, seconds, fraction = (group or "0" for group in groups)
+    return 3600 * float(hours) + 60 * float(minutes) + float(seconds) + float(f"0.{fraction}")
+
+
+def parse_subtitles(data: bytes) -> PhoneTrack:
+    """Read the words of an SRT or WebVTT file."""
+    cues = _cues(decode_text(data, "subtitles").splitlines())
+    if not cues:
+        raise DataError("subtitles: contains no cue; times look like 00:00:01,000 --> 00:00:01,500")
+    words: list[Entry | tuple[str, str]] = []
+    if any(_INSIDE.search(cue.label) for cue in cues):
+        for cue in cues:
+            words += _inside(cue) if _INSIDE.search(cue.label) else []  # a cue without repeats what was said
+    elif any(_UNDERLINED.search(cue.label) for cue in cues):
+        words += [Entry(c.start_s, c.end_s, m[1], c.where) for c in cues for m in _UNDERLINED.finditer(c.label)]
+    else:
+        words += [Entry(cue.start_s, cue.end_s, _TAG.sub("", cue.label), cue.where) for cue in cues]
+    return track_of(timed_words(words, "subtitles", HINT), "subtitles", level="word", spelled=True)
+
+
+def _cues(lines: list[str]) -> list[Entry]:
+    cues: list[Entry] = []
+    for number, line in enumerate(lines, start=1):
+        if match := CUE.fullmatch(line):
+            start_s, end_s = _clock_s(match.groups()[:4]), _clock_s(match.groups()[4:8])
+            cues.append(Entry(start_s, max(start_s, end_s), _text(lines[number:]), f"line {number}"))
+    return cues
+
+
+def _text(lines: list[str]) -> str:
+    """Lines of a cue, up to the blank one or the next cue's times."""
+    text: list[str] = []
+    for at, line in enumerate(lines):
+        following = lines[at + 1] if at + 1 < len(lines) else ""
+        if not line.strip() or CUE.fullmatch(line) or (line.strip().isdigit() and CUE.fullmatch(following)):
+            break
+        text.append(line.strip())
+    return "\n".join(text)
+
+
+def _inside(cue: Entry) -> list[Entry]:
+    """Words of the line that has times: each lasts until the next time."""
+    line = next(line for line in cue.label.split("\n") if _INSIDE.search(line))
+    found = list(_INSIDE.finditer(line))
+    times_s = [cue.start_s, *(_clock_s(match.groups()) for match in found), cue.end_s]
+    texts = [line[: found[0].start()], *(line[a.end() : b] for a, b in zip(
+        found, [*(match.start() for match in found[1:]), len(line)], strict=True))]  # fmt: skip
+    return [
+        Entry(start_s, max(start_s, end_s), _TAG.sub("", text), cue.where)
+        for start_s, end_s, text in zip(times_s[:-1], times_s[1:], texts, strict=True)
+        if _TAG.sub("", text).strip()
+    ]

@@ -6,11 +6,11 @@ from itertools import groupby
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
-from fapengine.speech.alphabets.xsampa import LETTERS
+from fapengine.speech.alphabets.convert import XSAMPA_LETTERS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 _STRESS = ("", "ˈ", "ˌ")
-_XSAMPA = {label: spelling for spelling, label in reversed(LETTERS.items()) if len(label) == 1}
+_XSAMPA = {label: spelling for spelling, label in reversed(XSAMPA_LETTERS.items()) if len(label) == 1}
 _ASCII_AS_THEY_ARE = frozenset("abcdefhijklmnoprstuvwxyz")
 
 
@@ -52,7 +52,7 @@ def format_ctm(track: PhoneTrack) -> bytes:
 
 
 def format_phone_json(track: PhoneTrack, extra: Sequence[Mapping[str, object]] = ()) -> bytes:
-    """List of phones in JSON, as :mod:`.phone_list` reads it; ``extra`` adds keys to each phone."""
+    """List of phones in JSON, as :mod:`.synthesizers` reads it; ``extra`` adds keys to each phone."""
     rows = [
         {
             "phone": _STRESS[phone.stress] + phone.label,
@@ -113,12 +113,6 @@ WRITERS: Mapping[str, Callable[[PhoneTrack], bytes]] = {
 
 
 def check_writable(ending: str) -> None:
-    """Refuse a name's ending that no writer has.
-
-    Raises
-    ------
-    UsageError
-        If there is none.
-    """
+    """Refuse a name's ending that no writer has."""
     if ending.lower() not in WRITERS:
         raise UsageError(f"path: got a name that ends with {ending!r}, expected one of .TextGrid, .ctm, .json, .pho")

@@ -31,13 +31,6 @@ def check_ssml(text: str) -> str:
     ----------
     text : str
         With or without its root element ``speak``.
-
-    Raises
-    ------
-    UsageError
-        If it is no well-formed XML.
-    UnsupportedError
-        If it has an element that is not spoken here.
     """
     if "<!" in text or "<?xml-" in text:
         raise UsageError("text: got a declaration, expected SSML without any")

@@ -114,9 +114,9 @@ def test_what_cannot_drive_is_told(talk, tmp_path):
     for words, kind, message in (
         (("-o", tmp_path / "a.csv"), UsageError, r"ends with \.npz"),
         ((*skull, "--film", tmp_path / "a.txt"), UsageError, "film: got"),
-        ((*skull, "--markers", "nose"), UsageError, "markers: got 'nose'"),
+        ((*skull, "--markers", "nose"), UsageError, "markers: unknown marker 'nose'"),
         ((*skull, "--markers", "99"), UsageError, "fewer than the face has"),
-        (("--skull", "H9,H2,H3"), UsageError, "skull: got 'H9'"),
+        (("--skull", "H9,H2,H3"), UsageError, "skull: unknown marker 'H9'"),
         ((*skull, "--markers", "m8,m9", "--take", tmp_path / "few.npz"), DataError, "lacks m8, m9"),
     ):
         output = () if "-o" in words else ("-o", tmp_path / "out.npz")

@@ -1,10 +1,10 @@
-"""A face in a program: speech, expressions, frames in their time, and an end. Its sound: test_view_sources."""
+"""A face in a program: speech, expressions, frames in their time, and an end. Its sound: test_view."""
 
 import numpy as np
 import pytest
 
 import fapengine
-from fapengine.live.engine.commands import Blink
+from fapengine.engine.commands import Blink
 from fapengine.mpeg4 import fap
 
 STILL = fapengine.Style.still()
@@ -36,7 +36,7 @@ def test_what_was_spoken_before_is_said_again() -> None:
         assert face.is_speaking
         face.stop()
         silent = fapengine.animate(hello.phones)
-        with pytest.raises(fapengine.UsageError, match="sound: got none"):
+        with pytest.raises(fapengine.UsageError, match="sound: this performance has no sound"):
             face.say(silent)
         with pytest.raises(fapengine.UsageError, match="expressions: got 'glee'"):
             face.say(hello, expressions=["glee"])

@@ -140,7 +140,7 @@ def test_a_picture_is_of_the_time_that_is_asked_for(tmp_path: Path) -> None:
 
 def test_a_pose_names_its_faps() -> None:
     assert fapengine.FapTrack.pose(open_jaw=300).values[0].nonzero()[0].tolist() == [2]
-    with pytest.raises(fapengine.UsageError, match="got 'open_mouth'"):
+    with pytest.raises(fapengine.UsageError, match="unknown name 'open_mouth'"):
         fapengine.FapTrack.pose(open_mouth=1)
 
 

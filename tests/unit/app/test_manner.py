@@ -2,10 +2,10 @@
 
 import pytest
 
-from fapengine.app.manner import check_expressions, moods_of, parse_expression
-from fapengine.cli.options import MannerOptions
+from fapengine.app.manner import check_expressions, manner_of, moods_of, parse_expression
 from fapengine.errors import UsageError
-from fapengine.mpeg4.visemes import Expression
+from fapengine.expressions import Expression
+from fapengine.speaking import MannerOptions
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.style import Style
@@ -57,7 +57,7 @@ def test_texts_are_read_without_phones() -> None:
 def options(
     jaw: float = 1.0, lips: float = 1.0, loudness: float = 0.0, method: str = "context", *without: str
 ) -> Style:
-    return MannerOptions(jaw=jaw, lips=lips, loudness=loudness, method=method, without=list(without)).value().style
+    return manner_of(MannerOptions(jaw=jaw, lips=lips, loudness=loudness, method=method, without=without)).style
 
 
 def test_options_make_a_style() -> None:
@@ -69,9 +69,14 @@ def test_options_make_a_style() -> None:
 @pytest.mark.parametrize(
     ("method", "without", "jaw", "message"),
     [
-        ("magic", [], 1.0, "method: got 'magic', expected one of context, paper, minimum-jerk, dominance"),
-        ("paper", ["ears"], 1.0, "without: got 'ears', expected one of blinks, head-motion, gaze, idle, emphasis, all"),
-        ("paper", [], 7.0, "jaw: got 7.0, expected 0..3"),
+        ("magic", [], 1.0, "method: unknown value 'magic'; use one of context, paper, minimum-jerk, dominance"),
+        (
+            "paper",
+            ["ears"],
+            1.0,
+            "without: unknown value 'ears'; use one of blinks, head-motion, gaze, idle, emphasis, all",
+        ),
+        ("paper", [], 7.0, "jaw: got 7.0, expected a number of 0..3"),
     ],
 )
 def test_refuses_manners(method: str, without: list[str], jaw: float, message: str) -> None:

@@ -45,7 +45,7 @@ def test_what_cannot_be_reduced_is_told(take, tmp_path):
         with pytest.raises(kind, match=message):
             app(["reduce", *map(str, words)], standalone_mode=False)
 
-    refused(UsageError, "expected millimetres", take, "--bound", "little", "-o", tmp_path / "via.npz")
+    refused(UsageError, "must be millimetres", take, "--bound", "little", "-o", tmp_path / "via.npz")
     refused(UsageError, "expected positive", take, "--bound", "0", "-o", tmp_path / "via.npz")
     refused(UsageError, r"ends with \.npz", take, "-o", tmp_path / "via.csv")
     track = load_markers(take).markers

@@ -57,7 +57,7 @@ def test_refuses_before_any_work(tmp_path: Path) -> None:
         ("a.avi", 30.0, {}, r"a\.avi, expected .* or \.fap"),
         ("a.mp4", 30.0, {"background": "pink"}, "background: got 'pink'"),
         ("a.mp4", 30.0, {"camera": "91,91"}, "pitch"),
-        ("a.mp4", 30.0, {"edges": "hard"}, "edges: got 'hard', expected one of fine, soft"),
+        ("a.mp4", 30.0, {"antialias": "hard"}, "edges: got 'hard', expected one of fine, soft"),
     ):
         with pytest.raises(UsageError, match=message):
             check(tmp_path / name, Manner(rate_hz=rate_hz), DrawingOptions(**drawing).value())

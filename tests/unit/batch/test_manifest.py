@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fapengine.batch.manifest import parse_manifest, rows_of_pattern
+from fapengine.batch.corpus import parse_manifest, rows_of_pattern
 from fapengine.batch.rows import Options, Row
 from fapengine.errors import DataError, UsageError
 

@@ -1,9 +1,7 @@
 """Runs: what is done once stays done, whoever is killed and whenever."""
 
 import errno
-import multiprocessing
 import os
-import signal
 from pathlib import Path
 
 import pytest
@@ -11,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fapengine
+from fapengine._child import Child
 from fapengine.batch import journal as journals
 from fapengine.batch import run as runs
 from fapengine.batch.journal import Done, Journal, load_journals, parse_journal
@@ -142,18 +141,29 @@ def test_a_run_that_stops_goes_on_with_the_same_bytes(rows: tuple[Row, ...], tmp
     assert (tmp_path / "out" / "journal.jsonl").read_bytes().count(b"\n") == COUNT  # none twice
 
 
-def test_a_worker_is_killed_and_nothing_is_lost(rows: tuple[Row, ...], tmp_path: Path) -> None:
+def test_a_worker_is_killed_and_nothing_is_lost(
+    rows: tuple[Row, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[Child] = []
+    start = runs._worker
+
+    def keep() -> Child:
+        started.append(start())
+        return started[-1]
+
+    monkeypatch.setattr(runs, "_worker", keep)
     go(rows, tmp_path / "whole")
     killed: list[int] = []
 
     def kill(_: int) -> None:
         if not killed:
-            killed.append(multiprocessing.active_children()[0].pid or 0)
-            os.kill(killed[0], signal.SIGKILL)
+            killed.append(started[0].process.pid)
+            started[0].kill()
 
     folder = tmp_path / "out"
     done = run(plan_run(rows, Job(folder, "fap")), on_this_machine(2), 2, folder / "journal.jsonl", kill)
     assert killed
+    assert len(started) == 3
     assert [row for row, entry in done.items() if entry.error] == ["2/5"]
     assert contents(folder) == contents(tmp_path / "whole")
     assert not hidden(folder)

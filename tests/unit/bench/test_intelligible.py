@@ -78,6 +78,7 @@ sys.exit(command.main(["--train", sys.argv[2], "--test", sys.argv[2], "--json"])
 """The smallest of judges. It has a process of its own: JAX starts threads, and a test beside it could not fork."""
 
 
+@pytest.mark.nightly
 def test_both_commands_print_the_same_figures(speech: Path, tmp_path: Path) -> None:
     found = []
     for command in ("intelligible", "fidelity"):

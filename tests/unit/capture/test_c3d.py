@@ -81,18 +81,22 @@ def test_more_points_than_labels_leave_the_others_unnamed(track):
     data = format_c3d(track).replace(b"NOSE", b"    ")
     found, notes = understand(parse_c3d(data))
     assert found.labels == track.labels[:5]
-    assert notes == ("1 trajectories without a name are left out",)
+    assert notes == ("1 trajectories without a label are left out",)
 
 
 @pytest.mark.parametrize(
     ("spoil", "error", "message"),
     [
-        (lambda d: d[:100], TruncatedError, "at least a header"),
+        (lambda d: d[:100], TruncatedError, "C3D: must have a header of 512 bytes, got 100 bytes"),
         (lambda d: d[:513], TruncatedError, "before its parameters"),
-        (lambda d: b"\0\0" + d[2:], DataError, "expected a parameter block"),
-        (lambda d: d[:515] + b"\x10" + d[516:], DataError, "got processor 16"),
+        (lambda d: b"\0\0" + d[2:], DataError, "not a C3D file: starts with 00 00 instead of a parameter"),
+        (
+            lambda d: d[:515] + b"\x10" + d[516:],
+            DataError,
+            r"C3D: processor must be 84, 85 or 86, got 16",
+        ),
         (lambda d: d[:700], TruncatedError, "runs past the end"),
-        (lambda d: d[:-700], TruncatedError, "expected 20"),
+        (lambda d: d[:-700], TruncatedError, r"C3D: truncated, has 12 of 20 frames"),
         (lambda d: d[: d.index(b"\x00" * 60, 600) // 512 * 512 + 512 + 9], TruncatedError, "first frame"),
         (
             lambda d: d.replace(b"\x04\x01USED", b"\x04\x01UXED").replace(struct.pack("<H", 6), b"\0\0", 1),
@@ -113,7 +117,7 @@ def test_a_missing_frame_count_is_taken_from_the_data(track):
         at = data.index(name)
         data[at : at + len(name)] = b"X" * len(name)
     raw = parse_c3d(bytes(data))
-    assert raw.notes == ("no frame count: the 20 frames that the file holds",)
+    assert raw.notes == ("no frame count: all 20 frames in the file are read",)
 
 
 def test_a_rate_of_nothing_is_no_rate(track):

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fapengine.capture.checks import check_track
-from fapengine.capture.conventions import SENTINELS, understand
-from fapengine.capture.raw import RawTrack
+from fapengine.capture.conventions import SENTINELS, check_track, understand
+from fapengine.capture.marker_track import RawTrack
 from fapengine.errors import DataError, UsageError
 
 
@@ -56,10 +55,10 @@ def test_units_are_never_guessed_in_silence(track):
     with pytest.raises(DataError, match=r"not stated.*m would make it \d+ mm.*units=UNIT"):
         understand(raw(track, positions=track.positions_mm / 1000, units=None))
     _, notes = understand(raw(track, positions=track.positions_mm / 1000))
-    assert "which is no face: wrong units? (m would make it" in notes[0]
+    assert "which is not a face: wrong units? (m would make it" in notes[0]
     _, notes = understand(raw(track, units="parsec"))
     assert notes[0] == "the file's unit 'parsec' is unknown"
-    with pytest.raises(UsageError, match="units: got 'ell'"):
+    with pytest.raises(UsageError, match="units: unknown unit 'ell'"):
         understand(raw(track), units="ell")
 
 
@@ -74,7 +73,7 @@ def test_axes_turn_without_mirroring(track, up):
 
 
 def test_an_axis_that_is_none_is_refused(track):
-    with pytest.raises(UsageError, match=r"up: got 'w', expected one of \+x"):
+    with pytest.raises(UsageError, match=r"up: unknown axis 'w'; use \+x, -x, \+y, -y, \+z, -z"):
         understand(raw(track), up="w")
     found, notes = understand(raw(track, up="q"))
     assert found.equals(track)
@@ -99,15 +98,15 @@ def test_labels_lose_what_the_system_added(given, wanted):
 def test_trajectories_without_a_name_are_left_out(track, label):
     found, notes = understand(raw(track, labels=(*track.labels[:5], label)))
     assert found.labels == track.labels[:5]
-    assert notes == ("1 trajectories without a name are left out",)
+    assert notes == ("1 trajectories without a label are left out",)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"positions": np.zeros((0, 6, 3))}, "expected frames and markers"),
-        ({"rate_hz": None}, "expected frames a second"),
-        ({"labels": ("*1",) * 6}, "expected labelled markers"),
+        ({"positions": np.zeros((0, 6, 3))}, r"recording: contains no frames or no markers, got shape \(0, 6, 3\)"),
+        ({"rate_hz": None}, "recording: frame rate missing; give a rate, or rising times"),
+        ({"labels": ("*1",) * 6}, "recording: none of 6 trajectories is labelled"),
         ({"rate_hz": -3.0}, "rate_hz"),
     ],
 )

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from fapengine.capture.c3d import BLOCK, format_c3d, parse_c3d
-from fapengine.capture.checks import check_track
-from fapengine.capture.conventions import understand
+from fapengine.capture.conventions import check_track, understand
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.capture.table import format_trc, parse_trc
 from fapengine.errors import DataError
 
 
@@ -48,7 +47,7 @@ def test_labels_that_come_twice_are_numbered(track):
     found, notes = understand(parse_c3d(data))
     assert found.labels == ("8.1", "8.2", "RKNE", "RKNE#2", "2.1", "RKNE#3")
     assert found.positions_mm.shape == track.positions_mm.shape
-    assert notes == ("labels RKNE come more than once: later ones are called RKNE#2 ...",)
+    assert notes == ("labels RKNE are repeated: later ones are called RKNE#2 ...",)
 
 
 def test_a_label_that_looks_numbered_keeps_its_name(track):
@@ -73,15 +72,13 @@ def test_a_wrong_data_start_is_taken_from_the_header(track, parameter):
     header = struct.unpack_from("<H", data, 16)[0]
     found, notes = understand(parse_c3d(with_data_start(data, parameter, header)))
     assert found.equals(track, atol_mm=1e-4)
-    assert notes == (
-        (f"POINT:DATA_START is {parameter}: the header's block {header} is believed",) if parameter else ()
-    )
+    assert notes == ((f"POINT:DATA_START is {parameter}: using the header's block {header}",) if parameter else ())
 
 
 def test_data_without_any_start_lie_behind_the_parameters(track):
     found, notes = understand(parse_c3d(with_data_start(format_c3d(track), 0, 0)))
     assert found.equals(track, atol_mm=1e-4)
-    assert "behind the parameters" in notes[0]
+    assert "after the parameters" in notes[0]
 
 
 def test_a_rate_that_is_a_signalling_nan_is_taken_from_the_header(track):
@@ -95,7 +92,7 @@ def test_a_rate_that_is_a_signalling_nan_is_taken_from_the_header(track):
 
 def test_a_file_without_room_for_data_is_refused(track):
     data = format_c3d(track)
-    with pytest.raises(DataError, match="expected them behind the parameters"):
+    with pytest.raises(DataError, match=r"C3D: data must be after the parameters, got blocks \[0, 0\] of 2 \(at byte"):
         parse_c3d(with_data_start(data[: BLOCK * (1 + data[BLOCK + 2])], 0, 0))
 
 
@@ -110,7 +107,7 @@ def test_results_of_a_body_model_are_no_markers(track):
     found, notes = understand(parse_c3d(listed))
     assert found.labels == ("8.1", "8.3", "2.1", "NOSE")
     np.testing.assert_allclose(found.positions_mm[:, 1], track.positions_mm[:, 2], atol=1e-4)
-    assert "2 trajectories are a model's results (angles, forces ...), no markers: left out" in notes
+    assert "2 trajectories are model outputs (angles, forces ...), not markers: left out" in notes
 
 
 def test_a_body_in_metres_is_told_so():
@@ -162,12 +159,18 @@ def test_names_close_together_are_read_in_order(track):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda lines: [*lines[:3], "Frame#\tTime", *lines[4:]], "got no marker name"),
-        (lambda lines: [*lines[:-1], lines[-1] + "\t7"], "got 21 cells, expected 2 and three for each of 6 named"),
-        (lambda lines: lines[:5], "expected a header of 5 and frames"),
-        (lambda lines: [*lines[:5], "no numbers", ""], "got no frame"),
-        (lambda lines: [line.replace("\t0.008333\t", "\t0.008333\tx") for line in lines], "expected a number"),
-        (lambda lines: lines[1:], "expected PathFileType"),
+        (lambda lines: [*lines[:3], "Frame#\tTime", *lines[4:]], r"TRC: contains no marker names"),
+        (
+            lambda lines: [*lines[:-1], lines[-1] + "\t7"],
+            r"TRC: 21 cells; must be 2 and three for each of 6 named or more markers",
+        ),
+        (lambda lines: lines[:5], r"TRC: must have a header of 5 lines and frames, got 5 lines"),
+        (lambda lines: [*lines[:5], "no numbers", ""], r"TRC: contains no frames"),
+        (
+            lambda lines: [line.replace("\t0.008333\t", "\t0.008333\tx") for line in lines],
+            r"not a number: 'x-0\.33000'",
+        ),
+        (lambda lines: lines[1:], "TRC: must start with PathFileType, got"),
     ],
 )
 def test_a_broken_trc_is_refused_with_the_reason(track, spoil, message):

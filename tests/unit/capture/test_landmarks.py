@@ -69,15 +69,19 @@ def test_landmarks_are_named_after_feature_points():
     ("data", "error", "message"),
     [
         (b"[]", TruncatedError, "no frame"),
-        (b"[null]", DataError, "no face in any frame"),
+        (b"[null]", DataError, "landmarks: no frame contains a face"),
         (b"{", DataError, "neither JSON nor JSON lines"),
-        (b'{"frames": 3}', DataError, "expected a list"),
+        (b'{"frames": 3}', DataError, "landmarks: must be a list of frames, got int"),
         (b"[[[1, 2]]]", DataError, "frame 0"),
         (b'[[[1, 2, "x"]]]', DataError, "frame 0"),
-        (b"[[[1, 2, 3]]]", DataError, r"frames of \[1\] points"),
+        (b"[[[1, 2, 3]]]", DataError, r"landmarks: frames must have 468 or 478 points, got \[1\]"),
         (b"[" * 100_000, DataError, "nested|neither"),
-        (b"1,2,3\n", DataError, "got 3 columns, expected 3 for each of 468"),
-        (json.dumps(np.zeros((1, 468, 3)).tolist()).encode(), DataError, "both eye corners at one place"),
+        (b"1,2,3\n", DataError, r"landmarks: must have 3 columns per point, for 468 or 478, got 3"),
+        (
+            json.dumps(np.zeros((1, 468, 3)).tolist()).encode(),
+            DataError,
+            "landmarks: both eye corners are at the same position",
+        ),
     ],
 )
 def test_what_is_no_track_is_refused(data, error, message):
@@ -86,5 +90,5 @@ def test_what_is_no_track_is_refused(data, error, message):
 
 
 def test_a_picture_has_a_size():
-    with pytest.raises(UsageError, match="width_px: got 0"):
+    with pytest.raises(UsageError, match="width_px: must be positive, got 0"):
         Picture(width_px=0, height_px=480, eye_corners_mm=90.0, rate_hz=30.0)

@@ -7,8 +7,7 @@ import pytest
 
 from fapengine.capture.arrays import format_npz, parse_npz
 from fapengine.capture.conventions import understand
-from fapengine.capture.table import format_table, parse_table
-from fapengine.capture.trc import format_trc, parse_trc
+from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, TruncatedError
 
 
@@ -87,22 +86,34 @@ def test_exports_of_three_systems(text, rate, units, up, scale):
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("", DataError, "got nothing"),
-        ("a,b,c\n1,2,3\n", DataError, "no header that names markers"),
-        ("A_x,A_y,B_z\n1,2,3\n", DataError, "got x/y of marker 'A', expected x, y and z"),
-        ("A_x,A_y,A_z\n", TruncatedError, "a header and no frame"),
-        ("A_x,A_y,A_z\n1,2,zwei\n", DataError, "'zwei', expected a number .at line 2, column 3"),
-        ("marker,x,y,z\nA,1,2,3\n", DataError, "no column frame or time"),
-        ("marker,frame,x,y,z\n,1,1,2,3\n", DataError, "no marker name .at line 2, column 1"),
-        ("marker,frame,x,y,z\nA,,1,2,3\n", DataError, "empty frame or time .at line 2, column 2"),
-        ("marker,frame,x,y,z\nA,1,1,2,3\nA,1,1,2,3\n", DataError, "'A' twice at 1"),
+        ("", DataError, r"table: empty"),
+        ("a,b,c\n1,2,3\n", DataError, "table: no header with markers; use columns marker, x, y, z"),
+        ("A_x,A_y,B_z\n1,2,3\n", DataError, "table: marker 'A' has x/y only; needs x, y and z"),
+        ("A_x,A_y,A_z\n", TruncatedError, "table: contains no frames"),
+        ("A_x,A_y,A_z\n1,2,zwei\n", DataError, "not a number: 'zwei' .at line 2, column 3"),
+        ("marker,x,y,z\nA,1,2,3\n", DataError, "table: column frame or time missing"),
+        ("marker,frame,x,y,z\n,1,1,2,3\n", DataError, "marker name missing .at line 2, column 1"),
+        ("marker,frame,x,y,z\nA,,1,2,3\n", DataError, "table: frame or time missing .at line 2, column 2"),
+        ("marker,frame,x,y,z\nA,1,1,2,3\nA,1,1,2,3\n", DataError, "table: marker 'A' is repeated at 1"),
         ("marker,frame,x,y,z\n", TruncatedError, "no frame"),
-        (VICON.replace(",,Bob:LLIP,,,Bob:RLIP,,", ",,,,,,,"), DataError, "no marker names over"),
+        (VICON.replace(",,Bob:LLIP,,,Bob:RLIP,,", ",,,,,,,"), DataError, "table: marker names above X, Y, Z missing"),
         ("\n".join(VICON.splitlines()[:5]), TruncatedError, "no frame"),
-        (OPTITRACK.replace("Marker,", "Bone,").replace(",Marker", ",Bone"), DataError, "no column of a marker"),
-        (OPTITRACK.replace("Frame,Time", "Fram,Time"), DataError, "expected those of Motive"),
-        ("\n".join(QUALISYS.splitlines()[:8]), TruncatedError, "no frame under MARKER_NAMES"),
-        (QUALISYS.replace("\tRLIP\n", "\tRLIP\tNOSE\n"), DataError, "expected 9"),
+        (
+            OPTITRACK.replace("Marker,", "Bone,").replace(",Marker", ",Bone"),
+            DataError,
+            "table: contains no marker columns",
+        ),
+        (
+            OPTITRACK.replace("Frame,Time", "Fram,Time"),
+            DataError,
+            "table: rows Name and Frame of a Motive export missing",
+        ),
+        ("\n".join(QUALISYS.splitlines()[:8]), TruncatedError, "table: no frames after MARKER_NAMES"),
+        (
+            QUALISYS.replace("\tRLIP\n", "\tRLIP\tNOSE\n"),
+            DataError,
+            r"table: must have 9 columns, or frame and time before them, got 8",
+        ),
         ("A_x,A_y,A_z\n1,2,3\0\n", DataError, "NUL"),
         ('A_x,A_y,A_z\n"' + "9" * 200_000 + '",1,2\n', DataError, "table"),
     ],
@@ -118,13 +129,13 @@ TRC_LINES = 5
 @pytest.mark.parametrize(
     ("spoil", "error", "message"),
     [
-        (lambda t: "x" + t, DataError, "expected PathFileType"),
-        (lambda t: "\n".join(t.splitlines()[:4]), TruncatedError, "expected a header of 5"),
+        (lambda t: "x" + t, DataError, "TRC: must start with PathFileType, got"),
+        (lambda t: "\n".join(t.splitlines()[:4]), TruncatedError, "header of 5 lines and frames, got 4 lines"),
         (lambda t: "\n".join([*t.splitlines()[:5], "", ""]) + "\n", TruncatedError, "no frame"),
         (lambda t: t.replace("8.1", "").replace("8.2", "").replace("8.3", "").replace("8.4", "").replace("2.1", "")
          .replace("NOSE", ""), DataError, "no marker name"),
-        (lambda t: t.rstrip() + "\t1.0\n", DataError, "got 21 cells, expected 2 and three"),
-        (lambda t: t.rstrip() + "q\n", DataError, "expected a number .at line 26"),
+        (lambda t: t.rstrip() + "\t1.0\n", DataError, "TRC: 21 cells; must be 2 and three for each of 6 named or"),
+        (lambda t: t.rstrip() + "q\n", DataError, "not a number: .* .at line 26"),
     ],
 )  # fmt: skip
 def test_trc_that_cannot_be_read(track, spoil, error, message):
@@ -159,12 +170,21 @@ def test_archives_may_say_what_is_valid():
     ("data", "message"),
     [
         (b"PK\3\4nothing", "damaged"),
-        (archive(x=PLACES), "expected one of positions"),
-        (archive(positions=PLACES[0], labels=["a"]), "expected numbers"),
+        (archive(x=PLACES), r"NPZ: needs positions or positions_mm or markers or points, has \['x'\]"),
+        (
+            archive(positions=PLACES[0], labels=["a"]),
+            r"NPZ: must be numbers \(T, M, 3\), got float64 of shape \(1, 3\)",
+        ),
         (archive(positions=PLACES.astype(object), labels=["a"]), "Python objects"),
-        (archive(positions=PLACES, labels=["a", "b"]), "expected 1 strings"),
-        (archive(positions=PLACES), "expected 1 strings"),
-        (archive(positions=PLACES, labels=["a"], valid=[True]), "expected"),
+        (
+            archive(positions=PLACES, labels=["a", "b"]),
+            r"NPZ: must be 1 strings, got <U1 of shape \(2,\)",
+        ),
+        (archive(positions=PLACES), "must be 1 strings"),
+        (
+            archive(positions=PLACES, labels=["a"], valid=[True]),
+            r"NPZ: must have shape \(2, 1\), got \(1,\)",
+        ),
         (archive(positions=PLACES, labels=["a"], rate_hz=-1), "one positive number"),
     ],
 )

@@ -12,7 +12,7 @@ from fapengine.cli.main import app
 from fapengine.codec.elementary import visual_headers
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError, UnsupportedError, UsageError
-from fapengine.files.fap import load_fap, save_fap
+from fapengine.files.motion import load_fap, save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap

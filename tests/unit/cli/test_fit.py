@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fapengine.batch.corpus import Corpus
-from fapengine.batch.manifest import parse_manifest
+from fapengine.batch.corpus import Corpus, parse_manifest
 from fapengine.batch.rows import Options, Row
 from fapengine.batch.work import Digests, key_of
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.fap import load_fap
+from fapengine.files.motion import load_fap
 from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import save_markers
 from fapengine.files.sessions import load_session
 from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 SKULL = {"LFHD": (55, 90, 70), "RFHD": (-55, 90, 70), "LBHD": (70, 70, -40), "RBHD": (-70, 70, -40)}
 SPOKEN = ["p", "b", "m", "f", "t", "s", "i", "u", "l"]
@@ -184,11 +182,14 @@ def copy(recorded: Path, folder: Path, toml: str = TOML, keep: int = 2) -> Path:
             TOML + "[[pose]]\nexpression = 'glee'\ntake = 'take00'\nstart_s = 0\nend_s = 1\n",
             "one of the six expressions",
         ),
-        (TOML + "[[pose]]\nexpression = 'joy'\ntake = 'none'\nstart_s = 0\nend_s = 1\n", "'none': got no such take"),
+        (TOML + "[[pose]]\nexpression = 'joy'\ntake = 'none'\nstart_s = 0\nend_s = 1\n", "'none': unknown take"),
         (TOML + "[fapu_mm]\nes0 = 'wide'\n", "got 'wide', expected a number"),
         (TOML + "[landmarks]\nwidth_px = 640.0\nheight_px = 1\neye_corners_mm = 90\n", "got no rate_hz"),
         (TOML + "rate_hz = 25\n[landmarks]\nwidth_px = 640.0\n", "'height_px' is missing"),
-        (TOML + "rate_hz = 25\n[landmarks]\nwidth_px = 0\nheight_px = 1\neye_corners_mm = 90\n", "width_px: got 0"),
+        (
+            TOML + "rate_hz = 25\n[landmarks]\nwidth_px = 0\nheight_px = 1\neye_corners_mm = 90\n",
+            "width_px: must be positive, got 0",
+        ),
         ("head = [3]\n", "got 3, expected a string"),
         ("head = \n", "is not TOML"),
         (TOML + "[[scan]]\nfile = 'none.ply'\nlandmarks = {}\n", "none.ply: cannot be read"),

@@ -18,10 +18,10 @@ from typer.testing import CliRunner
 from fapengine.app.head_check import poses
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
-from fapengine.files.fap import save_fap
 from fapengine.files.heads import meshes
 from fapengine.files.heads.load import load_head, load_head_info, load_levels
 from fapengine.files.heads.meshes import load_neutral, load_rig
+from fapengine.files.motion import save_fap
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.blendshape_mesh import Blendshape
@@ -201,7 +201,7 @@ def test_ict_facekit_s_folder(ict_folder, tmp_path):
     assert (mesh.material == Material.EYE).sum() > 100
     assert (mesh.material == Material.TEETH).sum() > 100
     assert (
-        "that its file lacks: eyeLookDownLeft" in run("head", "check", tmp_path / "h", "-o", tmp_path / "c.png").stdout
+        "missing ARKit shapes: eyeLookDownLeft" in run("head", "check", tmp_path / "h", "-o", tmp_path / "c.png").stdout
     )
 
 
@@ -254,7 +254,7 @@ def test_a_painted_mesh_keeps_its_picture(tmp_path, monkeypatch):
     assert mesh.texture.shape == (16, 16, 4)
     seen = [mesh.texture[int(v * 16), int(u * 16), :3].tolist() for u, v in mesh.uv]
     assert [row == [250, 10, 20] for row in seen] == [place[0] == 1 for place in mesh.vertices.tolist()]
-    monkeypatch.setattr(meshes, "MAX_PIXELS", 255)
+    monkeypatch.setattr(meshes, "MAX_IMAGE_PIXELS", 255)
     with pytest.raises(UnsupportedError, match=r"texture: got 16x16 pixels, expected at most 255 .at .*face\.obj"):
         load_neutral(tmp_path / "face.obj")
     (tmp_path / "skin.png").unlink()
@@ -321,7 +321,7 @@ def test_a_profile_learned_on_one_face_drives_another(imported, tmp_path):
 
 def test_the_sheet_shows_every_fap(imported, tmp_path):
     text = run("head", "check", imported, "-o", tmp_path / "sheet.png").stdout
-    assert "109 pictures" in text  # rest, 66 FAPs, 36 phones, 6 expressions
+    assert "109 images" in text  # rest, 66 FAPs, 36 phones, 6 expressions
     assert "FAPs without motion: 29" in text
     with pytest.raises(UsageError, match=r"ends with \.png"):
         run("head", "check", imported, "-o", tmp_path / "sheet.gif")

@@ -9,14 +9,14 @@ import pytest
 
 import fapengine
 from fapengine.cli.main import app
-from fapengine.ears.protocol import RATE_HZ
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
-from fapengine.files.fap import load_fap
+from fapengine.files.motion import load_fap
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.video import load_video
+from fapengine.recognition.protocol import RATE_HZ
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Voice
-from tests.unit.ears.speech import BABY, FAPU_MM, POPPIES, closures, met, no_speech, spoken
+from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, closures, met, no_speech, spoken
 
 
 def run(*arguments: object) -> int:
@@ -159,19 +159,23 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty.wav"
     empty.write_bytes(b"")
     cases: list[tuple[list[object], type[FapEngineError], str]] = [
-        (["animate", talk, "--audio", talk], UsageError, "--audio: got .* is a recording"),
-        (["animate", pho, "--transcript", "x"], UsageError, "--transcript: got x"),
-        (["align", talk, "--transcript", "x", "--text", pho], UsageError, "got both, expected one"),
+        (["animate", talk, "--audio", talk], UsageError, "--audio: cannot be used here: .* is a recording"),
+        (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used here"),
+        (["align", talk, "--transcript", "x", "--text", pho], UsageError, "use only one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
         (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1\.\.1"),
         (
             ["align", talk, "--channel", "left"],
             UsageError,
-            "--channel: got 'left', expected a number from 1 on, or each",
+            "--channel: must be a number from 1, or each",
         ),
         (["align", talk, "--channel", "0"], UsageError, r"--channel: got 0, expected 1\.\.1"),
-        (["align", talk, "--channel", "each", "--transcript", "x"], UsageError, "--channel: got each and words"),
-        (["animate", pho, "--channel", "each"], UsageError, "--channel: got each, which is of a recording"),
+        (
+            ["align", talk, "--channel", "each", "--transcript", "x"],
+            UsageError,
+            "--channel: each cannot be combined with a transcript",
+        ),
+        (["animate", pho, "--channel", "each"], UsageError, "--channel: each works with recordings only"),
         (["align", empty, "-o", tmp_path / "a.pho"], DataError, "cannot be decoded as sound"),
         (["align", talk, "--transcript", "?!"], UsageError, "--transcript: .* expected words"),
         (
@@ -186,7 +190,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
             run(*arguments)
     with pytest.raises(UsageError, match="is a recording itself"):
         fapengine.animate(talk, sound=talk)
-    with pytest.raises(UsageError, match="transcript: got one"):
+    with pytest.raises(UsageError, match="transcript: cannot be used with phone timings"):
         fapengine.animate(pho, transcript="mama")
 
 

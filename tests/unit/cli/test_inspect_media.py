@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError
-from fapengine.files.fap import save_fap
+from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.files.video import write_video

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.codec.encoder import encode
 from fapengine.errors import UsageError
-from fapengine.files.fap import save_fap
+from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.video import load_video
 from fapengine.mpeg4 import fap
@@ -126,7 +126,7 @@ def test_backgrounds(fap_file: Path, tmp_path: Path) -> None:
 
 def test_edges(fap_file: Path, tmp_path: Path) -> None:
     for edges in ("fine", "soft"):
-        run(fap_file, "--edges", edges, "-o", tmp_path / f"{edges}.png")
+        run(fap_file, "--antialias", edges, "-o", tmp_path / f"{edges}.png")
     fine, soft = (load_picture(tmp_path / f"{edges}.png").astype(int) for edges in ("fine", "soft"))
     assert 0.1 < np.abs(fine - soft).mean() < 4
 
@@ -146,9 +146,8 @@ def test_refuses_what_does_not_fit(fap_file: Path, tmp_path: Path) -> None:
         (("-b", "#12345"), "--background: got '#12345', expected a colour"),
         (("-b", "nowhere.png"), "--background: got 'nowhere.png', expected studio, none"),
         (("-b", "none", "-o", "a.mp4"), "--background: got none, but .mp4 has no alpha"),
-        (("--sheet", 3), "--sheet with .png"),
-        (("--turntable", -1), "expected 0 or more"),
-        ((fap_file, fap_file, "--head", "a", "--head", "b"), "--head: got 2, expected one, or one for each of 3"),
+        (("--sheet", 3), "--sheet: requires a .png output"),
+        ((fap_file, fap_file, "--head", "a", "--head", "b"), "--head: got 2; give one, or one for each of the 3"),
         ((fap_file, "--head", "a", "--head", "b", "--head", "c"), "track: got 2"),
     ):
         with pytest.raises(UsageError, match=re.escape(message)):
@@ -156,11 +155,11 @@ def test_refuses_what_does_not_fit(fap_file: Path, tmp_path: Path) -> None:
 
 
 def test_refuses(fap_file: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"a\.avi, expected .*\.mp4.*\.gif, \.webp, .* or \.png"):
+    with pytest.raises(UsageError, match=r"a\.avi; use .*\.mp4.*\.gif, \.webp, .* or \.png"):
         run(fap_file, "-o", tmp_path / "a.avi")
     for name in ("a.gif", "a.webp", "a.png", "%d.png"):
-        with pytest.raises(UsageError, match="holds no sound"):
+        with pytest.raises(UsageError, match="cannot contain sound"):
             run(fap_file, "-o", tmp_path / name, "--audio", tmp_path / "none.wav")
-    with pytest.raises(UsageError, match=r"--at: got 9\.0 s, the track lasts 0\.16 s"):
+    with pytest.raises(UsageError, match=r"--at: 9\.0 s is past the end; the track lasts 0\.16 s"):
         run(fap_file, "-o", tmp_path / "a.png", "--at", 9)
     assert [path.name for path in tmp_path.iterdir()] == ["in.fap"]

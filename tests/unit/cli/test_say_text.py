@@ -28,7 +28,7 @@ def test_any_bytes_are_spoken(tmp_path: Path, data: bytes) -> None:
 
 @pytest.mark.parametrize("data", [b"", b"\xff\xff", b"\0\x07"])
 def test_nothing_to_speak_is_a_line(tmp_path: Path, data: bytes) -> None:
-    with pytest.raises(UsageError, match="expected something to speak"):
+    with pytest.raises(UsageError, match="contains nothing to speak"):
         say(tmp_path, "-", stdin=data)
 
 
@@ -58,10 +58,10 @@ def test_markup_and_scripts_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ([], "text: got none, expected what to say; --live --mic lets you say it"),
-        (["--mic"], "--mic: got no --live with it, expected --live and no text"),
-        (["--live", "--mic", "Hello."], "--mic: got the text 'Hello.' with it"),
-        (["--live", "--mic-device", "1", "Hello."], "--mic: got the text 'Hello.' with it"),
+        ([], "text: missing; give a text, or use --live --mic to speak"),
+        (["--mic"], "--mic: requires --live"),
+        (["--live", "--mic", "Hello."], "--mic: cannot be used with a text"),
+        (["--live", "--mic-device", "1", "Hello."], "--mic: cannot be used with a text"),
         (["--live", "--mic", "-e", "joy@hello"], "--expression: got one with times, expected none of a microphone"),
     ],
 )

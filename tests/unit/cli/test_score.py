@@ -81,7 +81,7 @@ def test_alone_it_says_that_nothing_was_compared(talk: Path) -> None:
     [
         (("talk.fap", "--plan"), UsageError, "--plan: expected phones"),
         (("talk.fap", "-o", "score.pdf"), UsageError, "--output: got score.pdf"),
-        (("talk.fap", "--closed-mm", "0"), UsageError, "--closed-mm: got 0"),
+        (("talk.fap", "--closed-mm", "0"), UsageError, "--closed-mm: must be above 0"),
         (("talk.wav",), DataError, "talk.wav"),
         (("none.fap",), UsageError, "cannot be read"),
         (("talk.fap", "--against", "talk.lab"), DataError, "talk.lab"),
@@ -104,5 +104,5 @@ def test_timings_are_read_as_is_said(talk: Path) -> None:
     unnamed.write_text("what is this?\n", encoding="utf-8")
     with pytest.raises(DataError, match="--format NAME says which"):
         run("score", talk / "talk.fap", "--phones", unnamed)
-    with pytest.raises(UsageError, match=r"--tier: got phones without --phones"):
+    with pytest.raises(UsageError, match=r"--tier: requires --phones"):
         run("score", talk / "talk.fap", "--tier", "phones")

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.files.pictures import LIPS, MAX_ROWS, OTHER, ROUND, SILENT, UNKNOWN, VOWEL, colour, draw_timeline
 from fapengine.files.sound import save_wav
-from fapengine.files.timeline import LIPS, MAX_ROWS, OTHER, ROUND, SILENT, UNKNOWN, VOWEL, colour, draw_timeline
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 
@@ -104,9 +104,9 @@ def test_unknown_phones_are_counted_or_refused(odd: Path, tmp_path: Path) -> Non
 def test_animate_format_and_alphabet(odd: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"odd\.lab: Rhubarb XML: no XML"):
         run("animate", odd, "--format", "rhubarb-xml", "-o", tmp_path / "talk.fap")
-    with pytest.raises(UsageError, match="--format: got 'doc'"):
+    with pytest.raises(UsageError, match="--format: unknown value 'doc'"):
         run("animate", odd, "--format", "doc", "-o", tmp_path / "talk.fap")
-    with pytest.raises(UsageError, match="alphabet: got 'runes'"):
+    with pytest.raises(UsageError, match="alphabet: unknown value 'runes'"):
         run("animate", odd, "--alphabet", "runes", "-o", tmp_path / "talk.fap")
 
 

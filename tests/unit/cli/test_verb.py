@@ -2,8 +2,11 @@
 
 import re
 import signal
+import subprocess
+import sys
 from dataclasses import dataclass, field
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import pytest
 import typer
@@ -12,7 +15,7 @@ from typer.testing import CliRunner
 from fapengine.cli import head
 from fapengine.cli._ending import EXIT_CODES, FAULT
 from fapengine.cli._verb import verb, with_flags
-from fapengine.cli.main import VERBS, app
+from fapengine.cli.main import COMMANDS, app
 from fapengine.errors import DataError, ResourceError, UsageError
 
 
@@ -69,30 +72,43 @@ def test_only_whole_names_are_replaced() -> None:
     assert with_flags("up: got a size of 3, resize=BIG", {"size": "--size"}) == "up: got a size of 3, resize=BIG"
 
 
-def test_every_verb_is_one() -> None:
-    """Even those that have no group of options reword their errors."""
-    for command in (*app.registered_commands, *app.registered_groups[0].typer_instance.registered_commands):
-        assert command.callback.__code__.co_filename.endswith("_verb.py"), command.callback
+def test_every_command_rewords_its_errors() -> None:
+    """Even those that have no group of options."""
+    group: Any = typer.main.get_command(app)
+    alone = {name: group.get_command(None, name) for name in COMMANDS}
+    every = [*(command for name, command in alone.items() if name != "head"), *alone["head"].commands.values()]
+    assert len(every) == len(COMMANDS) + 2
+    for command in every:
+        assert command.callback.__wrapped__.__code__.co_filename.endswith("_verb.py"), command.name
 
 
-COMMANDS = {function.__name__: function for function in VERBS if function.__name__ != "doctor"} | {
-    "head import": head.import_head,
-    "head export": head.export,
-    "head check": head.check,
-}
+def test_a_command_imports_no_other() -> None:
+    program = (
+        "import sys; from fapengine.cli.main import app; app(['say', '--help'], standalone_mode=False);"
+        "print(*(name for name in sys.modules if name.startswith('fapengine.cli.')), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    found = done.stderr.split()
+    assert "fapengine.cli.say" in found
+    assert not {f"fapengine.cli.{name}" for name in COMMANDS if name != "say"} & set(found)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+FUNCTIONS = {
+    name: getattr(import_module(f"fapengine.cli.{name}"), name) for name in COMMANDS if name not in ("doctor", "head")
+} | {"head import": head.import_head, "head export": head.export, "head check": head.check}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_help_shows_examples_that_can_be_copied(name: str) -> None:
     """One a line, whole on a terminal of 80 columns, brackets and all."""
-    lines = [line.strip() for line in COMMANDS[name].__doc__.splitlines()]
+    lines = [line.strip() for line in FUNCTIONS[name].__doc__.splitlines()]
     examples = [line for line in lines if line.startswith("fapengine ")]
     shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output.splitlines()
     assert examples[0].startswith(f"fapengine {name}")
     assert set(examples) <= {line.strip() for line in shown}
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"serve"}))  # which tells what goes on, with --log json
+@pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - {"serve"}))  # which tells what goes on, with --log json
 def test_what_a_verb_does_can_be_had_as_json(name: str) -> None:
     assert "--json" in CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output
 

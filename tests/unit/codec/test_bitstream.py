@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fapengine.codec import startcodes
+from fapengine.codec import bits
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.epf import PlaneOrder, encode_orders, format_epf, parse_epf
 from fapengine.codec.fapfile import parse_fap
+from fapengine.codec.fields import SentRanges, default_ranges
 from fapengine.codec.header import FrameRate, TimeCode, mask_types_of
-from fapengine.codec.ranges import SentRanges, default_ranges
 from fapengine.errors import ConformanceError, DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.mpeg4.track import FapTrack
 
@@ -182,9 +182,9 @@ def test_header_values_are_checked() -> None:
         FrameRate.nearest(1000.0)
     with pytest.raises(UsageError, match="time code"):
         TimeCode(24, 0, 0)
-    with pytest.raises(UsageError, match=r"i_max of FAP 5: got magnitude 1861"):
+    with pytest.raises(UsageError, match=r"i_max of FAP 5: must be .*, got magnitude 1861"):
         SentRanges.covering([0, 0, 1861] + [0] * 63, None, None, None)
-    with pytest.raises(UsageError, match=r"i_min of FAP 3: got magnitude -60"):
+    with pytest.raises(UsageError, match=r"i_min of FAP 3: must be .*, got magnitude -60"):
         SentRanges.covering(None, [60] + [0] * 65, None, None)
     with pytest.raises(UsageError, match="shape"):
         SentRanges.covering([1], None, None, None)
@@ -210,11 +210,11 @@ def test_mask_types_are_the_shortest() -> None:
         (b"", "no frame"),
         (b"\xff\xfe", "no text"),
         (b"FFR 0", "expected FBM first"),
-        (b"FBM 1 ISI 1", "no FFR"),
-        (b"FBM 1 FFR 0 ISI 1", "no FMT"),
-        (b"FBM 1 FFR 0 ISI 2", r"ISI: got 2, expected 0..1"),
+        (b"FBM 1 ISI 1", "FFR is missing"),
+        (b"FBM 1 FFR 0 ISI 1", "FMT is missing"),
+        (b"FBM 1 FFR 0 ISI 2", "ISI: must be 0 to 1, got 2"),
         (b"FBM 1 FFR x", "whole number"),
-        (b"FBM 1 FFR --1", "expected 0"),
+        (b"FBM 1 FFR --1", "FFR: must be 0 to"),
         (b"FBM 1 FFR", "got 0 numbers"),
         (b"FBM 1 FFR 0 XYZ 1", "unknown tag 'XYZ'"),
         (b"FBM 2", "body"),
@@ -272,7 +272,7 @@ def test_arithmetic_data_and_ranges_that_cannot_be(data: str, message: str) -> N
 
 
 def test_start_codes_spell() -> None:
-    assert startcodes.code(0xBA) == h("000001BA")
+    assert bits.code(0xBA) == h("000001BA")
 
 
 def test_the_committed_corpus_still_reads() -> None:

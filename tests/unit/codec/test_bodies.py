@@ -163,7 +163,7 @@ def test_damage_costs_the_frames_up_to_the_next_i_plane() -> None:
 @pytest.mark.parametrize(
     ("bad", "kind", "message"),
     [
-        (lambda: with_body(face(2, 0), Body(lists=(1, 1, 1, 0))), UnsupportedError, "BAP 1: got no range"),
+        (lambda: with_body(face(2, 0), Body(lists=(1, 1, 1, 0))), UnsupportedError, "BAP 1: range is missing"),
         (lambda: with_body(face(2, 0), Body(kinds=(2,) * 24)), ConformanceError, "mask type of body group 1: got 2"),
         (
             lambda: closed([*START, *next(face_planes(face()))[1], 0, 1, *[1, 0] * 40]),

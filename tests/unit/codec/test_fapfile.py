@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.errors import DataError, TruncatedError
-from fapengine.files.fap import load_fap, save_fap
+from fapengine.files.motion import load_fap, save_fap
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
@@ -86,8 +86,8 @@ def test_the_single_number_form_keeps_the_first_select() -> None:
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("", TruncatedError, "no header"),
-        ("# only\n", TruncatedError, "no header"),
+        ("", TruncatedError, "header is missing"),
+        ("# only\n", TruncatedError, "header is missing"),
         ("9.9 a 25 1\n", DataError, "header.*line 1"),
         ("2.1 25\n", DataError, "header"),
         ("2.1 a x 1\n", DataError, "frame rate: got 'x'"),

@@ -14,17 +14,17 @@ from pathlib import Path
 
 import pytest
 
+from fapengine.clients.sender import Client
+from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.codec.encoder import encode
 from fapengine.codec.fapfile import format_fap
 from fapengine.conformance import osc_sender, osc_server, page
 from fapengine.conformance.__main__ import SUITES, main
 from fapengine.conformance.cases import run
 from fapengine.conformance.fba import DECODER_CASES, ENCODER_CASES, Program
-from fapengine.live.clients.sender import Client
-from fapengine.live.clients.websocket_viewer import WebSocketViewer
-from fapengine.live.server.config import Listen
-from fapengine.live.wire.speech_osc import receiver, schema
+from fapengine.server.config import Listen
 from fapengine.speech.phone_track import Phone
+from fapengine.wire.speech_osc import receiver, schema
 from tests.live.stage import config_of, on_a_loop, running
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -115,7 +115,7 @@ def test_our_own_sender_passes_and_one_that_never_repeats_fails(monkeypatch: pyt
     def once(port: int) -> None:
         import socket
 
-        from fapengine.live.wire import osc
+        from fapengine.wire import osc
 
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
             own.sendto(osc.message("/fap/1/hello", "s", "anna"), ("127.0.0.1", port))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.files import animation
-from fapengine.files.animation import is_sequence, write_animation, write_sequence
+from fapengine.files import moving as moving_files
+from fapengine.files.moving import is_sequence, write_animation, write_sequence
 from fapengine.files.pictures import load_picture
 
 HEIGHT, WIDTH = 65, 96  # an odd side is fine
@@ -64,7 +64,7 @@ def test_a_gif_s_still_parts_stand_still(tmp_path: Path) -> None:
 
 
 def test_frames_after_the_palette_s_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(animation, "PALETTE_FRAMES", 2)
+    monkeypatch.setattr(moving_files, "PALETTE_FRAMES", 2)
     assert write_animation(tmp_path / "a.gif", iter(moving(9)), rate_hz=10.0) == 9
     frames, durations, _ = read_back(tmp_path / "a.gif")
     assert len(frames) == 9

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from fapengine.errors import DataError, ResourceError
+from fapengine.files.gltf.compression import decode_draco
 from fapengine.files.gltf.document import parse_gltf
-from fapengine.files.gltf.draco import decode_draco
 from fapengine.files.gltf.scene import read_scene
-from fapengine.files.heads.cropped import crop_painting
-from fapengine.files.heads.import_file import import_head_file
+from fapengine.files.heads.import_file import crop_painting, import_head_file
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 from .glb import Builder, square
 
@@ -80,7 +79,7 @@ def test_every_cut_of_draco_is_a_data_error() -> None:
 
 def test_draco_without_its_library_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "DracoPy", None)
-    monkeypatch.delitem(vars(sys.modules["fapengine.files.gltf.draco"].DracoPy), "decode", raising=False)
+    monkeypatch.delitem(vars(sys.modules["fapengine.files.gltf.compression"].DracoPy), "decode", raising=False)
     with pytest.raises(ResourceError, match=r"Draco.*pip install \"fapengine\[draco\]\""):
         read(with_draco(packed()))
 

@@ -13,7 +13,7 @@ from fapengine.capture.arrays import parse_npz
 from fapengine.errors import DataError, UsageError
 from fapengine.files import pictures
 from fapengine.files.pictures import load_picture, save_png
-from fapengine.live.server.config import parse_config
+from fapengine.server.config import parse_config
 from fapengine.speech.formats.registry import parse_timings
 
 TEXTGRID = """File type = "ooTextFile"
@@ -66,7 +66,7 @@ def test_an_archive_may_unpack_to_as_much_as_motion_does(monkeypatch: pytest.Mon
     monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("it was unpacked"))
     data = packed((6000, 600, 3), np.uint8)
     assert len(data) < 20_000
-    with pytest.raises(DataError, match=r"NPZ: got 864\d+ bytes of numbers in an archive of \d+, expected at most 671"):
+    with pytest.raises(DataError, match=r"NPZ: 864\d+ bytes of numbers in an archive of \d+; must be at most 671"):
         parse_npz(data)
 
 

@@ -10,8 +10,7 @@ from fapengine.codec.decoder import decode
 from fapengine.codec.elementary import LEVELS, access_units, level_of, visual_headers
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError
-from fapengine.files.fba import load_fba
-from fapengine.files.fba_film import read_fba_film, write_fba_film
+from fapengine.files.fba import load_fba, read_fba_film, write_fba_film
 from fapengine.files.video import write_video
 from fapengine.mpeg4.track import FapTrack
 

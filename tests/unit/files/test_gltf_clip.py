@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError
 from fapengine.files.gltf.clip import FaceMotion, add_clip
-from fapengine.files.gltf.curves import TURN_TOLERANCE, WEIGHT_TOLERANCE
 from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, split_glb
+from fapengine.files.gltf.writing import TURN_TOLERANCE, WEIGHT_TOLERANCE
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES, approximate_arkit
+from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import VRM1_NAMES, approximate_presets
 from tests.unit.files.glb import Builder
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
+from fapengine.files.gltf.compression import decode_meshopt
 from fapengine.files.gltf.document import parse_gltf
-from fapengine.files.gltf.meshopt import decode_meshopt
 from tests.unit.files.glb import Builder
 
 VECTORS = json.loads((Path(__file__).parents[2] / "vectors" / "gltf" / "meshopt.json").read_text())

@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from fapengine.errors import UsageError
-from fapengine.files.animation import write_animation
-from fapengine.files.moving import beside, check_moving, is_moving, write_moving
+from fapengine.files.moving import beside, check_moving, is_moving, write_animation, write_moving
 from fapengine.files.pictures import contact_sheet, straight
 from fapengine.files.video import write_video
 

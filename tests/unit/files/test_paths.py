@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import ResourceError
-from fapengine.files.animation import write_animation
+from fapengine.files.moving import write_animation
 from fapengine.files.paths import remove_unfinished, replacing, replacing_folder, write_bytes
 from fapengine.files.pictures import save_png
 from fapengine.files.video import write_video

@@ -39,7 +39,7 @@ def test_wrong_endings_and_files(track, tmp_path):
             load_markers(tmp_path / name)
     (tmp_path / "empty.c3d").write_bytes(b"")
     (tmp_path / "bad.csv").write_text("A_x,A_y,A_z\n1,2,q\n")
-    with pytest.raises(DataError, match="at least a header"):
+    with pytest.raises(DataError, match="must have a header"):
         load_markers(tmp_path / "empty.c3d")
     with pytest.raises(DataError) as caught:
         load_markers(tmp_path / "bad.csv")

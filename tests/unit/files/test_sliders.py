@@ -45,8 +45,8 @@ def test_names_cannot_break_the_page() -> None:
 
 
 def test_only_a_profile_has_components(tmp_path: Path) -> None:
-    (tmp_path / "a.fap").write_text("2.1 a 25 0\n")
-    with pytest.raises(UsageError, match="expected a profile"):
+    (tmp_path / "a.fap").write_text("2.1 a 25 1\n" + "0 " * 68 + "\n0\n")
+    with pytest.raises(UsageError, match="is not a profile"):
         CliRunner().invoke(
             app, ["inspect", str(tmp_path / "a.fap"), "--sliders", str(tmp_path / "a.html")], catch_exceptions=False
         )

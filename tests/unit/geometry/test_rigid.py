@@ -7,55 +7,48 @@ from scipy.spatial.transform import Rotation
 from fapengine.errors import UsageError
 from fapengine.geometry.rigid import (
     RigidMotion,
-    continuous,
     fit_rigid,
-    fit_rigid_linear,
     fit_rigid_robust,
     fit_template,
     quaternions_from_rotations,
     rotations_from_quaternions,
-    smooth_motion,
 )
 
 BAND = np.array([[70.0, 20.0, 0.0], [40.0, 24.0, 55.0], [0.0, 28.0, 75.0], [-42.0, 23.0, 54.0], [-70.0, 19.0, 2.0]])
 """A head band, mm; about 8 mm high."""
-FITS = pytest.mark.parametrize("fit", [fit_rigid, fit_rigid_linear])
 
 
 def angle_deg(a, b):
     return np.degrees((Rotation.from_matrix(a) * Rotation.from_matrix(b).inv()).magnitude())
 
 
-@FITS
 @given(st.integers(0, 10**9), st.sampled_from([(), (1,), (3, 1, 2)]))
-def test_any_motion_is_undone(fit, seed, batch):
+def test_any_motion_is_undone(seed, batch):
     rng = np.random.default_rng(seed)
     count = int(np.prod(batch, dtype=int))
     rotation = Rotation.random(count, rng=rng).as_matrix().reshape(*batch, 3, 3)
     points = rng.normal(0, 40, (*batch, 5, 3))
     truth = RigidMotion(rotation, rng.normal(0, 1e4, (*batch, 3)))
-    motion = fit(points, truth.apply(points))
+    motion = fit_rigid(points, truth.apply(points))
     assert motion.rotation.shape == (*batch, 3, 3)
     np.testing.assert_allclose(motion.apply(points), truth.apply(points), atol=1e-6)
     np.testing.assert_allclose(motion.inverse().apply(truth.apply(points)), points, atol=1e-6)
 
 
-@FITS
 @pytest.mark.parametrize(
     "turn", [[np.pi, 0, 0], [0, np.pi, 0], [0, 0, np.pi], [2.0, 2.0, 1.40], [1e-7, 0, 0], [0, 0, 0]]
 )
-def test_half_turns_and_no_turn(fit, turn):
+def test_half_turns_and_no_turn(turn):
     rotation = Rotation.from_rotvec(turn).as_matrix()
-    motion = fit(BAND, BAND @ rotation.T)
+    motion = fit_rigid(BAND, BAND @ rotation.T)
     np.testing.assert_allclose(motion.rotation, rotation, atol=1e-7)
 
 
-@FITS
-def test_a_flat_noisy_band_is_never_mirrored(fit):
+def test_a_flat_noisy_band_is_never_mirrored():
     rng = np.random.default_rng(1)
     flat = BAND * [1, 0, 1]
     rotation = Rotation.random(300, rng=rng).as_matrix()
-    motion = fit(flat, flat @ np.swapaxes(rotation, 1, 2) + rng.normal(0, 1.0, (300, 5, 3)))
+    motion = fit_rigid(flat, flat @ np.swapaxes(rotation, 1, 2) + rng.normal(0, 1.0, (300, 5, 3)))
     np.testing.assert_allclose(np.linalg.det(motion.rotation), 1.0, atol=1e-9)
     assert angle_deg(motion.rotation, rotation).max() < 4.0
 
@@ -68,21 +61,19 @@ def test_the_quaternion_method_is_the_least_squares_one():
         return ((motion.apply(BAND) - target) ** 2).sum()
 
     best = fit_rigid(BAND, target)
-    assert miss(best) <= miss(fit_rigid_linear(BAND, target))
     for turn in rng.normal(0, 0.01, (20, 3)):
         nudged = RigidMotion(Rotation.from_rotvec(turn).as_matrix() @ best.rotation, best.translation_mm)
         assert miss(best) < miss(nudged)
 
 
-@FITS
-def test_a_point_without_weight_may_be_anything(fit):
+def test_a_point_without_weight_may_be_anything():
     target = BAND + np.array([1.0, 2.0, 3.0])
     weights = np.array([1, 1, 0, 1, 1])
-    expected = fit(BAND, target, weights)
+    expected = fit_rigid(BAND, target, weights)
     for junk in (np.nan, np.inf, 1e6):
         spoilt = target.copy()
         spoilt[2] = junk
-        assert np.array_equal(fit(BAND, spoilt, weights).rotation, expected.rotation)
+        assert np.array_equal(fit_rigid(BAND, spoilt, weights).rotation, expected.rotation)
 
 
 def test_weights_pull_towards_the_heavy_points():
@@ -92,7 +83,6 @@ def test_weights_pull_towards_the_heavy_points():
     assert np.linalg.norm(heavy[2]) < 1.0 < 9.0 < np.linalg.norm(light[2])
 
 
-@FITS
 @pytest.mark.parametrize(
     ("points", "target", "weights", "message"),
     [
@@ -100,15 +90,15 @@ def test_weights_pull_towards_the_heavy_points():
         (np.zeros((4, 3)), np.zeros((3, 3)), None, r"got shapes \(4, 3\), \(3, 3\)"),
         (np.eye(3)[:2], np.eye(3)[:2], None, "fewer than 3"),
         (BAND, BAND, [1, 1, 0, 0, 0], "fewer than 3"),
-        (BAND, BAND, [1, 1, 1, -1, 1], "negative"),
-        (BAND, BAND * np.nan, None, "not finite"),
+        (BAND, BAND, [1, 1, 1, -1, 1], "must be 0 or more"),
+        (BAND, BAND * np.nan, None, "must be finite"),
         (np.outer([1, 2, 3, 4], [1, 2, 3]), np.outer([1, 2, 3, 4], [1, 2, 3]), None, "on one line"),
-        (np.stack([BAND, np.ones((5, 3))]), np.stack([BAND, BAND]), None, r"element \(1,\) on one line"),
+        (np.stack([BAND, np.ones((5, 3))]), np.stack([BAND, BAND]), None, r"element \(1,\): all on one line"),
     ],
 )
-def test_points_that_fix_no_motion_are_refused(fit, points, target, weights, message):
+def test_points_that_fix_no_motion_are_refused(points, target, weights, message):
     with pytest.raises(UsageError, match=message):
-        fit(points, target, weights)
+        fit_rigid(points, target, weights)
 
 
 def test_batches_of_a_motion_must_agree():
@@ -126,7 +116,7 @@ def test_a_slipped_marker_is_distrusted():
     plain = fit_rigid(band, target)
     assert angle_deg(motion.rotation, rotation).mean() < 0.3 * angle_deg(plain.rotation, rotation).mean()
     assert trust[:, 3].mean() < 0.2 < 0.7 < np.delete(trust, 3, axis=1).mean()
-    with pytest.raises(UsageError, match="noise_mm: got 0"):
+    with pytest.raises(UsageError, match="noise_mm: must be positive, got 0"):
         fit_rigid_robust(band, target, noise_mm=0)
 
 
@@ -140,7 +130,7 @@ def test_the_template_is_the_body_without_its_noise():
     frames[~seen] = np.nan
     template = fit_template(frames, seen)
     assert np.linalg.norm(fit_rigid(template, BAND).apply(template) - BAND, axis=1).max() < 0.1  # a third of the noise
-    with pytest.raises(UsageError, match="none with all 5"):
+    with pytest.raises(UsageError, match="has all 5"):
         fit_template(frames, np.zeros((400, 5)))
     with pytest.raises(UsageError, match=r"expected \(T, M, 3\)"):
         fit_template(BAND)
@@ -153,34 +143,3 @@ def test_quaternions_there_and_back(seed):
     assert (q[:, 0] >= 0).all()
     np.testing.assert_allclose(rotations_from_quaternions(q), rotation, atol=1e-12)
     np.testing.assert_allclose(rotations_from_quaternions(-q), rotation, atol=1e-12)
-
-
-def test_a_track_through_half_a_turn_stays_on_one_side():
-    turns = np.linspace(0, 4 * np.pi, 100)
-    raw = quaternions_from_rotations(Rotation.from_rotvec(turns[:, None] * [0, 1, 0]).as_matrix())
-    assert (np.abs(np.diff(raw, axis=0)).max(axis=1) > 1).any()  # the raw signs do jump
-    smooth = continuous(raw)
-    assert np.linalg.norm(np.diff(smooth, axis=0), axis=1).max() < 0.07
-    np.testing.assert_allclose(rotations_from_quaternions(smooth), rotations_from_quaternions(raw), atol=1e-12)
-    assert continuous(np.zeros((0, 4))).shape == (0, 4)
-
-
-def test_smoothing_takes_noise_and_leaves_motion():
-    rng = np.random.default_rng(5)
-    time = np.arange(1200) / 120
-    rotation = Rotation.from_euler(
-        "yx", np.stack([3.1 + 0.4 * np.sin(5 * time), 0.2 * np.cos(4 * time)], 1)
-    ).as_matrix()
-    truth = RigidMotion(rotation, 20 * np.stack([np.sin(3 * time), np.cos(2 * time), 0 * time], 1))
-    raw = fit_rigid(BAND, truth.apply(BAND) + rng.normal(0, 0.25, (1200, 5, 3)))
-    chin = np.array([[0.0, -100.0, 60.0]])
-
-    def error(motion):
-        return np.linalg.norm(motion.apply(chin) - truth.apply(chin), axis=-1)[:, 0].mean()
-
-    smooth = smooth_motion(raw, 120.0, 5.0, about_mm=BAND.mean(0))
-    assert error(smooth) < 0.45 * error(raw)
-    with pytest.raises(UsageError, match="T >= 16"):
-        smooth_motion(RigidMotion(np.eye(3), np.zeros(3)), 120.0, 5.0)
-    with pytest.raises(UsageError, match="cutoff_hz: got 60"):
-        smooth_motion(raw, 120.0, 60.0)

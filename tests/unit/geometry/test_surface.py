@@ -74,7 +74,7 @@ def test_normals_of_a_batch():
 
 def test_triangles_must_name_vertices():
     for triangles in (np.zeros((0, 3), int), [[0, 1, 3]], [[-1, 0, 1]]):
-        with pytest.raises(UsageError, match=r"expected vertex indices 0\.\.2"):
+        with pytest.raises(UsageError, match="vertex indices 0 to 2"):
             Surface(np.eye(3), triangles)
     with pytest.raises(UsageError, match="points_mm"):
         Surface(np.eye(3), [[0, 1, 2]]).closest([[np.nan, 0, 0]])

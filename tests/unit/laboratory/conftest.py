@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.session import Interval, Session, Take
+from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import place_keyframes, resolve
 
 from .dense_made import MadeFace, make_face
 

@@ -14,8 +14,7 @@ from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.models.dense import fit_dense_modes
-from fapengine.models.estimator import fit_estimator
+from fapengine.models.dense import fit_dense_modes, fit_estimator
 from fapengine.models.missing import fit_gaps
 from fapengine.mpeg4 import fap
 

@@ -56,7 +56,7 @@ def test_takes_that_show_another_face_are_refused(made):
     driver = made.dense.driver()
     for labels, message in (
         (made.labels, "lacks LFHD, RFHD, LBHD, RBHD of the skull's markers"),
-        (tuple(SKULL), "got none of the face's markers"),
+        (tuple(SKULL), "contains none of the face's markers"),
         ((*made.labels[:4], *SKULL), "median frame shows"),
     ):
         with pytest.raises(DataError, match=message):

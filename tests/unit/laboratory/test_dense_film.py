@@ -12,17 +12,17 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
-from fapengine.files.fap import save_fap
 from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
 from fapengine.files.heads import adapt_file
 from fapengine.files.heads.dense import load_dense
 from fapengine.files.heads.load import load_head, load_head_info, load_head_of_modes
+from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.recordings import save_markers
 from fapengine.files.video import load_video
 from fapengine.laboratory.dense_face import make_dense_head
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.people import PEOPLE
+from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.models.adapted_head import Nearness
 from fapengine.mpeg4.track import FapTrack
 
@@ -177,13 +177,13 @@ def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
     for words, kind, message in (
         (("render", take, "-o", out), UsageError, "has no modes that a recording could move"),
         (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "expected recordings alone"),
-        (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "expected estimator or modes"),
+        (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "use estimator or modes"),
         (("render", take, "--head", tmp_path / "bare", "-o", out), UsageError, "has no dense face"),
         (("render", take, "--head", old, "-o", out), UsageError, "fit it anew"),
         (("render", take, "--head", torn, "-o", out), ProfileError, "sha256 of dense.npz"),
         (("convert", take, "--into", head, "-o", tmp_path / "a.vrm"), UsageError, "expected .glb and a dense face"),
         (("convert", take, "-o", tmp_path / "a.fap"), UsageError, "expected .glb and a dense face"),
-        (("head", "import", profile, "--map", take, "-o", tmp_path / "h"), UsageError, "modes have no other names"),
+        (("head", "import", profile, "--map", take, "-o", tmp_path / "h"), UsageError, "cannot be used with a profile"),
     ):
         with pytest.raises(kind, match=message):
             run(*words)

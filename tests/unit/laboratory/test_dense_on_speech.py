@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.session import Interval, Session, Take
+from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.densify import densify
@@ -23,6 +22,7 @@ LANDMARKS = ("8.1", "8.2", "8.3", "8.4", "2.1", "2.10", "9.3", "5.1", "5.2", "4.
 HELD = ("AY", "IY", "UW", "OW", "B", "F", "EH", "S", "W")
 
 
+@pytest.mark.nightly
 @pytest.mark.shared
 def test_other_sentences_move_the_dense_face(shared: Path, face_mm):
     with (shared / "data" / "markers.csv").open() as file:

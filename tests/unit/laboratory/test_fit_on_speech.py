@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fapengine.capture.landmarks import FEATURE_POINTS
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.session import Interval, Session, Take
+from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.laboratory.fit import FitOptions, fit_session
 from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.setup import Setup
@@ -50,6 +49,7 @@ def session(shared: Path) -> Session:
     return Session("s1", tuple(takes))
 
 
+@pytest.mark.nightly
 @pytest.mark.shared
 def test_a_recorded_speaker_becomes_a_profile(session, standard, face, face_mm):
     setup, rng = Setup(head=tuple(f"H{n}" for n in range(5))), np.random.default_rng(1)

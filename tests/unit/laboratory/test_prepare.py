@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.session import Session
+from fapengine.capture.marker_track import MarkerTrack, Session
 from fapengine.errors import DataError
 from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.setup import Moment, Setup
@@ -143,15 +142,15 @@ def headless(take):
     ("change", "setup", "message"),
     [
         (mirrored, HEAD, "left and right are exchanged"),
-        (single, HEAD, "got 2 frames in all, expected at least 50"),
+        (single, HEAD, "needs at least 50 frames in all, got 2"),
         (never("8.3"), HEAD, "'8.3': is never seen"),
         (renamed, HEAD, "0 among the markers"),
-        (headless, HEAD, "no frame that shows all of LFHD"),
+        (headless, HEAD, "no frame shows all of LFHD"),
         (None, replace(HEAD, head=("LFHD", "NOPE", "TOP")), "'NOPE': is in no recording"),
-        (None, replace(HEAD, head=("LFHD", "TOP")), "expected at least 3"),
+        (None, replace(HEAD, head=("LFHD", "TOP")), "needs at least 3"),
         (None, replace(HEAD, points={"XX": "8.1"}), "'XX': is in no recording"),
         (None, replace(HEAD, points={"8.2": "8.1"}), "two markers for it"),
-        (None, replace(HEAD, neutral=Moment("rest", 0.0, 1.0)), "'rest': got no such take"),
+        (None, replace(HEAD, neutral=Moment("rest", 0.0, 1.0)), "'rest': unknown take"),
         (None, replace(HEAD, neutral=Moment("take0", 0.5, 99.0)), r"expected a stretch of its"),
     ],
 )
@@ -165,7 +164,7 @@ def test_what_cannot_be_a_recording_is_refused(make, face_mm, change, setup, mes
 def test_a_neutral_pose_is_needed(make, face_mm):
     session = make(2).session
     mute = replace(session, takes=tuple(replace(take, phones=()) for take in session.takes))
-    with pytest.raises(DataError, match="no silence in the phone timings and no"):
+    with pytest.raises(DataError, match="the phone timings have no silence, and"):
         prepare(mute, HEAD, face_mm, rng=rng())
     named = prepare(mute, replace(HEAD, neutral=Moment("take0", 0.0, 0.3)), face_mm, rng=rng())
     assert np.abs(named.takes[0].moved_mm[:10]).max() < 1e-6
@@ -173,7 +172,7 @@ def test_a_neutral_pose_is_needed(make, face_mm):
         "S01",
         tuple(replace(t, markers=replace(t.markers, positions_mm=hide_early(t.markers))) for t in session.takes),
     )
-    with pytest.raises(DataError, match=r"no frame that shows 8\.1"):
+    with pytest.raises(DataError, match=r"no frame shows 8\.1"):
         prepare(shy, replace(HEAD, neutral=Moment("take0", 0.0, 0.3)), face_mm, rng=rng())
 
 

@@ -8,12 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fapengine.capture.held_face import FACE_68, FACE_MESH, FACE_MESH_468, hold_face
-from fapengine.capture.landmarks import FEATURE_POINTS
-from fapengine.capture.openface import FEATURE_POINTS as OPENFACE_POINTS
-from fapengine.capture.openface import is_openface, parse_openface
+from fapengine.capture.landmarks import FEATURE_POINTS, is_openface, parse_openface
+from fapengine.capture.landmarks import OPENFACE_FEATURE_POINTS as OPENFACE_POINTS
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.laboratory.watched import faps_of_points, openface_faps, resting_face, watched_faps
-from fapengine.laboratory.watched_live import WatchedFace
+from fapengine.laboratory.watched import WatchedFace, faps_of_points, openface_faps, resting_face, watched_faps
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend_tracks import parse_blend_track
@@ -111,7 +109,7 @@ def test_frames_without_a_face_lie_between_their_neighbours(mesh):
     assert held.seen.sum() == FRAMES - 3
     assert np.isfinite(watched_faps(held, RATE_HZ).values).all()
     lost[10:] = np.nan
-    with pytest.raises(DataError, match="got a face in 10 of 240 frames"):
+    with pytest.raises(DataError, match="only 10 of 240 frames show a face"):
         hold_face(times, lost, pupils_mm=62.0)
 
 
@@ -162,7 +160,7 @@ def test_openface_is_read(places, motion):
 @pytest.mark.parametrize(
     ("data", "error", "message"),
     [
-        (b"frame, success, confidence, x_0\n1, 1, 1, 2\n", DataError, "no column 'X_0'"),
+        (b"frame, success, confidence, x_0\n1, 1, 1, 2\n", DataError, "column 'X_0' missing"),
         (b", ".join(f"{a}_{n}".encode() for n in range(68) for a in "XYZ") + b"\n", TruncatedError, "no frame"),
     ],
 )

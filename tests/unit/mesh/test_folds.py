@@ -6,8 +6,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.mesh.default_head.folds import fold_map
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.people import parse_person
-from fapengine.mesh.default_head.style import MAX_WEIGHT, HeadStyle
+from fapengine.mesh.default_head.style import MAX_WEIGHT, HeadStyle, parse_person
 from fapengine.mesh.deform import channel_weights, deform
 from fapengine.mesh.face_mesh import FaceMesh, Folds, Material
 from fapengine.mpeg4 import fap

@@ -12,11 +12,18 @@ from scipy.spatial import cKDTree
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head.faces import displacement
-from fapengine.mesh.default_head.faces_table import MODES
 from fapengine.mesh.default_head.head import build_head, build_parts
-from fapengine.mesh.default_head.people import PEOPLE, parse_person, somebody
 from fapengine.mesh.default_head.scalp import Scalp
-from fapengine.mesh.default_head.style import HAIRCUTS, LEVELS, HeadStyle, parse_look
+from fapengine.mesh.default_head.style import (
+    HAIRCUTS,
+    LEVELS,
+    MODES,
+    PEOPLE,
+    HeadStyle,
+    parse_look,
+    parse_person,
+    somebody,
+)
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
 from fapengine.mpeg4 import fap

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fapengine.mesh.default_head import skin_table
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.skin import FAPS, TWINS, skin_fields
+from fapengine.mesh.default_head.skin import FAPS, TWINS, skin_fields, skin_table
 from fapengine.mpeg4 import fap
 
 CHEEK = np.array([0.55, -9.0])
@@ -27,7 +26,8 @@ def test_a_raised_corner_lifts_the_cheek_and_pushes_it_out():
 
 
 def test_halves_mirror_each_other():
-    heights, angles = np.meshgrid(skin_table.HEIGHTS_MM, np.deg2rad(skin_table.ANGLES_DEG[1:]))
+    table_angles, table_heights, _ = skin_table()
+    heights, angles = np.meshgrid(table_heights, table_angles[1:])
     places = np.stack([angles.ravel(), heights.ravel()], axis=-1)
     left, right = skin_fields(places), skin_fields(places * [-1, 1])
     for number in FAPS:

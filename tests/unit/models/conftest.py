@@ -154,7 +154,9 @@ def read_speech(kind, data, columns, weights, dense, *, held_out):
     )
 
 
-@pytest.fixture(scope="session", params=["made", pytest.param("captured", marks=pytest.mark.shared)])
+@pytest.fixture(
+    scope="session", params=["made", pytest.param("captured", marks=[pytest.mark.shared, pytest.mark.nightly])]
+)
 def speech(request):
     """Both kinds of speech, one after the other: made speech in every clone, captured speech where the data are."""
     return made_speech() if request.param == "made" else captured_speech(request.getfixturevalue("shared") / "data")

@@ -16,14 +16,14 @@ from fapengine.files.heads.load import load_head, load_head_info
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.people import PEOPLE
+from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.deform import deform, still_faps
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.placed_mesh import place_mesh
-from fapengine.models import scan_colours
+from fapengine.models import scans
 from fapengine.models.adapted_head import adapt_head
-from fapengine.models.scan_colours import has_colours, paint_from_scan
+from fapengine.models.scans import has_colours, paint_from_scan
 from fapengine.mpeg4 import fap
 
 BLUE, RED = np.array([40, 60, 200]), np.array([200, 50, 40])
@@ -142,7 +142,7 @@ def test_the_scan_s_colours_are_carried(adapted):
 
 
 def test_a_picture_is_carried_across_its_seams(monkeypatch):
-    monkeypatch.setattr(scan_colours, "STRIDE", 6)
+    monkeypatch.setattr(scans, "STRIDE", 6)
     ours = build_head()
     triangles, vertices = skin_of(ours), ours.vertices_mm.astype(float)
     left = (vertices[triangles].mean(axis=1)[:, 0] > 0).astype(int)

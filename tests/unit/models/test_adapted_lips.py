@@ -9,9 +9,8 @@ from scipy.spatial import cKDTree
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.mesh.default_head.head import build_reshaped
-from fapengine.mesh.default_head.head_parts import HeadParts
-from fapengine.mesh.default_head.people import PEOPLE
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.points import HeadParts
+from fapengine.mesh.default_head.style import PEOPLE, HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.models.adapted_head import adapt_head

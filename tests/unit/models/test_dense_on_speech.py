@@ -8,7 +8,7 @@ from fapengine.geometry.rigid import RigidMotion
 from fapengine.geometry.surface import Surface
 from fapengine.models.dense import bind, fit_dense_modes, remesh, sparse_facets
 from fapengine.models.missing import fit_gaps
-from fapengine.models.scan_fit import fit_scan
+from fapengine.models.scans import fit_scan
 
 HELD = ("sil", "AY", "IY", "UW", "OW", "B", "F", "EH", "AE", "AO", "R", "S", "TH", "W", "L")
 

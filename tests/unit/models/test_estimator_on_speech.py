@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from fapengine.models.estimator import fit_estimator, fit_estimator_to_motion
+from fapengine.models.dense import fit_estimator
 
 POSTURES = ("sil", "AY", "IY", "UW", "OW", "B", "F", "EH")
 LIPS_MM = 6.0
 """Vertices so near to a lip marker are lips: 1290 of them on the dense face of captured speech."""
 LITERAL_MM, UNCERTAIN_MM = {"captured": 0.851, "made": 0.68}, {"captured": 0.7, "made": 0.4}
-ALL_FRAMES_MM = {"captured": {7: 0.310, 15: 0.215}, "made": {7: 0.10, 15: 0.04}}
-"""Number of modes: mean error of the lips' vertices."""
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +48,3 @@ def test_eight_postures_as_in_the_paper(speech, face):
     assert tempered < LITERAL_MM[speech.kind]
     assert better < UNCERTAIN_MM[speech.kind] < tempered
     assert tempered < (1.0 if speech.kind == "captured" else 1.05) * literal  # made speech has no noise to temper
-
-
-@pytest.mark.parametrize("modes", [7, 15])
-def test_all_frames(speech, face, modes):
-    rest, fields, marked, _ = face
-    points = marked + speech.motion_mm[speech.training][:, speech.columns["optotrak18"]]
-    weights = speech.weights[speech.training]
-    estimator = fit_estimator_to_motion(points, weights, fields, rest, mode_count=modes)
-    assert lip_error(estimator, speech, face) < ALL_FRAMES_MM[speech.kind][modes]

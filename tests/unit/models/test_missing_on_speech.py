@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fapengine.models.missing import fit_modes
-from fapengine.models.pca import fit_components
+from fapengine.models.missing import fit_gaps
+from fapengine.models.viseme_space import fit_components
 
 LIMITS_MM = {"captured": {5: 0.359, 6: 0.319, 7: 0.281}, "made": {5: 0.264, 6: 0.240, 7: 0.215}}
 """Number of components: error of all entries that they leave in complete data."""
@@ -31,7 +31,9 @@ def test_gaps_cost_no_more_than_two_per_cent(speech, pattern):
     seen = in_runs(speech, rows, rng) if pattern == "paper" else rng.random(truth.shape[:2]) > 0.23
     flat = truth.reshape(len(truth), -1)
     complete = fit_components(flat)
-    components, filled = fit_modes(np.where(seen[..., None], truth, np.nan), seen, 28, max_steps=1)
+    frames = np.where(seen[..., None], truth, np.nan)
+    filled = fit_gaps(frames, seen, 28, max_steps=1).fill(frames, seen)
+    components = fit_components(filled.reshape(flat.shape))
     for count, limit_mm in LIMITS_MM[speech.kind].items():
         limit, reached = (
             np.linalg.norm((reduced(data, model, count) - flat).reshape(truth.shape), axis=-1)

@@ -8,7 +8,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion
 from fapengine.geometry.surface import Surface
 from fapengine.models.missing import GapModel
-from fapengine.models.scan_fit import fit_scan
+from fapengine.models.scans import fit_scan
 
 CORNERS = [2, 18, 40, 60, 100, 118]
 

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from fapengine.models.full_map import coordinate_gram, fit_full_map, search_full_swaps
 from fapengine.models.subset import factorise_gram, fit_weights, search_swaps, select
 from fapengine.models.subset_study import (
+    coordinate_gram,
     diagonals_by_amount,
     error_curve,
+    fit_full_map,
     pivots_of_trials,
     sentence_grams,
     stability,
 )
+from tests.unit.models.full_swaps import search_full_swaps
 
 GREEDY_MM = {"captured": 0.356, "made": 0.29}
 """Error of the 48 driven markers; the paper on its own capture: 1.05 mm."""

@@ -104,15 +104,15 @@ def test_noise_is_worth_filtering_first():
 
 def test_bad_input_is_refused():
     positions = motion(7, frames=30)
-    with pytest.raises(UsageError, match="got 2 frames"):
+    with pytest.raises(UsageError, match="at least 3 frames, got 2"):
         extract_via_points(positions[:2], RATE_HZ, 1.0)
     with pytest.raises(UsageError, match=r"got 120\.0 and 0"):
         extract_via_points(positions, RATE_HZ, 0.0)
     with pytest.raises(UsageError, match=r"got -1\.0 and 1"):
         extract_via_points(positions, -1.0, 1.0)
-    with pytest.raises(UsageError, match="got 15 frames"):
+    with pytest.raises(UsageError, match="at least 16 frames, got 15"):
         without_noise(positions[:15], RATE_HZ)
-    with pytest.raises(UsageError, match="cutoff_hz: got 60"):
+    with pytest.raises(UsageError, match="cutoff_hz: must be"):
         without_noise(positions, RATE_HZ, 60.0)
     for times in ([0.0, 1.0], [0.0, 1.0, 1.0]):
         with pytest.raises(UsageError, match="strictly rising"):

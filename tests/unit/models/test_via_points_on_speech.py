@@ -11,7 +11,7 @@ PAUSE_S = 0.3
 MARGIN_S = 0.1
 
 
-@pytest.fixture(params=["made", pytest.param("captured", marks=pytest.mark.shared)])
+@pytest.fixture(params=["made", pytest.param("captured", marks=[pytest.mark.shared, pytest.mark.nightly])])
 def data(request):
     """Both kinds of speech: made in every clone, captured where the data are."""
     if request.param == "made":

@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.models.pca import fit_components
-from fapengine.models.viseme_space import MARKERS, VisemeSpace, fit_viseme_space, sample_phones
+from fapengine.models.viseme_space import MARKERS, VisemeSpace, fit_components, fit_viseme_space, sample_phones
 
 RNG = np.random.default_rng(3)
 BASIS = np.linalg.qr(RNG.normal(size=(42, 3)))[0].T
@@ -63,7 +62,7 @@ def test_phones_are_sampled_at_a_fraction_of_their_duration() -> None:
 def test_refuses() -> None:
     with pytest.raises(UsageError, match="at least 2"):
         fit_components(np.zeros((1, 3)))
-    with pytest.raises(UsageError, match=r"mode_count: got 43, expected 1\.\.42"):
+    with pytest.raises(UsageError, match="mode_count: must be 1 to 42, got 43"):
         fit_viseme_space(MOTION, MARKERS, FOLLOWERS, ("2.2", "2.3"), mode_count=43)
     with pytest.raises(UsageError, match="followers_mm"):
         fit_viseme_space(MOTION, MARKERS, FOLLOWERS[:5], ("2.2", "2.3"), mode_count=3)

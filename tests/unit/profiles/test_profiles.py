@@ -9,8 +9,8 @@ import pytest
 
 from fapengine._resources import profile_files, profile_ids
 from fapengine.errors import ProfileError, UsageError
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
 from fapengine.profiles import TOML_NAME, Profile, format_profile, parse_profile
 
 FILES = profile_files("grid_s1_en")
@@ -200,5 +200,5 @@ def test_no_phones_is_no_profile() -> None:
         parse_profile(FILES | {TOML_NAME: (head + tail).encode()})
     with pytest.raises(ProfileError, match="got 3, expected a table"):
         parse_profile(FILES | {TOML_NAME: ("phone = [3]\n" + head + tail).encode()})
-    with pytest.raises(ProfileError, match="got no phone"):
+    with pytest.raises(ProfileError, match="contains no phone"):
         parse_profile(FILES | {TOML_NAME: ("phone = []\n" + head + tail).encode()})

@@ -13,8 +13,7 @@ from fapengine.render.camera import PRESETS, Camera
 from fapengine.render.drawing import Drawing
 from fapengine.render.model import still_vertices
 from fapengine.render.packing import frame_uniforms, pack
-from fapengine.render.reach import Reach
-from fapengine.render.renderer import FaceRenderer
+from fapengine.render.renderer import FaceRenderer, Reach
 
 SIZE = (128, 128)
 POSES = np.array([single_fap(number) for number in range(3, 69)])

@@ -13,15 +13,12 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
-from fapengine.render.desktop import start_glfw, try_window
 from fapengine.render.drawing import Drawing
-from fapengine.render.panel import WIDTH, Moved, Panel, Pressed, Said, Slider
 from fapengine.render.renderer import FaceRenderer
-from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted
+from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted, start_glfw, try_window
 from tests.processes import start
 
-SIZE = (WIDTH + 320, 320)
-RIGHT = SIZE[0] - WIDTH
+SIZE = (320, 320)
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +40,7 @@ def display() -> Iterator[None]:
 
 @pytest.fixture
 def window(display: None) -> Iterator[FaceWindow]:
-    panel = Panel([Slider("joy", "Joy")], ("Pause",), has_text=True)
-    with FaceWindow(mesh(), Drawing(size=SIZE), panel=panel, keys={" ": "Pause"}, vsync=False) as opened:
+    with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as opened:
         yield opened
 
 
@@ -79,14 +75,13 @@ def test_it_gives_quality_up_for_a_rate(display: None) -> None:
         assert 0.2 < np.abs(calm.picture() - rough).mean() < 10
 
 
-def test_it_shows_what_the_renderer_draws_beside_the_panel(window: FaceWindow) -> None:
+def test_it_shows_what_the_renderer_draws(window: FaceWindow) -> None:
     window.show(REST)
     picture = window.picture()
     assert picture.shape == (SIZE[1], SIZE[0], 3)
-    with FaceRenderer(mesh(), Drawing(size=(RIGHT, SIZE[1]))) as renderer:
+    with FaceRenderer(mesh(), Drawing(size=SIZE)) as renderer:
         drawn = renderer.draw(REST)
-    np.testing.assert_allclose(picture[:, :RIGHT].astype(int), drawn.astype(int), atol=1)
-    np.testing.assert_array_equal(picture[:, RIGHT:], window.panel.picture()[0][..., :3])
+    np.testing.assert_allclose(picture.astype(int), drawn.astype(int), atol=1)
     assert set(window._program) - {"gl_VertexID"} == set(OVERLAY_UNIFORMS)
 
 
@@ -96,41 +91,22 @@ def test_frames_differ_while_speaking_and_the_rate_is_told(window: FaceWindow) -
     before = window.picture()
     window.show(speaking())
     changed = np.abs(window.picture().astype(int) - before).max(axis=-1) > 24
-    assert changed[:, :RIGHT].sum() > 200
+    assert changed.sum() > 200
     assert not changed[: SIZE[1] // 3].any()  # the forehead does not speak
     assert window.rate_hz > 0
     assert 0 < window.busy_s < 5
 
 
-def test_controls_come_out_as_events(window: FaceWindow) -> None:
+def test_characters_come_out_and_escape_closes(window: FaceWindow) -> None:
     import glfw
 
-    window.show(REST)
-    ((_, (left, top, right, bottom)),) = window.panel._slider_boxes()
-    glfw.set_cursor_pos(window._window, RIGHT + (left + right) / 2, (top + bottom) / 2)
-    window._on_button(window._window, glfw.MOUSE_BUTTON_RIGHT, glfw.PRESS, 0)
-    assert window.show(REST) == []
-    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.PRESS, 0)
-    window._on_pointer(window._window, SIZE[0] - 5.0, 0.0)
-    window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.RELEASE, 0)
-    window._on_character(window._window, ord(" "))
-    events = window.show(REST)
-    assert isinstance(events[0], Moved)
-    assert events[0].value == pytest.approx(0.5, abs=0.01)
-    assert events[-1] == Pressed("Pause")
-    assert Moved("joy", 1.0) in events
-    press = lambda key: window._on_key(window._window, key, 0, glfw.PRESS, 0)  # noqa: E731
-    press(glfw.KEY_ENTER)
-    for character in "Hi 2":
+    for character in "a S":
         window._on_character(window._window, ord(character))
-    press(glfw.KEY_BACKSPACE)
-    press(glfw.KEY_ENTER)
-    press(glfw.KEY_ESCAPE)  # leaves the line of text
-    assert window.show(REST) == [Said("Hi")]
-    assert window.is_open
+    assert window.show(REST) == ["a", " ", "s"]
+    assert window.show(REST) == []
     window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.RELEASE, 0)
     assert window.is_open
-    press(glfw.KEY_ESCAPE)
+    window._on_key(window._window, glfw.KEY_ESCAPE, 0, glfw.PRESS, 0)
     assert not window.is_open
 
 
@@ -142,30 +118,14 @@ def test_letters_are_those_of_the_layout_and_large_or_small(window: FaceWindow, 
     window._on_key(window._window, glfw.KEY_Q, 0, glfw.PRESS, 0)
     window._on_character(window._window, ord("a"))
     assert window.is_open
-    window._keys["b"] = "Blink"
     for character in "bB":
         window._on_character(window._window, ord(character))
-    assert window.show(REST) == [Pressed("Blink")] * 2
+    assert window.show(REST) == ["a", "b", "b"]
     window._on_character(window._window, ord("2"))
     window._on_character(window._window, ord("R"))
     assert window.camera == PRESETS["front"]
     window._on_character(window._window, ord(letter))
     assert not window.is_open
-
-
-def test_nobody_types_where_nothing_is_to_be_seen_of_it(window: FaceWindow) -> None:
-    import glfw
-
-    window.hide_panel()
-    window._on_key(window._window, glfw.KEY_ENTER, 0, glfw.PRESS, 0)
-    window._on_character(window._window, ord(" "))
-    assert window.show(REST) == [Pressed("Pause")]
-    window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
-    glfw.set_window_size(window._window, WIDTH + 100, 320)
-    while window._points()[0] != WIDTH + 100:
-        window.show(REST)
-    window._on_key(window._window, glfw.KEY_ENTER, 0, glfw.PRESS, 0)
-    assert not window.panel.is_typing
 
 
 def test_the_window_listens(window: FaceWindow) -> None:
@@ -179,20 +139,22 @@ def test_the_window_listens(window: FaceWindow) -> None:
         assert getattr(glfw, f"set_{kind}_callback")(window._window, None) == mine, kind
 
 
-def test_the_camera_turns_by_pointer_keys_and_buttons(window: FaceWindow) -> None:
+def test_the_camera_turns_by_pointer_and_keys(window: FaceWindow) -> None:
     import glfw
 
     window.show(REST)
     front = window.picture()
     glfw.set_cursor_pos(window._window, 100, 100)
+    window._on_button(window._window, glfw.MOUSE_BUTTON_RIGHT, glfw.PRESS, 0)
+    window._on_pointer(window._window, 10.0, 10.0)
+    assert window.camera == PRESETS["front"]
     window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.PRESS, 0)
     window._on_pointer(window._window, 50.0, 110.0)
     window._on_button(window._window, glfw.MOUSE_BUTTON_LEFT, glfw.RELEASE, 0)
     assert window.camera.yaw_deg == pytest.approx(20.0, abs=1)
     assert window.camera.pitch_deg == pytest.approx(4.0, abs=1)
-    assert not window.panel.lit
     window.show(REST)
-    assert (np.abs(window.picture()[:, :RIGHT].astype(int) - front[:, :RIGHT]).max(axis=-1) > 24).mean() > 0.05
+    assert (np.abs(window.picture().astype(int) - front).max(axis=-1) > 24).mean() > 0.05
     window._on_wheel(window._window, 0.0, 3.0)
     assert window.camera.field_deg < PRESETS["front"].field_deg
     for _ in range(40):
@@ -203,16 +165,11 @@ def test_the_camera_turns_by_pointer_keys_and_buttons(window: FaceWindow) -> Non
     assert -180 <= window.camera.yaw_deg < 180
     window._on_character(window._window, ord("3"))
     assert window.camera == PRESETS["profile"]
-    assert window.panel.lit == {"Profile"}
-    window._do([Pressed("Mouth")])
-    assert window.camera == PRESETS["mouth"]
     window._on_character(window._window, ord("r"))
     assert window.camera == PRESETS["front"]
-    with pytest.raises(UsageError, match="camera: got 'behind'"):
-        window.look("behind")
 
 
-def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
+def test_it_may_change_size(window: FaceWindow) -> None:
     import glfw
 
     window.show(REST)
@@ -222,18 +179,14 @@ def test_it_may_change_size_and_hide_the_panel(window: FaceWindow) -> None:
         window.show(REST)
     window.show(REST)
     if window._renderer is before:  # while it is pulled, the old picture is fitted in, not squeezed
-        assert window._renderer.drawing.size == (RIGHT, SIZE[1])
+        assert window._renderer.drawing.size == SIZE
         edge = window.picture()[200, 5]
         np.testing.assert_allclose(edge, [255 * part for part in BORDER], atol=1)
     while window._renderer is before:
         window.show(REST)
     assert window._renderer is not None
-    assert window._renderer.drawing.size == (700 - WIDTH, 400)
+    assert window._renderer.drawing.size == (700, 400)
     assert window.picture().shape == (400, 700, 3)
-    window._on_key(window._window, glfw.KEY_TAB, 0, glfw.PRESS, 0)
-    while window._renderer.drawing.size != (700, 400):
-        window.show(REST)
-    assert np.ptp(window.picture()[:, -20:].astype(int), axis=(0, 1)).max() < 120  # wall, no panel
 
 
 def test_a_picture_keeps_its_proportions() -> None:
@@ -275,7 +228,7 @@ def test_glfw_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_display_is_said_plainly() -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    code = "from fapengine.render.desktop import start_glfw\nstart_glfw()"
+    code = "from fapengine.render.window import start_glfw\nstart_glfw()"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert "ResourceError: window: no display (X11: The DISPLAY environment variable is missing)" in done.stderr
     assert "`fapengine serve` shows the face in a browser" in done.stderr

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.mpeg4.visemes import Expression
+from fapengine.expressions import Expression
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
@@ -36,7 +36,7 @@ def phones() -> PhoneTrack:
 
 @cache
 def living(*without: str, mood: str = "", strength: float = 0.6, seed: int = 5) -> NDArray[np.float64]:
-    """(T, 68) FAPU; what is left out is :data:`fapengine.trajectory.style.GENERATORS`'."""
+    """(T, 68) FAPU; what is left out is :data:`fapengine.speaking.GENERATORS`'."""
     moods = [Mood(Expression[mood.upper()], strength)] if mood else []
     track = plan(
         phones(), english(), rng=np.random.default_rng(seed), rate_hz=RATE_HZ, expressions=moods,

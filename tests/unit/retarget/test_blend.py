@@ -11,8 +11,9 @@ from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import RIDGE, BlendMap, weights_mm
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 

@@ -12,11 +12,12 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.files.fap import load_fap, save_fap
+from fapengine.files.motion import load_fap, save_fap
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
+from fapengine.retarget.shape_rows import ARKIT_NAMES, shape_rows
 
 
 def run(*arguments: object) -> str:
@@ -79,13 +80,7 @@ def test_names_in_any_spelling_and_order(spell) -> None:
     row = ["0.7" if name == "jawOpen" else "0" for name in names]
     text = "Timecode," + ",".join(map(spell, names)) + "\n10:00:00:00," + ",".join(row) + "\n"
     values = parse_blend_track(text.encode()).values
-    assert values[0, fap.column(3)] == pytest.approx(0.7 * dict(arkit_rows())["jawOpen"][3], abs=1)
-
-
-def arkit_rows():
-    from fapengine.retarget.arkit_table import ARKIT_FAPS
-
-    return ARKIT_FAPS
+    assert values[0, fap.column(3)] == pytest.approx(0.7 * shape_rows(["jawOpen"])[0, fap.column(3)], abs=1)
 
 
 HEADER = "time," + ",".join(ARKIT_NAMES)
@@ -156,7 +151,7 @@ def test_convert_and_render(tmp_path: Path) -> None:
     save_fap(tmp_path / "c.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
     run("encode", tmp_path / "c.fap", "-o", tmp_path / "c.fba")
     run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.csv")
-    with pytest.raises(UsageError, match=r"ends with \.fap or \.csv"):
+    with pytest.raises(UsageError, match=r"unknown file type .*; use \.fap, \.csv"):
         run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.doc")
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(DataError, match=r"bad\.json"):

@@ -14,9 +14,10 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS
 from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 import fapengine
 from fapengine.mpeg4 import fap
 from fapengine.retarget.rhubarb import approximate_shapes
-from fapengine.speech.formats.mouth_cues import cues_of_phones
+from fapengine.speech.formats.rhubarb import cues_of_phones
 
 OPENING_FAPU = {"B": 200, "C": 380, "D": 560}
 """Steps of 0.021 mm: 4, 8 and 12 mm."""

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from fapengine.errors import DataError, UsageError
+from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import OF_FAP_2, VISEMES, Expression
+from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget import oculus, vrm
 from fapengine.retarget.blend import BlendMap, weights_mm
-from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
+from fapengine.retarget.blend_tracks import SHAPE_SETS, format_blend_csv, parse_blend_track, shape_set
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes, visemes_to_faps
-from fapengine.retarget.shape_sets import SHAPE_SETS, shape_set
-from fapengine.retarget.viseme_table import EXPRESSION_FAPS, VISEME_FAPS
+from fapengine.retarget.shape_rows import ALL_MOODS, VISEME_NAMES
 from fapengine.retarget.vrm import VRM0_NAMES, VRM1_NAMES, approximate_presets, presets_to_faps
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
@@ -52,7 +52,7 @@ def opening_mm(faps: np.ndarray) -> np.ndarray:
 
 def test_the_visemes_are_mpeg4s_in_order() -> None:
     assert OCULUS_NAMES == ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou")
-    assert [name for name, _ in VISEME_FAPS] == [viseme.label for viseme in VISEMES[1:]]
+    assert list(VISEME_NAMES) == [viseme.label for viseme in VISEMES[1:]]
 
 
 def test_shares_add_up_to_one_and_rest_is_silence() -> None:
@@ -193,7 +193,7 @@ def test_looks_go_where_the_eyes_go() -> None:
 def test_a_relaxed_face_smiles_a_little() -> None:
     happy, relaxed = (presets_to_faps(np.eye(18)[VRM1_NAMES.index(name)]) for name in ("happy", "relaxed"))
     np.testing.assert_allclose(relaxed, 0.4 * happy)
-    assert {name for name, _ in EXPRESSION_FAPS} == {one.name.lower() for one in OF_FAP_2 if one}
+    assert set(ALL_MOODS) == {one.name.lower() for one in STANDARD_EXPRESSIONS}
 
 
 # Tables

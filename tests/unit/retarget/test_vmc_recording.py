@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 import fapengine
 from fapengine.errors import DataError, TruncatedError
-from fapengine.live.wire.vmc import head_and_eyes
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.arkit import ARKIT_NAMES, arkit_map
+from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
+from fapengine.wire.vmc import head_and_eyes
 
 NTP_S = 0xEEADA2A5
 HEAD = [fap.column(number) for number in (48, 49, 50)]

@@ -6,8 +6,8 @@ import pytest
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.behaviour import MIN_WINDOWS, behaviour_of, intensity_of
 from fapengine.scoring.mouth import Mouth, mouth_of
+from fapengine.scoring.score import MIN_WINDOWS, behaviour_of, intensity_of
 
 RATE_HZ = 50.0
 LIDS = [fap.column(number) for number in (19, 20)]

@@ -10,8 +10,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
-from fapengine.scoring.contacts import Contacts, is_bilabial, is_labiodental
-from fapengine.scoring.mouth import LIP_POINTS, mouth_of
+from fapengine.scoring.mouth import LIP_POINTS, Contacts, is_bilabial, is_labiodental, mouth_of
 from fapengine.scoring.score import Score, score_motion
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -173,7 +172,7 @@ def test_phones_that_touch() -> None:
     [
         (lambda: score_motion(FapTrack.pose()), "expected two or more"),
         (lambda: score_motion(track(np.zeros((5, 68), int)), offset_s=-9.0), "got 0 frames"),
-        (lambda: score_motion(track(np.zeros((5, 68), int)), closed_mm=0.0), "closed_mm: got 0"),
+        (lambda: score_motion(track(np.zeros((5, 68), int)), closed_mm=0.0), "closed_mm: must be above 0, got 0"),
         (
             lambda: score_motion(
                 track(np.zeros((5, 68), int)), phones=PhoneTrack((Phone("hi", 0, 1),), "word", spelled=True)

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from fapengine.capture.held_face import FACE_MESH, PUPILS
 from fapengine.errors import DataError, UsageError
 from fapengine.retarget.blend import ADULT
-from fapengine.scoring.mouth import LIP_POINTS
-from fapengine.scoring.seen import LIDS, LIPS, TOUCH_MM, mouth_of_landmarks
+from fapengine.scoring.mouth import LIDS, LIP_POINTS, LIPS, TOUCH_MM, mouth_of_landmarks
 
 Array = NDArray[np.float64]
 TIMES_S = np.arange(100) / 25
@@ -85,7 +84,7 @@ def test_frames_without_a_face_are_filled_in() -> None:
 def test_a_film_of_something_else_is_refused() -> None:
     seen = film()
     seen[40:] = np.nan
-    with pytest.raises(DataError, match="got a face in 40 of 100 frames"):
+    with pytest.raises(DataError, match="only 40 of 100 frames show a face"):
         mouth_of_landmarks(TIMES_S, seen)
     with pytest.raises(UsageError, match="landmarks"):
         mouth_of_landmarks(TIMES_S, seen[:, :300])

@@ -4,12 +4,11 @@ import pytest
 
 from fapengine.speech import ipa
 from fapengine.speech.alphabets import convert as alphabets
-from fapengine.speech.alphabets.arpabet import ARPABET
+from fapengine.speech.alphabets.convert import ARPABET
 from fapengine.speech.alphabets.guess import explains, guess, is_one_phone
 from fapengine.speech.alphabets.phone_sets import MISAKI, MRPA, OPENJTALK
 from fapengine.speech.formats.entries import Entry, track_of
-from fapengine.speech.phone_track import SILENCE, PhoneTrack
-from fapengine.speech.unknown import find_unknown
+from fapengine.speech.phone_track import SILENCE, PhoneTrack, find_unknown
 
 
 def read(labels: str, alphabet: str | None = None) -> PhoneTrack:
@@ -180,7 +179,7 @@ def test_words_that_mean_noises_are_words() -> None:
     ],
 )  # fmt: skip
 def test_pinyin_in_every_spelling(label: str, expected: str | None) -> None:
-    assert alphabets.from_set(label, alphabets.PHONE_SETS["pinyin"]) == expected
+    assert alphabets.PHONE_SETS["pinyin"].to_ipa(label) == expected
 
 
 @pytest.mark.parametrize(
@@ -194,7 +193,7 @@ def test_pinyin_in_every_spelling(label: str, expected: str | None) -> None:
     ],
 )  # fmt: skip
 def test_kana(label: str, expected: str | None) -> None:
-    assert alphabets.from_set(label, alphabets.PHONE_SETS["kana"]) == expected
+    assert alphabets.PHONE_SETS["kana"].to_ipa(label) == expected
 
 
 @pytest.mark.parametrize("labels", ["シ ン ブ ン", "sh i N b u N", "ɕ i ɴ b ɯ ɴ"])

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from fapengine.mpeg4.codable import to_codable
 from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.track import to_codable
 from fapengine.speech import articulation, ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, SIBILANTS
 from fapengine.trajectory.phonetics import HALF_GAIN, WIDTH, layer_faps

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.mpeg4.visemes import Expression
+from fapengine.expressions import Expression
 from fapengine.speech.marks import (
     Act,
     Feel,

@@ -11,17 +11,18 @@ from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
-from fapengine.speech.formats.mouth_cues import (
+from fapengine.speech.formats.registry import parse_timings
+from fapengine.speech.formats.rhubarb import (
     CONTACTS,
+    ENDINGS,
     MIN_CUE_CS,
     SHAPES,
     MouthCue,
     cues_of_frames,
     cues_of_phones,
+    format_rhubarb,
     shape_of,
 )
-from fapengine.speech.formats.registry import parse_timings
-from fapengine.speech.formats.rhubarb_files import ENDINGS, format_rhubarb
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 PHONES = st.lists(
@@ -124,7 +125,7 @@ def test_frames_become_cues() -> None:
         (lambda: cues_of_phones(PhoneTrack(())), "at least 0.01 s"),
         (lambda: cues_of_frames([], 30.0), "at least 0.01 s"),
         (lambda: format_rhubarb(CUES, ".csv"), "expected a name that ends with"),
-        (lambda: format_rhubarb((), ENDINGS[0]), "got none"),
+        (lambda: format_rhubarb((), ENDINGS[0]), "empty; needs at least one"),
     ],
 )
 def test_what_cannot_be_is_refused(make: object, message: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import LOUDNESS_DB, SILENCE, Phone
-from fapengine.speech.prosody import KNOWN_S, RunningProsody, Sounding, Usual, usual_of, with_prosody
+from fapengine.speech.prosody import KNOWN_S, RunningProsody, Sounding, Usual, with_prosody
 
 
 def speech(levels_db: list[float], *, vowel: str = "a") -> tuple[list[Phone], list[Sounding]]:
@@ -79,14 +79,12 @@ def test_of_neighbours_one_is_stressed() -> None:
 def test_without_vowels_nothing_is_said() -> None:
     phones = [Phone(SILENCE, 0.0, 1.0), Phone("s", 1.0, 1.2)]
     soundings = [Sounding(-90.0, 0.0), Sounding(-20.0, 0.0)]
-    assert usual_of(phones, soundings) is None
     assert with_prosody(phones, soundings) == phones
     assert with_prosody([], []) == []
 
 
 def test_another_usual_may_be_given() -> None:
     phones, soundings = speech([-20.0] * 10)
-    assert usual_of(phones, soundings) == Usual(-20.0, 120.0)
     assert loudness(with_prosody(phones, soundings, Usual(-30.0, 120.0))) == pytest.approx(6.0)
 
 

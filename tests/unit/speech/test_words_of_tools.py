@@ -49,13 +49,13 @@ def test_overlaps_of_recognisers_are_cut_and_falling_starts_refused() -> None:
 @pytest.mark.parametrize(
     ("document", "message"),
     [
-        ({"segments": [{"start": 0, "end": 2, "text": "my oh my"}]}, "openai-words: got no word.*word_timestamps=True"),
+        ({"segments": [{"start": 0, "end": 2, "text": "my oh my"}]}, "openai-words: contains no word.*word_timestamps"),
         ({"transcription": [{"offsets": {"from": 0, "to": 900}, "text": " my oh"}]}, "'my oh', expected one.*-ml 1"),
         ({"chunks": [{"text": " my oh", "timestamp": [0.0, 2.0]}]}, r"'my oh', expected one.*return_timestamps='word'"),
         ({"fragments": [{"begin": "0", "end": "1", "lines": ["my oh"]}]}, "aeneas: got 'my oh'.*mplain"),
-        ({"words": [{"case": "not-found-in-audio", "word": "my"}]}, "Gentle: got no timed word"),
-        ({"timestampInfo": {"characterAlignment": {}}}, "Inworld: got no wordAlignment; ask for timestampType WORD"),
-        ([{"offset": 0, "ph_seq": "m a", "note_dur": "1"}], "DiffSinger: got no ph_dur"),
+        ({"words": [{"case": "not-found-in-audio", "word": "my"}]}, "Gentle: contains no timed word"),
+        ({"timestampInfo": {"characterAlignment": {}}}, "Inworld: wordAlignment is missing; ask for timestampType"),
+        ([{"offset": 0, "ph_seq": "m a", "note_dur": "1"}], "DiffSinger: ph_dur is missing"),
         ([{"offset": 0, "ph_seq": "m a", "ph_dur": "1"}], "ph_dur: got 1 durations, expected 2"),
         ([{"offset": 0, "ph_seq": "m", "ph_dur": "x"}], "ph_dur: got 'x'"),
         ([{"type": "SentenceBoundary", "offset": 0, "duration": 9, "text": "my oh"}], "no format that is known"),
@@ -145,7 +145,7 @@ def test_lists_that_are_none(text: str, columns: str, message: str) -> None:
     ("name", "text", "message"),
     [
         ("subtitles", "1\n00:00:00,000 --> 00:00:02,000\nmy oh my\n", "'my oh my', expected one word.*one word a cue"),
-        ("subtitles", "once", "got no cue"),
+        ("subtitles", "once", "contains no cue"),
         ("ctm", "a 1 0 1 x\nb 1 0 1 y\n", r"recordings \['a', 'b'\].*tier=NAME"),
         ("ctm", "a 1 0 1 3\na 1 1 1 4\n", "numbers of phones.*phones.txt"),
         ("papagayo", "lipsync version 1\n", "the file ends where the name of the sound"),

@@ -3,7 +3,7 @@
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.speech.alphabets.xsampa import from_xsampa
+from fapengine.speech.alphabets.convert import from_xsampa
 from fapengine.speech.formats.registry import parse_timings
 from fapengine.speech.formats.writing import WRITERS, check_writable, format_ctm, to_xsampa
 from fapengine.speech.ipa import SOUNDS

@@ -1,5 +1,7 @@
 """Many sessions at once: each row is what a planner of its own would show, FAP for FAP."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,13 +12,13 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.batch import FIRST_HOLDS, FIRST_ROWS, KNOTS, BatchPlanner
-from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.many import lay_paths
 from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style
-from fapengine.trajectory.stream import KEYS_BEHIND, StreamingPlanner, StreamPlan, jets_at
-from fapengine.trajectory.targets import joined_track, resolve
+from fapengine.trajectory.stream import KEYS_BEHIND, StreamPlan, jets_at
+from fapengine.trajectory.targets import joined_track, place_keyframes, resolve
 from tests.english import english
+from tests.single_stream import SingleStream, jet_of_plan
 
 LABELS = ["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "tʃ", "%", SILENCE]
 TICK_S = 1 / 60
@@ -55,13 +57,13 @@ class Pair:
     def __init__(self, style: Style, horizon_s: float) -> None:
         self.style, self.horizon_s = style, horizon_s
         self.bank = BatchPlanner(english(), style, horizon_s=horizon_s)
-        self.planners: dict[int, tuple[float, StreamingPlanner]] = {}
+        self.planners: dict[int, tuple[float, SingleStream]] = {}
         self.now_s, self.shown = 5.0, 0
 
     def open(self, begins_s: float) -> None:
         self.planners[self.bank.open(begins_s)] = (
             begins_s,
-            StreamingPlanner(english(), self.style, self.horizon_s),
+            SingleStream(english(), self.style, self.horizon_s),
         )
 
     def pick(self, index: int) -> int | None:
@@ -192,7 +194,7 @@ def test_one_moment_of_a_plan_is_what_many_are():
     moments = np.array([0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0])
     for found, many, since_s in (
         (hermite.jets_at([path] * len(moments), moments), path.jet, 0.0),
-        (jets_at([plan] * len(moments), moments), plan.jet, plan.start_s),
+        (jets_at([plan] * len(moments), moments), partial(jet_of_plan, plan), plan.start_s),
     ):
         shown = moments >= since_s
         wanted = np.stack(many(moments[shown]), axis=1)
@@ -234,16 +236,16 @@ def test_refuses():
     bank = BatchPlanner(english())
     session = bank.open()
     bank.frames(1.0)
-    with pytest.raises(UsageError, match=r"time_s: got 0\.5 s, expected rising times from 1 s"):
+    with pytest.raises(UsageError, match=r"time_s: must be rising times from 1 s, got 0\.5 s"):
         bank.frames(0.5)
     for wrong in (np.nan, np.inf):
         with pytest.raises(UsageError, match="time_s"):
             bank.frames(wrong)
     with pytest.raises(UsageError, match="begins_s: got nan"):
         bank.open(np.nan)
-    with pytest.raises(UsageError, match="horizon_s: got -1"):
+    with pytest.raises(UsageError, match="horizon_s: must be 0 or more, got -1"):
         BatchPlanner(english(), horizon_s=-1)
-    with pytest.raises(UsageError, match="fade_s: got 0"):
+    with pytest.raises(UsageError, match="fade_s: must be a positive time, got 0"):
         bank.cancel(session, 1.0, fade_s=0)
     bank.close(session)
     for call in (bank.close, bank.counts, lambda one: bank.feed(one, []), lambda one: bank.cancel(one, 1.0)):

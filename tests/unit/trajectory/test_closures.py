@@ -8,8 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
+from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.closures import (
     BITTEN_FAPU,
@@ -29,7 +30,6 @@ from fapengine.trajectory.closures import (
     settle,
 )
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.style import METHOD_NAMES
 from fapengine.trajectory.targets import must_open
 from tests.english import english
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.laboratory.context_fit import FRACTIONS, fit_context
 from fapengine.profiles import ContextModel
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import FRACTIONS, fit_context, targets
-from fapengine.trajectory.context_features import features, ways
-from fapengine.trajectory.tokens import tokens_of
+from fapengine.trajectory.context import features, targets, tokens_of, ways
 from tests.english import english
 
 

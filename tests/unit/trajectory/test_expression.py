@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import (
     ATTACK_S,
@@ -128,7 +128,7 @@ def test_plan_takes_moods_as_well_as_strengths() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((Expression.JOY, 5.0), "expression joy: got strength 5.0, expected 0..2"),
+        ((Expression.JOY, 5.0), "expression joy: must be 0 to 2, got strength 5.0"),
         ((Expression.JOY, 1.0, 2.0, 2.0), "got 2.0 to 2.0 s, expected 0 <= start < stop"),
         ((Expression.JOY, 1.0, -1.0), "got -1.0 to inf s"),
         ((Expression.JOY, 1.0, 0.0, 2.0, 0.0), "attack 0.0 s"),

@@ -1,4 +1,4 @@
-"""What README says of the default method, on held-out sentences of speech made and captured; see bench/fidelity.py."""
+"""The default method on held-out sentences of speech, made and captured: docs/measurements.md, bench/fidelity.py."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ LIMITS = {"captured": (1.56, 1.95, 0.86), "made": (1.85, 2.3, 0.78)}
 """Lip error of the default, of the paper's method, mm; correlation of the opening."""
 
 
-@pytest.fixture(params=["made", pytest.param("captured", marks=pytest.mark.shared)])
+@pytest.fixture(params=["made", pytest.param("captured", marks=[pytest.mark.shared, pytest.mark.nightly])])
 def speech(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, Path]:
     if request.param == "captured":
         return request.param, request.getfixturevalue("shared") / "data" / "speech_train.npz"

@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.gestures import (
     BLINK_CLOSE_S,
     BLINK_OPEN_S,
     BLINK_SHUT_S,
+    CHANNELS,
     GLANCE_RAD,
     NOD_FALL_S,
     NOD_RISE_S,
@@ -23,7 +25,7 @@ from fapengine.trajectory.gestures import (
 )
 from fapengine.trajectory.phrases import REACH_S, Phrases
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
-from fapengine.trajectory.style import GENERATORS, Style
+from fapengine.trajectory.style import Style
 
 TIMES = np.arange(0, 20, 0.01)
 PHONES = PhoneTrack.of([Phone("a", 2.0, 2.2, stress=1), Phone("t", 2.2, 2.3), Phone("i", 4.0, 4.1, stress=2)])
@@ -195,7 +197,7 @@ def test_a_shouted_nod_is_large_and_a_whispered_one_small() -> None:
 def test_a_nod_takes_over_from_the_one_before() -> None:
     ramps = nods([[Phone("a", 1.0, 1.8, stress=1), Phone("a", 2.0, 2.6, stress=2)]], [0.0], 0.01)
     assert len(ramps) == 4  # a pause lies between them
-    level = sample_ramps(np.zeros(len(Channel)), ramps, np.array([1.0, 2.0, 2.1, 2.4]))[Channel.NOD]
+    level = sample_ramps(np.zeros(CHANNELS), ramps, np.array([1.0, 2.0, 2.1, 2.4]))[Channel.NOD]
     assert level[0] > 0.49
     np.testing.assert_allclose(level[1:3], ramps[2].goal)
     assert 0 < level[3] < ramps[2].goal

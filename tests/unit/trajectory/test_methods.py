@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fapengine.speaking import Method
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.dominance import dominance
-from fapengine.trajectory.keyframes import Keyframes
-from fapengine.trajectory.methods import OVERSHOOT, sample_path
-from fapengine.trajectory.style import Method
-from fapengine.trajectory.targets import Resolved
+from fapengine.trajectory.methods import OVERSHOOT, dominance, sample_path
+from fapengine.trajectory.targets import Keyframes, Resolved
 
 KEYS = st.lists(
     st.tuples(st.sampled_from([0.012, 0.03, 0.1, 0.3, 2.0, 60.0]), st.floats(-5, 5)), min_size=2, max_size=9

@@ -6,15 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps
-from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.targets import APART_S, resolve
+from fapengine.trajectory.targets import APART_S, REST_MARGIN_S, place_keyframes, resolve
 from tests.english import english
 
 STEP_S = 0.001

@@ -6,12 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import Expression
+from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.phonetics import CORNERS, ROUND, WIDTH, extend, give_way, layer_gain
 from fapengine.trajectory.planner import plan
-from fapengine.trajectory.style import METHOD_NAMES, Style
+from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import resolve
 from tests.english import english
 

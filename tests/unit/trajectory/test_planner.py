@@ -9,15 +9,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.codable import to_codable
-from fapengine.mpeg4.visemes import Expression
+from fapengine.mpeg4.track import to_codable
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
-from fapengine.trajectory.keyframes import REST_MARGIN_S, place_keyframes
 from fapengine.trajectory.planner import Style, plan, rest_s
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import REST_MARGIN_S, place_keyframes, resolve
 from tests.english import english
 
 STILL = Style.still()

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fapengine.laboratory.context_fit import lean_on_phonetics
 from fapengine.mpeg4 import fap
 from fapengine.profiles import ContextModel
 from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
 from fapengine.speech.ipa import SOUNDS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import targets
+from fapengine.trajectory.context import targets, tokens_of
 from fapengine.trajectory.planner import plan
-from fapengine.trajectory.prior import lean_on_phonetics
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.tokens import tokens_of
 from tests.english import english
 from tests.unit.trajectory.test_context import track
 

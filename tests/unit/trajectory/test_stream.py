@@ -12,12 +12,12 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S
-from fapengine.trajectory.keyframes import place_keyframes
 from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.stream import AHEAD_PHONES, StreamingPlanner
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.stream import AHEAD_PHONES
+from fapengine.trajectory.targets import place_keyframes, resolve
 from tests.english import english
+from tests.single_stream import SingleStream, jet_of_plan
 
 STILL = Style.still()
 RATE_HZ = 100.0
@@ -54,7 +54,7 @@ def opening(values: np.ndarray) -> np.ndarray:
 def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, seed):
     spoken = phones(labels, each_s)
     end_s = spoken[-1].end_s + 0.4
-    planner, rng, path = StreamingPlanner(english()), np.random.default_rng(seed), []
+    planner, rng, path = SingleStream(english()), np.random.default_rng(seed), []
     waiting = list(rng.permutation(AHEAD_PHONES + 1))  # the first ones in any order
     planner.feed([spoken[index] for index in waiting if index < len(spoken)])
     known = AHEAD_PHONES + 1
@@ -72,7 +72,7 @@ def test_its_faps_are_the_planners():
     spoken = phones(["b", "aɪ", "m", "s", "uː", "p"], 0.12)
     track = PhoneTrack.of([*spoken, Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.5)])
     whole = plan(track, english(), style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(0)).track.values
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed(spoken)
     np.testing.assert_array_equal(planner.frames(times_until(track.duration_s)), whole)
 
@@ -80,19 +80,19 @@ def test_its_faps_are_the_planners():
 @given(LABELS, LABELS, LENGTHS, st.floats(0.0, 1.0), st.sampled_from(["revise", "cancel", "late"]))
 def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
     """Value, velocity and acceleration are continuous at the moment of a change."""
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     spoken = phones(labels, each_s)
     planner.feed(spoken)
     at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
     planner.frames([at_s])
-    before = planner._plans[-1].jet(np.array([at_s]))
+    before = jet_of_plan(planner._plans[-1], np.array([at_s]))
     if event == "revise":
         planner.feed(phones(others, each_s, lead_s=at_s + 0.05))
     elif event == "late":
         planner.feed([Phone("b", at_s - 0.02, at_s + 0.06)])
     else:
         planner.cancel(at_s)
-    after = planner._plans[-1].jet(np.array([at_s]))
+    after = jet_of_plan(planner._plans[-1], np.array([at_s]))
     for old, new, unit in zip(before, after, (1.0, 20.0, 1000.0), strict=True):
         np.testing.assert_allclose(new, old, atol=1e-7 * unit)
     fine = np.linspace(at_s, at_s + 0.5, 2001)
@@ -102,7 +102,7 @@ def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
 
 @given(LABELS, LENGTHS, st.floats(0.0, 1.0), st.floats(0.08, 0.5))
 def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fade_s):
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     spoken = phones(labels, each_s)
     planner.feed(spoken)
     at_s = spoken[0].start_s + share * (spoken[-1].end_s - spoken[0].start_s)
@@ -117,7 +117,7 @@ def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fa
 
 @given(LABELS, LENGTHS, st.floats(0.2, 1.0), st.floats(0.01, 10.0))
 def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, share, fade_s):
-    uncancelled, planner = StreamingPlanner(english(), Style.still()), StreamingPlanner(english(), Style.still())
+    uncancelled, planner = SingleStream(english(), Style.still()), SingleStream(english(), Style.still())
     spoken = phones(["m", "ɑ", "b", "i", *labels, "ɑ", "b"], each_s)
     uncancelled.feed(spoken)
     planner.feed(spoken)
@@ -135,7 +135,7 @@ def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, s
 
 @given(LABELS, st.floats(0.0, 0.2), st.floats(0.0, 0.05), st.sampled_from([0.01, 0.02, 0.05, 1.0]))
 def test_a_face_that_is_called_back_while_it_hurries_to_rest_does_not_shoot_beyond_it(labels, share, wait_s, fade_s):
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed(phones(["m", "ɑ", "b", "ɑ"], 0.2))
     at_s = 0.7 + share  # in the first open vowel
     shown = planner.frames(np.arange(0.0, at_s, 1 / 200))
@@ -150,7 +150,7 @@ def test_a_face_that_is_called_back_while_it_hurries_to_rest_does_not_shoot_beyo
 def test_what_stands_before_a_coming_cancel_is_still_said():
     """Also when new phones are fed before that moment."""
     labels = ["b", "aɪ", "t", "s", "ʌ", "n"]
-    undisturbed, planner = StreamingPlanner(english()), StreamingPlanner(english())
+    undisturbed, planner = SingleStream(english()), SingleStream(english())
     for one in (undisturbed, planner):
         one.feed(phones(labels, 0.12))
         one.frames([0.45])
@@ -164,7 +164,7 @@ def test_what_stands_before_a_coming_cancel_is_still_said():
 
 
 def test_every_unknown_phone_is_counted():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     for second in range(5):
         planner.feed([Phone("%", second + 0.1, second + 0.3), Phone("ɑ", second + 0.3, second + 0.5)])
         planner.frames([second + 0.9])
@@ -173,7 +173,7 @@ def test_every_unknown_phone_is_counted():
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, 0.09, 0.15])
 def test_a_late_bilabial_still_closes_the_lips(late_s):
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("ɑ", 0.68, 1.2)])
     shown = planner.frames(times_until(0.6 + late_s))
     planner.feed([Phone("m", 0.6, 0.68)])
@@ -185,7 +185,7 @@ def test_a_late_bilabial_still_closes_the_lips(late_s):
 
 
 def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.7), Phone("ɑ", 0.7, 1.0)])
     planner.frames(times_until(0.6))
     planner.feed([Phone("s", 0.6, 0.7)])
@@ -195,7 +195,7 @@ def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
 
 
 def test_a_closure_that_is_over_is_not_made_again_when_what_followed_is_taken_back():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     said = phones(["b", "ɑ", "s", "z", "ɑ", "s", "ɑ"], 0.1, lead_s=0.1)
     planner.feed(said[:6])
     planner.frames(times_until(0.68))
@@ -206,7 +206,7 @@ def test_a_closure_that_is_over_is_not_made_again_when_what_followed_is_taken_ba
 
 
 def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.8)])
     planner.frames(times_until(0.64))
     until_s = max(hold.stop_s for hold in planner.holds if hold.contact == "lips")
@@ -216,7 +216,7 @@ def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
 
 
 def test_of_phones_that_come_together_the_last_word_counts():
-    together, apart = StreamingPlanner(english()), StreamingPlanner(english())
+    together, apart = SingleStream(english()), SingleStream(english())
     told = [Phone("ɑ", 0.1, 0.24), Phone("ɑ", 0.24, 0.38), Phone("b", 0.23, 0.37)]
     together.feed(told)
     for phone in told:
@@ -225,7 +225,7 @@ def test_of_phones_that_come_together_the_last_word_counts():
 
 
 def test_phones_that_stop_coming_leave_a_mouth_at_rest():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed(phones(["ɑ", "ɑ"], 0.2))
     values = planner.frames(times_until(2.0))
     assert opening(values)[70] > 100
@@ -233,14 +233,14 @@ def test_phones_that_stop_coming_leave_a_mouth_at_rest():
 
 
 def test_silence_takes_away_what_stood_there():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     planner.feed(phones(["ɑ", "ɑ", "ɑ"], 0.2))
     planner.feed([Phone(SILENCE, 0.6, 1.0)])
     assert not planner.frames(times_until(2.0))[78:].any()
 
 
 def test_old_news_is_counted():
-    planner = StreamingPlanner(english(), horizon_s=0.1)
+    planner = SingleStream(english(), horizon_s=0.1)
     planner.frames([2.0])
     assert planner.edge_s == pytest.approx(2.1)
     planner.feed([Phone("a", 1.0, 1.2), Phone("%", 2.0, 2.3)])
@@ -248,7 +248,7 @@ def test_old_news_is_counted():
 
 
 def test_memory_does_not_grow_with_time():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     for second in range(60):
         planner.feed(phones(["b", "ɑ", "s"], 0.2, lead_s=second + 0.2))
         planner.frames(np.arange(second, second + 1, 0.05))
@@ -258,17 +258,17 @@ def test_memory_does_not_grow_with_time():
 
 
 def test_refuses():
-    planner = StreamingPlanner(english())
+    planner = SingleStream(english())
     assert planner.frames([]).shape == (0, 68)
     planner.frames([1.0, 1.1])
     with pytest.raises(UsageError, match=r"expected rising times from 1\.1 s"):
         planner.frames([1.05])
     with pytest.raises(UsageError, match="rising"):
         planner.frames([2.0, 1.9])
-    with pytest.raises(UsageError, match="fade_s: got 0"):
+    with pytest.raises(UsageError, match="fade_s: must be a positive time, got 0"):
         planner.cancel(3.0, fade_s=0)
-    with pytest.raises(UsageError, match="horizon_s: got -1"):
-        StreamingPlanner(english(), horizon_s=-1)
+    with pytest.raises(UsageError, match="horizon_s: must be 0 or more, got -1"):
+        SingleStream(english(), horizon_s=-1)
 
 
 @given(st.integers(2, 8), st.integers(0, 2**32 - 1))
@@ -277,7 +277,10 @@ def test_the_path_is_c2_and_local(count, seed):
     times = np.cumsum(rng.uniform(0.03, 0.2, count))
     values = rng.normal(0, 5, (count, 3))
     for knot, value in zip(times, values, strict=True):
-        left, right = hermite.jet(times, values, np.array([knot - 1e-9])), hermite.jet(times, values, np.array([knot]))
+        left, right = (
+            hermite.Path.through(times, values).jet(np.array([knot - 1e-9])),
+            hermite.Path.through(times, values).jet(np.array([knot])),
+        )
         np.testing.assert_allclose(right[0][0], value, atol=1e-9)
         for a, b, unit in zip(left, right, (1.0, 100.0, 1e5), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-4 * unit)

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
+from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.dominance import dominance
-from fapengine.trajectory.keyframes import place_keyframes
-from fapengine.trajectory.methods import METHODS, sample_path
+from fapengine.trajectory.methods import METHODS, dominance, sample_path
 from fapengine.trajectory.planner import plan
-from fapengine.trajectory.style import METHOD_NAMES, Style
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.style import Style
+from fapengine.trajectory.targets import place_keyframes, resolve
 from tests.english import english
 
 PHONES = PhoneTrack.of(
@@ -135,11 +134,11 @@ def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"articulation": 9.0}, "articulation: got 9.0, expected 0..3"),
-        ({"jaw": -0.1}, "jaw: got -0.1"),
-        ({"lips": float("nan")}, "lips: got nan"),
-        ({"loudness_db": 30.0}, "loudness_db: got 30.0, expected -20..20"),
-        ({"method": "magic"}, "method: got 'magic', expected one of context, paper"),
+        ({"articulation": 9.0}, "articulation: must be 0 to 3, got 9.0"),
+        ({"jaw": -0.1}, "jaw: must be 0 to 3, got -0.1"),
+        ({"lips": float("nan")}, "lips: must be 0 to 3, got nan"),
+        ({"loudness_db": 30.0}, "loudness_db: must be -20 to 20, got 30.0"),
+        ({"method": "magic"}, "method: unknown value 'magic'; use one of context, paper"),
     ],
 )
 def test_refuses(options: dict[str, object], message: str) -> None:

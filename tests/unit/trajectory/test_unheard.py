@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
+from fapengine.laboratory.context_fit import add_unheard
 from fapengine.profiles import ContextModel
-from fapengine.trajectory.context import targets
-from fapengine.trajectory.context_features import Part, alone
-from fapengine.trajectory.tokens import tokens_of
-from fapengine.trajectory.unheard import add_unheard
+from fapengine.trajectory.context import Part, alone, targets, tokens_of
 from tests.english import english
 from tests.unit.trajectory.test_context import track
 

@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import SILENCE
-from fapengine.voices.sound_level import SoundLevel
-from fapengine.voices.sounding import MAX_CLOSURE_S, Mark, sounding
+from fapengine.voices.sounding import MAX_CLOSURE_S, Mark, SoundLevel, sounding
 
 RATE_HZ = 16000
 DARK, BRIGHT, QUIET = "dark", "bright", "quiet"
@@ -139,7 +138,7 @@ def test_a_sound_of_nothing() -> None:
 
 
 def test_refuses() -> None:
-    with pytest.raises(UsageError, match="rate_hz: got 0"):
+    with pytest.raises(UsageError, match="rate_hz: must be a positive number, got 0"):
         SoundLevel(np.zeros(4), 0)
     with pytest.raises(UsageError, match="samples"):
         SoundLevel(np.zeros((4, 2)), RATE_HZ)

@@ -19,10 +19,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.streams.client import ServiceVoice, stream
-from fapengine.voices.streams.pieces import Gathered
-from fapengine.voices.streams.services import SERVICES, AzureEvents, ElevenLabs, Service
+from fapengine.voices.choice import SERVICE_NAMES, VoiceChoice
+from fapengine.voices.service_client import ServiceVoice, stream
+from fapengine.voices.service_pieces import Gathered
+from fapengine.voices.services import SERVICES, AzureEvents, ElevenLabs, Service
 
 SOUND = (9000 * np.sin(np.arange(24_000) / 9)).astype(np.int16)
 HALVES = SOUND[:12_000].tobytes(), SOUND[12_000:].tobytes()
@@ -195,6 +195,10 @@ def test_azure_events_become_phones() -> None:
         events.viseme(0, 22)
 
 
+def test_services_are_chosen_by_the_names_that_they_have() -> None:
+    assert tuple(SERVICES) == SERVICE_NAMES
+
+
 def test_a_voice_wants_a_service_and_a_key() -> None:
     with pytest.raises(UsageError, match="CARTESIA_API_KEY"):
         ServiceVoice.named("cartesia:anna", {})
@@ -202,7 +206,7 @@ def test_a_voice_wants_a_service_and_a_key() -> None:
         ServiceVoice.named("cartesia:", {"CARTESIA_API_KEY": "k"})
     with pytest.raises(UsageError, match="CARTESIA_API_KEY"):
         VoiceChoice("cartesia:anna").load()
-    with pytest.raises(UsageError, match="something to speak"):
+    with pytest.raises(UsageError, match="nothing to speak"):
         opened("fish").requests(" ... ")
 
 

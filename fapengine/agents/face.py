@@ -1,0 +1,229 @@
+"""What the plug-ins share: a host with its recognizer, its painter, its marks, and the pace at which frames are made.
+
+Theory of operation
+-------------------
+A plug-in passes on what its framework tells (:meth:`AgentFace.sound`, :meth:`AgentFace.word`, ...) and calls
+:meth:`AgentFace.wait_s` and :meth:`AgentFace.frame` in a loop. Frames are made in real time; while something is said,
+:data:`AHEAD_S` before, so that a late frame does not tear the sound. Time is an argument here, too.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.profiles import load_profile
+from fapengine.host.stream import Pronounce, StreamEvent, StreamFrame, StreamHost
+from fapengine.host.words import MarkTimer, TimedWord
+from fapengine.mpeg4 import fap
+from fapengine.recognition.process import RecognizerProcess
+from fapengine.recognition.protocol import StreamRecognizer
+from fapengine.render.drawing import parse_edges
+from fapengine.server.film.painter import Painter
+from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.pronounce import Pronouncer
+
+AHEAD_S = 0.2
+"""Time by which frames with sound are made before they are due."""
+EAR_STARTS_S = 15.0
+"""Time that a recognizer may take to start; with a slower one, the face begins without it."""
+SMALL_FAPU = np.full(fap.FAP_COUNT, 30)
+"""(68,) FAPU: about a pixel in a picture of 512 x 512, as a listening face moves from one to the next."""
+SMALL_FAPU[[fap.column(number) for number in (23, 24, 25, 26)]] = 5000  # eyes, 1e-5 rad
+SMALL_FAPU[[fap.column(number) for number in (48, 49, 50)]] = 800  # the head, likewise
+MAX_LATE_S = 0.5
+"""Lateness beyond which the pace is reset, and nothing is caught up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentOptions:
+    """The face of an agent."""
+
+    head: str = "default"
+    """Name or folder of a head; see :func:`fapengine.files.heads.load.load_head_for_calls`."""
+    size: tuple[int, int] = (512, 512)
+    """Width and height in pixels."""
+    edges: str = "soft"
+    """``soft``, ``fine`` or ``none``: see docs/how-to/render.md; without soft edges drawing takes a quarter less."""
+    frame_rate_hz: float = 25.0
+    profile: str = DEFAULT_PROFILE
+    """Profile that speaks: a shipped name, or a folder."""
+    voice: str = "en-us"
+    """Language that words with times are pronounced in."""
+    style: Style = Style()  # noqa: RUF009  frozen
+    seed: int = 1
+    hears: bool = True
+    """True where a recognizer listens to the sound; without it only words with times move the mouth."""
+
+    def __post_init__(self) -> None:
+        parse_edges(self.edges)
+        if not 1.0 <= self.frame_rate_hz <= 60.0:
+            raise UsageError(f"frame_rate_hz: got {self.frame_rate_hz:g}, expected 1..60")
+
+
+class AgentFace:
+    """A face that acts for an agent: :meth:`open` makes one with its processes, :meth:`close` ends them. Stateful.
+
+    Parameters
+    ----------
+    host : StreamHost
+    frame_rate_hz : float
+    """
+
+    def __init__(self, host: StreamHost, frame_rate_hz: float) -> None:
+        self.host, self.dt_s = host, 1.0 / frame_rate_hz
+        self.marks = MarkTimer()
+        self.painter: Painter | None = None
+        self.ear: StreamRecognizer | None = None
+        self._due_s: float | None = None
+        self._half = b""
+        self._has_words = False
+        self._drawn: tuple[NDArray[np.int32], bytes] | None = None
+        """FAPs of the picture before this one, and that picture; None if it was shown twice."""
+        self._until_s = 0.0
+        """Time until which the sound that was handed out is heard."""
+
+    @classmethod
+    def open(cls, options: AgentOptions, *, draws: bool = True) -> "AgentFace":
+        """Make a face; its processes are ready after a second or two: :meth:`ready`.
+
+        Raises
+        ------
+        UsageError
+            If the profile or the voice cannot be.
+        ResourceError
+            If a process cannot be started.
+        """
+        ear: StreamRecognizer | None = None
+        if options.hears:
+            ear = RecognizerProcess.open()
+        host = StreamHost(
+            load_profile(Path(options.profile) if "/" in options.profile else options.profile),
+            rng=np.random.default_rng(options.seed), style=options.style, ear=ear, pronounce=_pronouncer(options.voice),
+        )  # fmt: skip
+        face = cls(host, options.frame_rate_hz)
+        face.ear = ear
+        face.painter = Painter(options.head, options.size, options.edges) if draws else None
+        return face
+
+    async def ready(self) -> None:
+        """Wait until the face can be drawn, and its recognizer is ready. Raises ``ResourceError`` if it never can."""
+        if self.painter is not None:
+            await self.painter.ready()
+        for _ in range(round(EAR_STARTS_S / self.dt_s)):
+            if self.ear is None or self.ear.is_ready:
+                return
+            self.ear.poll()
+            await asyncio.sleep(self.dt_s)
+
+    def close(self) -> None:
+        """End the processes."""
+        if self.painter is not None:
+            self.painter.close()
+        if self.ear is not None:
+            self.ear.close()
+
+    # What the framework tells ----------------------------------------------------------------------------------------
+
+    def sound(self, data: bytes, rate_hz: int, channels: int = 1) -> None:
+        """Take sound of the TTS: little-endian int16, channels interleaved, cut anywhere.
+
+        Raises
+        ------
+        DataError
+            If there are no such channels.
+        """
+        if not 1 <= channels <= 8:
+            raise DataError(f"channels: got {channels}, expected 1..8")
+        data = self._half + data
+        whole = len(data) // (2 * channels) * 2 * channels
+        self._half = data[whole:]
+        samples = np.frombuffer(data[:whole], "<i2")
+        if channels > 1:
+            samples = samples.reshape(-1, channels).mean(axis=1)
+        self.host.push(samples.astype(np.int16), rate_hz)
+
+    def word(self, text: str, start_s: float, end_s: float | None = None) -> None:
+        """Take a word and when it is said, from the first sound of the utterance on."""
+        self._has_words = True
+        self.host.words([TimedWord(text, start_s, end_s)])
+        for at_s, command in self.marks.word(text, start_s):
+            self.host.cue(command, at_s)
+
+    def end(self) -> None:
+        """Say that the utterance is whole."""
+        self._half = b""
+        self.host.end()
+
+    def interrupt(self, now_s: float) -> None:
+        """Stop at once."""
+        self.marks.clear()
+        self._half = b""
+        self._has_words = False
+        self.host.interrupt(self.unplayed_s(now_s))
+        self._until_s = 0.0
+        self._due_s = None
+
+    def unplayed_s(self, now_s: float) -> float:
+        """Tell how much of the sound that was handed out is still to be heard, s."""
+        return max(self._until_s - now_s, 0.0)
+
+    # The pace --------------------------------------------------------------------------------------------------------
+
+    def wait_s(self, now_s: float) -> float:
+        """Tell how long to wait for the next frame, s; 0: it is due."""
+        if self._due_s is None or now_s > self._due_s + MAX_LATE_S:
+            self._due_s = now_s
+        ahead_s = AHEAD_S if self.host.is_speaking else 0.0
+        return max(self._due_s - ahead_s - now_s, 0.0)
+
+    def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:
+        """Make the frame that is due; returns it, and what became of utterances with it."""
+        frame = self.host.next(self.dt_s)
+        events = self.host.events()
+        self._due_s = (now_s if self._due_s is None else self._due_s) + self.dt_s
+        if frame.sounds:
+            self._until_s = max(self._until_s, now_s) + sum(sound.duration_s for sound in frame.sounds)
+        for event in events:
+            if event.kind == "started" and not self._has_words:
+                for at_s, command in self.marks.estimated():
+                    self.host.cue(command, at_s)
+            elif event.kind == "finished":
+                self._has_words = False
+        return frame, events
+
+    async def picture(self, faps: NDArray[np.int32]) -> bytes:
+        """Draw: (68,) FAPU to RGB bytes. In silence, a picture in which little has moved is shown twice.
+
+        Raises
+        ------
+        ResourceError
+            If the painter has ended, or there is none.
+        """
+        if self.painter is None:
+            raise ResourceError("painter: this face is not drawn")
+        before, self._drawn = self._drawn, None
+        if before is not None and not self.host.is_speaking and (np.abs(faps - before[0]) <= SMALL_FAPU).all():
+            return before[1]
+        drawn = await self.painter.picture(faps)
+        self._drawn = faps.copy(), drawn
+        return drawn
+
+
+@lru_cache(maxsize=8)
+def _pronouncer(voice: str) -> Pronounce | None:
+    """Pronounce words by espeak-ng; None where it is not installed, for the recognizer hears them, too.
+
+    Faces of one process share it, and the words that it knows.
+    """
+    try:
+        loaded = VoiceChoice(voice).load()
+    except ResourceError:
+        return None
+    return Pronouncer(loaded).words

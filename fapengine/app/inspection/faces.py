@@ -1,0 +1,271 @@
+"""Profiles, heads, and avatars or scans that could become heads."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._resources import profile_ids
+from fapengine.app.inspection.report import FileKind, Report, Source, Table
+from fapengine.errors import DataError
+from fapengine.files.gltf.document import Gltf, parse_gltf
+from fapengine.files.heads.load import DEFAULT_HEAD, load_head, load_head_info
+from fapengine.files.heads.meshes import RIG_ENDINGS, files_beside, load_neutral, load_rig
+from fapengine.files.pictures import Picture, contact_sheet
+from fapengine.files.profiles import load_profile
+from fapengine.files.recordings import MESHES
+from fapengine.mesh.default_head.style import parse_person
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.models.viseme_space import name_components
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import to_codable
+from fapengine.profiles import Profile
+from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.trajectory.faps import displacements_to_faps
+
+PICTURE_PX = 384
+MAX_NAMES_SHOWN = 60
+CLIP_ENDING = ".vrma"
+"""Ending of a motion for avatars, which has no mesh."""
+AVATAR_ENDINGS = (*RIG_ENDINGS, CLIP_ENDING, *MESHES)
+
+
+def _profile(source: Source) -> Report:
+    profile = load_profile(str(source.path))
+    facts = describe_profile(profile)
+    sizes = ", ".join(f"{key.upper()} {length:.1f}" for key, length in facts["fapu_mm"].items())
+    modes = [
+        [
+            str(mode["number"]), mode["moves"], f"{mode['likeness']:.2f}", " ".join(mode["most"]),
+            f"{mode['phones_from']:+.1f} .. {mode['phones_to']:+.1f}",
+        ]
+        for mode in facts["modes"]
+    ]  # fmt: skip
+    phones = [
+        [
+            name, " ".join(f"{100 * fraction:.0f}%" for fraction in phone["keyframes"]), f"{phone['opening_mm']:+.1f}",
+            f"{phone['width_mm']:+.1f}", phone["touches"], phone["origin"],
+        ]
+        for name, phone in facts["phones"].items()
+    ]  # fmt: skip
+    text: list[str | Table] = [
+        f"{facts['id']}, {facts['language']}. Licence: {facts['licence']}",
+        *(f"  {key}: {value}" for key, value in facts["origin"].items()),
+        f"  face, mm: {sizes}",
+        f"  markers: {' '.join(facts['markers'])}",
+        Table(columns=("mode", "moves", "likeness", "most", "phones reach"), rows=modes),
+        Table(columns=("phone", "keys", "opening mm", "width mm", "touches", "origin"), rows=phones),
+        f"expressions: {', '.join(facts['expressions']) or 'none'}",
+    ]
+    return Report(facts=facts, text=text, plot=lambda: _faces(profile), sliders=lambda: _sliders(profile))
+
+
+def describe_profile(profile: Profile) -> dict[str, Any]:
+    """Make the values of a profile."""
+    space = profile.space
+    count = space.marker_count
+    names = name_components(space.modes_mm[:, :count], space.points[:count])
+    targets = np.concatenate([phone.targets for phone in profile.phones.values()])
+    reach = (targets.min(axis=0).tolist(), targets.max(axis=0).tolist())
+    return {
+        "format": "profile",
+        "id": profile.id,
+        "language": profile.language,
+        "licence": profile.licence,
+        "origin": dict(profile.origin),
+        "fapu_mm": {key: getattr(profile.fapu, f"{key}_mm") for key in ("irisd0", "es0", "ens0", "mns0", "mw0")},
+        "markers": list(space.points[:count]),
+        "points": list(space.points),
+        "modes": [
+            {
+                "number": index + 1, "moves": mode.name, "likeness": round(mode.likeness, 2),
+                "most": list(mode.busiest), "phones_from": round(low, 1), "phones_to": round(high, 1),
+            }
+            for index, (mode, low, high) in enumerate(zip(names, *reach, strict=True))
+        ],
+        "phones": {
+            name: {
+                "keyframes": list(phone.fractions), "touches": phone.contact, "origin": phone.origin,
+                "opening_mm": _size(profile, phone.targets[0], "2.2", "2.3", 1),
+                "width_mm": _size(profile, phone.targets[0], "8.3", "8.4", 0),
+            }
+            for name, phone in profile.phones.items()
+        },
+        "expressions": [expression.label for expression in profile.expressions],
+    }  # fmt: skip
+
+
+def _size(profile: Profile, target: NDArray[np.float64], first: str, second: str, axis: int) -> float:
+    """Change of a distance between two points against rest, mm."""
+    moved = dict(zip(profile.space.points, profile.space.to_points_mm(target), strict=True))
+    return round(float(moved[first][axis] - moved[second][axis]), 2)
+
+
+def _faces(profile: Profile) -> Picture:
+    """Draw a face for each phone and expression."""
+    from fapengine.render.drawing import Drawing
+    from fapengine.render.renderer import FaceRenderer
+
+    openings = {name: _size(profile, phone.targets[0], "2.2", "2.3", 1) for name, phone in profile.phones.items()}
+    labels = [("rest", ""), *((name, f"{opening:+.1f} mm") for name, opening in openings.items())]
+    labels += [(expression.label, "") for expression in profile.expressions]
+    weights = [np.zeros(profile.space.mode_count), *(phone.targets[0] for phone in profile.phones.values())]
+    weights += [face.target for face in profile.expressions.values()]
+    faps = displacements_to_faps(profile.space.to_points_mm(np.stack(weights)), profile.space.points, profile.fapu)
+    for row, face in zip(
+        range(len(faps) - len(profile.expressions), len(faps)), profile.expressions.values(), strict=True
+    ):
+        faps[row] += face.fap
+    with FaceRenderer(load_head(DEFAULT_HEAD), Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
+        pictures = list(renderer.frames(to_codable(faps)))
+    title = f"{profile.id}: phones at their first keyframe, with the opening of the lips; expressions"
+    return contact_sheet(pictures, labels, title=title)
+
+
+def _sliders(profile: Profile) -> bytes:
+    from fapengine.files.report.sliders import sliders_page
+
+    count = profile.space.marker_count
+    names = name_components(profile.space.modes_mm[:, :count], profile.space.points[:count])
+    face = load_head("default:level=coarse")
+    rest_mm = {
+        name: tuple(face.vertices_mm[face.feature_points[name]].tolist())
+        for name in profile.space.points
+        if name in face.feature_points
+    }
+    return sliders_page(profile, [each.name for each in names], rest_mm)
+
+
+def _head(source: Source) -> Report:
+    name = str(source.path)
+    head, info = load_head(name), load_head_info(name)
+    moving = sorted({channel.fap for channel in head.basis.channels})
+    size = None if head.texture is None else [head.texture.shape[1], head.texture.shape[0]]
+    facts = {
+        "format": "head", "source": info.source, "licence": info.licence, "vertices": len(head.vertices_mm),
+        "triangles": len(head.triangles), "feature_points": len(head.feature_points), "texture": size,
+        "faps_by_surface": moving, "used": list(info.used), "lacking": list(info.lacking),
+    }  # fmt: skip
+    texture = "no texture" if size is None else f"a texture of {size[0]}x{size[1]}"
+    text = [
+        f"head: from {info.source or 'an unnamed source'}, licence {info.licence or 'not stated'}",
+        f"{facts['vertices']} vertices, {facts['triangles']} triangles, {texture}",
+        f"{facts['feature_points']} feature points, {len(moving)} FAPs move its surface",
+    ]
+    if info.used:
+        text.append(f"blendshapes used: {', '.join(info.used)}")
+    if info.lacking:
+        text.append(f"blendshapes of ARKit that it lacks: {', '.join(info.lacking)}")
+    return Report(facts=facts, text=text, plot=lambda: _neutral(head))
+
+
+def _neutral(head: FaceMesh) -> Picture:
+    from fapengine.render.renderer import FaceRenderer
+
+    with FaceRenderer(head) as renderer:
+        return renderer.draw(np.zeros(fap.FAP_COUNT))
+
+
+def _avatar(source: Source) -> Report:
+    facts = describe_avatar(source)
+    text = [f"{facts['format']}: licence {facts['licence'] or 'not stated'}"]
+    if "vertices" in facts:
+        size, names = facts["texture"], facts["shapes"]
+        texture = "no texture" if size is None else f"textures of {size[0]}x{size[1]} in all"
+        text.append(f"{facts['vertices']} vertices, {facts['triangles']} triangles, {texture}")
+        more = f", ... and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
+        text.append(f"{len(names)} shapes: {', '.join(names[:MAX_NAMES_SHOWN])}{more}" if names else "no shapes")
+        if names:
+            text.append(f"of ARKit's 52 it lacks: {', '.join(facts['lacking']) or 'none'}")
+        text.append(f"bones: {', '.join(facts['bones']) or 'none'}")
+    text += [
+        f"animation {clip['name']!r}: {clip['seconds']:.2f} s, {clip['channels']} channels" for clip in facts["clips"]
+    ]
+    plot = "--plot draws no mesh; fapengine head import, then head check, does"
+    return Report(facts=facts, text=[*text, facts["next"]], plot=plot)
+
+
+def describe_avatar(source: Source) -> dict[str, Any]:
+    """Make the values of an avatar (.glb, .gltf, .vrm), a motion for one (.vrma) or a scan.
+
+    Raises
+    ------
+    DataError
+        If it is damaged, or requires an extension that is not understood; ``where`` is file and place.
+    ResourceError
+        If a library that it needs is not installed.
+    """
+    path = source.path
+    if source.ending not in (*RIG_ENDINGS, CLIP_ENDING):
+        return _mesh(load_neutral(path), path) | {"format": "mesh", "licence": "", "clips": []}
+    try:
+        gltf = parse_gltf(source.data, files_beside(path), every_extension=False)
+    except DataError as error:
+        raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
+    facts: dict[str, Any] = {
+        "format": f"glTF {gltf.root.item('asset').string('version', '')}", "licence": _licence(gltf),
+        "clips": _clips(gltf), "next": f"move an avatar by it: any program that reads {CLIP_ENDING}",
+    }  # fmt: skip
+    return facts if source.ending == CLIP_ENDING else facts | _mesh(load_rig(path), path)
+
+
+def _mesh(mesh: BlendshapeMesh, path: Path) -> dict[str, Any]:
+    choice = choose_blendshapes(mesh.blendshapes)
+    if choice.blended or choice.own_faps:
+        how, points = "make a head of it", ""
+    elif mesh.bones:
+        how, points = "a head of it nods, turns and moves its jaw", ""
+    else:
+        how, points = "a head of it needs feature points", " --points FILE"
+    size = None if mesh.texture is None else [mesh.texture.shape[1], mesh.texture.shape[0]]
+    return {
+        "vertices": len(mesh.vertices), "triangles": len(mesh.triangles), "texture": size,
+        "shapes": list(mesh.blendshapes), "lacking": list(choice.missing), "bones": list(mesh.bones),
+        "notes": list(mesh.notes), "next": f"{how}: fapengine head import {path}{points} -o heads/{path.stem}",
+    }  # fmt: skip
+
+
+def _licence(gltf: Gltf) -> str:
+    """Find what VRM 1.0, VRM 0.x or the asset itself states: the first of them that does."""
+    extensions, asset = gltf.root.item("extensions"), gltf.root.item("asset")
+    stated = (
+        extensions.item("VRMC_vrm").item("meta").string("licenseUrl", ""),
+        extensions.item("VRM").item("meta").string("licenseName", ""),
+        asset.string("copyright", ""),
+    )
+    return next((text for text in stated if text), "")
+
+
+def _clips(gltf: Gltf) -> list[dict[str, Any]]:
+    clips = []
+    for number, clip in enumerate(gltf.root.items("animations")):
+        times = [
+            gltf.accessors[sampler.index("input", len(gltf.accessors))].numbers("max", [0.0])[0]
+            for sampler in clip.items("samplers")
+        ]
+        name = clip.string("name", f"animation {number}")
+        clips.append({"name": name, "seconds": max(times, default=0.0), "channels": len(clip.items("channels"))})
+    return clips
+
+
+PROFILE = FileKind(
+    name="a profile",
+    fits=lambda source: (source.path / "profile.toml").is_file() or str(source.path) in profile_ids(),
+    describe=_profile,
+)
+HEAD = FileKind(
+    name="a head",
+    fits=lambda source: (
+        (source.path / "head.toml").is_file()
+        or (not source.path.exists() and parse_person(str(source.path)) is not None)
+    ),
+    describe=_head,
+)
+AVATAR = FileKind(
+    name="an avatar, a scan",
+    endings=AVATAR_ENDINGS,
+    fits=lambda source: source.ending in AVATAR_ENDINGS,
+    describe=_avatar,
+)

@@ -1,0 +1,122 @@
+"""Recordings of markers, and what face trackers write: landmarks of a face mesh, or OpenFace's table."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from fapengine.app.inspection.report import FileKind, Report, Source, Table
+from fapengine.capture.landmarks import COUNTS, Picture, is_openface, parse_landmarks, parse_openface
+from fapengine.errors import DataError
+from fapengine.files.recordings import is_table, load_markers, mesh_files
+from fapengine.laboratory.look import look_over, session_lines
+
+MARKERS_SHOWN = 12
+WIDTH_PX, ROW_PX = 800, 6
+SEEN, GAP = (64, 110, 160), (235, 225, 215)
+MARKER_ENDINGS = (".c3d", ".trc", ".npz")
+LANDMARK_ENDINGS = (".json", ".jsonl", ".csv")
+
+
+def _markers(source: Source) -> Report:
+    """Describe a recording, with a ``session.toml`` to start from."""
+    is_mesh = source.path.is_dir()
+    recording = load_markers(source.path, rate_hz=60.0 if is_mesh else None)
+    track, look = recording.markers, look_over(recording.markers)
+    lines = session_lines(look, track, source.path.stem, mesh=is_mesh)
+    markers = {
+        name: {"seen": round(float(seen), 4), "gaps": int(gaps), "longest_s": round(float(longest), 3)}
+        for name, seen, gaps, longest in zip(track.labels, look.seen, look.gaps, look.longest_s, strict=True)
+    }
+    facts = {
+        "format": "markers", "frames": track.frame_count, "rate_hz": track.rate_hz, "seconds": track.duration_s,
+        "size_mm": [round(float(side), 1) for side in look.size_mm], "markers": markers, "named": look.named,
+        "head": look.head, "quiet_s": look.quiet_s, "warnings": recording.warnings, "session": "\n".join(lines),
+    }  # fmt: skip
+    rows = []
+    for index in np.argsort(look.seen, kind="stable"):
+        longest = f", the longest {look.longest_s[index]:.2f} s" if look.gaps[index] else ""
+        seen = f"seen in {100 * look.seen[index]:.1f} %, {look.gaps[index]} gaps"
+        rows.append(f"  {track.labels[index]:<16} {seen}{longest}")
+    wide, high, deep = look.size_mm
+    text: list[str | Table] = [
+        f"recording: {len(track.labels)} markers, {track.frame_count} frames at {track.rate_hz:g} Hz,"
+        f" {track.duration_s:.2f} s; {wide:.0f} x {high:.0f} x {deep:.0f} mm, +y up",
+        Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} that are seen no less (--all)"),
+        f"feature points among the labels: {', '.join(look.named) or 'none'}",
+        "\n# session.toml to start from\n" + "\n".join(lines),
+    ]
+
+    def draw() -> Any:
+        columns = np.linspace(0, track.frame_count - 1, min(WIDTH_PX, track.frame_count)).astype(int)
+        pixels = np.where(track.valid[columns].T[..., None], SEEN, GAP).astype(np.uint8)
+        return np.ascontiguousarray(np.repeat(pixels, ROW_PX, axis=0))
+
+    return Report(facts=facts, text=text, plot=draw, warnings=recording.warnings)
+
+
+def _is_tracked(source: Source) -> bool:
+    if source.ending not in LANDMARK_ENDINGS or source.file_format or not source.path.is_file():
+        return False
+    return is_openface(source.data) or _landmarks(source.data, source.ending) is not None
+
+
+def _tracked(source: Source) -> Report:
+    """Describe what a tracker saw, and how it becomes FAPs."""
+    facts = _openface(source.data) if is_openface(source.data) else _landmarks(source.data, source.ending)
+    assert facts is not None
+    rate = f" at {facts['rate_hz']:g} Hz" if facts["rate_hz"] else ""
+    asked = "" if facts["rate_hz"] else " --size WIDTHxHEIGHT --fps N"
+    text = [
+        f"{facts['format']}: {facts['points']} points a frame, {facts['frames']} frames{rate}",
+        f"a face in {100 * facts['seen']:.1f} % of them; the longest time without: {facts['longest']}",
+        facts["has"],
+        f"FAPs of it: fapengine capture {source.path}{asked} -o {source.path.stem}.fap",
+    ]
+    return Report(facts=facts, text=text, plot="holds what a tracker saw; --plot draws its FAPs, see fapengine capture")
+
+
+def _openface(data: bytes) -> dict[str, Any]:
+    table = parse_openface(data)
+    units = sorted(table.action_units)
+    gaze = "gaze" if table.gaze_rad is not None else "no gaze"
+    has = f"{gaze}; {len(units)} action units{': ' if units else ''}{', '.join(units)}"
+    return _seen("OpenFace's table", table.points_mm, table.rate_hz, has) | {"action_units": units}
+
+
+@lru_cache(maxsize=1)
+def _landmarks(data: bytes, ending: str) -> dict[str, Any] | None:
+    """Make the values of landmarks; None if these are none."""
+    if ending == ".csv" and data.split(b"\n", 1)[0].count(b",") < 3 * COUNTS[0] - 1:
+        return None
+    try:
+        track = parse_landmarks(data, Picture(1.0, 1.0, 90.0, 30.0))
+    except DataError:
+        return None
+    irises = "with irises: gaze can be read" if track.positions.shape[1] > COUNTS[0] else "without irises: no gaze"
+    return _seen("landmarks of a face mesh", track.positions, None, f"shares of a picture; {irises}")
+
+
+def _seen(name: str, points: np.ndarray, rate_hz: float | None, has: str) -> dict[str, Any]:
+    lost = np.isnan(points).any(axis=(1, 2))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
+    longest = int((edges[1::2] - edges[::2]).max(initial=0))
+    return {
+        "format": name, "points": points.shape[1], "frames": len(points), "rate_hz": rate_hz,
+        "seen": round(1 - float(lost.mean()), 4), "longest": f"{longest} frames", "has": has,
+    }  # fmt: skip
+
+
+MARKERS = FileKind(
+    name="a marker recording",
+    endings=(*MARKER_ENDINGS, ".csv"),
+    fits=lambda source: (
+        source.ending in MARKER_ENDINGS
+        or (source.path.is_dir() and bool(mesh_files(source.path)))
+        or (not source.file_format and is_table(source.path))
+    ),
+    describe=_markers,
+)
+TRACKED = FileKind(
+    name="face landmarks or an OpenFace table", endings=LANDMARK_ENDINGS, fits=_is_tracked, describe=_tracked
+)

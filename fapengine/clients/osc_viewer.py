@@ -1,0 +1,125 @@
+"""Edge: a live face that comes as ``/fap/1/frame`` to a UDP port, for a window."""
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, ResourceError
+from fapengine.mpeg4 import fap
+from fapengine.wire import osc
+from fapengine.wire.fap_osc import FRAME, FapFrame, parse_frame
+
+Faps = NDArray[np.int32]
+
+MAX_DATAGRAM_BYTES = 65_535
+SILENT_S = 2.0
+"""A port where nothing comes for so long is said to be silent."""
+
+
+@dataclass(slots=True)
+class ViewerCounts:
+    """Counts of frames that came.
+
+    Stateful.
+    """
+
+    frames: int = 0
+    missed: int = 0
+    """Numbers that never came."""
+    refused: int = 0
+    """Messages of another kind."""
+
+
+class OscViewer:
+    """Frames of ``/fap/1/frame`` received on a UDP port. Close it.
+
+    Stateful.
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where to listen.
+    session : str, optional
+        Whose frames; by default of the first that comes.
+    clock : callable
+        The monotonic clock.
+
+    Raises
+    ------
+    ResourceError
+        If the port is taken.
+    """
+
+    def __init__(
+        self, host: str, port: int, *, session: str | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.session = session
+        self.counts = ViewerCounts()
+        self._clock, self._heard_s = clock, -np.inf
+        self._frame: FapFrame | None = None
+        self._values = np.zeros(fap.FAP_COUNT, np.int32)
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            self._socket = _bound(socket.socket(family, kind), address)
+        except OSError as error:
+            raise ResourceError(f"osc://{host}:{port}: got {error}, expected a port that is free") from error
+        self._socket.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self._socket.getsockname()[1])
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing has come for :data:`SILENT_S`."""
+        return self._clock() - self._heard_s > SILENT_S
+
+    def faps(self) -> Faps:
+        """Newest frame, (68,) FAPU; late ones are dropped, what one leaves out keeps its value."""
+        while True:
+            try:
+                data = self._socket.recv(MAX_DATAGRAM_BYTES)
+            except OSError:  # nothing more is there
+                return self._values.copy()
+            try:
+                for message in osc.parse_packet(data):
+                    self._take(message)
+            except DataError:
+                self.counts.refused += 1
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
+    def _take(self, message: osc.Message) -> None:
+        if message.address != FRAME:
+            self.counts.refused += 1
+            return
+        frame = parse_frame(message)
+        if self.session is None:
+            self.session = frame.session
+        if frame.session != self.session:
+            return
+        before, self._heard_s = self._frame, self._clock()
+        if before is not None and 0 <= before.number - frame.number < 1000 and frame.time_us <= before.time_us:
+            return
+        if before is not None and frame.number > before.number:
+            self.counts.missed += frame.number - before.number - 1
+        self.counts.frames += 1
+        self._frame = frame
+        self._values = np.where(frame.mask, frame.values, self._values).astype(np.int32)
+
+
+def _bound(bound_socket: socket.socket, address: Any) -> socket.socket:
+    try:
+        bound_socket.bind(address)
+    except OSError:
+        bound_socket.close()
+        raise
+    return bound_socket

@@ -1,0 +1,410 @@
+"""Faces that are moved by sound: a recognizer for each session with sound, and its phones into the session.
+
+Theory of operation
+-------------------
+:meth:`Hearing.hear` takes sound of an utterance that a sender numbers; :meth:`Hearing.listen` takes sound without an
+end, of a microphone: speech in it is an utterance, over after :data:`PAUSE_S` of silence. Each
+session's sound goes to a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`), which reports
+phones :data:`fapengine.recognition.sphinx_recognizer.LOOK_AHEAD_S` and a little more after it; so the face follows the
+sound :data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number of recognizers is
+bounded, and so is the sound that each keeps before it is processed; what is more is refused and counted.
+"""
+
+import logging
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._counters import Counts, metric
+from fapengine.engine.commands import Append, Begin, Cancel, Command, End
+from fapengine.engine.session import Event
+from fapengine.errors import FapEngineError, ResourceError
+from fapengine.host.hub import Hub
+from fapengine.host.listeners import HeardSound, Place
+from fapengine.recognition.choice import is_installed
+from fapengine.recognition.process import RecognizerProcess
+from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
+from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S
+from fapengine.speech.phone_track import Phone
+
+DELAY_S = 0.5
+"""Time by which the face follows sound that comes as it is spoken; docs/how-to/sound.md says what less costs."""
+MAX_EARS = 4
+MAX_WAITING_S = 20.0
+"""Length of sound of one session that waits to be heard."""
+IDLE_S = 30.0
+"""Time without sound after which a session releases its recognizer."""
+QUIET_S = 0.5
+"""Time without a piece of it after which a microphone's sound is over."""
+JUMP_S = 0.3
+"""Time that a microphone's sound may come late before it counts as another sound."""
+DRIFT = 1e-3
+"""Share by which a microphone's clock may be slower than ours."""
+PAUSE_S = 0.5
+
+log = logging.getLogger("fapengine.hub")
+
+
+def _delay_s(one: "_Session") -> float:
+    """Delay of a session's face: :data:`DELAY_S`, and more for a recognizer that looks farther ahead."""
+    return DELAY_S + max(one.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
+
+
+@dataclass(slots=True)
+class HearingCounts(Counts):
+    """Counts of what recognizers were given. Stateful."""
+
+    METRIC = "sound", "Sound that ears were given, s, and its phones, by what became of it."
+
+    ears: int = metric("ears", "Processes that hear sound.", is_gauge=True)
+    heard_s: float = 0.0
+    """Sound that was heard."""
+    refused_s: float = 0.0
+    """Sound beyond what may wait, or without a recognizer."""
+    phones: int = 0
+    ended: int = 0
+    """Recognizers that ended by themselves: each is a bug, or was killed."""
+
+
+@dataclass(slots=True)
+class _Utterance:
+    """Where the phones of a stream go. Stateful."""
+
+    number: int
+    offset_s: float
+    """Time in the utterance of the stream's first sample."""
+    is_begun: bool
+    count: int = 0
+    end_s: float = 0.0
+
+
+@dataclass(slots=True, eq=False)
+class _Session:
+    """One session's recognizer. Stateful."""
+
+    ear: StreamRecognizer
+    touched_s: float
+    utterance: _Utterance | None = None
+    """Utterance that is said now."""
+    is_endless: bool = False
+    """True where the stream is a microphone's."""
+    zero_s: float = 0.0
+    """Engine time at which a microphone's stream began."""
+    pushed_s: float = 0.0
+    """Length of the stream."""
+    deaf_s: float = 0.0
+    """Time in a microphone's stream before which phones are dropped: they were cancelled."""
+    rate_hz: int = 0
+    source: Hashable = None
+    """Source of a microphone's sound."""
+    ends: bool = False
+    heard_s: float = 0.0
+    stream: int = 0
+    """Counts its streams."""
+    place: Place = lambda now_s: None
+    """Place of the stream in engine time: see :class:`HeardSound`."""
+
+
+@dataclass(slots=True, eq=False)
+class Hearing:
+    """All recognizers of a hub. Stateful; call :meth:`tick` once before each frame."""
+
+    hub: Hub
+    max_ears: int = MAX_EARS
+    model: Path | None = None
+    """Name of a recognizer, or an ONNX model (:mod:`fapengine.recognition.choice`)."""
+    opens: Callable[[Path | None], StreamRecognizer] = RecognizerProcess.open
+    counts: HearingCounts = field(default_factory=HearingCounts)
+    _sessions: dict[str, _Session] = field(default_factory=dict)
+    _spare: StreamRecognizer | None = None
+    _takers: list[tuple[str, Callable[[HeardSound], None]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.hub.listeners.on_command(None, self._note_command)
+        self.hub.listeners.on_event(None, self._note_event)
+
+    def hear(
+        self,
+        session: str,
+        utterance: int,
+        samples: NDArray[np.int16],
+        rate_hz: int,
+        *,
+        first_s: float = 0.0,
+        is_placed: bool = True,
+        is_last: bool = False,
+    ) -> None:
+        """Take sound of an utterance: pieces of one follow each other, and end the one before.
+
+        Parameters
+        ----------
+        session : str
+            An open one.
+        utterance : int
+            The engine's number.
+        samples : (N,) int16
+            Mono.
+        rate_hz : int
+        first_s : float
+            Time in the utterance of its first sample of all.
+        is_placed : bool
+            Whether the engine was told when it begins; else that is told here, :data:`DELAY_S` from now.
+        is_last : bool
+            Nothing of it follows.
+
+        Raises
+        ------
+        ResourceError
+            If there is no ear for it.
+        """
+        one = self._session(session, len(samples) / rate_hz)
+        if one.is_endless or one.utterance is None or one.utterance.number != utterance:
+            self._end_utterance(session, one)
+            self._begin_stream(one, rate_hz, is_endless=False)
+            one.utterance = _Utterance(utterance, first_s, is_placed)
+            one.place = self._place_in(session, one.utterance)
+        self._push(session, one, samples, rate_hz)
+        if is_last and not one.ends:
+            one.ends = True
+            one.ear.end()
+
+    def on_sound(self, session: str, taker: Callable[[HeardSound], None]) -> Callable[[], None]:
+        """Have the sound that moves a session, and where it belongs; until what is returned is called."""
+        entry = (session, taker)
+        self._takers.append(entry)
+        return lambda: self._takers.remove(entry) if entry in self._takers else None
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether there may be a recognizer: it is installed, and allowed."""
+        return self.max_ears > 0 and is_installed(self.model)
+
+    def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
+        """Take the next sound of a microphone, (N,) int16, as it comes; False if it was refused.
+
+        It is refused where too much waits, and as long as another source, or an utterance with sound, has the ear.
+
+        Raises
+        ------
+        ResourceError
+            If there is no ear for it.
+        """
+        before = self._sessions.get(session)
+        if before is not None and not before.ends and before.rate_hz:
+            is_taken = before.source != source if before.is_endless else before.utterance is not None
+            if is_taken:
+                self.counts.refused_s += len(samples) / rate_hz
+                return False
+        one = self._session(session, len(samples) / rate_hz)
+        one.source = source
+        now_s = self.hub.clock()
+        began_s = now_s - one.pushed_s - len(samples) / rate_hz
+        late_s = began_s - one.zero_s
+        if not one.is_endless or one.ends or one.rate_hz != rate_hz or late_s > JUMP_S:
+            self._end_utterance(session, one)
+            self._begin_stream(one, rate_hz, is_endless=True)
+            one.zero_s = now_s - len(samples) / rate_hz
+            one.place = self._place_live(session, one)
+        else:
+            one.zero_s += min(late_s, DRIFT * len(samples) / rate_hz)
+        return self._push(session, one, samples, rate_hz)
+
+    def tick(self, now_s: float) -> None:
+        """Tell the sessions what was heard."""
+        for session, one in list(self._sessions.items()):
+            if one.is_endless and not one.ends and now_s - one.touched_s > QUIET_S:
+                one.ends = True
+                one.ear.end()
+            try:
+                told = one.ear.poll()
+            except ResourceError as error:
+                log.error("%s: %s", session, error, extra={"session": session})
+                self.counts.ended += 1
+                self._end_utterance(session, one)
+                self._close(session, keep=False)
+                continue
+            for heard in told:
+                self.counts.heard_s += heard.position_s - one.heard_s
+                one.heard_s = heard.position_s
+                self._tell(session, one, heard, now_s)
+            self._begin_unplaced(session, one, now_s)
+            if session not in self.hub.engine or now_s - one.touched_s > IDLE_S:
+                self._close(session, keep=session in self.hub.engine)
+
+    def drop(self, session: str) -> None:
+        """Drop a session's sound, which has no listener any more."""
+        if session in self._sessions:
+            self._end_utterance(session, self._sessions[session])
+            self._close(session, keep=True)
+
+    def close(self) -> None:
+        """End all recognizers."""
+        for session in list(self._sessions):
+            self._close(session, keep=False)
+        if self._spare is not None:
+            self._spare.close()
+            self._spare = None
+            self.counts.ears -= 1
+
+    # Ears
+
+    def _session(self, session: str, length_s: float) -> _Session:
+        one = self._sessions.get(session)
+        if one is None:
+            if len(self._sessions) >= self.max_ears:
+                self.counts.refused_s += length_s
+                raise ResourceError(f"ears: got sound of one session more than {self.max_ears}")
+            ear, self._spare = self._spare, None
+            if ear is None:
+                try:
+                    ear = self.opens(self.model)
+                except FapEngineError:
+                    self.counts.refused_s += length_s
+                    raise
+                self.counts.ears += 1
+            one = self._sessions[session] = _Session(ear, self.hub.clock())
+        one.touched_s = self.hub.clock()
+        return one
+
+    def _close(self, session: str, *, keep: bool) -> None:
+        one = self._sessions.pop(session)
+        if keep and self._spare is None and one.ear.is_ready:
+            one.ear.begin()
+            self._spare = one.ear
+        else:
+            one.ear.close()
+            self.counts.ears -= 1
+
+    def _begin_stream(self, one: _Session, rate_hz: int, *, is_endless: bool) -> None:
+        one.ear.begin()
+        one.stream += 1
+        one.utterance, one.is_endless, one.rate_hz, one.ends = None, is_endless, rate_hz, False
+        one.pushed_s = one.deaf_s = one.heard_s = 0.0
+
+    def _push(self, session: str, one: _Session, samples: NDArray[np.int16], rate_hz: int) -> bool:
+        length_s = len(samples) / rate_hz
+        if one.ear.waiting_s + length_s > MAX_WAITING_S:
+            self.counts.refused_s += length_s
+            samples = samples[:0]
+        one.ear.push(samples, rate_hz)
+        if len(samples):
+            sound = HeardSound((one.stream, id(one)), samples, rate_hz, one.pushed_s, one.place, one.is_endless)
+            for wanted, taker in tuple(self._takers):
+                if wanted == session:
+                    taker(sound)
+        one.pushed_s += len(samples) / rate_hz
+        return len(samples) > 0 or length_s == 0
+
+    def _place_in(self, session: str, utterance: _Utterance) -> Place:
+        """Follow an utterance of the engine."""
+        engine, first_s = self.hub.engine, utterance.offset_s
+
+        def place(now_s: float) -> float | None:
+            if not utterance.is_begun:
+                return -inf
+            told = engine.utterance(session, utterance.number) if session in engine else None
+            return None if told is None else told.position_s(now_s) - first_s
+
+        return place
+
+    def _place_live(self, session: str, one: _Session) -> Place:
+        """Follow a microphone, as its face does."""
+        stream = one.stream
+
+        def place(now_s: float) -> float | None:
+            if self._sessions.get(session) is not one or one.stream != stream:
+                return None
+            at_s = now_s - one.zero_s - _delay_s(one)
+            return at_s if at_s >= max(one.deaf_s, 0.0) else -inf
+
+        return place
+
+    # Phones
+
+    def _tell(self, session: str, one: _Session, heard: RecognizedPhones, now_s: float) -> None:
+        self.counts.phones += len(heard.phones)
+        if session not in self.hub.engine:
+            return
+        if one.is_endless:
+            for phone in heard.phones:
+                self._follow(session, one, phone)
+        elif one.utterance is not None:
+            if not one.utterance.is_begun:
+                self._begin(session, one, now_s)
+            self._append(session, one.utterance, heard.phones)
+        if heard.is_over:
+            self._end_utterance(session, one)
+
+    def _begin_unplaced(self, session: str, one: _Session, now_s: float) -> None:
+        """Begin what has come so far, as soon as the recognizer is ready."""
+        waits = one.utterance is not None and not one.utterance.is_begun
+        if waits and one.ear.is_ready and session in self.hub.engine:
+            self._begin(session, one, now_s)
+
+    def _begin(self, session: str, one: _Session, now_s: float) -> None:
+        utterance = one.utterance
+        if utterance is not None:
+            utterance.is_begun = True
+            zero_s = now_s + _delay_s(one) - utterance.offset_s
+            self.hub.apply(session, Begin(utterance.number, "at", zero_s))
+
+    def _follow(self, session: str, one: _Session, phone: Phone) -> None:
+        """Tell a phone of a microphone's sound; those between two utterances are silences."""
+        if phone.start_s < one.deaf_s:
+            return
+        if one.utterance is None:
+            if phone.is_silence:
+                return
+            one.utterance = _Utterance(self.hub.new_number(), -phone.start_s, is_begun=True)
+            self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + _delay_s(one)))
+        self._append(session, one.utterance, (phone,))
+        if not phone.is_silence:
+            one.utterance.end_s = phone.end_s + one.utterance.offset_s
+        elif phone.end_s + one.utterance.offset_s - one.utterance.end_s > PAUSE_S:
+            self._end_utterance(session, one)
+
+    def _append(self, session: str, utterance: _Utterance, phones: tuple[Phone, ...]) -> None:
+        if not phones:
+            return
+        moved = tuple(
+            replace(phone, start_s=phone.start_s + utterance.offset_s, end_s=phone.end_s + utterance.offset_s)
+            for phone in phones
+        )
+        self.hub.apply(session, Append(utterance.number, utterance.count, moved))
+        utterance.count += len(phones)
+
+    def _end_utterance(self, session: str, one: _Session) -> None:
+        utterance, one.utterance = one.utterance, None
+        if utterance is None or session not in self.hub.engine:
+            return
+        end_s = max(one.pushed_s + utterance.offset_s, 0.0) if not one.is_endless else utterance.end_s
+        if utterance.is_begun:
+            self.hub.apply(session, End(utterance.number, utterance.count, end_s))
+
+    def _note_command(self, session: str, command: Command, now_s: float) -> None:
+        one = self._sessions.get(session)
+        is_now = isinstance(command, Cancel) and (command.at_s is None or command.at_s <= now_s)
+        if one is None or not isinstance(command, Cancel) or not is_now:
+            return
+        if one.utterance is not None and command.means(one.utterance.number):
+            self._empty(one)
+        elif one.is_endless and command.utterance is None:
+            one.deaf_s = one.pushed_s
+
+    def _note_event(self, event: Event) -> None:
+        one = self._sessions.get(event.session)
+        over = event.kind in ("cancelled", "error", "finished")
+        if over and one is not None and one.utterance is not None and one.utterance.number == event.utterance:
+            self._empty(one)
+
+    def _empty(self, one: _Session) -> None:
+        """Forget what is said now, and what was not heard yet of it."""
+        one.utterance = None
+        if one.is_endless:
+            one.deaf_s = one.pushed_s
+        else:
+            one.ear.begin()

@@ -1,0 +1,516 @@
+"""A face in a stream: sound, words, cues and interruptions in; FAPs and the sound that belongs to them out, by frames.
+
+Theory of operation
+-------------------
+A host has no clock: whoever shows the face asks for :meth:`StreamHost.next` once a frame and plays the sound that comes
+with it. So lips and sound cannot come apart, however late the sound came in, and each frame's sound is handed out once:
+frames = ceil(sound x rate), to the sample.
+
+Sound is held back until the phones of the next :data:`LEAD_S` are known, which costs the recognizer's look-ahead and
+that much delay, and makes lips that are ready for what comes. Then:
+
+- **Words with times** say what is spoken (:meth:`StreamHost.words`); the recognizer only moves their phones. Where
+  there are none, the recognizer's own phones are shown.
+- **A TTS that stalls** holds the sound and the face comes to rest; after :data:`STALL_S` the end that was held back
+  is played, too. When more comes, both go on.
+- **A TTS that sends nothing** makes no sound and no event. What it sends at once is played in its time.
+- **Another rate** in the middle is handed out at its own rate, in a piece of its own.
+- **A recognizer that is slow or gone** delays the sound by :data:`PATIENCE_S` at most; then this utterance continues
+  without it.
+- **An interruption** ends all utterances at once; the lips are at rest within :data:`REST_S`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf, nextafter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.audio.sound_queue import Run, Sound, SoundQueue
+from fapengine.engine.command_table import Command
+from fapengine.engine.commands import Append, Begin, Cancel, End, Pause, Resume
+from fapengine.engine.engine import Engine
+from fapengine.engine.gesture_methods import GestureMethods
+from fapengine.engine.session import Counters, Limits
+from fapengine.errors import ResourceError, UsageError
+from fapengine.host.host import Host
+from fapengine.host.words import TimedWord, WordQueue
+from fapengine.profiles import Profile
+from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.style import Style
+
+LEAD_S = 0.3
+"""Time ahead of the sound up to which phones are known when it begins, or resumes after a stall: what comes later costs
+0.01 mm of lip error (``design/look_ahead.py``)."""
+MIN_LEAD_S = 0.1
+"""Time ahead below which the sound is held back again."""
+FEED_S = 0.6
+"""Time ahead for which the engine is given phones; later word may still change the others."""
+STALL_S = 1.0
+"""Time without more sound after which what is held back is played."""
+PATIENCE_S = 1.0
+"""Time for which sound waits for its recognizer."""
+REST_S = 0.25
+"""Time after an interruption within which the lips are at rest."""
+_FADE_S = 0.2
+_FACE = "face"
+LIMITS = Limits(name_bytes=None, phones=1_000_000, queued_s=86_400.0, silence_s=1e9)
+"""Limits of an engine whose utterances last until they are ended."""
+
+EventKind = Literal["started", "finished", "interrupted"]
+Pronounce = Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]]
+"""Speaker of words that have times, such as :func:`fapengine.voices.pronounce.pronounce_words`."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamEvent:
+    """What became of an utterance."""
+
+    utterance: int
+    """1 for the first."""
+    kind: EventKind
+    position_s: float
+    """Length of its sound that was handed out; for ``interrupted``, that was heard."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamFrame:
+    """One frame."""
+
+    faps: NDArray[np.int32]
+    """(68,) FAPU."""
+    sounds: tuple[Sound, ...]
+    """Sound to be played from now on: none while nothing is said, one piece of a frame's length, less at the end of an
+    utterance; two where the rate changes."""
+
+
+@dataclass(slots=True)
+class StreamCounts:
+    """Counts of what was not as it should be. Stateful."""
+
+    stalls: int = 0
+    """Times that sound had begun and was held back again."""
+    deaf: int = 0
+    """Utterances that continued without their recognizer."""
+    late_words: int = 0
+    """Words that came after their time."""
+
+
+@dataclass(slots=True, eq=False)
+class _Utterance:
+    """One utterance, until it is over. Stateful."""
+
+    number: int
+    sound: SoundQueue = field(default_factory=SoundQueue)
+    words: WordQueue = field(default_factory=WordQueue)
+    heard: list[Phone] = field(default_factory=list)
+    """Phones of the recognizer, in the utterance's time."""
+    is_ended: bool = False
+    is_deaf: bool = False
+    is_held: bool = True
+    """True while its sound waits: before it begins, and in a stall."""
+    has_begun: bool = False
+    quiet_s: float = 0.0
+    """Time since sound came."""
+    waited_s: float = 0.0
+    """Time for which there was sound and the recognizer reported nothing."""
+    told: int = 0
+    """Phones that the engine was given."""
+    told_s: float = 0.0
+    """Time in it up to which they reach."""
+
+    @property
+    def heard_s(self) -> float:
+        """Time in it up to which the recognizer has reported phones."""
+        if all(run.is_heard for run in self.sound.runs):
+            return self.sound.end_s
+        return self.heard[-1].end_s if self.heard else 0.0
+
+
+class StreamHost(Host, GestureMethods):
+    """One face that says what it is given; see the theory of operation. Stateful.
+
+    Parameters
+    ----------
+    profile : Profile
+        Whose way of speaking.
+    rng : numpy.random.Generator
+        Chance of blinks, glances and head motion.
+    style : Style, optional
+    ear : StreamRecognizer, optional
+        Hears phones; without it only words move the mouth. Who opened it closes it.
+    pronounce : callable, optional
+        Turns words with times into phones; without it :meth:`words` does nothing.
+
+    Examples
+    --------
+    Half a second of silence, shown at 25 frames a second::
+
+        face = StreamHost(profile, rng=np.random.default_rng(1))
+        face.push(np.zeros(12_000, np.int16), 24_000)
+        face.end()
+        frames = [face.next(0.04) for _ in range(13)]
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        rng: np.random.Generator,
+        style: Style | None = None,
+        ear: StreamRecognizer | None = None,
+        pronounce: Pronounce | None = None,
+    ) -> None:
+        engine = Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style)
+        self._begin(engine, _FACE, 0.0, ear, pronounce)
+
+    @classmethod
+    def on(
+        cls,
+        engine: Engine,
+        session: str,
+        now_s: float,
+        *,
+        ear: StreamRecognizer | None = None,
+        pronounce: Pronounce | None = None,
+    ) -> "StreamHost":
+        """Make a host for a new session of an engine that many hosts share: see :class:`StreamHosts`.
+
+        Raises
+        ------
+        UsageError
+            If the engine has no place for it, or the session is open.
+        """
+        host = cls.__new__(cls)
+        host._begin(engine, session, now_s, ear, pronounce)
+        return host
+
+    def _begin(
+        self, engine: Engine, session: str, now_s: float, ear: StreamRecognizer | None, pronounce: Pronounce | None
+    ) -> None:
+        Host.__init__(self, engine, session)
+        engine.open(session, now_s)
+        self._now_s = now_s
+        self.counts = StreamCounts()
+        self._ear, self._pronounce = ear, pronounce
+        self._newest = 0
+        self._queue: list[_Utterance] = []
+        self._listening: tuple[_Utterance, Run] | None = None
+        self._events: list[StreamEvent] = []
+
+    # What comes in ---------------------------------------------------------------------------------------------------
+
+    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
+        """Take the next sound of what is being said, or the first of something new.
+
+        Parameters
+        ----------
+        samples : (N,) int16
+            Mono.
+        rate_hz : int
+            Samples a second.
+
+        Raises
+        ------
+        UsageError
+            If there is no such rate.
+        """
+        if not 4_000 <= rate_hz <= 192_000:
+            raise UsageError(f"rate_hz: got {rate_hz}, expected 4000..192000")
+        if len(samples):
+            utterance = self._open()
+            utterance.sound.push(samples, rate_hz)
+            utterance.quiet_s = 0.0
+
+    def words(self, words: Sequence[TimedWord]) -> None:
+        """Take words of what is being said, in order, with their times from its first sample on."""
+        if self._pronounce is not None and words:
+            utterance = self._open() if not self._queue else self._queue[-1]
+            self.counts.late_words += utterance.words.add(words, self._pronounce, utterance.told_s)
+
+    def cue(self, command: Command, at_s: float = 0.0) -> None:
+        """Give a command at a time of what is being said, such as an expression at a word."""
+        utterance = self._open() if not self._queue else self._queue[-1]
+        self.add_cue(utterance.number, at_s, command)
+
+    def tell(self, command: Command) -> None:
+        """Apply a command now."""
+        self.apply(command, self._now_s)
+
+    def end(self) -> None:
+        """End the utterance: the next sound begins a new one."""
+        if self._queue and not self._queue[-1].is_ended:
+            self._queue[-1].is_ended = True
+            self._queue[-1].sound.close()
+
+    def interrupt(self, unplayed_s: float = 0.0) -> None:
+        """Stop speaking, and drop all sound that was not handed out.
+
+        Parameters
+        ----------
+        unplayed_s : float
+            Length of sound that was handed out and has not been heard: it is taken off the position of the event.
+        """
+        for utterance in self._queue:
+            position_s = max(utterance.sound.position_s - unplayed_s, 0.0)
+            self._events.append(StreamEvent(utterance.number, "interrupted", position_s))
+        self._queue.clear()
+        self._cues.clear()
+        self.apply(Cancel(fade_s=_FADE_S), self._now_s)
+        if self._listening is not None and self._ear is not None:
+            self._ear.begin()
+        self._listening = None
+
+    # What goes out ---------------------------------------------------------------------------------------------------
+
+    def next(self, dt_s: float) -> StreamFrame:
+        """Show the next frame.
+
+        Parameters
+        ----------
+        dt_s : float
+            Time for which it is shown, 0.001..1 s.
+
+        Raises
+        ------
+        UsageError
+            If there is no such time.
+        """
+        begins_s = self._now_s
+        sounds = self.prepare(dt_s)
+        faps = self.engine.frame(begins_s).faps[0]
+        self.engine.events()
+        return StreamFrame(faps, sounds)
+
+    def prepare(self, dt_s: float) -> tuple[Sound, ...]:
+        """Hand out the sound of the next frame, and have the engine ready to show it; the part of :meth:`next` before.
+
+        Raises
+        ------
+        UsageError
+            If there is no such time.
+        """
+        if not 1e-3 <= dt_s <= 1.0:
+            raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001..1")
+        self._listen()
+        sounds = self._speak(dt_s)
+        self._now_s += dt_s
+        return sounds
+
+    def events(self) -> list[StreamEvent]:
+        """Return what became of utterances since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def counters(self) -> Counters:
+        """Return the engine's counts: phones that were late, dropped or unknown."""
+        return self.engine.counters(self.session)
+
+    @property
+    def newest(self) -> int:
+        """Number of the utterance that began to come last; 0 before the first."""
+        return self._newest
+
+    @property
+    def is_speaking(self) -> bool:
+        """Whether something is being said, or waits to be."""
+        return bool(self._queue)
+
+    @property
+    def position_s(self) -> float:
+        """Length of the sound of this utterance that was handed out; 0 between utterances."""
+        return self._queue[0].sound.position_s if self._queue else 0.0
+
+    # ----------------------------------------------------------------------------------------------------------------
+
+    def _open(self) -> _Utterance:
+        if not self._queue or self._queue[-1].is_ended:
+            self._newest += 1
+            self._queue.append(_Utterance(self._newest))
+        return self._queue[-1]
+
+    def _speak(self, dt_s: float) -> tuple[Sound, ...]:
+        """Hand out the sound of a frame, if it is ready."""
+        while self._queue:
+            utterance = self._queue[0]
+            if utterance.is_ended and utterance.sound.due_s >= utterance.sound.end_s:
+                self._finish(utterance)
+                continue
+            self._wait(utterance, dt_s)
+            if not self._is_ready(utterance, dt_s):
+                self._hold(utterance)
+                return ()
+            self._go_on(utterance)
+            self._feed(utterance, dt_s)
+            self.give_cues(utterance.number, nextafter(utterance.sound.due_s + dt_s, -inf), self._now_s)
+            return utterance.sound.take(dt_s)
+        return ()
+
+    def _wait(self, utterance: _Utterance, dt_s: float) -> None:
+        """Count time that passes without sound, or without its recognizer."""
+        sound = utterance.sound
+        for each in self._queue:
+            each.quiet_s += dt_s
+        if utterance.quiet_s > STALL_S:
+            sound.close()
+        is_there = sound.is_over or sound.end_s >= sound.due_s + dt_s + LEAD_S
+        is_deaf = is_there and self._known_s(utterance) < min(sound.due_s + dt_s + MIN_LEAD_S, sound.end_s)
+        utterance.waited_s = utterance.waited_s + dt_s if is_deaf else 0.0
+        if utterance.waited_s > PATIENCE_S:
+            self.counts.deaf += 1
+            self._deafen(utterance)
+
+    def _is_ready(self, utterance: _Utterance, dt_s: float) -> bool:
+        sound = utterance.sound
+        if sound.due_s >= sound.end_s:
+            return False
+        lead_s = LEAD_S if utterance.is_held else MIN_LEAD_S
+        known_s = min(self._known_s(utterance), inf if sound.is_over else sound.end_s)
+        return known_s >= min(sound.due_s + dt_s + lead_s, sound.end_s if sound.is_over else inf)
+
+    def _known_s(self, utterance: _Utterance) -> float:
+        """Time in an utterance up to which its phones are known."""
+        if self._ear is None or utterance.is_deaf:
+            return inf
+        return max(utterance.heard_s, utterance.words.end_s)
+
+    def _hold(self, utterance: _Utterance) -> None:
+        if utterance.has_begun and not utterance.is_held:
+            self.counts.stalls += 1
+            self.apply(Pause(fade_s=_FADE_S), self._now_s)
+        utterance.is_held = True
+
+    def _go_on(self, utterance: _Utterance) -> None:
+        if not utterance.is_held:
+            return
+        utterance.is_held = False
+        if utterance.has_begun:
+            self.apply(Resume(), self._now_s)
+        else:
+            utterance.has_begun = True
+            self._events.append(StreamEvent(utterance.number, "started", 0.0))
+            self.apply(Begin(utterance.number, "at", self._now_s), self._now_s)
+
+    def _finish(self, utterance: _Utterance) -> None:
+        self._queue.pop(0)
+        self._events.append(StreamEvent(utterance.number, "finished", utterance.sound.position_s))
+        self.give_cues(utterance.number, inf, self._now_s)
+        if not utterance.has_begun:
+            return
+        if utterance.is_held:
+            self.apply(Cancel(utterance.number, fade_s=_FADE_S), self._now_s)
+        else:
+            self.apply(End(utterance.number, utterance.told, utterance.sound.end_s), self._now_s)
+
+    # Phones ---------------------------------------------------------------------------------------------------------
+
+    def _feed(self, utterance: _Utterance, dt_s: float) -> None:
+        """Give the engine the phones of the next :data:`FEED_S`."""
+        until_s = utterance.sound.due_s + dt_s + FEED_S
+        phones = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
+        if phones:
+            self.apply(Append(utterance.number, utterance.told, tuple(phones)), self._now_s)
+            utterance.told += len(phones)
+            utterance.told_s = phones[-1].end_s
+        utterance.told_s = max(utterance.told_s, utterance.sound.due_s)
+        utterance.heard = [phone for phone in utterance.heard if phone.end_s > utterance.told_s] or utterance.heard[-1:]
+
+    def _listen(self) -> None:
+        """Give the recognizer the sound of one run after the other, and take its phones."""
+        while self._ear is not None:
+            if self._listening is None:
+                waiting = ((each, run) for each in self._queue for run in each.sound.runs if not run.is_heard)
+                self._listening = next(waiting, None)
+                if self._listening is None:
+                    return
+                self._ear.begin()
+            utterance, run = self._listening
+            samples = run.unheard()
+            if len(samples):
+                self._ear.push(samples, run.rate_hz)
+            if run.is_over and not run.is_end_told:
+                self._ear.end()
+                run.is_end_told = True
+            try:
+                told = self._ear.poll()
+            except ResourceError:
+                self._ear = self._listening = None
+                return
+            for heard in told:
+                self._take(heard, utterance, run)
+            if not run.is_heard:
+                return
+            self._listening = None
+
+    def _take(self, heard: RecognizedPhones, utterance: _Utterance, run: Run) -> None:
+        for phone in heard.phones:
+            start_s, end_s = phone.start_s + run.start_s, min(phone.end_s + run.start_s, run.end_s)
+            if end_s > start_s:
+                utterance.heard.append(replace(phone, start_s=start_s, end_s=end_s))
+        run.is_heard = heard.is_over
+
+    def _deafen(self, utterance: _Utterance) -> None:
+        utterance.is_deaf = True
+        for run in utterance.sound.runs:
+            run.is_heard = True
+        if self._listening is not None and self._listening[0] is utterance and self._ear is not None:
+            self._ear.begin()
+            self._listening = None
+
+
+class StreamHosts:
+    """Many faces on one engine: a frame of all costs little more than a frame of one. Stateful.
+
+    Parameters
+    ----------
+    profile : Profile
+        Speaker profile of all.
+    rng : numpy.random.Generator
+        Chance of blinks, glances and head motion.
+    style : Style, optional
+    """
+
+    def __init__(self, profile: Profile, *, rng: np.random.Generator, style: Style | None = None) -> None:
+        self._engine = Engine(profile, rng=rng, limits=LIMITS, style=style)
+        self._hosts: dict[str, StreamHost] = {}
+        self._now_s = 0.0
+
+    @property
+    def hosts(self) -> Mapping[str, StreamHost]:
+        """Hosts by name."""
+        return self._hosts
+
+    def open(self, name: str, *, ear: StreamRecognizer | None = None, pronounce: Pronounce | None = None) -> StreamHost:
+        """Add a host. It is shown by :meth:`next` alone, not by its own.
+
+        Raises
+        ------
+        UsageError
+            If there is one of that name, or as many as there may be.
+        """
+        self._hosts[name] = host = StreamHost.on(self._engine, name, self._now_s, ear=ear, pronounce=pronounce)
+        return host
+
+    def close(self, name: str) -> None:
+        """Remove a host.
+
+        Raises
+        ------
+        UsageError
+            If there is none of that name.
+        """
+        self._engine.close(name, self._now_s)
+        del self._hosts[name]
+
+    def next(self, dt_s: float) -> dict[str, StreamFrame]:
+        """Show the next frame of every host, each for ``dt_s``. Raises as :meth:`StreamHost.next`."""
+        sounds = {name: host.prepare(dt_s) for name, host in self._hosts.items()}
+        shown = self._engine.frame(self._now_s)
+        self._engine.events()
+        self._now_s += dt_s
+        return {
+            name: StreamFrame(faps, sounds[name]) for name, faps in zip(shown.sessions, shown.faps, strict=True)
+        }  # fmt: skip

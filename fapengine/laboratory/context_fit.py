@@ -1,0 +1,313 @@
+"""Learning a context model: least squares on captured phones, and what phonetics knows about the others.
+
+Theory of operation
+-------------------
+**Regression** (:func:`fit_context`). The features of a phone between its neighbours
+(:mod:`fapengine.trajectory.context`) add up to its targets. Ridge regression finds what each adds; the rarer
+and the farther a feature, the more it is shrunk. How much each kind is shrunk was chosen by leaving words out, not
+sentences: all that a user makes a face say is new words, while the words of a held-out sentence are in other sentences
+(``bench/new_words``).
+
+**Letters that were not recorded** (:func:`add_unheard`). The ways of a letter
+(:func:`fapengine.trajectory.context.ways`) give it a shape by regression over all phones; a shape of its own is
+better where a rule can give one. So such a letter gets a row ``phone`` of its own:
+
+- the row of its twin, whose lips do the same, voiced or not: ð from θ, ʒ from ʃ, ɥ from w;
+- as a consonant, the end of a recorded affricate: ʃ from the second keyframe of tʃ, protruded and yet open (Toda,
+  Maeda, Carlen and Meftahi 2003);
+- without a gesture of its own, as h, the mean of the recorded vowels, which its neighbours then move;
+- as a vowel, a mix of the two recorded ones of the same rounding that are next above and below it: e between ɪ and ɛ, o
+  between u and ɔ, in the order of their heights. Rounded ones may differ in place, which lips do not show (y is as u);
+  unrounded ones by half of the distance from front to back.
+
+Recorded phones stay as they were. Which two stand beside each other still comes from ways alone.
+
+**Openings of the lips** (:func:`lean_on_phonetics`). One speaker's few words do not show how a vowel is usually said.
+GRID's i come from letters of the alphabet, said with lips drawn back and as far apart as for ɑ, which is recorded in
+the letter R alone. :data:`fapengine.speech.articulation.OPENINGS` has the usual openings; they are scaled to the
+speaker by the mean of the recorded vowels. The row ``phone`` of a letter moves to its usual opening, along the pose of
+a jaw drop. Each recorded ``pair`` of the letter and a neighbour takes back half of that move (:data:`TAKEN_BACK`). So
+between two neighbours with recorded pairs the letter stays as recorded; with one recorded pair it moves half of the
+way; with none it moves all of it. Planning costs nothing more.
+
+Few letters are recorded alone, between pauses, and the sum for such a place is mostly chance. So a letter without a
+recorded pair with a pause gets one for each side, with half of what it lacks at :data:`ALONE_S`. Letters said alone
+then open as :data:`fapengine.speech.articulation.OPENINGS_ALONE` says.
+"""
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.models.viseme_space import VisemeSpace
+from fapengine.profiles import ContextModel, PhoneTarget
+from fapengine.speech import ipa
+from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
+from fapengine.speech.ipa import SOUNDS
+from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.trajectory.context import GESTURELESS, Part, Token, alone, features, ways
+from fapengine.trajectory.style import jaw_pose
+
+Array = NDArray[np.float64]
+LIPS = ("push", "round")
+"""Ways of the lips; the tongue is not in a viseme space."""
+TWINS_APART = 0.25
+"""Greatest difference of twins in one of :data:`LIPS`."""
+NEAR_PLACE = 0.5
+"""Greatest difference in place between an unrounded vowel and those that it stands between."""
+FRACTIONS = (0.2, 0.7)
+"""Fractions of a phone's duration at which its keyframes stand; splines through captured values there are within 0.35
+mm of the captured lips (through those at 30 % alone, 0.79)."""
+PENALTIES: Mapping[str, tuple[float, ...]] = {
+    "bias": (0.03,), "phone": (10.0,), "length": (3.0,), "way": (1.0, 10.0, 20.0, 40.0),
+    "letter": (0.0, 30.0, 60.0, 120.0), "cross": (0.0, 60.0), "pair": (30.0,), "triple": (10.0,),
+}  # fmt: skip
+"""Ridge of each kind of feature by its distance in steps, the first for a kind without one. Found by leaving words out,
+within training sentences of one speaker; of those tried, none a third of it or thrice it lowers the error at the keys
+by more than 0.6 %."""
+SENTENCE = 6.0
+"""Ridge of each sentence's offset of the whole face and its drift: timing does not predict them (none of their
+variance in other sentences), and phones need not bend to them. 3 and 10 measure the same."""
+MIN_TOKENS = 3
+"""Least number of tokens with a feature; rarer ones are chance."""
+BLOCK = 256
+"""Columns of the normal matrix that are computed at a time."""
+
+
+def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) -> ContextModel:
+    """Learn the model.
+
+    Parameters
+    ----------
+    weights : sequence of (N, keyframes, K) arrays
+        Captured weights at :data:`FRACTIONS` of each token. Rows of silences are ignored, and so are rows with NaN:
+        tokens that were not captured, but stand beside others. Letters without a gesture (h) teach nothing: one
+        speaker's stood before w alone, and looked like it.
+    """
+    goals: list[Array] = []
+    said: list[tuple[int, float]] = []
+    column_of: dict[str, int] = {}
+    columns, values, ends = array("i"), array("d"), array("i", [0])  # not lists: some 250 features a token
+    for sentence, (tokens, captured) in enumerate(zip(sentences, weights, strict=True)):
+        for index, token in enumerate(tokens):
+            if token.name == SILENCE or not ways(token.heard[0]) or np.isnan(captured[index]).any():
+                continue
+            named = features(tokens, index)
+            columns.extend(column_of.setdefault(name, len(column_of)) for name in named)
+            values.extend(named.values())
+            ends.append(len(columns))
+            goals.append(captured[index])
+            said.append((sentence, token.start_s))
+    if not goals:
+        raise UsageError("sentences: contain no spoken phone")
+    from scipy.linalg import solve  # only fitting needs them: planning starts without
+    from scipy.sparse import csr_array
+
+    goal = np.stack(goals).reshape(len(goals), -1)
+    seen = np.bincount(columns, minlength=len(column_of))
+    names = sorted(name for name, column in column_of.items() if seen[column] >= min(MIN_TOKENS, len(goals)))
+    design = csr_array((values, columns, ends), shape=(len(goals), len(column_of)))
+    design = design[:, [column_of[name] for name in names]]
+    own = csr_array(_of_sentences(said))
+    shared = own.T @ design
+    normal = np.empty((len(names), len(names)), order="F")
+    for start in range(0, len(names), BLOCK):  # as a sparse matrix it would be larger than as a full one
+        part = slice(start, start + BLOCK)
+        normal[:, part] = (design.T @ design[:, part]).toarray() - (shared.T @ shared[:, part]).toarray()
+    normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
+    coefficients = solve(normal, design.T @ goal - shared.T @ (own.T @ goal), assume_a="pos", overwrite_a=True)
+    shape = (len(names), *goals[0].shape)
+    return add_unheard(
+        ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=coefficients.reshape(shape))
+    )
+
+
+def _of_sentences(said: Sequence[tuple[int, float]]) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Values, rows and columns of each sentence's offset and drift, for tokens of ``(sentence, time in s)``.
+
+    A column of ones and one of times from their mean for each sentence, orthogonal, so that ridge regression on them
+    beside others is what their products, divided by their sums of squares and :data:`SENTENCE`, take from the others'.
+    """
+    sentences, times_s = np.array(said).T
+    _, sentence, count = np.unique(sentences, return_inverse=True, return_counts=True)
+    drift = times_s - (np.bincount(sentence, times_s) / count)[sentence]
+    ones = 1.0 / np.sqrt(count + SENTENCE)
+    slopes = 1.0 / np.sqrt(np.bincount(sentence, drift**2) + SENTENCE)
+    values = np.concatenate([ones[sentence], slopes[sentence] * drift])
+    tokens = np.arange(len(sentence))
+    return values, (np.concatenate([tokens, tokens]), np.concatenate([sentence, sentence + len(count)]))
+
+
+def _penalty(name: str) -> float:
+    kind, *rest = name.split(" ")
+    by_distance = PENALTIES[kind]
+    return by_distance[abs(int(rest[0]))] if len(by_distance) > 1 else by_distance[0]
+
+
+def add_unheard(model: ContextModel) -> ContextModel:
+    """Add a row for every IPA letter that the model lacks and that a rule covers."""
+    heard = tuple(name.removeprefix("phone ") for name in model.features if name.startswith("phone "))
+    heard = tuple(name for name in heard if " " not in name)
+    looks = {name: look_of(model, name) for name in heard}
+    rows: dict[str, Array] = {}
+    for letter in [*ipa.SOUNDS, *ipa.SOUNDS]:  # twice: a twin may itself be unheard
+        if letter not in looks:
+            look = _from_twin(letter, looks)
+            look = _from_likes(letter, heard, looks) if look is None else look
+            if look is not None:
+                looks[letter] = look
+                rows[f"phone {letter}"] = look - look_of(model, letter)
+    if not rows:
+        return model
+    coefficients = np.concatenate([model.coefficients, np.stack(list(rows.values()))])
+    return replace(model, features=(*model.features, *rows), coefficients=coefficients)
+
+
+def look_of(model: ContextModel, name: str) -> Array:
+    """(keyframes, K): a phone by itself, of typical length."""
+    named = alone(Part(name, ipa.letters(name)[0]))
+    total = np.zeros(model.coefficients.shape[1:])
+    for feature, value in named.items():
+        if feature in model.rows:
+            total += value * model.coefficients[model.rows[feature]]
+    return total
+
+
+def _from_twin(letter: str, looks: Mapping[str, Array]) -> Array | None:
+    sound = ipa.SOUNDS[letter]
+    if sound.vowel or not ways(letter):
+        return None
+    return next((look for other, look in looks.items() if len(other) == 1 and _lips_do_the_same(letter, other)), None)
+
+
+def _lips_do_the_same(letter: str, other: str) -> bool:
+    one, two = (replace(ipa.SOUNDS[each], voiced=True) for each in (letter, other))
+    apart = max(abs(ways(letter).get(way, 0.0) - ways(other).get(way, 0.0)) for way in LIPS)
+    return one == two and apart <= TWINS_APART
+
+
+def _from_likes(letter: str, heard: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
+    if ipa.SOUNDS[letter].vowel:
+        return _between(letter, heard, looks)
+    if letter in GESTURELESS:
+        vowels = [looks[name] for name in heard if len(name) == 1 and ipa.SOUNDS[name].vowel]
+        return np.mean(vowels, axis=0) if vowels else None
+    affricate = next((name for name in heard if len(name) == 2 and name[1] == letter), None)
+    if affricate is None:
+        return None
+    late = looks[affricate][-1:]
+    return np.repeat(late, len(looks[affricate]), axis=0)
+
+
+def _between(letter: str, heard: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
+    sound = ipa.SOUNDS[letter]
+
+    def is_like(name: str) -> bool:
+        other = ipa.SOUNDS[name[0]]
+        apart = abs(other.place - sound.place)
+        return len(name) == 1 and other.vowel and other.rounding == sound.rounding and (
+            sound.rounding == 1.0 or apart <= NEAR_PLACE
+        )  # fmt: skip
+
+    def far(name: str) -> tuple[float, float, float]:
+        other = ipa.SOUNDS[name]
+        spread = abs(ways(name).get("round", 0.0) - ways(letter).get("round", 0.0))
+        return abs(other.opening - sound.opening), abs(other.place - sound.place), spread
+
+    likes = [name for name in heard if is_like(name)]
+    closer = [name for name in likes if ipa.SOUNDS[name].opening <= sound.opening]
+    opener = [name for name in likes if ipa.SOUNDS[name].opening >= sound.opening]
+    if not closer or not opener:
+        return None
+    low, high = min(closer, key=far), min(opener, key=far)
+    span = ipa.SOUNDS[high].opening - ipa.SOUNDS[low].opening
+    share = (sound.opening - ipa.SOUNDS[low].opening) / span if span else 0.0
+    between: Array = (1 - share) * looks[low] + share * looks[high]
+    return between
+
+
+TAKEN_BACK = 0.5
+"""Part that a recorded pair takes back; a token is in two pairs."""
+ALONE_S = 0.3
+"""Length of a letter said alone."""
+INNER_LIPS = ("2.2", "2.3")
+"""Feature points in the middle of the inner lips, upper and lower."""
+
+
+def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[str, PhoneTarget]) -> ContextModel:
+    """Move letters to the openings of phonetics, except between recorded neighbours.
+
+    Parameters
+    ----------
+    space : VisemeSpace
+        Of the model's weights.
+    phones : mapping of str to PhoneTarget
+        Tell what pose goes with a drop of the chin.
+
+    Returns
+    -------
+    ContextModel
+        The same if no vowel of the table was recorded, or where the inner lips are not among the space's points.
+    """
+    lengths = {name.split(" ")[1] for name in model.features if name.startswith("phone ") and name.endswith(" length")}
+    vowels = [letter for letter in OPENINGS if letter in lengths and SOUNDS[letter].vowel]
+    if not vowels or not set(INNER_LIPS) <= set(space.points):
+        return model
+    pose = jaw_pose(space, phones)
+    reach_mm = float(_opening(pose, space))
+    if reach_mm <= 0:
+        return model
+    looks = {letter: float(_opening(look_of(model, letter).mean(axis=0), space)) for letter in OPENINGS}
+    scale = np.mean([looks[letter] for letter in vowels]) / np.mean([OPENINGS[letter] for letter in vowels])
+    moves = {letter: (scale * usual - looks[letter]) / reach_mm * pose for letter, usual in OPENINGS.items()}
+    coefficients = model.coefficients.copy()
+    for row, name in enumerate(model.features):
+        kind, *rest = name.split(" ")
+        if kind == "phone" and len(rest) == 1 and rest[0] in moves:
+            coefficients[row] += moves[rest[0]]
+        elif kind == "pair" and rest[2] in moves:
+            coefficients[row] -= TAKEN_BACK * moves[rest[2]]
+    leaning = _with_rows(
+        replace(model, coefficients=coefficients),
+        {f"phone {letter}": np.broadcast_to(move, coefficients.shape[1:]) for letter, move in moves.items()},
+    )
+    halves = {
+        letter: (scale * usual - _opening(_alone(leaning, letter), space)) / 2 / reach_mm * pose
+        for letter, usual in OPENINGS_ALONE.items()
+    }
+    beside_pauses = {
+        f"pair {step} {SILENCE} {letter}": np.broadcast_to(half, coefficients.shape[1:])
+        for letter, half in halves.items()
+        for step in (-1, 1)
+    }
+    return _with_rows(leaning, beside_pauses)
+
+
+def _with_rows(model: ContextModel, rows: Mapping[str, Array]) -> ContextModel:
+    """Add rows of coefficients, (keyframes, K) each, that a model lacks; those that it has stay."""
+    new = [name for name in rows if name not in model.rows]
+    if not new:
+        return model
+    coefficients = np.concatenate([model.coefficients, np.stack([rows[name] for name in new])])
+    return replace(model, features=(*model.features, *new), coefficients=coefficients)
+
+
+def _alone(model: ContextModel, letter: str) -> Array:
+    """(K,): a letter between pauses, the mean of its keyframes."""
+    phone = Phone(letter, 0.0, ALONE_S)
+    named = features([Token(phone, letter, (letter,), 0.0, ALONE_S)], 0)
+    total = sum(value * model.coefficients[model.rows[name]] for name, value in named.items() if name in model.rows)
+    mean: Array = np.asarray(total).mean(axis=0)
+    return mean
+
+
+def _opening(weights: Array, space: VisemeSpace) -> Array:
+    """Way between the inner lips, mm, of weights (K,)."""
+    upper, lower = (space.points.index(name) for name in INNER_LIPS)
+    moved = space.to_points_mm(weights[None])[0]
+    opening: Array = moved[upper, 1] - moved[lower, 1]
+    return opening

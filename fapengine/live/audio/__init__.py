@@ -1,1 +1,0 @@
-"""Edge: sound devices and their clocks, the mixer, and playback that tells the face where its sound is."""

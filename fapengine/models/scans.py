@@ -1,0 +1,261 @@
+"""A model and scans of a face: laying a model of few points onto a scan, and taking a scan's colours.
+
+Theory of operation
+-------------------
+Paper 003, section 4.2: wanted are the rigid motion and the weights ``z`` for which the model's points
+``R (mean + sum z_k u_k) + t`` lie on the scan. Each step pairs every point with its closest place on the scan and
+solves one linear system (Gauss-Newton) for all unknowns at once, minimising
+
+    sum_i w_i (n_i . off_i)^2 / noise^2  +  sum_landmarks |off|^2 / landmark_noise^2  +  |z|^2.
+
+* Distances are taken along the scan's normal, so that points may slide while the motion is still wrong.
+* Sliding leaves no trace in the surface residual: half a millimetre of it can hide seven along the skin. The landmarks
+  stop it, and ``|z|^2``, the modes' own distribution, keeps faces plausible where the scan has holes.
+* Points that pair with the rim of a hole, or lie far off, lose their weight (Tukey's, with a scale from the median).
+
+Colours ("the texture is reattached", paper 004): our texture is laid out over angle and height, the scan's in its own
+way. For each texel of ours the place on the head is found, then the nearest place of the scan, then its colour. Where
+the scan has no skin, the head keeps its own colours, in the scan's tone.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import gaussian_filter, zoom
+from scipy.spatial.transform import Rotation
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, UsageError
+from fapengine.geometry.rigid import RigidMotion, fit_rigid
+from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import Surface
+from fapengine.mesh.default_head import atlas
+from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.mesh.rig.placed_mesh import PlacedMesh
+from fapengine.models.adapted_head import on_large_parts
+from fapengine.models.missing import GapModel
+
+MIN_LANDMARKS = 3
+"""Landmarks to start from; six or more hold the fit (see the theory of operation)."""
+TUKEY = 4.685
+SETTLED_MM = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ScanFit:
+    """Pose of a scan, and the face of the model that it shows. Arrays are read-only."""
+
+    scan_from_model: RigidMotion
+    scores: NDArray[np.float64]
+    """(K,): weights, in the modes' standard deviations."""
+    points_mm: NDArray[np.float64]
+    """(M, 3): the model's points, in the scan's space."""
+    trust: NDArray[np.float64]
+    """(M,): final weight of each pairing, 0..1."""
+    surface_rms_mm: float
+    """Root mean square of the trusted points' distances along the normal. Says nothing about sliding."""
+    landmark_rms_mm: float
+    """Root mean square of the distances to the landmarks: the one to look at."""
+    steps: int
+    settled: bool
+    """The last step moved no point by more than 0.1 um; false: the limit of steps came first."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scores", frozen(self.scores, "scores", ("K",), np.float64))
+        object.__setattr__(self, "points_mm", frozen(self.points_mm, "points_mm", ("M", 3), np.float64))
+        object.__setattr__(self, "trust", frozen(self.trust, "trust", (len(self.points_mm),), np.float64))
+
+
+def fit_scan(
+    model: GapModel,
+    scan: Surface,
+    landmarks: ArrayLike,
+    landmarks_mm: ArrayLike,
+    *,
+    noise_mm: float = 0.5,
+    landmark_noise_mm: float = 1.0,
+    max_steps: int = 40,
+) -> ScanFit:
+    """Find motion and weights that lay ``model`` onto ``scan``.
+
+    Parameters
+    ----------
+    scan : Surface
+        In any pose.
+    landmarks : (L,) array_like of int
+        Points of the model that were found on the scan; at least 3, not on one line, better 6 and spread.
+    landmarks_mm : (L, 3) array_like, mm
+        Where they were found.
+    noise_mm, landmark_noise_mm : float
+        Standard deviations of the scan's surface (the model's own noise adds) and of the landmarks.
+    """
+    marks = np.asarray(landmarks, dtype=np.intp)
+    mark_points = frozen(landmarks_mm, "landmarks_mm", (len(marks), 3), np.float64)
+    count = len(model.mean_mm)
+    if len(marks) < MIN_LANDMARKS or len(set(marks.tolist())) < len(marks) or marks.min() < 0 or marks.max() >= count:
+        raise UsageError(
+            f"landmarks: must be at least {MIN_LANDMARKS} different points 0..{count - 1}, got {marks.tolist()}"
+        )
+    if not (noise_mm > 0 and landmark_noise_mm > 0):
+        raise UsageError(f"noise_mm, landmark_noise_mm: got {noise_mm}, {landmark_noise_mm}, expected positive lengths")
+    noise = np.hypot(noise_mm, model.noise_mm)
+    motion = fit_rigid(model.mean_mm[marks], mark_points)
+    scores = np.zeros(len(model.modes_mm))
+    points, steps, settled = motion.apply(model.mean_mm), 0, False
+    while steps < max_steps and not settled:
+        pairs = _pair(points, scan, noise)
+        motion, scores = _step(model, motion, scores, pairs, marks, mark_points, noise, landmark_noise_mm)
+        before, points = points, motion.apply(model.rebuild(scores))
+        steps, settled = steps + 1, bool(np.abs(points - before).max() < SETTLED_MM)
+    pairs = _pair(points, scan, noise)
+    off = ((points - pairs.places) * pairs.normals).sum(-1)
+    return ScanFit(
+        scan_from_model=motion,
+        scores=scores,
+        points_mm=points,
+        trust=pairs.trust,
+        surface_rms_mm=float(np.sqrt((pairs.trust * off**2).sum() / pairs.trust.sum())),
+        landmark_rms_mm=float(np.sqrt(((points[marks] - mark_points) ** 2).sum(-1).mean())),
+        steps=steps,
+        settled=settled,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    places: NDArray[np.float64]  # (M, 3)
+    normals: NDArray[np.float64]  # (M, 3)
+    trust: NDArray[np.float64]  # (M,)
+
+
+def _pair(points: NDArray[np.float64], scan: Surface, noise: float) -> _Pairs:
+    places, normals, on_rim = scan.closest(points)
+    distance = np.linalg.norm(points - places, axis=1)
+    scale = max(1.4826 * float(np.median(distance[~on_rim])) if (~on_rim).any() else 0.0, noise)
+    trust = np.where(on_rim, 0.0, np.maximum(1.0 - (distance / (TUKEY * scale)) ** 2, 0.0) ** 2)
+    return _Pairs(places, normals, trust)
+
+
+def _step(
+    model: GapModel,
+    motion: RigidMotion,
+    scores: NDArray[np.float64],
+    pairs: _Pairs,
+    marks: NDArray[np.intp],
+    mark_points: NDArray[np.float64],
+    noise: float,
+    landmark_noise: float,
+) -> tuple[RigidMotion, NDArray[np.float64]]:
+    """One Gauss-Newton step in (turn about the centroid, shift, weights)."""
+    unknowns = 6 + len(scores)
+    if (pairs.trust > 0).sum() + 3 * len(marks) < unknowns:
+        raise DataError(
+            f"scan: needs at least {unknowns - 3 * len(marks)} points that find it, got {(pairs.trust > 0).sum()}"
+        )
+    points = motion.apply(model.rebuild(scores))
+    centre = points.mean(axis=0)
+    arms = points - centre
+    modes = np.einsum("ab,kmb->mak", motion.rotation, model.modes_mm)  # (M, 3, K)
+    turn = np.zeros((len(points), 3, 3))  # d point / d turn = -[arm]x
+    turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = arms[:, 2], -arms[:, 1], arms[:, 0]
+    turn -= np.swapaxes(turn, 1, 2)
+    jacobian = np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape), modes], axis=2)
+    weight = np.sqrt(pairs.trust) / noise
+    rows = weight[:, None] * np.einsum("ma,mau->mu", pairs.normals, jacobian)
+    left = weight * ((points - pairs.places) * pairs.normals).sum(-1)
+    mark_rows = jacobian[marks].reshape(-1, unknowns) / landmark_noise
+    mark_left = (points[marks] - mark_points).ravel() / landmark_noise
+    normal = rows.T @ rows + mark_rows.T @ mark_rows
+    right = rows.T @ left + mark_rows.T @ mark_left
+    normal[range(6, unknowns), range(6, unknowns)] += 1.0
+    right[6:] += scores
+    change = -np.linalg.solve(normal, right)
+    rotation = Rotation.from_rotvec(change[:3]).as_matrix()
+    shift = rotation @ (motion.translation_mm - centre) + centre + change[3:6]
+    return RigidMotion(rotation @ motion.rotation, shift), scores + change[6:]
+
+
+Array = NDArray[np.float64]
+
+STRIDE = 2
+"""Texels of the painting, a side, that share one colour of the scan."""
+REACH_MM = 4.0
+"""Distance from the scan within which the head has its colour."""
+MARGIN = 6
+"""Texels beside the skin's part of the painting that go on in its last colour."""
+BLEND_TEXELS = 5.0
+"""Number of coarse texels over which the scan's colours pass into the head's own."""
+
+
+def has_colours(scan: PlacedMesh) -> bool:
+    """Whether a scan has colours."""
+    source = scan.source
+    if source.texture is not None and source.uv is not None:
+        return True
+    return source.albedo is not None and bool(np.ptp(source.albedo, axis=0).max(initial=0.0) > 0.0)
+
+
+def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
+    """Paint a head with the colours of the scan that it was adapted to.
+
+    Parameters
+    ----------
+    mesh : FaceMesh
+        Made by :func:`fapengine.models.adapted_head.adapt_head`.
+    scan : PlacedMesh
+        With colours: a picture, or a colour for each vertex.
+    """
+    if mesh.texture is None or not has_colours(scan):
+        return mesh
+    skin = np.isin(mesh.material, (Material.SKIN, Material.LIP))
+    painted = skin & (mesh.uv[:, 0] > atlas.SKIN_U[0] + 1e-4) & (mesh.uv[:, 0] < atlas.SKIN_U[1] - 1e-4)
+    height, width = atlas.SIZE[0] // STRIDE, round(atlas.SKIN_U[1] * atlas.SIZE[1]) // STRIDE
+    rows, columns = np.indices((height, width))
+    texels = (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) * STRIDE / atlas.SIZE[::-1]
+    known = LinearNDInterpolator(mesh.uv[painted], np.hstack([mesh.vertices_mm, mesh.albedo])[painted])(texels)
+    on_head = np.isfinite(known[:, 0])
+    theirs, near = _colours(scan, known[on_head, :3])
+    own = _linear(mesh.texture[::STRIDE, : width * STRIDE : STRIDE, :3]).reshape(-1, 3)
+    own = own * np.where(on_head[:, None], known[:, 3:], mesh.albedo[painted].mean(axis=0))
+    colours, share = np.zeros((len(texels), 3)), np.zeros(len(texels))
+    colours[on_head], share[on_head] = theirs, near
+    tone = np.ones(3)
+    if (share > 0).any():
+        tone = np.median(colours[share > 0], axis=0) / np.maximum(np.median(own[share > 0], axis=0), 1e-3)
+    covered = share.reshape(height, width)
+    inside = covered * smoothstep(2 * gaussian_filter(covered, BLEND_TEXELS) - 1)
+    mixed = (own * tone).reshape(height, width, 3)
+    mixed += inside[..., None] * (colours.reshape(height, width, 3) - mixed)
+    texture = mesh.texture.copy()
+    fine = zoom(mixed, (STRIDE, STRIDE, 1), order=1, grid_mode=True, mode="nearest")
+    texture[: fine.shape[0], : fine.shape[1], :3] = np.round(255 * np.sqrt(np.clip(fine, 0, 1)))
+    end = fine.shape[1]
+    texture[:, end : end + MARGIN] = texture[:, end - 1 : end]  # what is read between texels at the edge
+    albedo = mesh.albedo.copy()
+    on_painting = skin & (mesh.uv[:, 0] < (atlas.SKIN_U[1] + atlas.HAIR_U[0]) / 2)
+    albedo[on_painting] = 1.0
+    plain = skin & ~on_painting
+    albedo[plain] = np.clip(albedo[plain] * tone, 0, 1)
+    return replace(mesh, texture=texture, albedo=albedo)
+
+
+def _linear(texture: NDArray[np.uint8]) -> Array:
+    """(..., 3): linear light of a painting of ours, which keeps square roots."""
+    return np.asarray((texture / 255.0) ** 2)
+
+
+def _colours(scan: PlacedMesh, points: Array) -> tuple[Array, Array]:
+    """Linear RGB of the scan nearest to points, (N, 3), and whether it is there, (N,) 0 or 1."""
+    source, surface = scan.source, Surface(scan.vertices_mm, scan.triangles[on_large_parts(scan)])
+    kept = scan.kept
+    albedo = np.ones((len(kept), 3)) if source.albedo is None else source.albedo[kept]
+    uv = np.zeros((len(kept), 2)) if source.uv is None else source.uv[kept]
+    places, colours, at = np.split(surface.carry(np.hstack([scan.vertices_mm, albedo, uv]), points), [3, 6], axis=1)
+    if source.texture is not None and source.uv is not None:
+        size = np.array(source.texture.shape[1::-1])
+        column, row = (at * size).astype(int).clip(0, size - 1).T
+        srgb = source.texture[row, column, :3] / 255.0
+        colours = colours * np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return colours, (np.linalg.norm(places - points, axis=1) <= REACH_MM).astype(float)

@@ -1,0 +1,187 @@
+"""Loudness and pitch of sound, in frames of 10 ms and for each phone.
+
+Loudness is the level of the sound in dB below full scale. Pitch is the lag at which a frame is most like itself (the
+autocorrelation, normalised by the frame's energy; as in Boersma, "Accurate short-term analysis of the fundamental
+frequency", IFA Proceedings 17, 1993, without his path through the candidates).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.speech.phone_track import Phone
+from fapengine.speech.prosody import Sounding
+
+FRAME_HZ = 100
+HOP = RATE_HZ // FRAME_HZ
+SILENT_DB = -100.0
+"""Level of digital silence."""
+PITCH_HZ = (60.0, 450.0)
+"""Pitches that are looked for."""
+PIECE_S = 20.0
+VOICED = 0.5
+"""Least likeness of a frame to itself, one period later, that counts as voiced."""
+_WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
+
+
+def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
+    """Level of each frame of 10 ms.
+
+    Parameters
+    ----------
+    samples : (N,) int16
+        At :data:`.protocol.RATE_HZ`.
+
+    Returns
+    -------
+    (ceil(N / 160),) float64, dB
+        Against full scale, from :data:`SILENT_DB` up.
+
+    Examples
+    --------
+    >>> loudness_db(np.full(320, 16384, np.int16)).round(1).tolist()
+    [-6.0, -6.0]
+    """
+    count = -(-len(samples) // HOP)
+    padded = np.zeros(count * HOP)
+    padded[: len(samples)] = samples
+    power: NDArray[np.float64] = (padded.reshape(count, HOP) ** 2).mean(axis=1) / 2.0**30
+    levels: NDArray[np.float64] = np.maximum(10 * np.log10(np.maximum(power, 1e-12)), SILENT_DB)
+    return levels
+
+
+def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
+    """Pitch of each frame of 10 ms, 0 where it is not voiced.
+
+    Parameters
+    ----------
+    samples : (N,) int16
+        At :data:`.protocol.RATE_HZ`.
+
+    Returns
+    -------
+    (ceil(N / 160),) float64, Hz
+
+    Examples
+    --------
+    >>> tone = (8000 * np.sin(np.arange(1600) * 2 * np.pi / 80)).astype(np.int16)
+    >>> pitch_hz(tone)[2:8].round().tolist()
+    [200.0, 200.0, 200.0, 200.0, 200.0, 200.0]
+    """
+    count = -(-len(samples) // HOP)
+    if not count:
+        return np.zeros(0)
+    around = (_WINDOW - HOP) // 2
+    padded = np.zeros((count - 1) * HOP + _WINDOW)
+    padded[around : around + len(samples)] = samples[: len(padded) - around]
+    frames = sliding_window_view(padded, _WINDOW)[::HOP]
+    frames = frames - frames.mean(axis=1, keepdims=True)
+    likeness = _likeness(frames)
+    shortest, longest = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
+    searched = likeness[:, shortest : longest + 1]
+    # A multiple of the period is as good as the period; the first peak nearly as high as the highest is taken.
+    near = searched >= 0.9 * searched.max(axis=1, keepdims=True)
+    peak = np.zeros_like(near)
+    peak[:, 1:-1] = (searched[:, 1:-1] >= searched[:, :-2]) & (searched[:, 1:-1] >= searched[:, 2:])
+    first = np.argmax(near & peak, axis=1)
+    found = (near & peak).any(axis=1) & (np.take_along_axis(searched, first[:, None], 1)[:, 0] >= VOICED)
+    lag = np.clip(first, 1, searched.shape[1] - 2)
+    rows = np.arange(count)
+    before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
+    bend = before - 2 * at + after
+    shift = np.where(np.abs(bend) > 1e-12, 0.5 * (before - after) / np.where(bend == 0, 1.0, bend), 0.0)
+    pitch: NDArray[np.float64] = np.where(found, RATE_HZ / (lag + shortest + np.clip(shift, -0.5, 0.5)), 0.0)
+    return pitch
+
+
+def _likeness(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, lags): correlation of each frame with itself, shifted; every lag by the energy of the parts compared."""
+    spectrum = np.fft.rfft(frames, n=2 * _WINDOW, axis=1)
+    product = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :_WINDOW]
+    energy = np.cumsum(frames**2, axis=1)
+    total = energy[:, -1:]
+    lags = np.arange(1, _WINDOW)
+    head, tail = energy[:, _WINDOW - 1 - lags], total - energy[:, lags - 1]
+    likeness = np.zeros_like(product)
+    likeness[:, 1:] = product[:, 1:] / np.sqrt(np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9)
+    return likeness
+
+
+def soundings(phones: list[Phone], samples: NDArray[np.int16]) -> list[Sounding]:
+    """Loudness and pitch of each phone of a sound.
+
+    Parameters
+    ----------
+    samples : (N,) int16
+        At :data:`.protocol.RATE_HZ`.
+    """
+    levels, pitches = loudness_db(samples), pitch_hz(samples)
+    found: list[Sounding] = []
+    for phone in phones:
+        first = min(int(phone.start_s * FRAME_HZ), max(len(levels) - 1, 0))
+        frames = slice(first, max(first + 1, int(phone.end_s * FRAME_HZ)))
+        voiced = pitches[frames][pitches[frames] > 0]
+        found.append(
+            Sounding(
+                float(levels[frames].max()) if len(levels) else SILENT_DB,
+                float(np.median(voiced)) if len(voiced) else 0.0,
+            )
+        )
+    return found
+
+
+def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: int) -> list[Sounding]:
+    """Loudness and pitch of each phone of a sound of any rate and length, :data:`PIECE_S` at a time.
+
+    Parameters
+    ----------
+    phones : sequence of Phone
+        In order.
+    samples : (N,) int16
+    """
+    from scipy.signal import resample_poly
+
+    found: list[Sounding] = []
+    for _, group in groupby(phones, key=lambda phone: phone.start_s // PIECE_S):
+        piece = list(group)
+        first = int(piece[0].start_s * rate_hz)
+        sound = samples[first : int(piece[-1].end_s * rate_hz) + 1]
+        if rate_hz != RATE_HZ and len(sound):
+            resampled = resample_poly(sound.astype(np.float32), RATE_HZ, rate_hz)
+            sound = np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
+        shift_s = first / rate_hz
+        there = [replace(one, start_s=one.start_s - shift_s, end_s=one.end_s - shift_s) for one in piece]
+        found += soundings(there, sound)
+    return found
+
+
+class RunningSoundings:
+    """Loudness and pitch of phones, found while their sound comes. Stateful."""
+
+    def __init__(self) -> None:
+        self._sound = np.zeros(0, np.int16)
+        self._forgotten = 0
+        """Samples before those of ``_sound``, with all phones reported."""
+
+    def push(self, samples: NDArray[np.int16]) -> None:
+        """Take more sound, (N,) int16."""
+        self._sound = np.concatenate([self._sound, samples])
+
+    def of(self, phones: list[Phone]) -> list[Sounding]:
+        """Loudness and pitch of the next phones; their sound is dropped."""
+        if not phones:
+            return []
+        shift_s = self._forgotten / RATE_HZ
+        there = [
+            replace(phone, start_s=max(phone.start_s - shift_s, 0.0), end_s=max(phone.end_s - shift_s, 1e-3))
+            for phone in phones
+        ]
+        found = soundings(there, self._sound)
+        over = min(round(there[-1].end_s * RATE_HZ), len(self._sound))
+        self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+        return found

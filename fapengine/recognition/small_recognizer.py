@@ -1,0 +1,293 @@
+"""The small recognizer: needs no text and nothing but NumPy; a small network, trained here, and a search over phones.
+
+Theory of operation
+-------------------
+The network (:mod:`.small_net`) gives each frame of 10 ms a probability for each phone. Divided by the frequency of the
+phone, that is the likelihood of the sound (Bourlard and Morgan 1994, "Connectionist speech recognition"). The best path
+through the phones is then searched (Viterbi 1967): a phone lasts :data:`MIN_FRAMES` frames or more, and the order of
+phones counts as it is in English, a little (:data:`ORDER_WEIGHT`). Phones are final when they are over and
+:data:`LOOK_AHEAD_S` old (:func:`.protocol.due`). Everything is done in blocks of 40 ms, so pieces of any length give
+the same phones.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.recognition.loudness import FRAME_HZ, HOP, SILENT_DB, loudness_db, pitch_hz
+from fapengine.recognition.protocol import RATE_HZ, Labelled, due
+from fapengine.recognition.small_net import (
+    AHEAD,
+    BEFORE,
+    STEPS,
+    WINDOW,
+    RunningMean,
+    SmallNet,
+    Weights,
+    log_mel,
+    shipped,
+)
+from fapengine.recognition.speechlike import MAX_PHONE_S, QUIET_DB, musical_frames, voiced_frames
+from fapengine.speech.phone_track import SILENCE, Phone
+
+LOOK_AHEAD_S = 0.15
+"""Look-ahead by default."""
+BLOCK_FRAMES = 2 * STEPS
+BLOCK = BLOCK_FRAMES * HOP
+"""Samples that are processed at a time, 40 ms."""
+LATE = 2 * AHEAD + BLOCK_FRAMES
+"""Longest delay of the scores after the sound, in frames."""
+MIN_FRAMES = 3
+"""Shortest phone, in frames."""
+ORDER_WEIGHT = 0.6
+"""Weight of the order of phones."""
+CHANGE = 1.0
+"""Cost of another phone, natural logarithm."""
+SHARE_WEIGHT = 0.5
+"""Weight of the frequency of a phone."""
+UNSURE = 0.5
+REMEMBERED = 300
+"""Frames of pitch that are kept, 3 s."""
+NEAR_VOWEL = 100
+"""Frames after a vowel in which a phone may stand alone; elsewhere it is a knock."""
+VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
+_CONTEXT = 6
+
+Floats = NDArray[np.float32]
+
+
+class Search:
+    """The best path through the phones, as scores come. Stateful."""
+
+    def __init__(self, weights: Weights) -> None:
+        shares = np.log(np.maximum(weights.shares, 1e-4))
+        self._bonus = (-SHARE_WEIGHT * shares).astype(np.float32)
+        counts = weights.pairs.astype(np.float64) + 0.5
+        order = np.log(counts / counts.sum(axis=1, keepdims=True))
+        self._order = (ORDER_WEIGHT * order - CHANGE).astype(np.float32)
+        np.fill_diagonal(self._order, -np.inf)
+        self._labels = len(shares)
+        self._all = np.arange(self._labels)
+        self._state = np.full((MIN_FRAMES, self._labels), -np.inf, np.float32)
+        self._began = np.zeros((MIN_FRAMES, self._labels), np.int64)
+        self._before: list[NDArray[np.int64]] = []
+        """Best label before each, of each frame at which it begins."""
+        self._last: list[NDArray[np.int64]] = []
+        """Frame at which each label began that may end, of each frame."""
+        self._first = self.now = 0
+
+    def push(self, scores: Floats) -> None:
+        """Take scores of more frames, (T, C)."""
+        top = scores.max(axis=1, keepdims=True)
+        likely = scores - top - np.log(np.exp(scores - top).sum(axis=1, keepdims=True)) + self._bonus
+        for row in likely:
+            self._step(row)
+
+    def _step(self, row: Floats) -> None:
+        state, began = self._state, self._began
+        if self.now == 0:
+            enter = np.full(self._labels, -4.0, np.float32)
+            enter[0] = 0.0
+            before = np.zeros(self._labels, np.int64)
+        else:
+            ways = state[-1][:, None] + self._order
+            before = ways.argmax(axis=0)
+            enter = ways[before, self._all]
+        fresh, since = np.empty_like(state), np.empty_like(began)
+        fresh[0], since[0] = enter, self.now
+        fresh[1:], since[1:] = state[:-1], began[:-1]
+        stays = state[-1] >= fresh[-1]
+        fresh[-1] = np.where(stays, state[-1], fresh[-1])
+        since[-1] = np.where(stays, began[-1], since[-1])
+        fresh += row
+        fresh -= fresh.max()
+        self._state, self._began = fresh, since
+        self._before.append(before)
+        self._last.append(since[-1])
+        self.now += 1
+
+    def segments(self, told: int) -> list[tuple[int, int, int]]:
+        """Trace the best path back to frame ``told``: number of each label, first frame, the one after the last."""
+        at = int(self._state.argmax())
+        sub, label = divmod(at, self._labels)
+        behind, first = self.now, int(self._began[sub, label])
+        found = []
+        while behind > told:
+            found.append((label, max(first, told), behind))
+            if first <= max(told, self._first):
+                break
+            label, behind = int(self._before[first - self._first][label]), first
+            first = int(self._last[behind - 1 - self._first][label])
+        return found[::-1]
+
+    def forget(self, told: int) -> None:
+        """Drop the history of frames before ``told``."""
+        gone = max(min(told, self.now - 1) - self._first, 0)
+        del self._before[:gone], self._last[:gone]
+        self._first += gone
+
+
+class Scores:
+    """Scores of the network's labels for each frame, as sound comes. Stateful."""
+
+    def __init__(self, weights: Weights) -> None:
+        self._waiting = np.zeros(BEFORE, np.int16)
+        """Samples from the first of the next block's windows on."""
+        self._mean = RunningMean(weights.first_mean)
+        self._net = SmallNet(weights)
+        self._skip = 2 * AHEAD
+        """Frames of scores that lie before the first frame."""
+        self._classes = len(weights.labels)
+        self.heard = 0
+        """Frames that the network has seen; it has scored those at least :data:`LATE` before."""
+
+    def push(self, samples: NDArray[np.int16]) -> Floats:
+        """Take (N,) int16; return the scores of the next frames, (T, C), natural logarithms up to a constant."""
+        self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
+        found = [np.zeros((0, self._classes), np.float32)]
+        while len(self._waiting) >= BLOCK + WINDOW - HOP:
+            near = np.lib.stride_tricks.sliding_window_view(self._waiting, WINDOW)[: BLOCK_FRAMES * HOP : HOP]
+            seen = np.stack([self._mean.push(frame) for frame in log_mel(near)])
+            self._waiting = self._waiting[BLOCK:]
+            self.heard += BLOCK_FRAMES
+            found.append(self._net.push(seen)[self._skip :])
+            self._skip = max(self._skip - BLOCK_FRAMES, 0)
+        return np.concatenate(found)
+
+
+def is_vowel(label: str) -> bool:
+    """Whether a label of the network is a vowel."""
+    return label[0] in VOWEL_LETTERS
+
+
+class Voicing:
+    """Pitch and loudness of the last seconds, and what of a hypothesis they allow. Stateful."""
+
+    def __init__(self) -> None:
+        self._sound = np.zeros(0, np.int16)
+        self._begins = 0
+        """Frame at which ``_sound`` begins."""
+        self._pitch = self._levels = np.zeros(0)
+        self._first = 0
+        """Frame at which pitch and loudness begin."""
+        self._vowel = -REMEMBERED
+        """Frame after the last vowel."""
+
+    def push(self, samples: NDArray[np.int16], *, keep: int = 2) -> None:
+        """Take (N,) int16, whole frames except at the end; the pitch of the last ``keep`` frames is not known yet."""
+        self._sound = np.concatenate([self._sound, samples])
+        self._levels = np.concatenate([self._levels, loudness_db(samples)])
+        known = self._first + len(self._pitch) - self._begins
+        fresh = pitch_hz(self._sound)[known : -(-len(self._sound) // HOP) - keep]
+        self._pitch = np.concatenate([self._pitch, fresh])
+        gone = max(len(self._sound) // HOP - _CONTEXT, 0)
+        self._sound, self._begins = self._sound[gone * HOP :], self._begins + gone
+        gone = max(len(self._pitch) - REMEMBERED, 0)
+        self._pitch, self._levels, self._first = self._pitch[gone:], self._levels[gone:], self._first + gone
+
+    def spoken(self, segments: list[Labelled]) -> list[Labelled]:
+        """Replace segments by silence that are voiceless, music, very quiet, or alone; no holes, as before."""
+        voice = voiced_frames(self._pitch) & ~musical_frames(self._pitch)
+        found: list[Labelled] = []
+        for index, (label, a, b) in enumerate(segments):
+            following = [one for one, _, _ in segments[index + 1 :]]
+            near = slice(max(a - self._first, 0), max(b - self._first, 1))
+            is_phone = (
+                label != SILENCE
+                and b - a <= MAX_PHONE_S[is_vowel(label)] * FRAME_HZ
+                and self._levels[near].max(initial=SILENT_DB) >= QUIET_DB
+                and (
+                    is_vowel(label)
+                    or a - self._vowel <= NEAR_VOWEL
+                    or any(map(is_vowel, following))
+                    or (following and following[0] != SILENCE)
+                )
+                and 2 * int(voice[near].sum()) >= len(voice[near])
+            )
+            if not is_phone and found and found[-1][0] == SILENCE:
+                found[-1] = SILENCE, found[-1][1], b
+            else:
+                found.append((label if is_phone else SILENCE, a, b))
+            if is_phone and is_vowel(label):
+                self._vowel = b
+        return found
+
+
+class SmallRecognizer:
+    """A :class:`.protocol.Recognizer` for sound alone. Stateful.
+
+    Parameters
+    ----------
+    look_ahead_s : float
+        Delay of phones after their sound, 0.12 to 1 s; they come at most one block (40 ms) later.
+    weights : Weights, optional
+        By default those of the package.
+
+    Examples
+    --------
+    >>> recognizer = SmallRecognizer()
+    >>> told = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
+    >>> {phone.label for phone in told}, told[-1].end_s
+    ({'_'}, 1.0)
+    """
+
+    _block = BLOCK
+
+    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: Weights | None = None) -> None:
+        if not 0.12 <= look_ahead_s <= 1.0:
+            raise UsageError(f"look_ahead_s: must be 0.12 to 1, got {look_ahead_s}")
+        self.look_ahead_s = look_ahead_s
+        self._weights = weights or shipped()
+        self._waiting = np.zeros(0, np.int16)
+        self._came = self._told = 0
+        self._scores, self._voicing = Scores(self._weights), Voicing()
+        self._search = Search(self._weights)
+
+    def push(self, samples: NDArray[np.int16]) -> list[Phone]:
+        """Process more sound; see :meth:`.protocol.Recognizer.push`."""
+        self._came += len(samples)
+        self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
+        phones: list[Phone] = []
+        while len(self._waiting) >= self._block:
+            block, self._waiting = self._waiting[: self._block], self._waiting[self._block :]
+            self._voicing.push(block)
+            self._search.push(self._score(block))
+            phones += self._tell(self._scores.heard - round(self.look_ahead_s * FRAME_HZ))
+        return phones
+
+    def end(self) -> list[Phone]:
+        """End the sound; return the rest of its phones."""
+        count = -(-self._came // HOP)
+        if not count:
+            return []
+        self._voicing.push(self._waiting, keep=0)
+        silence = np.zeros((count - self._search.now + 2 * LATE) * HOP, np.int16)
+        scores = self._score(np.concatenate([self._waiting, silence]), rest=len(self._waiting))
+        self._search.push(scores[: count - self._search.now])
+        phones = self._tell(count, at_end=True)
+        self.reset()
+        return phones
+
+    def reset(self) -> None:
+        """Start again: the next sample is the first."""
+        self._waiting = np.zeros(0, np.int16)
+        self._came = self._told = 0
+        self._scores, self._voicing = Scores(self._weights), Voicing()
+        self._search = Search(self._weights)
+
+    def _score(self, samples: NDArray[np.int16], *, rest: int | None = None) -> Floats:
+        """Scores of more sound; with ``rest``, that many samples are the last ones, and silence follows."""
+        return self._scores.push(samples)
+
+    def _tell(self, horizon: int, *, at_end: bool = False) -> list[Phone]:
+        names = self._weights.labels
+        segments: list[Labelled] = [(names[n], a, b) for n, a, b in self._search.segments(self._told)]
+        chosen = due(self._voicing.spoken(segments), self._told, horizon, silence=SILENCE, at_end=at_end)
+        phones = []
+        for label, a, b in chosen:
+            stop_s = min(b / FRAME_HZ, self._came / RATE_HZ) if at_end else b / FRAME_HZ
+            if stop_s > a / FRAME_HZ:
+                phones.append(Phone(label, a / FRAME_HZ, stop_s, confidence=1.0 if label == SILENCE else UNSURE))
+            self._told = b
+        self._search.forget(self._told)
+        return phones

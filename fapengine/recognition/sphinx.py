@@ -1,0 +1,224 @@
+"""PocketSphinx: its model, its phones and decoders, and words of a text as its model can recognize them.
+
+The model (US English, 16 kHz; 39 phones of the CMU dictionary) is inside the wheel, so nothing is downloaded.
+PocketSphinx 5: Huggins-Daines and others, BSD; "Pocketsphinx: a free, real-time continuous speech recognition system
+for hand-held devices", ICASSP 2006.
+
+Words come from the model's dictionary, or from a voice's phones. A phone of another language is recognized as the most
+similar one of the 39 (:data:`SOUNDS_LIKE`, otherwise :func:`fapengine.speech.ipa.nearest`), and reported as itself.
+"""
+
+import re
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._late import needed
+from fapengine.speech import ipa
+from fapengine.speech.alphabets.convert import from_arpabet
+from fapengine.speech.phone_track import SILENCE, Phone
+
+Frames = tuple[str, int, int]
+"""A phone of the model or a silence, its first frame and the one after its last, 100 a second."""
+
+MODEL_PHONES = (
+    "AA", "AE", "AH", "AO", "AW", "AY", "B", "CH", "D", "DH", "EH", "ER", "EY", "F", "G", "HH", "IH", "IY", "JH", "K",
+    "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH", "UW", "V", "W", "Y", "Z", "ZH",
+)  # fmt: skip
+"""Phones that the model knows, in ARPAbet."""
+VOWELS = frozenset(name for name in MODEL_PHONES if name[0] in "AEIOU")
+_LOOP = {"lw": 2.0, "beam": 1e-20, "pbeam": 1e-20}
+"""Weight of the phone language model and beams of the phone loop (``bench/ears.py``: 1 to 4 differ by .02 of r)."""
+
+_WORDS = {"fwdflat": False, "bestpath": False, "pl_window": 5, "maxhmmpf": 5000, "maxwpf": 10}
+"""One pass over the words, with phones looked at 50 ms ahead: 2.6 times quicker than the three passes by default, for
+169 instead of 171 right words of 205 (20 sentences of Festival's voice ked)."""
+
+
+def new_decoder(**options: Any) -> Any:
+    """Make a decoder with the shipped acoustic model."""
+    sphinx = needed("pocketsphinx", "PocketSphinx", "recognizer")
+    return sphinx.Decoder(sphinx.Config(hmm=str(_folder() / "en-us"), loglevel="FATAL", **options))
+
+
+def new_phone_loop() -> Any:
+    """Make a decoder of any phone after any other, weighed by a model of phone sequences."""
+    return new_decoder(allphone=str(_folder() / "en-us-phone.lm.bin"), **_LOOP) if _installed() else new_decoder()
+
+
+def new_aligner(*, beam: float, silence: float, noise: float) -> Any:
+    """Make a decoder for texts that are known, with the shipped dictionary. Raises as :func:`new_decoder`.
+
+    ``silence`` and ``noise`` are the probabilities of a pause and of a noise between two words.
+    """
+    if not _installed():
+        return new_decoder()
+    words = {"beam": beam, "pbeam": beam, "wbeam": beam**0.75, "silprob": silence, "fillprob": noise}
+    return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=None, bestpath=False, **words)
+
+
+def new_word_decoder() -> Any:
+    """Make a decoder of English words, by the shipped model of word triples. Raises as :func:`new_decoder`."""
+    if not _installed():
+        return new_decoder()
+    return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=str(_folder() / "en-us.lm.bin"), **_WORDS)
+
+
+def dictionary() -> Iterator[tuple[str, list[str]]]:
+    """Words of the shipped dictionary, in lower case, with the model's phones."""
+    if not _installed():
+        new_decoder()
+    for line in (_folder() / "cmudict-en-us.dict").read_text().splitlines():
+        word, *phones = line.split()
+        yield word, phones
+
+
+def pronounced(decoder: Any, word: str) -> list[str]:
+    """Phones of the model for a word of a hypothesis; none for a silence or a noise."""
+    if word.startswith(("<", "[", "+")):
+        return []
+    return str(decoder.lookup_word(word) or "").split()
+
+
+def ipa_of(name: str) -> str:
+    """IPA of a phone of the model; a silence or a noise is :data:`SILENCE`.
+
+    Examples
+    --------
+    >>> ipa_of("AY"), ipa_of("SIL"), ipa_of("+SPN+")
+    ('aɪ', '_', '_')
+    """
+    return SILENCE if name not in MODEL_PHONES else from_arpabet(name) or SILENCE
+
+
+def frames_of(segments: Iterable[Any]) -> list[Frames]:
+    """Segments of a hypothesis."""
+    return [(segment.word, segment.start_frame, segment.end_frame + 1) for segment in segments]
+
+
+def decode(decoder: Any, samples: NDArray[np.int16]) -> None:
+    """Hear a whole utterance, (N,) int16, at once: its mean spectrum is then known from its start."""
+    decoder.start_utt()
+    decoder.process_raw(samples.tobytes(), full_utt=True)
+    decoder.end_utt()
+
+
+def _installed() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("pocketsphinx") is not None
+
+
+def _folder() -> Path:
+    from pocketsphinx import get_model_path
+
+    return Path(get_model_path()) / "en-us"
+
+
+Pronounce = Callable[[str], Sequence[Phone]]
+"""Speaker of single words: phones in IPA, none where there is nothing to speak."""
+
+MODEL_NAMES: Mapping[str, str] = {ipa_of(name): name for name in MODEL_PHONES}
+"""IPA to the model's phone, where it has just that."""
+# fmt: off
+SOUNDS_LIKE: Mapping[str, str] = {
+    # Vowels by their first two formants (Handbook of the IPA, 1999; Peterson and Barney 1952 for the model's own).
+    "ə": "AH", "ɐ": "AH", "a": "AA", "ɒ": "AO", "e": "EY", "o": "OW", "y": "IY", "ʏ": "IH", "ø": "EH", "œ": "EH",
+    "ɨ": "IH", "ʉ": "UW", "ɯ": "UW", "ɤ": "AH", "ɜ": "ER", "ɚ": "ER", "ɵ": "UH", "ɘ": "AH", "ɞ": "AH", "ɶ": "AE",
+    # Consonants by manner, then by where their noise lies.
+    "r": "R", "ɾ": "D", "ʀ": "R", "ʁ": "R", "ɽ": "R", "x": "HH", "χ": "HH", "ç": "SH", "ɣ": "G", "β": "V", "ɸ": "F",
+    "ʋ": "V", "ɲ": "N", "ɳ": "N", "ɴ": "NG", "ʎ": "L", "ɭ": "L", "ɫ": "L", "ɥ": "Y", "c": "K", "ɟ": "G", "q": "K",
+    "ʂ": "SH", "ɕ": "SH", "ʐ": "ZH", "ʑ": "ZH", "ʈ": "T", "ɖ": "D", "ɬ": "L", "ħ": "HH", "ʕ": "AA", "ɦ": "HH",
+}
+# fmt: on
+_LETTERS = tuple(label for label in MODEL_NAMES if len(label) == 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Pronunciation:
+    """Phones of a word, as reported and as the model knows them."""
+
+    phones: tuple[tuple[str, int], ...]
+    """IPA and stress of each phone."""
+    model: tuple[tuple[str, ...], ...]
+    """Phones of the model for each; none for a glottal stop."""
+
+    @property
+    def spelling(self) -> str:
+        """The model's phones with blanks between, as its dictionary has them."""
+        return " ".join(name for names in self.model for name in names)
+
+
+def words_of(text: str) -> list[str]:
+    """Words of a text: what stands between blanks and dashes, without the signs around it.
+
+    Examples
+    --------
+    >>> words_of("Well, “don't” — 3 times!")
+    ['Well', "don't", '3', 'times']
+    """
+    words = []
+    for piece in re.split(r"\s+|[–—]+|-{2,}|\.{2,}|…", text.replace("’", "'")):
+        start, end = 0, len(piece)
+        while start < end and not _speaks(piece[start]):
+            start += 1
+        while end > start and not _speaks(piece[end - 1]):
+            end -= 1
+        if start < end:
+            words.append(piece[start:end])
+    return words
+
+
+def dictionary_key(word: str) -> str:
+    """Spelling of a word in the dictionary: lower case, without accents.
+
+    Examples
+    --------
+    >>> dictionary_key("Café")
+    'cafe'
+    """
+    parted = unicodedata.normalize("NFD", word.lower())
+    return "".join(letter for letter in parted if not unicodedata.combining(letter))
+
+
+def heard_as(label: str) -> tuple[str, ...]:
+    """Phones of the model that sound most like an IPA label; none for a glottal stop.
+
+    Examples
+    --------
+    >>> heard_as("aɪ"), heard_as("ts"), heard_as("yː"), heard_as("ʔ")
+    (('AY',), ('T', 'S'), ('IY',), ())
+    """
+    letters = ipa.letters(label) or ("ə",)
+    whole = "".join(letters)
+    if whole in MODEL_NAMES:
+        return (MODEL_NAMES[whole],)
+    return tuple(_heard(letter) for letter in letters if letter != "ʔ")
+
+
+def of_voice(phones: Sequence[Phone]) -> Pronunciation:
+    """Pronunciation of a word that a voice has spoken."""
+    spoken = [phone for phone in phones if not phone.is_silence]
+    return Pronunciation(
+        tuple((phone.label, phone.stress) for phone in spoken), tuple(heard_as(phone.label) for phone in spoken)
+    )
+
+
+def of_dictionary(names: Sequence[str]) -> Pronunciation:
+    """Pronunciation of a word from the model's own phones."""
+    return Pronunciation(tuple((ipa_of(name), 0) for name in names), tuple((name,) for name in names))
+
+
+def _heard(letter: str) -> str:
+    if letter in MODEL_NAMES:
+        return MODEL_NAMES[letter]
+    return SOUNDS_LIKE.get(letter) or MODEL_NAMES[ipa.nearest(letter, _LETTERS)]
+
+
+def _speaks(letter: str) -> bool:
+    return letter.isalnum() or unicodedata.combining(letter) != 0 or letter in "%€$£&"

@@ -1,0 +1,258 @@
+"""The aligner, a recognizer that knows the text: PocketSphinx finds when each of its phones is said."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import UsageError
+from fapengine.recognition.loudness import HOP, loudness_db
+from fapengine.recognition.sphinx import (
+    Pronounce,
+    Pronunciation,
+    decode,
+    dictionary_key,
+    ipa_of,
+    new_aligner,
+    of_dictionary,
+    of_voice,
+)
+
+BEAMS = (1e-48, 1e-300)
+"""Beams of the first try and, if it fails, of the second, which cuts off nothing (as 1e-120 still did)."""
+SILENCES = (0.005, 1e-6, 1e-10)
+"""Probabilities of a pause between two words: of the first try, and in another language of others if its pauses are not
+quiet. Sounds that the model does not know are taken for pauses otherwise."""
+NOISES = {True: 1e-8, False: 1e-100}
+"""Probabilities of a noise, with the dictionary and without: noises fit everything, sounds of other languages too."""
+PAUSE_DB, SOUND_DB = 20.0, 35.0
+"""Ranges below the loud frames (their 95th percentile): no pause is within the first, no sound below the second."""
+MAX_STOP = 12
+"""Frames of the longest stop, in which it may be quiet."""
+MAX_AGAINST = 6
+"""Frames that may be against loudness before other tries are made: 60 ms."""
+LOUD_DB = 25.0
+"""Range below the loudest frames in which a frame counts as spoken, where words are placed by loudness alone."""
+_OWN = "fapengine_"
+"""Beginning of names that no dictionary has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """One phone of a word of the text."""
+
+    word: int
+    """Index of the word."""
+    label: str
+    """IPA."""
+    stress: int
+    first: int
+    """First frame of 10 ms."""
+    behind: int
+    """Frame after its last."""
+    model: str
+    """Phones of the model that it was aligned as."""
+
+
+class SphinxAligner:
+    """Finds the phones of a text in its sound. Stateful: it has learned the text's words.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The text, as of :func:`.sphinx.words_of`.
+    pronounce : callable, optional
+        Speaks words that the dictionary lacks.
+    dictionary : bool
+        Look words up in the model's dictionary (American English); otherwise ``pronounce`` speaks all.
+    """
+
+    def __init__(self, words: Sequence[str], pronounce: Pronounce | None = None, *, dictionary: bool = True) -> None:
+        if not words:
+            raise UsageError("text: contains no words")
+        self.words = tuple(words)
+        self.dictionary = dictionary
+        """Whether words come from the model's dictionary, which is of its own language."""
+        self._decoders = {(SILENCES[0], BEAMS[0]): self._new_decoder(SILENCES[0], BEAMS[0])}
+        self._first = self._decoders[SILENCES[0], BEAMS[0]]
+        self._own: dict[str, tuple[str, Pronunciation]] = {}
+        self.pronounced: tuple[str, ...] = ()
+        """Words that the dictionary lacks, which ``pronounce`` spoke; of English alone."""
+        strange: list[str] = []
+        for word in dict.fromkeys(self.words):
+            if dictionary and self._lookup(word):
+                continue
+            spoken = of_voice(pronounce(word)) if pronounce else Pronunciation((), ())
+            if not spoken.spelling:
+                strange.append(word)
+                continue
+            self._own[word] = f"{_OWN}{len(self._own)}", spoken
+        if strange:
+            raise UsageError(f"text: got {', '.join(map(repr, strange[:10]))}, expected words that can be pronounced")
+        if dictionary:
+            self.pronounced = tuple(self._own)
+        self._learn(self._first)
+
+    def take(self, words: Sequence[str]) -> None:
+        """Change the text to words that the dictionary has."""
+        self.words = tuple(words)
+
+    def model_phones(self, index: int) -> list[str]:
+        """Phones of the model for one word."""
+        word = self.words[index]
+        spelling = self._own[word][1].spelling if word in self._own else self._lookup(word)
+        return spelling.split()
+
+    def align(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+        """Find the phones of some words in a piece of sound.
+
+        Parameters
+        ----------
+        samples : (N,) int16
+            At :data:`.protocol.RATE_HZ`.
+        first, behind : int
+            First of the words, and the one after the last.
+
+        Returns
+        -------
+        list of Aligned
+            In order; between them is silence. Where the model fails twice, words are placed by loudness.
+        """
+        if first >= behind:
+            return []
+        keys = [self._key(word) for word in self.words[first:behind]]
+        best: tuple[int, list[Aligned]] | None = None
+        for silence in SILENCES[:1] if self.dictionary else SILENCES:
+            found = self._aligned(samples, keys, first, silence)
+            if found is not None:
+                found = found if self.dictionary else without_quiet(found, samples)
+                against = against_loudness(found, samples)
+                if best is None or against < best[0]:
+                    best = against, found
+            if best is None or best[0] <= MAX_AGAINST:
+                break
+        return best[1] if best else self.placed(samples, first, behind)
+
+    def _aligned(
+        self, samples: NDArray[np.int16], keys: Sequence[str], first: int, silence: float
+    ) -> list[Aligned] | None:  # fmt: skip
+        for beam in BEAMS:
+            if (silence, beam) not in self._decoders:
+                self._decoders[silence, beam] = self._new_decoder(silence, beam)
+                self._learn(self._decoders[silence, beam])
+            found = self._try(self._decoders[silence, beam], samples, keys, first)
+            if found is not None:
+                return found
+        return None
+
+    def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+        """Spread words evenly over the loud parts of a piece, (N,) int16; for what cannot be aligned."""
+        levels = loudness_db(samples)
+        loud = np.flatnonzero(levels >= levels.max(initial=-100.0) - LOUD_DB)
+        units = [
+            (index, label, stress, names)
+            for index in range(first, behind)
+            for (label, stress), names in zip(*self._told(index), strict=True)
+        ]
+        if not len(loud) or len(loud) < len(units):
+            return []
+        edges = loud[np.linspace(0, len(loud) - 1, len(units) + 1).round().astype(int)].tolist()
+        return [
+            Aligned(index, label, stress, start, stop, " ".join(names))
+            for (index, label, stress, names), start, stop in zip(units, edges, edges[1:], strict=False)
+            if stop > start
+        ]
+
+    def _told(self, index: int) -> tuple[tuple[tuple[str, int], ...], tuple[tuple[str, ...], ...]]:
+        word = self.words[index]
+        spoken = self._own[word][1] if word in self._own else of_dictionary(self._lookup(word).split())
+        return spoken.phones, spoken.model
+
+    def _try(self, decoder: Any, samples: NDArray[np.int16], keys: Sequence[str], first: int) -> list[Aligned] | None:
+        try:
+            decoder.set_align_text(" ".join(keys))
+            decode(decoder, samples)  # words first
+            if decoder.hyp() is None:
+                return None
+            decoder.set_alignment()
+            decode(decoder, samples)  # then the phones inside them
+            alignment = decoder.get_alignment()
+        except RuntimeError:  # its only word for everything
+            return None
+        spoken = [
+            (word.name, [(phone.name, phone.start, phone.start + phone.duration) for phone in word])
+            for word in alignment
+            if not word.name.startswith(("<", "+", "["))
+        ]
+        if [name.split("(")[0] for name, _ in spoken] != list(keys):
+            return None
+        return [
+            aligned
+            for index, (_, phones) in enumerate(spoken, start=first)
+            for aligned in self._phones(index, phones, -(-len(samples) // HOP))
+        ]
+
+    def _phones(self, index: int, phones: Sequence[tuple[str, int, int]], frames: int) -> list[Aligned]:
+        word = self.words[index]
+        if word not in self._own:
+            return [Aligned(index, ipa_of(name), 0, a, min(b, frames), name) for name, a, b in phones]
+        spoken = self._own[word][1]
+        told: list[Aligned] = []
+        at = 0
+        for (label, stress), names in zip(spoken.phones, spoken.model, strict=True):
+            if names:  # a glottal stop has none, and is a part of what comes behind it
+                behind = min(phones[at + len(names) - 1][2], frames)
+                told.append(Aligned(index, label, stress, phones[at][1], behind, " ".join(names)))
+                at += len(names)
+        return told
+
+    def _new_decoder(self, silence: float, beam: float) -> Any:
+        return new_aligner(beam=beam, silence=silence, noise=NOISES[self.dictionary])
+
+    def _lookup(self, word: str) -> str:
+        return self._first.lookup_word(dictionary_key(word)) or ""
+
+    def _key(self, word: str) -> str:
+        return self._own[word][0] if word in self._own else dictionary_key(word)
+
+    def _learn(self, decoder: Any) -> None:
+        for number, (key, spoken) in enumerate(self._own.values(), start=1):
+            decoder.add_word(key, spoken.spelling, number == len(self._own))  # the last one rebuilds the search
+
+
+def against_loudness(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> int:
+    """Count the frames with a loudness that contradicts an alignment of a piece, (N,) int16.
+
+    They are aligned as a pause and are loud, or as a phone in a quiet that is longer than any stop.
+    """
+    levels = loudness_db(samples)
+    top = np.percentile(levels, 95)
+    pause = np.ones(len(levels), dtype=bool)
+    for phone in aligned:
+        pause[phone.first : phone.behind] = False
+    quiet = sum(int((~pause[a:b]).sum()) for a, b in _quiet(levels))
+    return int((pause & (levels > top - PAUSE_DB)).sum()) + quiet
+
+
+def without_quiet(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> list[Aligned]:
+    """Cut quiet that is longer than any stop from phones; ``samples`` are (N,) int16."""
+    phones = list(aligned)
+    for first, behind in _quiet(loudness_db(samples)):
+        for index, phone in enumerate(phones):
+            before, after = max(first - phone.first, 0), max(phone.behind - behind, 0)
+            if phone.first >= behind or phone.behind <= first or not before + after:
+                continue
+            if before >= after:
+                phones[index] = replace(phone, behind=first)
+            else:
+                phones[index] = replace(phone, first=behind)
+    return phones
+
+
+def _quiet(levels: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Parts of a piece, first frame and the one after the last, that are quiet for longer than a stop is."""
+    quiet = levels < np.percentile(levels, 95) - SOUND_DB
+    edges = np.flatnonzero(np.diff(quiet, prepend=False, append=False))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= MAX_STOP]

@@ -1,0 +1,1 @@
+"""One server of many processes and machines: the parent, its workers, and the store that machines share."""

@@ -1,0 +1,362 @@
+"""The store that machines share, over NATS: leases and records in two key-value buckets of its JetStream.
+
+Here is what touches the network; the rest is :mod:`fapengine.server.ownership.partitions`. NATS carries who lives and
+who has what, and nothing else: phones, frames and pages go from machine to machine directly. What machines tell each
+other is lost while NATS is away, so everything that others had announced is looked up again once it is back.
+"""
+
+import asyncio
+import logging
+import socket
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from fapengine._counters import Family
+from fapengine._late import needed
+from fapengine.errors import DataError, ResourceError
+from fapengine.server.config import BusChoice
+from fapengine.server.ownership import partitions
+from fapengine.server.ownership.partitions import (
+    RENEW_S,
+    TTL_S,
+    Claim,
+    Here,
+    Look,
+    Machine,
+    Partitions,
+    Record,
+    Release,
+    There,
+    partition_of,
+)
+
+if TYPE_CHECKING:
+    from nats.aio.client import Client as Nats
+    from nats.aio.msg import Msg
+    from nats.js.kv import KeyValue
+
+CONNECT_S = 5.0
+"""Time in which NATS must answer at the start."""
+ANSWER_S = 0.7
+"""Time that an answer of the store may take."""
+AGAIN_S = 0.2
+"""Pause between two tries to reach NATS."""
+ROUNDS = 5
+"""Steps to find out whose a session is: look, claim, and again where another was faster."""
+MAX_ASKING = 10_000
+"""Packets and connections that wait for such an answer; more are lost."""
+WILDCARDS = ("0.0.0.0", "::", "")
+
+log = logging.getLogger("fapengine.server")
+
+
+class Bus:
+    """The end of it on this machine.
+
+    Stateful. It is made, started and closed on one event loop.
+
+    Parameters
+    ----------
+    choice : BusChoice
+    host : str
+        Where the server listens.
+    on_lease : callable
+        Called with the monotonic time until which this machine's sessions may be shown, whenever that grows.
+    on_fence : callable
+        Called when it has run out: nothing may be shown any more.
+    """
+
+    def __init__(
+        self, choice: BusChoice, host: str, on_lease: Callable[[float], None], on_fence: Callable[[], None]
+    ) -> None:  # fmt: skip
+        self._choice, self._listens = choice, host
+        self._on_lease, self._on_fence = on_lease, on_fence
+        self.fences = 0
+        """Times that this machine's lease had run out."""
+        self._table = Partitions(Machine("", host, 0))
+        self._nats: Nats | None = None
+        self._leases: KeyValue | None = None
+        self._records: KeyValue | None = None
+        self._renewing: asyncio.Task[None] | None = None
+        self._is_up = False
+        self._asking: dict[int, list[Callable[[], None]]] = {}
+        self._waiting = 0
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    # For the parent -------------------------------------------------------------------------------------------------
+
+    @property
+    def machines(self) -> int:
+        """Number of machines that live, this one included."""
+        return len(self._table.machines(time.monotonic()))
+
+    def families(self) -> Iterator[Family]:
+        """Metrics of this machine among others."""
+        yield Family.of("machines", "Machines that share the sessions.", self.machines, is_gauge=True)
+        yield Family.of("partitions", "Partitions of this machine.", self._table.owned, is_gauge=True)
+        yield Family.of("fences", "Times that its lease had run out.", self.fences)
+
+    async def start(self, port: int, page_port: int) -> None:
+        """Connect, and take a lease.
+
+        Parameters
+        ----------
+        port, page_port : int
+            Where others find OSC and the page.
+
+        Raises
+        ------
+        ResourceError
+            If NATS cannot be reached, or has no JetStream.
+        """
+        nats = _need_nats()
+        url = self._choice.url or ""
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                self._nats = await nats.connect(
+                    url.split(","),
+                    name="fapengine",
+                    max_reconnect_attempts=-1,
+                    reconnect_time_wait=AGAIN_S,
+                    connect_timeout=2,
+                    ping_interval=2,
+                    max_outstanding_pings=2,
+                    pending_size=1 << 20,
+                    error_cb=self._note_trouble,
+                    disconnected_cb=self._note_loss,
+                    reconnected_cb=self._note_return,
+                )
+                await self._open_buckets()
+        except (TimeoutError, OSError, nats.errors.Error) as error:
+            await self.close()
+            why = "no answer" if isinstance(error, TimeoutError) else str(error) or type(error).__name__
+            raise ResourceError(
+                f"bus: got {_shown(url)}, expected NATS with JetStream (nats-server -js): {why}"
+            ) from error
+        assert self._nats is not None
+        host = self._choice.host or (self._own_address(url) if self._listens in WILDCARDS else self._listens)
+        self._table = Partitions(Machine(uuid.uuid4().hex, host, port, page_port))
+        for kind, hear in (("alive", self._hear_alive), ("gone", self._hear_gone), ("record", self._hear_record)):
+            await self._nats.subscribe(self._subject(kind), cb=hear)
+        self._is_up = True
+        self._renewing = asyncio.create_task(self._keep_lease())
+        await asyncio.sleep(RENEW_S + ANSWER_S)  # now all that live were heard
+
+    async def close(self) -> None:
+        """Give the lease back, so that others need not wait for its end; nothing may be shown any more."""
+        await self.step_down()
+        for task in (*self._tasks, self._renewing):
+            if task is not None:
+                task.cancel()
+        if self._nats is not None:
+            with suppress(Exception):  # it is over, whatever NATS says
+                await asyncio.wait_for(self._nats.close(), ANSWER_S)
+            self._nats = None
+
+    async def step_down(self) -> None:
+        """Give up all sessions. The machine still tells senders where they are."""
+        if not self._is_up:
+            return
+        self._is_up = False
+        name = self._table.me.id
+        self._table.begin_again(uuid.uuid4().hex)
+        with suppress(Exception):  # then the lease ends by itself
+            assert self._leases is not None
+            await asyncio.wait_for(self._leases.delete(name), ANSWER_S)
+            await self._tell("gone", name.encode())
+
+    def step_up(self) -> None:
+        """Take sessions again."""
+        self._is_up = True
+
+    def find(self, session: str) -> Here | There | None:
+        """Find whose a session is, as far as that is known; see :meth:`settle`."""
+        found = self._table.find(session, time.monotonic())
+        return found if isinstance(found, Here | There) else None
+
+    def settle(self, session: str, again: Callable[[], None]) -> bool:
+        """Find out whose a session is, if that is not known; then True, and what is given is called once it is."""
+        found = self._table.find(session, time.monotonic())
+        if not isinstance(found, Look | Claim):
+            return False
+        if self._waiting >= MAX_ASKING or self._nats is None or not self._nats.is_connected:
+            return True  # lost
+        waiting = self._asking.setdefault(partition_of(session), [])
+        self._waiting += 1
+        waiting.append(again)
+        if len(waiting) == 1:
+            self._start(self._find_out(session, waiting))
+        return True
+
+    def placed(self, session: str) -> None:
+        """Note that a session, found here, was given to a worker."""
+        self._table.placed(session)
+
+    def left(self, session: str) -> None:
+        """Note that a session has no worker any more."""
+        release = self._table.left(session)
+        if release is not None:
+            self._start(self._release(release))
+
+    # The store ------------------------------------------------------------------------------------------------------
+
+    async def _open_buckets(self) -> None:
+        from nats.js.api import KeyValueConfig, StorageType
+
+        assert self._nats is not None
+        store, name = self._nats.jetstream(timeout=ANSWER_S), self._choice.name
+        form = KeyValueConfig("", storage=StorageType.FILE, replicas=self._choice.replicas)
+        self._leases = await store.create_key_value(form.evolve(bucket=f"{name}-leases", ttl=TTL_S))
+        self._records = await store.create_key_value(form.evolve(bucket=f"{name}-partitions"))
+
+    async def _keep_lease(self) -> None:
+        while True:
+            asked_s, table = time.monotonic(), self._table
+            if table.has_lapsed(asked_s):
+                self._fence()
+            elif self._is_up and self._nats is not None and self._nats.is_connected:
+                await self._renew(table.me.id, asked_s)
+            await asyncio.sleep(max(0.0, asked_s + RENEW_S - time.monotonic()))
+
+    async def _renew(self, name: str, asked_s: float) -> None:
+        assert self._leases is not None
+        try:
+            revision = await self._leases.put(name, b"")
+        except _errors() as error:
+            log.debug("bus: no lease: %r", error)
+            if self._table.until_s is None:  # the buckets may be gone
+                with suppress(*_errors()):
+                    await self._open_buckets()
+            return
+        table, now_s = self._table, time.monotonic()
+        if table.me.id != name:
+            return
+        table.renewed(asked_s, revision, now_s)
+        if table.may_show(now_s) and table.until_s is not None:
+            self._on_lease(table.until_s)
+            await self._tell("alive", partitions.encode(table.me))
+
+    def _fence(self) -> None:
+        log.error("bus: no lease any more; faces come to rest, and begin again where there is one")
+        self.fences += 1
+        self._is_up = False  # until there is a worker again
+        self._table.begin_again(uuid.uuid4().hex)
+        self._on_fence()
+
+    async def _find_out(self, session: str, waiting: list[Callable[[], None]]) -> None:
+        try:
+            with suppress(*_errors()):
+                for _ in range(ROUNDS):
+                    found = self._table.find(session, time.monotonic())
+                    if not isinstance(found, Look | Claim):
+                        break
+                    if isinstance(found, Look):
+                        self._table.saw_record(await self._look(found.partition))
+                    elif not await self._claim(found):
+                        break
+        finally:
+            self._asking.pop(partition_of(session), None)
+            self._waiting -= len(waiting)
+        for again in waiting:
+            again()
+
+    async def _look(self, partition: int) -> Record:
+        from nats.js.errors import KeyNotFoundError
+
+        assert self._records is not None
+        try:
+            entry = await self._records.get(str(partition))
+        except KeyNotFoundError as error:
+            deleted = getattr(error, "entry", None)
+            return Record(partition, "", deleted.revision if deleted is not None else 0)
+        return Record(partition, (entry.value or b"").decode(errors="replace"), entry.revision or 0)
+
+    async def _claim(self, claim: Claim) -> bool:
+        """Carry a claim out; False: its owner lives, and nothing is to be done now."""
+        from nats.js.errors import KeyNotFoundError, KeyWrongLastSequenceError
+
+        assert self._records is not None
+        assert self._leases is not None
+        if claim.over:
+            with suppress(KeyNotFoundError):
+                await self._leases.get(claim.over)
+                return False
+        try:
+            revision = await self._records.update(str(claim.partition), claim.owner.encode(), last=claim.revision)
+        except KeyWrongLastSequenceError:
+            self._table.saw_record(await self._look(claim.partition))
+            return True
+        record = Record(claim.partition, claim.owner, revision)
+        self._table.saw_record(record)
+        await self._tell("record", partitions.encode(record))
+        return True
+
+    async def _release(self, release: Release) -> None:
+        assert self._records is not None
+        with suppress(*_errors()):
+            await self._records.delete(str(release.partition), last=release.revision)
+
+    # What machines tell ---------------------------------------------------------------------------------------------
+
+    def _subject(self, kind: str) -> str:
+        return f"fapengine.{self._choice.name}.{kind}"
+
+    async def _tell(self, kind: str, data: bytes) -> None:
+        if self._nats is not None:
+            with suppress(*_errors()):
+                await self._nats.publish(self._subject(kind), data)
+
+    async def _hear_alive(self, message: "Msg") -> None:
+        with suppress(DataError):
+            self._table.saw(partitions.decode_machine(message.data), time.monotonic())
+
+    async def _hear_gone(self, message: "Msg") -> None:
+        self._table.saw_end(message.data.decode(errors="replace"))
+
+    async def _hear_record(self, message: "Msg") -> None:
+        with suppress(DataError):
+            self._table.saw_record(partitions.decode_record(message.data))
+
+    async def _note_trouble(self, error: Exception) -> None:
+        log.debug("bus: %r", error)
+        self._table.forget()  # a slow consumer has missed something
+
+    async def _note_loss(self) -> None:
+        if self._is_up:  # else it is closed
+            log.warning("bus: NATS is not reached")
+
+    async def _note_return(self) -> None:
+        log.info("bus: NATS is reached again")
+        self._table.forget()
+
+    def _own_address(self, url: str) -> str:
+        """Address of this machine on its way to NATS."""
+        first = urlsplit(url.split(",")[0])
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((first.hostname or "127.0.0.1", first.port or 4222))
+            return str(probe.getsockname()[0])
+
+    def _start(self, work: Any) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+def _need_nats() -> Any:
+    return needed("nats", "nats-py", "bus")
+
+
+def _errors() -> tuple[type[Exception], ...]:
+    """Give all that NATS raises where it cannot be reached or says no."""
+    import nats.errors
+
+    return nats.errors.Error, OSError, TimeoutError
+
+
+def _shown(url: str) -> str:
+    """Write addresses without their passwords."""
+    return ",".join(part.rpartition("@")[2] if "@" in part else part for part in url.split(","))

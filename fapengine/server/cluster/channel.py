@@ -1,0 +1,222 @@
+"""The channel between the parent and a worker: whole messages in order, with open sockets beside them.
+
+A pair of Unix sockets that keep the bounds of messages (SOCK_SEQPACKET, Linux). What cannot be sent at once waits, but
+for datagrams: those are lost, as datagrams are.
+"""
+
+import array
+import socket
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+import msgspec
+
+SESSIONS_AT_ONCE = 1000
+"""Names in one message."""
+READ_AT_ONCE = 512
+MAX_WAITING = 10_000
+"""Messages that may wait for a worker; more, and it is beyond help."""
+BUFFER = 4 << 20
+MAX_MESSAGE = 1 << 20
+
+
+class Message(msgspec.Struct, tag=True, array_like=True):
+    """One message."""
+
+
+class Begin(Message):
+    """To a worker: what to do."""
+
+    config: bytes
+    """Pickled :class:`fapengine.server.config.ServeConfig`."""
+    number: int
+    """Worker's number, for its log."""
+    front_port: int
+
+
+class Own(Message):
+    """To a worker: a session is yours."""
+
+    session: str
+    epoch: int
+
+
+class Until(Message):
+    """To a worker: your sessions are surely yours until this monotonic time, or until one that follows."""
+
+    time_s: float
+
+
+class Leave(Message):
+    """To a worker: give a session back, if it is not open."""
+
+    session: str
+
+
+class Packet(Message):
+    """To a worker: a datagram that came at the known port."""
+
+    address: tuple[str | int, ...]
+    """Sender, as the system tells it; longer for IPv6."""
+    data: bytes
+
+
+class Connection(Message):
+    """To a worker: a connection is handed over, the socket beside the message; nothing of it was read."""
+
+    is_page: bool
+    """False: OSC."""
+
+
+class AskMetrics(Message):
+    """To a worker: give your metrics."""
+
+
+class Ready(Message):
+    """From a worker: everything is open."""
+
+    port: int
+    """OSC port of its own."""
+    sinks: list[str]
+
+
+class Failed(Message):
+    """From a worker: it cannot begin."""
+
+    reason: str
+    kind: str
+    """Class of the error."""
+
+
+class Sessions(Message):
+    """From a worker: what it has opened and closed."""
+
+    opened: list[str]
+    closed: list[str]
+
+
+class Left(Message):
+    """From a worker: a session is not its own any more."""
+
+    session: str
+
+
+class Alive(Message):
+    """From a worker: its loop goes round."""
+
+
+class Metrics(Message):
+    """From a worker: a part of its metrics; an empty part follows the last."""
+
+    text: bytes
+
+
+ToWorker = Own | Until | Leave | Packet | Connection | AskMetrics
+FromWorker = Ready | Failed | Sessions | Left | Alive | Metrics
+_encode = msgspec.msgpack.Encoder().encode
+_decode_to_worker = msgspec.msgpack.Decoder(ToWorker).decode
+_decode_from_worker = msgspec.msgpack.Decoder(FromWorker).decode
+decode_begin = msgspec.msgpack.Decoder(Begin).decode
+"""Reads the first message to a worker."""
+
+
+class Channel:
+    """One end of a channel.
+
+    Stateful.
+
+    Parameters
+    ----------
+    end : socket
+    is_worker : bool
+        Whether this is the worker's end.
+    """
+
+    def __init__(self, end: socket.socket, *, is_worker: bool) -> None:
+        self._socket = end
+        self._decode = _decode_to_worker if is_worker else _decode_from_worker
+        self._waiting: deque[tuple[bytes, socket.socket | None]] = deque()
+        self.is_broken = False
+        """Whether the other end has gone."""
+        end.setblocking(False)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+
+    @staticmethod
+    def pair() -> tuple[socket.socket, socket.socket]:
+        """Open both ends."""
+        return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def fileno(self) -> int:
+        """File number, for the loop."""
+        return self._socket.fileno()
+
+    def put(self, message: Message, handed: socket.socket | None = None) -> bool:
+        """Send a message, and a socket beside it, which is closed here; False where a datagram found no room."""
+        if self.is_broken:
+            if handed is not None:
+                handed.close()
+            return False
+        is_datagram = isinstance(message, Packet)
+        if is_datagram and self._waiting:
+            return False
+        self._waiting.append((_encode(message), handed))
+        self.flush()
+        if is_datagram and self._waiting:
+            self._waiting.clear()
+            return False
+        if len(self._waiting) > MAX_WAITING:
+            self._break()
+        return not self.is_broken
+
+    def flush(self) -> None:
+        """Send what waits, as far as there is room."""
+        while self._waiting:
+            data, handed = self._waiting[0]
+            rights = [] if handed is None else [_rights(handed)]
+            try:
+                self._socket.sendmsg([data], rights)
+            except BlockingIOError:
+                return
+            except OSError:
+                self._break()
+                return
+            self._waiting.popleft()
+            if handed is not None:
+                handed.close()
+
+    def take(self) -> Iterator[tuple[ToWorker | FromWorker, socket.socket | None]]:
+        """Read what has come, each message with the socket beside it."""
+        for _ in range(READ_AT_ONCE):
+            try:
+                data, rights, _, _ = self._socket.recvmsg(MAX_MESSAGE, socket.CMSG_SPACE(4), socket.MSG_CMSG_CLOEXEC)
+            except BlockingIOError:
+                return
+            except OSError:
+                data, rights = b"", []
+            if not data:
+                self._break()
+                return
+            yield self._decode(data), _handed(rights)
+
+    def close(self) -> None:
+        """End it."""
+        self._break()
+        self._socket.close()
+
+    def _break(self) -> None:
+        self.is_broken = True
+        for _, handed in self._waiting:
+            if handed is not None:
+                handed.close()
+        self._waiting.clear()
+
+
+def _rights(handed: socket.socket) -> tuple[int, int, bytes]:
+    return socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [handed.fileno()]).tobytes()
+
+
+def _handed(rights: Sequence[tuple[int, int, bytes]]) -> socket.socket | None:
+    for level, kind, data in rights:
+        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS) and len(data) >= array.array("i").itemsize:
+            return socket.socket(fileno=int(array.array("i", data[:4])[0]))
+    return None

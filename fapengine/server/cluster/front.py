@@ -1,0 +1,436 @@
+"""The known ports of a server with workers: what comes there goes to the worker that has its session.
+
+A datagram is copied to the worker, which answers from the known port itself. A sender that says in its hello that it
+follows gets the worker's port instead. A connection is handed over whole, before anything of it is read: the first
+request, or the first packet, is only looked at (MSG_PEEK).
+
+A session of another machine (:mod:`.bus`): a sender that follows gets that machine's known port. Datagrams of other
+senders are relayed, each sender's from a socket of its own, by which answers come back. Connections are copied both
+ways.
+"""
+
+import asyncio
+import errno
+import logging
+import socket
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from fapengine._counters import Counts
+from fapengine.errors import DataError
+from fapengine.server.cluster import channel
+from fapengine.server.intake.doors import Door
+from fapengine.server.intake.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound, bound_pair
+from fapengine.server.ownership.partitions import Machine
+from fapengine.server.ownership.placement import Home
+from fapengine.server.ownership.rule import session_of_request
+from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
+from fapengine.wire.speech_osc import schema
+from fapengine.wire.speech_osc.codec import encode
+from fapengine.wire.speech_osc.routing import hello_of, session_of
+
+MAX_RELAYS = 256
+"""Senders for which a socket is kept; the one that was silent for the longest is forgotten first."""
+ANSWERS_AT_ONCE = 64
+CHUNK = 64 << 10
+CONNECT_S = 3.0
+Address = tuple[str, int]
+PEEKED_BYTES = 32 << 10
+PEEK_S = 0.02
+"""Time after which a connection whose beginning is not whole is looked at again."""
+MAX_CALLERS = 8192
+"""Addresses of which is remembered where they spoke to: their pings name no session."""
+BACKLOG = 128
+NO_FILE_S = 0.2
+
+log = logging.getLogger("fapengine.server")
+Found = TypeVar("Found", str, bytes)
+Take = Callable[[socket.socket], Awaitable[tuple[str, int] | None]]
+"""Function that looks at a connection, and hands it over; or gives host and port of another machine that it is for."""
+
+
+class Relays:
+    """Sockets to other machines, one for each sender and machine.
+
+    Stateful.
+
+    Parameters
+    ----------
+    answer : callable
+        Takes what a machine answered, and the sender's address.
+    """
+
+    def __init__(self, answer: Callable[[bytes, Address], None]) -> None:
+        self._answer = answer
+        self._sockets: OrderedDict[tuple[Address, str, int], socket.socket] = OrderedDict()
+
+    def send(self, machine: Machine, sender: Address, data: bytes) -> bool:
+        """Send a sender's datagram on; False where that is not possible now."""
+        key = sender, machine.host, machine.port
+        try:
+            one = self._sockets.get(key) or self._opened(key)
+            self._sockets.move_to_end(key)
+            one.send(data)
+        except OSError:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Close all."""
+        while self._sockets:
+            self._forget(next(iter(self._sockets)))
+
+    def _opened(self, key: tuple[Address, str, int]) -> socket.socket:
+        _, host, port = key
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        one = socket.socket(family, kind, protocol)
+        try:
+            one.setblocking(False)
+            one.connect(address)
+        except OSError:
+            one.close()
+            raise
+        self._sockets[key] = one
+        asyncio.get_running_loop().add_reader(one.fileno(), self._read, one, key[0])
+        if len(self._sockets) > MAX_RELAYS:
+            self._forget(next(iter(self._sockets)))
+        return one
+
+    def _forget(self, key: tuple[Address, str, int]) -> None:
+        one = self._sockets.pop(key)
+        asyncio.get_running_loop().remove_reader(one.fileno())
+        one.close()
+
+    def _read(self, one: socket.socket, sender: Address) -> None:
+        for _ in range(ANSWERS_AT_ONCE):
+            try:
+                data = one.recv(MAX_PACKET)
+            except BlockingIOError:
+                return
+            except OSError:  # no server listens there now
+                continue
+            self._answer(data, sender)
+
+
+async def copied(accepted: socket.socket, there: Address) -> None:
+    """Copy a connection to another machine, and its answers back, until one of both ends it.
+
+    Raises
+    ------
+    OSError
+        If the other machine cannot be reached.
+    """
+    async with asyncio.timeout(CONNECT_S):
+        theirs_in, theirs_out = await asyncio.open_connection(*there)
+    ours_in, ours_out = await asyncio.open_connection(sock=accepted.dup())
+    ways = {asyncio.create_task(_copy(ours_in, theirs_out)), asyncio.create_task(_copy(theirs_in, ours_out))}
+    try:
+        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+        for end in (ours_out, theirs_out):
+            end.close()
+
+
+async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
+    while data := await source.read(CHUNK):
+        target.write(data)
+        await target.drain()
+
+
+class Router(Protocol):
+    """The part of :class:`fapengine.server.cluster.workers.Workers` that the front calls."""
+
+    def owner(self, session: str) -> Home | Machine | None:
+        """Give the machine or the worker that shows a session; None: none may, now."""
+        ...
+
+    def settle(self, session: str, again: Callable[[], None]) -> bool:
+        """Find out whose a session is, if that must be asked; then True, and what is given is called afterwards."""
+        ...
+
+    def port(self, worker: int) -> int:
+        """Give the OSC port of a worker."""
+        ...
+
+    def send(self, worker: int, message: channel.Message, handed: socket.socket | None = None) -> bool:
+        """Send to a worker, with a socket, which is closed here."""
+        ...
+
+    def send_any(self, message: channel.Message, handed: socket.socket) -> None:
+        """Send to some worker."""
+        ...
+
+
+@dataclass(slots=True)
+class FrontCounts(Counts):
+    """Counts of what came at the known ports.
+
+    Stateful.
+    """
+
+    METRIC = "front", "What came at the known ports, by kind."
+
+    forwarded: int = 0
+    """Datagrams that were sent on."""
+    lost: int = 0
+    """Datagrams that no worker could take."""
+    strange: int = 0
+    """Datagrams and connections for no session."""
+    moved: int = 0
+    """Senders that were redirected to a worker."""
+    handed: int = 0
+    """Connections that were handed over."""
+    relayed: int = 0
+    """Datagrams and connections that were sent on to another machine."""
+
+
+class Front:
+    """The known ports.
+
+    Stateful.
+
+    Parameters
+    ----------
+    router : Router
+    counts : FrontCounts
+    door : Door
+        Limits the connections whose beginning has not come.
+    """
+
+    def __init__(self, router: Router, counts: FrontCounts, door: Door) -> None:
+        self._router, self.counts, self._door = router, counts, door
+        self._callers: OrderedDict[tuple[str, int], int | Machine] = OrderedDict()
+        self._relays = Relays(self._answer)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._sockets: list[socket.socket] = []
+        self.datagrams: socket.socket | None = None
+        self.osc_address, self.page_address = ("", 0), ("", 0)
+
+    def bind(self, host: str, port: int, page_port: int | None) -> None:
+        """Take the ports; nothing is read before :meth:`open`.
+
+        Raises
+        ------
+        ResourceError
+            If one is taken.
+        """
+        streams, self.datagrams = bound_pair(host, port)
+        self.datagrams.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        self._sockets = [self.datagrams, streams]
+        self.osc_address = self.datagrams.getsockname()[:2]
+        if page_port is not None:
+            page = bound(host, page_port, socket.SOCK_STREAM)
+            self._sockets.append(page)
+            self.page_address = page.getsockname()[:2]
+
+    def open(self) -> None:
+        """Let what comes in."""
+        loop = asyncio.get_running_loop()
+        datagrams, *listeners = self._sockets
+        datagrams.setblocking(False)
+        loop.add_reader(datagrams.fileno(), self._read)
+        for listening, take in zip(listeners, (self._take_stream, self._take_page), strict=False):
+            listening.setblocking(False)
+            listening.listen(BACKLOG)
+            self._start(self._accept(listening, take))
+
+    def close(self) -> None:
+        """Let nothing more in."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        self._relays.close()
+        for one in self._sockets:
+            asyncio.get_running_loop().remove_reader(one.fileno())
+            one.close()
+        self._sockets.clear()
+
+    def _start(self, work: Awaitable[None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # Datagrams ------------------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        datagrams = self._sockets[0]
+        for _ in range(READ_AT_ONCE):
+            try:
+                data, address = datagrams.recvfrom(MAX_PACKET)
+            except BlockingIOError:
+                return
+            except OSError:  # what an earlier answer met with
+                continue
+            self._route(data, address)
+
+    def _route(self, data: bytes, address: tuple[str, int], *, is_settled: bool = False) -> None:
+        session, caller = session_of(data), self._callers.get(address)
+        if session is None:
+            if caller is None:
+                self.counts.strange += 1
+            elif isinstance(caller, Machine):
+                self._relay(caller, address, data)
+            else:
+                self._count(self._router.send(caller, channel.Packet(address, data)))
+            return
+        if not is_settled and self._router.settle(session, lambda: self._route(data, address, is_settled=True)):
+            return
+        owner = self._router.owner(session)
+        hello = hello_of(data)
+        if hello is not None and hello.flags & schema.FOLLOWS:
+            self._tell_where(hello, owner, address)
+        elif isinstance(owner, Machine):
+            self._relay(owner, address, data)
+            self._remember(address, owner)
+        else:
+            is_sent = owner is not None and self._router.send(owner.worker, channel.Packet(address, data))
+            self._count(is_sent)
+            if owner is not None and is_sent:
+                self._remember(address, owner.worker)
+
+    def _remember(self, address: tuple[str, int], took: int | Machine) -> None:
+        self._callers[address] = took
+        self._callers.move_to_end(address)
+        if len(self._callers) > MAX_CALLERS:
+            self._callers.popitem(last=False)
+
+    def _relay(self, machine: Machine, address: tuple[str, int], data: bytes) -> None:
+        is_sent = self._relays.send(machine, address, data)
+        self.counts.relayed += is_sent
+        self.counts.lost += not is_sent
+
+    def _answer(self, data: bytes, address: tuple[str, int]) -> None:
+        """Answer from the known port."""
+        try:
+            self._sockets[0].sendto(data, address)
+        except OSError:
+            self.counts.lost += 1
+
+    def _count(self, is_sent: bool) -> None:
+        self.counts.forwarded += is_sent
+        self.counts.lost += not is_sent
+
+    def _tell_where(self, hello: schema.Hello, owner: Home | Machine | None, address: tuple[str, int]) -> None:
+        if owner is None:
+            self.counts.lost += 1
+            return
+        if isinstance(owner, Machine):
+            host, port = owner.host, owner.port
+        else:
+            host, port = "", self._router.port(owner.worker)
+        self.counts.moved += 1
+        self._answer(encode(schema.Moved(hello.session, host, port, hello.instance)), address)
+
+    # Connections ----------------------------------------------------------------------------------------------------
+
+    async def _accept(self, listening: socket.socket, take: Take) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                accepted, address = await loop.sock_accept(listening)
+            except OSError as error:
+                if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                    log.error("no connection can be taken: %s", error)
+                    await asyncio.sleep(NO_FILE_S)
+                continue
+            if self._door.enter(address[0]):
+                self._start(self._take(accepted, address[0], take))
+            else:
+                accepted.close()
+
+    async def _take(self, accepted: socket.socket, address: str, take: Take) -> None:
+        try:
+            async with asyncio.timeout(FIRST_S):
+                there = await take(accepted)
+            if there is not None:
+                self.counts.relayed += 1
+                await copied(accepted, there)
+        except TimeoutError:
+            self._door.counts.timed_out += 1
+        except OSError:
+            pass
+        finally:
+            self._door.leave(address)
+            accepted.close()  # the worker has its own
+
+    async def _take_page(self, accepted: socket.socket) -> tuple[str, int] | None:
+        target = await _peeked(accepted, _target_of)
+        if target is None:
+            self.counts.strange += 1
+            return None
+        message = channel.Connection(is_page=True)
+        try:
+            session = session_of_request(target)
+        except DataError:  # any worker answers that, for it reads the same
+            session = None
+        if session is None:
+            self._router.send_any(message, accepted.dup())
+            self.counts.handed += 1
+            return None
+        machine = await self._hand(session, message, accepted)
+        return None if machine is None else (machine.host, machine.page_port)
+
+    async def _take_stream(self, accepted: socket.socket) -> tuple[str, int] | None:
+        packet = await _peeked(accepted, _first_packet)
+        session = session_of(packet) if packet else None
+        if session is None:
+            self.counts.strange += 1
+            return None
+        machine = await self._hand(session, channel.Connection(is_page=False), accepted)
+        return None if machine is None else (machine.host, machine.port)
+
+    async def _hand(self, session: str, message: channel.Connection, accepted: socket.socket) -> Machine | None:
+        """Hand a connection to the worker of its session, if one has it; or give the machine that it is for."""
+        settled = asyncio.Event()
+        if self._router.settle(session, settled.set):
+            await settled.wait()
+        owner = self._router.owner(session)
+        if isinstance(owner, Machine):
+            return owner
+        self.counts.handed += 1
+        if owner is not None:
+            self._router.send(owner.worker, message, accepted.dup())
+        return None
+
+
+async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]) -> Found | None:
+    """Look at the beginning of a connection until something is found in it; None if it never will be."""
+    loop = asyncio.get_running_loop()
+    accepted.setblocking(False)
+    while True:
+        readable = asyncio.Event()
+        loop.add_reader(accepted.fileno(), readable.set)
+        try:
+            await readable.wait()
+        finally:
+            loop.remove_reader(accepted.fileno())
+        begun = accepted.recv(PEEKED_BYTES, socket.MSG_PEEK)
+        found = find(begun) if begun else None
+        if found is not None or not begun or len(begun) == PEEKED_BYTES:
+            return found
+        await asyncio.sleep(PEEK_S)
+
+
+def _target_of(begun: bytes) -> str | None:
+    """Address of a request, of its first line."""
+    line, end, _ = begun.partition(b"\r\n")
+    parts = line.split(b" ")
+    if not end:
+        return None
+    return parts[1].decode("utf-8", "surrogateescape") if len(parts) == len(("method", "target", "version")) else "/"
+
+
+def _first_packet(begun: bytes) -> bytes | None:
+    """First packet of a stream; empty if it is none."""
+    decoder = LengthDecoder() if begun[0] == 0 else SlipDecoder() if begun[0] in SLIP_FIRST else None
+    if decoder is None:
+        return b""
+    try:
+        packets = decoder.feed(begun)
+    except DataError:
+        return b""
+    return packets[0] if packets else None

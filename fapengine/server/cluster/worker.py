@@ -1,0 +1,201 @@
+"""A worker: the server in a process of its own, of one parent (:mod:`.workers`), for the sessions that it is given.
+
+It listens for OSC at a port of its own, for senders that the parent has sent there. What comes at the known ports it
+gets from the parent: datagrams one by one, which it answers from the known port itself, and whole connections. When the
+parent ends, however it ends, the worker lets its faces come to rest and ends too.
+"""
+
+import asyncio
+import logging
+import pickle
+import signal
+import socket
+import time
+from typing import cast
+
+from fapengine._child import Parent
+from fapengine.errors import FapEngineError
+from fapengine.host.listeners import HubFrames
+from fapengine.server.cluster import channel
+from fapengine.server.cluster.channel import Channel
+from fapengine.server.config import ServeConfig
+from fapengine.server.intake.listeners import Caller
+from fapengine.server.load import collect_now_and_then
+from fapengine.server.logs import begin_log
+from fapengine.server.ownership.rule import OwnSessions
+from fapengine.server.server import Server, serve
+
+ALIVE_S = 0.5
+"""Time from one sign of life to the next."""
+LATE_S = 0.15
+"""Time after the end of the lease from which faces are closed instead of fading to rest."""
+METRICS_AT_ONCE = 64 << 10
+"""Bytes of metrics in one message."""
+
+log = logging.getLogger("fapengine.server")
+
+
+class Worker:
+    """The server and its end of the channel.
+
+    Stateful.
+
+    Parameters
+    ----------
+    link : Channel
+    front : socket
+        The parent's UDP socket, from which answers go.
+    config : ServeConfig
+        With the worker's own port.
+    front_port : int
+        Where the parent listens.
+    """
+
+    def __init__(self, link: Channel, front: socket.socket, config: ServeConfig, front_port: int) -> None:
+        self._link, self._front = link, front
+        self._own = OwnSessions(front_port, self._read)
+        self.server = Server(config, own=self._own)
+        self._told: tuple[str, ...] = ()
+        self._adopting: set[asyncio.Task[None]] = set()
+
+    async def run(self) -> None:
+        """Serve until stopped."""
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGTERM, self._stop)
+        collecting = asyncio.create_task(collect_now_and_then())
+        living = asyncio.create_task(self._live())
+        try:
+            await serve(self.server, self._begin)
+        finally:
+            collecting.cancel()
+            living.cancel()
+            loop.remove_reader(self._link.fileno())
+
+    def close(self) -> None:
+        """End the channel."""
+        self._link.close()
+
+    def send(self, data: bytes, address: tuple[str, int]) -> bool:
+        """Answer from the known port: see :class:`~fapengine.server.intake.listeners.Replier`."""
+        try:
+            self._front.sendto(data, address)
+        except OSError:
+            return False
+        return True
+
+    def _begin(self) -> None:
+        self.server.hub.listeners.on_frames(self._tell)
+        self.server.ingress.add_reader(self._read)
+        asyncio.get_running_loop().add_reader(self._link.fileno(), self._read)
+        sinks = [str(sink.address) for sink in self.server.sinks]
+        self._link.put(channel.Ready(self.server.osc_address[1], sinks))
+
+    async def _live(self) -> None:
+        while True:
+            await asyncio.sleep(ALIVE_S)
+            self._link.put(channel.Alive())
+            self._link.flush()
+
+    def _tell(self, frames: HubFrames) -> None:
+        """Tell which sessions are open, if that has changed."""
+        if frames.sessions is self._told or frames.sessions == self._told:
+            return
+        before, now = set(self._told), set(frames.sessions)
+        self._told = frames.sessions
+        opened, closed = sorted(now - before), sorted(before - now)
+        for at in range(0, max(len(opened), len(closed)), channel.SESSIONS_AT_ONCE):
+            part = slice(at, at + channel.SESSIONS_AT_ONCE)
+            self._link.put(channel.Sessions(opened[part], closed[part]))
+
+    def _read(self) -> int:
+        """Do what the parent says; gives the number of datagrams."""
+        packets = 0
+        for message, handed in self._link.take():
+            match message:
+                case channel.Packet():
+                    packets += 1
+                    self.server.ingress.put(Caller(self, cast("tuple[str, int]", message.address)), message.data)
+                case channel.Own():
+                    self._own.epochs[message.session] = message.epoch
+                case channel.Until():
+                    self._own.until_s = message.time_s
+                case channel.Leave():
+                    self._leave(message.session)
+                case channel.Connection():
+                    if handed is not None:
+                        self._adopt(handed, is_page=message.is_page)
+                case channel.AskMetrics():
+                    self._tell_metrics()
+        self.server.ingress.counts.datagrams += packets
+        if self._own.until_s is not None and time.monotonic() >= self._own.until_s:
+            self._give_up(time.monotonic() - self._own.until_s)
+        if self._link.is_broken:
+            self._stop()
+            asyncio.get_running_loop().remove_reader(self._link.fileno())
+        return packets
+
+    def _stop(self) -> None:
+        """End; no goodbye is sent where the sessions may go on at another machine."""
+        self.server.stop(is_quiet=self._own.until_s is not None)
+
+    def _give_up(self, late_s: float) -> None:
+        """End: another machine may have the sessions soon; or already, if this process stood still."""
+        self._stop()
+        if late_s > LATE_S:
+            engine = self.server.hub.engine
+            for session in engine.sessions:
+                engine.close(session, self.server.hub.clock())
+
+    def _leave(self, session: str) -> None:
+        if session not in self.server.hub.engine:
+            self._own.epochs.pop(session, None)
+            self._link.put(channel.Left(session))
+
+    def _adopt(self, handed: socket.socket, *, is_page: bool) -> None:
+        handed.setblocking(False)
+        task = asyncio.create_task(self.server.adopt(handed, is_page=is_page))
+        self._adopting.add(task)
+        task.add_done_callback(self._adopting.discard)
+
+    def _tell_metrics(self) -> None:
+        text = self.server.metrics.text()
+        for at in range(0, len(text), METRICS_AT_ONCE):
+            self._link.put(channel.Metrics(text[at : at + METRICS_AT_ONCE]))
+        self._link.put(channel.Metrics(b""))
+
+
+class _NumberFilter(logging.Filter):
+    """Puts the worker's number into each record.
+
+    Stateful.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self._number = number
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        record.worker = self._number
+        return True
+
+
+def main(_: Parent, link_file: str, front_file: str) -> int:
+    """Run a worker; gives the exit code.
+
+    Parameters
+    ----------
+    link_file, front_file : str
+        File numbers of the channel, over which it speaks with its parent, and of the parent's UDP socket.
+    """
+    end, front = socket.socket(fileno=int(link_file)), socket.socket(fileno=int(front_file))
+    end.setblocking(True)
+    begin = channel.decode_begin(end.recv(channel.MAX_MESSAGE))
+    config = pickle.loads(begin.config)  # of our own parent
+    begin_log(config.log.level, config.log.format).addFilter(_NumberFilter(begin.number))
+    link = Channel(end, is_worker=True)
+    try:
+        asyncio.run(Worker(link, front, config, begin.front_port).run())
+    except FapEngineError as error:
+        link.put(channel.Failed(str(error), type(error).__name__))
+        return 3
+    return 0

@@ -1,0 +1,347 @@
+"""The TOML configuration of ``fapengine serve``; :data:`EXAMPLE` shows every key."""
+
+import re
+from dataclasses import dataclass, field, fields, replace
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from fapengine import speaking
+from fapengine._strict_toml import Between, Checked, parse_toml
+from fapengine.engine.session import Limits
+from fapengine.errors import UsageError
+from fapengine.server.sinks.kinds import VideoKind, kind_of, parse_sink
+from fapengine.trajectory.style import Style
+from fapengine.voices.choice import VoiceChoice
+from fapengine.wire.speech_osc.schema import check_session
+
+EXAMPLE = """\
+[listen]
+host = "127.0.0.1"      # "0.0.0.0": all interfaces; set a token then
+port = 9110             # OSC over UDP and TCP
+web_port = 8110         # web page and WebSocket; 0: none
+metrics_port = 0        # Prometheus metrics at /metrics; 0: none
+token = ""              # secret that clients and browsers must present; "": none
+origins = []            # other sites whose pages may show these faces, such as "https://example.org"
+workers = 1             # worker processes, one per core; each has its own limits
+
+[face]
+profile = "grid_s1_en"  # speaker profile
+head = "default"        # head on the web page
+rate_hz = 60.0          # frames per second
+seed = 1                # random seed of blinks and head motion
+
+[style]                 # initial values; clients change them with /param
+articulation = 1.0      # also jaw, lips: 0 to 3; loudness_db: -20 to 20
+blinks = true           # also head_motion, gaze, idle, emphasis
+
+[voice]
+name = "en-us"          # speaks /tts/text and the text box of the web page
+rate_wpm = 160
+ssml = false            # treat texts as SSML
+
+[sound]
+session = ""            # play this session's voice on the server, such as "face"; "": none
+device = ""             # audio output: its number, or part of its name; "": the default
+microphone = ""         # drive a face from a microphone: "default", its number, or part of its name; "": none
+listens = "face"        # session that the microphone drives
+recognizer = ""         # "small", "sphinx", "both" or an ONNX model; "": the best installed
+
+[calls]
+on = false              # WebRTC on the web port: /whep sends a face, /whip receives audio, /call.html is a demo page
+host = ""               # address of this machine for calls; "": the one that the caller used
+most = 8                # simultaneous calls
+size = 512              # width and height of the image, pixels
+rate_hz = 30.0          # images per second
+
+[limits]
+sessions = 1000
+utterances = 32         # queued utterances per session
+queued_s = 600.0        # longest utterance, and how far ahead one may be scheduled
+silence_s = 2.0         # an utterance without an end finishes when no phone has come for this long
+wait_s = 30.0           # an utterance that waits for its audio is given up after this long
+idle_close_s = 120.0    # a session without clients and viewers is closed after this long
+packets_a_peer = 256    # unprocessed packets per sender
+streams = 256           # TCP connections of senders
+connections = 512       # connections of the web page, and the same number for metrics
+connections_an_address = 128  # connections from one address
+ears = 4                # sessions driven by audio, one recognizer process each; 0: none
+
+[bus]
+url = ""                # share sessions through this NATS server, such as "nats://10.0.0.5:4222"; "": none
+host = ""               # address at which other servers reach this one; "": found automatically
+name = "fapengine"      # servers with the same name share sessions
+replicas = 1            # copies kept by a NATS cluster
+
+[log]
+level = "info"          # debug, info, warning, error
+format = "text"         # or "json": one object per line
+
+[[sink]]
+url = "vmc://127.0.0.1:39539"
+"""
+"""Every key, with its default; every one may be left out. And one sink."""
+OSC_PORT, WEB_PORT = 9110, 8110
+Port = Annotated[int, Between(0, 65_535)]
+
+
+class _Section(Checked):
+    """Base of sections: an empty text stands for None where that is allowed."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        for one in fields(self):  # type: ignore[arg-type]  # of a dataclass
+            if one.type == str | None and getattr(self, one.name) == "":
+                object.__setattr__(self, one.name, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Listen(_Section):
+    """Where the server can be reached."""
+
+    host: str = "127.0.0.1"
+    port: Port = OSC_PORT
+    """OSC, UDP and TCP; 0: any free one."""
+    web_port: Port | None = WEB_PORT
+    """The page; None: none, 0: any free one. In the file 0 is none."""
+    metrics_port: Port | None = None
+    """Prometheus text; None: none, 0: any free one. In the file 0 is none."""
+    token: str | None = None
+    """Word that senders and pages must know; None or "": none is needed."""
+    origins: tuple[str, ...] = ()
+    """Sites whose pages may show these faces beside the server's own: ``"https://example.org"``."""
+    workers: Annotated[int, Between(1, 256)] = 1
+    """Processes that show faces (:mod:`fapengine.server.cluster.workers`)."""
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        for origin in self.origins:
+            if not re.fullmatch(r"https?://[^/\s]+", origin):
+                raise UsageError(f"origins: got {origin!r}, expected sites such as 'https://example.org'")
+
+
+@dataclass(frozen=True, slots=True)
+class Face(Checked):
+    """Who speaks, and how it looks."""
+
+    profile: speaking.ProfileName = speaking.DEFAULT_PROFILE
+    head: str = "default"
+    rate_hz: speaking.Fps = 60.0
+    seed: speaking.Seed = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SoundChoice(_Section):
+    """Whose voice is heard where the server runs."""
+
+    session: str | None = None
+    """Session that the loudspeaker plays; None or "": none."""
+    device: str | None = None
+    """Number of the sound device or a part of its name; None or "": the system's."""
+    microphone: str | None = None
+    """Microphone that moves a face: ``"default"``, its number or a part of its name; None or "": none."""
+    listens: str = "face"
+    """Session that the microphone moves."""
+    recognizer: str | None = None
+    """Name of a recognizer (:mod:`fapengine.recognition.choice`) or an ONNX model; None or "": the best installed."""
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        check_session(self.listens)
+        if self.session is not None:
+            check_session(self.session)
+
+
+@dataclass(frozen=True, slots=True)
+class CallChoice(_Section):
+    """WebRTC: who may watch a face as pictures and sound, or move it by sound."""
+
+    on: bool = False
+    host: str | None = None
+    """Address of this machine at which callers reach it; None or "": the one by which they asked."""
+    most: Annotated[int, Between(1, 1000)] = 8
+    size: Annotated[int, Between(64, 2048)] = 512
+    """Width and height of the picture, pixels; even."""
+    rate_hz: Annotated[float, Between(1.0, 120.0)] = 30.0
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        if self.size % 2:
+            raise UsageError(f"size: got {self.size}, expected an even number")
+        if self.host is not None:
+            try:
+                ip_address(self.host)
+            except ValueError as error:
+                raise UsageError(f"host: got {self.host!r:.60}, expected an address such as '192.0.2.7'") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Caps(Checked):
+    """What one server holds at most."""
+
+    sessions: Annotated[int, Between(1, 100_000)] = 1000
+    utterances: Annotated[int, Between(1, 10_000)] = 32
+    queued_s: Annotated[float, Between(1.0, 86_400.0)] = 600.0
+    silence_s: Annotated[float, Between(0.1, 3600.0)] = 2.0
+    wait_s: Annotated[float, Between(0.1, 3600.0)] = 30.0
+    idle_close_s: Annotated[float, Between(1.0, 86_400.0)] = 120.0
+    packets_a_peer: Annotated[int, Between(1, 100_000)] = 256
+    streams: Annotated[int, Between(1, 10_000)] = 256
+    connections: Annotated[int, Between(1, 10_000)] = 512
+    connections_an_address: Annotated[int, Between(1, 10_000)] = 128
+    ears: Annotated[int, Between(0, 64)] = 4
+
+    @property
+    def engine(self) -> Limits:
+        """The engine's part."""
+        return Limits(
+            sessions=self.sessions,
+            utterances=self.utterances,
+            queued_s=self.queued_s,
+            silence_s=self.silence_s,
+            wait_s=self.wait_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BusChoice(_Section):
+    """With whom the sessions are shared (:mod:`fapengine.server.cluster.bus`)."""
+
+    url: str | None = None
+    """Addresses of NATS, with ``,`` between them; None or "": this machine is alone."""
+    host: str | None = None
+    """Address at which other machines and senders reach this one; None or "": that at which it listens."""
+    name: str = "fapengine"
+    """Common name of the machines that share sessions."""
+    replicas: Annotated[int, Between(1, 5)] = 1
+    """Copies of what NATS keeps."""
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        for one in self.url.split(",") if self.url else ():
+            if not re.fullmatch(r"(nats|tls|ws|wss)://[^/\s]+/?", one):
+                raise UsageError(f"bus: got {one.rpartition('@')[2]!r:.80}, expected nats://HOST:PORT")
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", self.name):
+            raise UsageError(f"bus name: got {self.name!r:.80}, expected letters, digits, - and _")
+
+
+@dataclass(frozen=True, slots=True)
+class Log(Checked):
+    """What is logged, and how."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    format: Literal["text", "json"] = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """Parts of a configuration that its file spells in the same way."""
+
+    listen: Listen = field(default_factory=Listen)
+    face: Face = field(default_factory=Face)
+    style: Style = field(default_factory=Style)
+    voice: VoiceChoice = field(default_factory=VoiceChoice)
+    sound: SoundChoice = field(default_factory=SoundChoice)
+    calls: CallChoice = field(default_factory=CallChoice)
+    limits: Caps = field(default_factory=Caps)
+    bus: BusChoice = field(default_factory=BusChoice)
+    log: Log = field(default_factory=Log)
+
+
+@dataclass(frozen=True, slots=True)
+class ServeConfig(_Parts):
+    """Configuration of a :class:`fapengine.Server`; :data:`EXAMPLE` shows all of it as TOML."""
+
+    sinks: tuple[str, ...] = ()
+    """URLs; see :mod:`fapengine.server.sinks.kinds`."""
+
+    @property
+    def has_parent(self) -> bool:
+        """Whether workers show the faces, and a parent gives them their sessions."""
+        return self.listen.workers > 1 or self.bus.url is not None
+
+    def __post_init__(self) -> None:
+        for url in self.sinks if self.has_parent else ():
+            if isinstance(kind_of(parse_sink(url)), VideoKind):
+                given = "a bus" if self.bus.url else f"workers = {self.listen.workers}"
+                raise UsageError(f"sink {parse_sink(url)}: got {given}, expected a server of one process with it")
+
+
+@dataclass(frozen=True, slots=True)
+class _Sink:
+    url: str
+
+    def __post_init__(self) -> None:
+        parse_sink(self.url)
+
+
+@dataclass(frozen=True, slots=True)
+class _Document(_Parts):
+    """A configuration as its file spells it."""
+
+    sink: tuple[_Sink, ...] = ()
+
+
+def parse_config(data: bytes, name: str) -> ServeConfig:
+    """Read a configuration.
+
+    Parameters
+    ----------
+    data : bytes
+        TOML.
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML, or a key is unknown, of the wrong type or out of range; ``where`` is file and key.
+
+    Examples
+    --------
+    >>> config = parse_config(b'sink = [{url = "vrchat://127.0.0.1"}]', "mine.toml")
+    >>> config.listen.port, config.face.rate_hz, config.sinks
+    (9110, 60.0, ('vrchat://127.0.0.1',))
+    """
+    document = parse_toml(data, _Document, name)
+    parts = {one.name: getattr(document, one.name) for one in fields(_Parts)}
+    listen = document.listen
+    parts["listen"] = replace(listen, web_port=listen.web_port or None, metrics_port=listen.metrics_port or None)
+    return ServeConfig(**parts, sinks=tuple(sink.url for sink in document.sink))
+
+
+Part = TypeVar("Part", Listen, Face, Style, VoiceChoice, SoundChoice, CallChoice, Caps, BusChoice, Log)
+
+
+def load_config(path: Path) -> ServeConfig:
+    """Read a configuration's file: see :func:`parse_config`.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+    DataError
+        If it is wrong.
+    """
+    try:
+        return parse_config(path.read_bytes(), str(path))
+    except OSError as error:
+        raise UsageError(f"config: got {path}, expected a file that can be read: {error.strerror}") from error
+
+
+def overridden(part: Part, **changes: Any) -> Part:
+    """Put what is not None in place of a dataclass' own fields: options go before the file.
+
+    Raises
+    ------
+    UsageError
+        If a change is of the wrong type or out of range.
+
+    Examples
+    --------
+    >>> overridden(Face(), profile=None, rate_hz=30.0).rate_hz
+    30.0
+    """
+    return replace(part, **{name: change for name, change in changes.items() if change is not None})

@@ -1,0 +1,216 @@
+"""A session as pictures and sound, made while somebody watches: drawn by a process of its own, in the engine's time.
+
+Theory of operation
+-------------------
+Every picture and every block of sound carries the engine time at which the face is so; whoever shows them shows what
+has one time at one time (:data:`SHOW_AFTER_S` later, say), and lips and sound are together. Pictures are made in turn:
+while one is drawn, what comes between is left out, so a slow machine shows fewer of them, and none late. A face that
+stands still is drawn seldom. All who watch one session in one size share the drawing.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._counters import Counts
+from fapengine.errors import ResourceError
+from fapengine.host.hearing import Hearing
+from fapengine.host.hub import Hub
+from fapengine.host.listeners import HeardSound, HubFrame, Spoken, Unsubscribe
+from fapengine.server.film.painter import Painter
+from fapengine.server.film.soundtrack import BLOCK_S, Samples, Soundtrack
+
+SHOW_AFTER_S = 0.1
+"""Time after its engine time at which a picture is drawn on any machine that keeps up, and shown with its sound."""
+STILL_S = 0.25
+"""Time between two pictures of a face that does not move."""
+LOST_S = 1.0
+"""A stall of the server that is longer is left out of the sound."""
+
+log = logging.getLogger("fapengine.server")
+
+
+@dataclass(frozen=True, slots=True)
+class FilmForm:
+    """What the pictures of a film are like."""
+
+    head: str = "default"
+    size: tuple[int, int] = (512, 512)
+    """Width and height in pixels."""
+    rate_hz: float = 30.0
+    """Pictures a second, at most those of the hub."""
+
+
+class Watcher(Protocol):
+    """What is shown a film; called on the hub's thread."""
+
+    def picture(self, time_s: float, pixels: bytes) -> None:
+        """Take a picture: engine time, and width x height x 3 bytes of RGB, top row first."""
+        ...
+
+    def sound(self, time_s: float, samples: Samples) -> None:
+        """Take a block of sound, (960,) int16 at 48 kHz, that begins at an engine time."""
+        ...
+
+    def over(self, reason: str) -> None:
+        """Be told that no more comes, and why."""
+        ...
+
+
+@dataclass(slots=True)
+class FilmCounts(Counts):
+    """Counts of all films together. Stateful."""
+
+    METRIC = "pictures", "Pictures for calls, cameras and streams, by kind."
+
+    drawn: int = 0
+    left_out: int = 0
+    """Pictures for which there was no time."""
+    faults: int = 0
+    """Films that ended because nothing could be drawn."""
+
+
+class Film:
+    """One session in one form; open as long as somebody watches it (:class:`Studio`). Stateful.
+
+    Raises
+    ------
+    UsageError
+        If the server has no room for one more session.
+    ResourceError
+        If no process can be started.
+    """
+
+    def __init__(self, hub: Hub, session: str, form: FilmForm, hearing: Hearing | None, counts: FilmCounts) -> None:
+        self._hub, self.session, self.form, self._counts = hub, session, form, counts
+        self.watchers: set[Watcher] = set()
+        release = hub.hold(session)
+        try:
+            self._painter = Painter(form.head, form.size)
+        except ResourceError:
+            release()
+            raise
+        self._track = Soundtrack()
+        self._leave: list[Unsubscribe] = [
+            release,
+            hub.listeners.on_frame(session, self._frame),
+            hub.listeners.on_speech(session, self._spoken, plays=False),
+        ]
+        if hearing is not None:
+            self._leave.append(hearing.on_sound(session, self._heard))
+        self._due_s = self._shown_s = -inf
+        self._sound_s: float | None = None
+        self._shown: NDArray[np.int32] | None = None
+        self._drawing: asyncio.Task[None] | None = None
+
+    async def close(self) -> None:
+        """Draw no more."""
+        for leave in self._leave:
+            leave()
+        self._leave.clear()
+        drawing, self._drawing = self._drawing, None
+        if drawing is not None:
+            drawing.cancel()
+            await asyncio.gather(drawing, return_exceptions=True)
+        await asyncio.to_thread(self._painter.close)
+
+    def _frame(self, frame: HubFrame) -> None:
+        self._play(frame.time_s)
+        half_s = 0.5 / self._hub.pacer.rate_hz
+        if frame.time_s < self._due_s - half_s:
+            return
+        late = frame.time_s - self._due_s
+        self._due_s = (self._due_s if late < 1.0 else frame.time_s) + 1.0 / self.form.rate_hz
+        if self._drawing is not None:
+            self._counts.left_out += 1
+            return
+        is_still = self._shown is not None and np.array_equal(frame.faps, self._shown)
+        if not is_still or frame.time_s - self._shown_s > STILL_S:
+            self._shown, self._shown_s = frame.faps.copy(), frame.time_s
+            self._drawing = asyncio.create_task(self._draw(frame.time_s, self._shown))
+
+    async def _draw(self, time_s: float, faps: NDArray[np.int32]) -> None:
+        try:
+            pixels = await self._painter.picture(faps)
+        except ResourceError as error:
+            self._counts.faults += 1
+            log.error("%s: no pictures any more: %s", self.session, error, extra={"session": self.session})
+            for watcher in tuple(self.watchers):
+                watcher.over(str(error))
+            return  # and _drawing stays: nothing more is asked of it
+        self._drawing = None
+        self._counts.drawn += 1
+        for watcher in tuple(self.watchers):
+            watcher.picture(time_s, pixels)
+
+    def _play(self, now_s: float) -> None:
+        if self._sound_s is None or now_s - self._sound_s > LOST_S:
+            self._sound_s = now_s
+        while self._sound_s + BLOCK_S <= now_s:
+            block = self._track.block(self._sound_s)
+            for watcher in tuple(self.watchers):
+                watcher.sound(self._sound_s, block)
+            self._sound_s += BLOCK_S
+
+    def _spoken(self, spoken: Spoken) -> None:
+        def position(now_s: float) -> float | None:
+            engine = self._hub.engine
+            utterance = engine.utterance(self.session, spoken.utterance) if self.session in engine else None
+            return None if utterance is None else utterance.position_s(now_s)
+
+        self._track.clip(spoken.utterance, spoken.speech.sample_rate_hz, position).push(spoken.speech.samples)
+
+    def _heard(self, sound: HeardSound) -> None:
+        clip = self._track.clip(
+            sound.key, sound.rate_hz, sound.place, is_endless=sound.is_endless, first_s=sound.first_s
+        )
+        clip.push(sound.samples)
+
+
+@dataclass(slots=True, eq=False)
+class Studio:
+    """All films of a hub. Stateful."""
+
+    hub: Hub
+    hearing: Hearing | None = None
+    counts: FilmCounts = field(default_factory=FilmCounts)
+    _films: dict[tuple[str, FilmForm], Film] = field(default_factory=dict)
+    _closing: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def __len__(self) -> int:
+        return len(self._films)
+
+    def watch(self, session: str, form: FilmForm, watcher: Watcher) -> Callable[[], None]:
+        """Show a session to somebody, until the function that is returned is called.
+
+        Raises
+        ------
+        UsageError
+            If the server has no room for one more session.
+        ResourceError
+            If no process can be started.
+        """
+        film = self._films.get((session, form))
+        if film is None:
+            film = self._films[session, form] = Film(self.hub, session, form, self.hearing, self.counts)
+        film.watchers.add(watcher)
+
+        def leave() -> None:
+            film.watchers.discard(watcher)
+            if not film.watchers and self._films.get((session, form)) is film:
+                del self._films[session, form]
+                closing = asyncio.get_running_loop().create_task(film.close())
+                self._closing.add(closing)
+                closing.add_done_callback(self._closing.discard)
+
+        return leave
+
+    async def close(self) -> None:
+        """Wait until the drawing of all that was left has ended."""
+        await asyncio.gather(*self._closing, return_exceptions=True)

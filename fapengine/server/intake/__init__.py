@@ -1,0 +1,1 @@
+"""What comes in: sockets, limits of connections, and packets on their way to the receiver."""

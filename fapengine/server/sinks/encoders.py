@@ -1,0 +1,338 @@
+"""Frames of the hub to what each kind of receiver reads. Values in, datagrams out: sockets are in the other modules.
+
+A face that goes away leaves a last frame at rest, so that no receiver keeps a mouth open; and what is shown first is a
+face at rest, for a server may have been killed before.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.codec.encoder import Encoder, EncoderOptions
+from fapengine.errors import UsageError
+from fapengine.host.listeners import HubFrames
+from fapengine.mpeg4 import fap
+from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.wire import fap_osc, livelink, rtp, vmc, vrchat, vts, weights_json
+from fapengine.wire.fap_osc import FapFrame, SessionFrames
+from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower
+
+REFRESH_S = 1.0
+"""Receivers that are sent what changed are sent all, so often."""
+MAX_REPEATED = 120
+"""Planes of a stream that stand for frames that were skipped."""
+
+Faps = NDArray[np.int32]
+
+
+class FrameEncoder(Protocol):
+    """An encoder: frames of the hub in, datagrams out.
+
+    Stateful.
+    """
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write what the receiver gets of this tick."""
+        ...
+
+    def resume(self, numbers: Mapping[str, int]) -> None:
+        """Continue what an encoder that is gone sent to the same receiver, from these frame numbers of sessions on."""
+        ...
+
+
+class SingleFaceEncoder:
+    """An encoder that follows one session.
+
+    Stateful.
+
+    Parameters
+    ----------
+    write : callable
+        Frame number, time in s and FAPs (68,) to datagrams.
+    session : str, optional
+        None: the first there is, until it closes.
+    """
+
+    def __init__(self, write: Callable[[int, float, Faps], list[bytes]], session: str | None = None) -> None:
+        self._write = write
+        self._wanted = session
+        self.session = session or ""
+        """Name of the face shown last."""
+        self._shown: str | None = None
+        self._rests = False
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write the face's frame; once at rest, then nothing, while there is none."""
+        gone = self._shown is not None and self._shown not in frames.sessions
+        if gone:
+            self._shown = None
+        elif self._shown is None and frames.sessions:
+            first = frames.sessions[0] if self._wanted is None else self._wanted
+            self._shown = first if first in frames.sessions else None
+            self.session = self._shown or self.session
+        if self._shown is not None:
+            self._rests = False
+            return self._write(frames.number, frames.time_s, frames.faps[frames.sessions.index(self._shown)])
+        if self._rests:
+            return []
+        self._rests = True
+        return self._write(frames.number, frames.time_s, np.zeros(fap.FAP_COUNT, np.int32))
+
+    def resume(self, numbers: Mapping[str, int]) -> None:
+        """Do nothing: each datagram stands alone."""
+
+
+class OscFrameEncoder:
+    """An encoder of ``/fap/1/frame`` for all sessions, or for one.
+
+    Stateful.
+    """
+
+    def __init__(self, session: str | None = None, epochs: Mapping[str, int] | None = None) -> None:
+        self._session = session
+        self._stream = SessionFrames(epochs=epochs)
+        self._shown: tuple[str, ...] = ()
+
+    def resume(self, numbers: Mapping[str, int]) -> None:
+        """Continue the numbers of sessions."""
+        self._stream.begin_at(numbers)
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write a message for each session, and one at rest for each that has gone."""
+        sessions, faps = frames.sessions, frames.faps
+        if self._session is not None:
+            rows = [row for row, session in enumerate(sessions) if session == self._session]
+            sessions, faps = tuple(sessions[row] for row in rows), faps[rows]
+        time_us = round(1e6 * frames.time_s)
+        gone = () if sessions == self._shown else tuple(name for name in self._shown if name not in set(sessions))
+        self._shown = sessions
+        if gone:
+            at_rest = np.vstack([faps, np.zeros((len(gone), fap.FAP_COUNT), np.int32)])
+            return self._stream.encode(sessions + gone, at_rest, time_us)
+        return self._stream.encode(sessions, faps, time_us)
+
+
+def named_faps(session: str | None = None) -> SingleFaceEncoder:
+    """Write one face as ``/fap/<n>``, a message a FAP."""
+    mask = np.arange(1, fap.FAP_COUNT + 1) >= 3
+    nothing = {"visemes": np.zeros(fap_osc.VISEME_WIDTH), "expressions": np.zeros(fap_osc.EXPRESSION_WIDTH)}
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        values = np.where(mask, faps, 0)
+        return fap_osc.encode_named(
+            FapFrame(session="face", number=0, time_us=0, values=values, mask=mask, **nothing)  # type: ignore[arg-type]
+        )
+
+    return SingleFaceEncoder(write, session)
+
+
+def vmc_face(
+    session: str | None = None, *, spelling: str = "arkit", performer: bool = False, rate_hz: float = 60.0
+) -> SingleFaceEncoder:
+    """Write one face as VMC: the shapes that changed, head and eyes; all shapes once a second.
+
+    Parameters
+    ----------
+    session : str, optional
+        See :class:`SingleFaceEncoder`.
+    spelling : str
+        ``"arkit"`` (Perfect Sync), ``"pascal"``, or ``"vrm0"`` or ``"vrm1"``: an avatar's presets.
+    performer : bool
+        The receiver moves its model itself: shapes alone.
+    rate_hz : float
+        Of the frames.
+
+    Raises
+    ------
+    UsageError
+        If there is no such spelling.
+    """
+    spellings = {
+        "arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES, "vrm0": vmc.VRM0_SHOWN, "vrm1": vmc.VRM1_SHOWN,
+    }  # fmt: skip
+    if spelling not in spellings:
+        raise UsageError(f"names: got {spelling!r}, expected one of {', '.join(spellings)}")
+    follower = PresetFollower() if spelling.startswith("vrm") else ArkitFollower()
+    changed = vmc.ChangedShapes(spellings[spelling], every=max(1, round(REFRESH_S * rate_hz)))
+    begin_s: list[float] = []
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        weights = changed.of(follower.follow(faps))
+        if performer:
+            return vmc.encode_shapes(weights)
+        begin_s[:] = begin_s or [time_s]
+        return vmc.encode_frame(weights, time_s=time_s - begin_s[0], bones=vmc.head_and_eyes(faps))
+
+    return SingleFaceEncoder(write, session)
+
+
+def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float = 60.0) -> SingleFaceEncoder:
+    """Write one face as VRChat's parameters: those that changed, and all once a second."""
+    follower = ArkitFollower()
+    every = max(1, round(REFRESH_S * rate_hz))
+    last: dict[int, bytes] = {}
+    written = 0
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        nonlocal written
+        weights = follower.follow(faps)
+        datagrams = [*vrchat.encode_unified(weights, prefix=prefix), *vrchat.encode_eyes(faps, weights)]
+        due = [data for index, data in enumerate(datagrams) if last.get(index) != data or written % every == 0]
+        last.update(enumerate(datagrams))
+        written += 1
+        return due
+
+    return SingleFaceEncoder(write, session)
+
+
+def livelink_face(
+    device: str, session: str | None = None, *, name: str = "", rate_hz: float = 60.0
+) -> SingleFaceEncoder:
+    """Write one face as a Live Link Face subject.
+
+    Parameters
+    ----------
+    device : str
+        A UUID.
+    session : str, optional
+        See :class:`SingleFaceEncoder`.
+    name : str
+        Of the subject; that of the session by default, or ``fapengine``.
+    rate_hz : float
+        Of the frames.
+    """
+    subject = livelink.Subject(name or session or "fapengine", device)
+    follower = ArkitFollower()
+    rate = (round(1000 * rate_hz), 1000)
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        values = livelink.join_values(follower.follow(faps), faps)
+        return [livelink.encode_face(subject, livelink.Face(number=number & 0x7FFFFFFF, rate=rate, values=values))]
+
+    return SingleFaceEncoder(write, session)
+
+
+def weights_face(session: str | None = None) -> SingleFaceEncoder:
+    """Write one face as JSON of weights (:mod:`fapengine.wire.weights_json`)."""
+    shapes, mouth = ArkitFollower(), VisemeFollower()
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        return [weights_json.encode_weights(face.session, time_s, shapes.follow(faps), mouth.follow(faps), faps)]
+
+    face = SingleFaceEncoder(write, session)
+    return face
+
+
+def vts_face(dialog: vts.VtsDialog, session: str | None = None) -> SingleFaceEncoder:
+    """Write one face as requests of VTube Studio's API."""
+    shapes, mouth = ArkitFollower(), VisemeFollower()
+
+    def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
+        return [dialog.inject(vts.vts_values(shapes.follow(faps), mouth.follow(faps), faps)).encode()]
+
+    return SingleFaceEncoder(write, session)
+
+
+class FbaFrameEncoder:
+    """One face as an MPEG-4 face stream, a plane a frame, each behind its start code.
+
+    Every ``intra_s`` comes an I plane, where a receiver can begin: it puts an object start code in place of the plane's
+    (:func:`joined`). A frame that the hub skipped is there twice, so that the stream keeps its time.
+
+    Stateful.
+    """
+
+    def __init__(self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0) -> None:
+        self._encoder = Encoder(rate_hz=rate_hz, options=EncoderOptions(plane_start_codes="all"))
+        self._every = max(1, round(intra_s * rate_hz))
+        self._planes = 0
+        self._last_number: int | None = None
+        self._resumes = False
+        self._face = SingleFaceEncoder(self._write, session)
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write the planes of a tick: one, or more after skipped frames."""
+        return self._face.encode(frames)
+
+    def resume(self, numbers: Mapping[str, int]) -> None:
+        """Begin with an I plane within a stream."""
+        self._resumes = True
+
+    def request_intra(self) -> None:
+        """Let the next plane be one to begin at."""
+        self._planes = 0
+
+    def _write(self, number: int, time_s: float, faps: Faps) -> list[bytes]:
+        missed = 0 if self._last_number is None else number - self._last_number - 1
+        self._last_number = number
+        return [self._plane(faps) for _ in range(1 + min(max(missed, 0), MAX_REPEATED))]
+
+    def _plane(self, faps: Faps) -> bytes:
+        if self._planes % self._every == 0:
+            self._encoder.request_intra()
+        self._planes += 1
+        plane = self._encoder.frame(faps)
+        return continued(plane) if self._resumes else plane
+
+
+class RtpFrameEncoder:
+    """One face as RTP packets of the MPEG-4 visual payload.
+
+    Stateful.
+
+    Parameters
+    ----------
+    session, rate_hz, intra_s
+        As :class:`FbaFrameEncoder`.
+    ssrc, sequence, time : int
+        As :class:`~fapengine.wire.rtp.RtpSender`.
+    """
+
+    def __init__(
+        self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0, ssrc: int, sequence: int = 0,
+        time: int = 0,
+    ) -> None:  # fmt: skip
+        self._planes = FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=intra_s)
+        self._sender = rtp.RtpSender(ssrc=ssrc, sequence=sequence, time=time)
+        self._frame_s = 1 / rate_hz
+
+    def encode(self, frames: HubFrames) -> list[bytes]:
+        """Write the packets of a tick."""
+        planes = self._planes.encode(frames)
+        return [
+            packet
+            for before, plane in zip(range(len(planes) - 1, -1, -1), planes, strict=True)
+            for packet in self._sender.plane(plane, frames.time_s - before * self._frame_s)
+        ]
+
+    def resume(self, numbers: Mapping[str, int]) -> None:
+        """Do nothing: receivers take another SSRC for another stream, which begins here."""
+
+
+OBJECT_START, PLANE_START = b"\x00\x00\x01\xba", b"\x00\x00\x01\xbb"
+
+
+def joined(plane: bytes) -> bytes | None:
+    """Turn a plane into the beginning of a stream; None where it is no I plane, so that nobody can begin there.
+
+    Examples
+    --------
+    >>> joined(bytes.fromhex("000001bb a033")).hex(), joined(bytes.fromhex("000001bb 27ff")) is None
+    ('000001baa033', True)
+    """
+    if plane.startswith(OBJECT_START):
+        return plane
+    return OBJECT_START + plane[4:] if plane.startswith(PLANE_START) and plane[4] & 0x80 else None
+
+
+def continued(plane: bytes) -> bytes:
+    """Turn the beginning of a stream into an I plane within one, for who follows it already; other planes stay.
+
+    Examples
+    --------
+    >>> continued(bytes.fromhex("000001ba a033")).hex()
+    '000001bba033'
+    """
+    return PLANE_START + plane[4:] if plane.startswith(OBJECT_START) else plane

@@ -1,0 +1,114 @@
+"""The MPEG-4 face stream over TCP, for all who connect."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+from fapengine.host.hub import Hub
+from fapengine.host.listeners import HubFrames
+from fapengine.server.intake.listeners import bound
+from fapengine.server.sinks.address import SinkAddress, SinkCounts
+from fapengine.server.sinks.encoders import FbaFrameEncoder, joined
+
+UNREAD_BYTES = 64 << 10
+"""Bytes of a face stream that a receiver may leave unread, some seconds; beyond them it begins again at an I plane."""
+STREAMS = 256
+END = b"\x00\x00\x01\xb1"
+"""Ends a face stream."""
+
+
+class FaceStreams:
+    """A sink that streams one face to every connection; each begins, and begins again when too slow, at an I plane.
+
+    Stateful.
+    """
+
+    def __init__(self, hub: Hub, address: SinkAddress, face: FbaFrameEncoder) -> None:
+        self.address, self.counts = address, SinkCounts()
+        self._face = face
+        self._server: asyncio.Server | None = None
+        self.listeners: set[_FaceStream] = set()
+        self._stop = hub.listeners.on_frames(self._show)
+
+    @classmethod
+    async def open(cls, hub: Hub, address: SinkAddress, intra_s: float = 1.0) -> "FaceStreams":
+        """Listen.
+
+        Raises
+        ------
+        ResourceError
+            If the port is taken.
+        """
+        face = FbaFrameEncoder(address.session, rate_hz=hub.pacer.rate_hz, intra_s=intra_s)
+        listening = bound(address.host, address.port, socket.SOCK_STREAM)
+        sink = cls(hub, address, face)
+        loop = asyncio.get_running_loop()
+        sink._server = await loop.create_server(lambda: _FaceStream(sink.listeners, face.request_intra), sock=listening)
+        return sink
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        port: int = 0 if self._server is None else self._server.sockets[0].getsockname()[1]
+        return port
+
+    async def close(self) -> None:
+        """End all streams."""
+        self._stop()
+        if self._server is not None:
+            self._server.close()
+        for listener in tuple(self.listeners):
+            listener.end()
+
+    def _show(self, frames: HubFrames) -> None:
+        for plane in self._face.encode(frames):
+            for listener in tuple(self.listeners):
+                taken = listener.show(plane)
+                self.counts.sent += taken
+                self.counts.dropped += not taken
+
+
+class _FaceStream(asyncio.Protocol):
+    """The connection of one receiver of a face stream.
+
+    Stateful.
+    """
+
+    def __init__(self, listeners: "set[_FaceStream]", request_intra: Callable[[], None]) -> None:
+        self._listeners, self._request_intra = listeners, request_intra
+        self._transport: asyncio.Transport | None = None
+        self._begun = self._follows = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if len(self._listeners) >= STREAMS:
+            transport.abort()
+            return
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._listeners.add(self)
+        self._request_intra()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._listeners.discard(self)
+
+    def show(self, plane: bytes) -> bool:
+        """Send a plane, if it can be followed; False where it was not sent."""
+        if self._transport is None or self._transport.is_closing():
+            return False
+        if self._follows and self._transport.get_write_buffer_size() > UNREAD_BYTES:
+            self._follows = False
+        if not self._follows:
+            start = joined(plane)
+            if start is None or self._transport.get_write_buffer_size() > UNREAD_BYTES // 2:
+                return False
+            plane = plane if self._begun else start
+            self._begun = self._follows = True
+        self._transport.write(plane)
+        return True
+
+    def end(self) -> None:
+        if self._transport is not None:
+            if self._begun:
+                self._transport.write(END)
+            self._transport.close()

@@ -1,0 +1,287 @@
+"""The web server: page, head, shaders, sounds, and the WebSocket that they talk over (:mod:`.admission`: who may)."""
+
+import asyncio
+import gzip
+import io
+import json
+import logging
+import wave
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import PurePosixPath
+
+from aiohttp import WSCloseCode, web
+
+from fapengine import _resources
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.heads.load import load_head
+from fapengine.host.hearing import Hearing
+from fapengine.host.hub import Hub
+from fapengine.mesh.default_head.style import PEOPLE
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.server.web.admission import asked_session, harden, refusal
+from fapengine.server.web.connection import Connection, WebCounts
+from fapengine.server.web.messages import MAX_MESSAGE, PROTOCOL, text_of
+from fapengine.server.web.page_files import head_binary, setup
+from fapengine.server.web.session_view import SessionView, open_session_view
+from fapengine.speaking import DEFAULT_RATE_WPM
+from fapengine.voices import espeak
+from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.protocol import Speech
+
+MAX_BYTES = 64 << 20
+"""Size of all sounds together, at two bytes a sample."""
+DEFAULT_CHOICE = VoiceChoice()
+MAX_PAGES = 256
+HEARTBEAT_S = 20.0
+KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+NOT_FOR_ALL = ("/head.bin", "/setup.json")
+"""Files for those who may watch: the face may be a private one."""
+
+log = logging.getLogger("fapengine.web")
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(slots=True)
+class SoundCache:
+    """A cache of spoken sounds; the oldest give way to newer ones.
+
+    Stateful.
+    """
+
+    most_bytes: int = MAX_BYTES
+    _kept: "OrderedDict[tuple[str, int], Speech]" = field(default_factory=OrderedDict)
+    _bytes: int = 0
+
+    def put(self, session: str, utterance: int, speech: Speech) -> None:
+        """Keep a sound."""
+        self._drop(session, utterance)
+        self._kept[session, utterance] = speech
+        self._bytes += speech.samples.nbytes
+        while self._bytes > self.most_bytes and len(self._kept) > 1:
+            self._drop(*next(iter(self._kept)))
+
+    def wav(self, session: str, utterance: int) -> bytes | None:
+        """Return it as a WAV file; None if it is not there any more."""
+        speech = self._kept.get((session, utterance))
+        if speech is None:
+            return None
+        buffer = io.BytesIO()
+        with wave.open(buffer, "wb") as file:
+            file.setparams((1, 2, speech.sample_rate_hz, 0, "NONE", ""))
+            file.writeframes(speech.samples.astype("<i2").tobytes())
+        return buffer.getvalue()
+
+    def _drop(self, session: str, utterance: int) -> None:
+        speech = self._kept.pop((session, utterance), None)
+        if speech is not None:
+            self._bytes -= speech.samples.nbytes
+
+
+@dataclass(slots=True, eq=False)
+class _Server:
+    """The state that the handlers share.
+
+    Stateful.
+    """
+
+    hub: Hub
+    token: str | None
+    hello: dict[str, object]
+    heard_here: str | None
+    voice: VoiceChoice
+    hearing: Hearing | None
+    origins: tuple[str, ...] = ()
+    counts: WebCounts = field(default_factory=WebCounts)
+    sounds: SoundCache = field(default_factory=SoundCache)
+    views: dict[str, SessionView] = field(default_factory=dict)
+    connections: set[Connection] = field(default_factory=set)
+    heads: dict[str, asyncio.Future[tuple[bytes, bytes]]] = field(default_factory=dict)
+    """People whose heads were asked for, as they are and packed."""
+
+    async def socket(self, request: web.Request) -> web.StreamResponse:
+        """``/ws?session=NAME``: a page."""
+        self.admit(request)
+        try:
+            session = asked_session(request, self.hub)
+            if self.counts.pages >= MAX_PAGES:
+                raise UsageError(f"pages: got one more than {MAX_PAGES}")
+        except (DataError, UsageError) as error:
+            self.counts.refused += 1
+            raise web.HTTPBadRequest(text=str(error)) from error
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
+        if not socket.can_prepare(request).ok:
+            raise web.HTTPUpgradeRequired(text="This address speaks WebSocket.")  # the page asks so why it was refused
+        await socket.prepare(request)
+        try:  # not before: a caller that gets no further than here leaves no open view
+            view = open_session_view(self.hub, session, self.views, server_plays_audio=session == self.heard_here)
+        except UsageError as error:
+            self.counts.refused += 1
+            await socket.send_str(text_of("error", message=str(error)))
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
+            return socket
+        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.hearing)
+        self.connections.add(connection)
+        try:
+            greeting = {
+                "sound": "server" if view.server_plays_audio else "page",
+                "paused": view.is_paused,
+                "manner": view.manner,
+            }
+            await connection.run(text_of("hello", session=session, **greeting, **self.hello))
+        finally:
+            self.connections.discard(connection)
+            if not len(view) and self.views.get(session) is view:
+                del self.views[session]
+        return socket
+
+    async def sound(self, request: web.Request) -> web.StreamResponse:
+        """``/sound.wav?session=NAME&utterance=N``: what was said there."""
+        self.admit(request)
+        try:
+            session = asked_session(request, self.hub)
+        except DataError as error:
+            raise web.HTTPBadRequest(text=str(error)) from error
+        number = request.query.get("utterance", "")
+        wav = None
+        if number.isdecimal() and len(number) < 12:
+            wav = self.sounds.wav(session, int(number))
+        if wav is None:
+            raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
+        return web.Response(body=wav, content_type="audio/wav")
+
+    async def head(self, own: Handler, request: web.Request) -> web.StreamResponse:
+        """``/head.bin``: the server's own head, or with ``?name=woman`` one of our people, built on demand."""
+        name = request.query.get("name", "")
+        if not name:
+            return await own(request)
+        self.admit(request)
+        if name not in PEOPLE:
+            raise web.HTTPNotFound(text=f"name: got {name!r:.60}, expected one of {', '.join(PEOPLE)}")
+        if name not in self.heads:
+            self.heads[name] = asyncio.ensure_future(asyncio.to_thread(_packed_head, name))
+        body, packed = await asyncio.shield(self.heads[name])
+        return await self.file("application/octet-stream", body, packed, request)
+
+    async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
+        """Answer with a file of the page, packed for whoever can unpack it."""
+        if request.path in NOT_FOR_ALL:
+            self.admit(request)
+        if "gzip" in request.headers.get("Accept-Encoding", ""):
+            return web.Response(
+                body=packed, content_type=kind, charset=_charset(kind), headers={"Content-Encoding": "gzip"}
+            )
+        return web.Response(body=body, content_type=kind, charset=_charset(kind))
+
+    def admit(self, request: web.Request) -> None:
+        """Refuse whoever may not be here."""
+        trouble = refusal(request, self.token, self.origins)
+        if trouble:
+            self.counts.refused += 1
+            raise web.HTTPForbidden(text=trouble)
+
+    async def stop(self, app: web.Application) -> None:
+        """Say goodbye to all pages."""
+        for connection in tuple(self.connections):
+            await connection.close()
+
+
+COUNTS: web.AppKey[WebCounts] = web.AppKey("counts", WebCounts)
+"""Key under which the application keeps its counts, for the metrics."""
+SERVER: web.AppKey[_Server] = web.AppKey("server", _Server)
+
+
+def make_app(
+    hub: Hub,
+    head: FaceMesh,
+    *,
+    token: str | None = None,
+    profile: str = "",
+    rate_hz: float | None = None,
+    heard_here: str | None = None,
+    voice: VoiceChoice = DEFAULT_CHOICE,
+    hearing: Hearing | None = None,
+    origins: tuple[str, ...] = (),
+) -> web.Application:
+    """Build the web application; whoever runs it also ticks the hub.
+
+    Parameters
+    ----------
+    hub : Hub
+        Sessions, frames and voice.
+    head : FaceMesh
+        Whose face the pages show.
+    token : str, optional
+        What a page must bring along to be let in.
+    profile : str
+        Name of the profile, to be shown.
+    rate_hz : float, optional
+        Frames a second; by default the hub's.
+    heard_here : str, optional
+        The session whose sound the server plays itself; its pages play none.
+    voice : VoiceChoice
+        Speaks what pages type without choosing a voice.
+    hearing : Hearing, optional
+        Hears the microphones of pages; whoever ticks the hub ticks it too. By default none is offered.
+    origins : tuple of str
+        Other sites whose pages may show these faces: ``"https://example.org"``.
+
+    Returns
+    -------
+    Application
+        ``app[COUNTS]`` counts what happens.
+
+    Raises
+    ------
+    UsageError
+        If the head has more channels than the shaders have room for.
+    """
+    try:
+        voices = espeak.voices()
+    except ResourceError:
+        voices = {}
+    hello = {
+        "protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
+        "ear": hearing is not None and hearing.is_possible,
+    }  # fmt: skip
+    server = _Server(hub, token, hello, heard_here, voice, hearing, origins)
+    hub.listeners.on_speech(
+        None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False
+    )
+    app = web.Application()
+    harden(app, origins)
+    app[SERVER], app[COUNTS] = server, server.counts
+    app.on_shutdown.append(server.stop)
+    app.router.add_get("/ws", server.socket)
+    app.router.add_get("/sound.wav", server.sound)
+    for path, (kind, body) in page_files(head, voices, voice.rate_wpm).items():
+        handler = partial(server.file, kind, body, gzip.compress(body, 6, mtime=0))
+        app.router.add_get(path, partial(server.head, handler) if path == "/head.bin" else handler)
+    return app
+
+
+def page_files(
+    head: FaceMesh, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM
+) -> dict[str, tuple[str, bytes]]:
+    """Path to kind and content of all that never changes."""
+    told = setup(voices=voices, rate_wpm=rate_wpm)
+    pages = {
+        "/head.bin": ("application/octet-stream", head_binary(head)),
+        "/setup.json": ("application/json", json.dumps(told, ensure_ascii=False).encode()),
+    }
+    for name, content in _resources.page_files().items():
+        suffix = PurePosixPath(name).suffix
+        if suffix in KINDS:
+            pages["/" if name == "index.html" else f"/{name}"] = (KINDS[suffix], content)
+    return pages
+
+
+def _packed_head(name: str) -> tuple[bytes, bytes]:
+    body = head_binary(load_head(name))
+    return body, gzip.compress(body, 6, mtime=0)
+
+
+def _charset(kind: str) -> str | None:
+    return "utf-8" if kind.startswith(("text/", "application/json", "image/svg")) else None

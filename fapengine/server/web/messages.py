@@ -1,0 +1,315 @@
+"""What the page and the server say to each other over the WebSocket; nothing here knows a socket.
+
+From the server comes one JSON text (``hello``) first, then frames as binary messages (:data:`FRAME`, little-endian)
+and everything else as JSON texts with a ``type``. From the page come its microphone's sound as binary messages
+(:data:`SOUND_HEAD`) and JSON texts, listed by :func:`structs`: those with commands are made from the list of commands
+(:mod:`fapengine.engine.commands`), the others stand here.
+Times are seconds of the engine's clock; the page learns that clock from ``ping`` and ``pong``.
+"""
+
+import json
+import re
+import struct
+from collections.abc import Callable
+from functools import lru_cache
+from math import isfinite
+from typing import Annotated, Any, Literal, cast
+
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct, defstruct, field
+from numpy.typing import NDArray
+
+from fapengine.engine import commands
+from fapengine.engine.command_table import Choice, Command, FieldSpec, defaults_of, fields_of
+from fapengine.errors import DataError
+from fapengine.mpeg4 import fap
+from fapengine.speaking import RATES_WPM
+
+PROTOCOL = "fapengine-web/1"
+FRAME = struct.Struct(f"<IId{fap.FAP_COUNT}i")
+"""A frame: kind, number, engine time in s, FAP 1 to 68 in FAPU. Numbers rise by one; what is missing was left out."""
+FRAME_KIND = 1
+SOUND_HEAD = struct.Struct("<II")
+"""Head of a piece of sound: kind and samples a second; then int16 samples, little-endian, mono."""
+SOUND_KIND = 2
+SOUND_RATES_HZ = (8_000, 48_000)
+MAX_SAMPLES = 9_600
+"""Samples of one piece: 0.2 s at the highest rate."""
+MAX_MESSAGE = 16_384
+"""Bytes of one JSON text from a page."""
+MAX_TEXT = 2000
+"""Letters of one sentence to speak."""
+PINNABLE = {str(number): number for number in range(3, fap.FAP_COUNT + 1)}
+"""FAPs by the one name that each has in a message."""
+MAX_FAP = 1 << 24
+"""FAPU: beyond anything that a face can do, and exact in the shaders' floats."""
+
+
+class Say(Struct, frozen=True, forbid_unknown_fields=True):
+    """Speak a text."""
+
+    text: Annotated[str, Meta(max_length=MAX_TEXT)]
+    voice: Annotated[str, Meta(max_length=64)] = ""
+    """Language code; empty: the server's voice."""
+    rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = field(default=0, name="rate")
+    """Words a minute; 0, where the message has none: the server's rate."""
+
+
+Seconds = Annotated[float, Meta(ge=-commands.MAX_TIME_S, le=commands.MAX_TIME_S)]
+Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]
+
+
+class _Timed(Struct, frozen=True, forbid_unknown_fields=True):
+    """Speech with known times; its sound is played by the page or elsewhere."""
+
+    at_s: Seconds | None = None
+    """Engine time of its beginning; none: now, or after what is being said."""
+    audio: bool = False
+    """True: its beginning waits for a message ``audio``."""
+    utterance: Number | None = None
+    """Number of the utterance that it continues; none: it begins one."""
+    last: bool = True
+    """False: more of the utterance follows."""
+
+    @property
+    def anchor(self) -> commands.Anchor:
+        """When it begins."""
+        return "audio" if self.audio else "now" if self.at_s is None else "at"
+
+
+class Words(_Timed, frozen=True, kw_only=True):
+    """Say words whose times are known."""
+
+    words: Annotated[list[tuple[Annotated[str, Meta(max_length=64)], float, float]], Meta(max_length=200)]
+    """Word, start and end in s from the utterance's beginning."""
+    voice: Annotated[str, Meta(max_length=64)] = ""
+    """Language code; empty: the server's voice."""
+
+
+class Phones(_Timed, frozen=True, kw_only=True):
+    """Say phones whose times are known."""
+
+    phones: Annotated[list[tuple[Annotated[str, Meta(max_length=16)], float, float]], Meta(max_length=400)]
+    """Label, start and end in s from the utterance's beginning."""
+    set: Annotated[str, Meta(max_length=32)] = "ipa"
+    """Alphabet of the labels, as OSC's ``hello`` names it."""
+
+
+class Pin(Struct, frozen=True, forbid_unknown_fields=True):
+    """Hold FAPs at values, whatever the engine says; None lets one go."""
+
+    values: dict[Any, Any]
+    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+
+
+class Perform(Struct, frozen=True, forbid_unknown_fields=True):
+    """Move the face with FAPs, as a camera sees them: they last until the next such message, 0.3 s at most."""
+
+    values: dict[Any, Any]
+    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+
+
+class ReleaseAll(Struct, frozen=True, forbid_unknown_fields=True):
+    """Let every FAP go."""
+
+
+class Ping(Struct, frozen=True, forbid_unknown_fields=True):
+    """Ask for the engine's time."""
+
+    number: Annotated[int, Meta(ge=0, le=2**53)]
+
+
+class Plays(Struct, frozen=True, forbid_unknown_fields=True):
+    """Say whether this page plays sounds and tells where they are."""
+
+    on: bool
+
+
+class Watch(Struct, frozen=True, forbid_unknown_fields=True):
+    """Say whether this page can be seen: a hidden one is sent no frames."""
+
+    on: bool
+
+
+class Tell(Struct, frozen=True):
+    """A command for the session's face."""
+
+    command: Command
+
+
+Request = Say | Words | Phones | Pin | Perform | ReleaseAll | Ping | Plays | Watch | Tell
+_PAGE_MESSAGES: dict[str, type[Struct]] = {
+    "say": Say,
+    "words": Words,
+    "phones": Phones,
+    "pin": Pin,
+    "perform": Perform,
+    "release": ReleaseAll,
+    "ping": Ping,
+    "plays": Plays,
+    "watch": Watch,
+}
+
+
+def structs() -> dict[str, type[Struct]]:
+    """Give what a page may send: ``type`` to the fields."""
+    return {**_PAGE_MESSAGES, **{kind: struct for kind, (_, struct) in _command_structs(commands.COMMANDS).items()}}
+
+
+@lru_cache(maxsize=4)
+def _command_structs(listed: tuple[type[Command], ...]) -> dict[str, tuple[type[Command], type[Struct]]]:
+    """Make the messages that carry commands."""
+    made = {}
+    for kind in listed:
+        if kind.SPEC.json:
+            made[kind.SPEC.json] = (kind, defstruct(kind.__name__, _json_fields(kind), forbid_unknown_fields=True))
+    return made
+
+
+def _json_fields(kind: type[Command]) -> list[tuple[str, Any] | tuple[str, Any, Any]]:
+    specs = {name: spec for name, spec in fields_of(kind).items() if spec.json}
+    defaults = defaults_of(kind)
+    return [
+        (spec.json, _json_type(spec), defaults[name]) if name in defaults else (spec.json, _json_type(spec))
+        for name, spec in specs.items()
+    ]
+
+
+def _json_type(spec: FieldSpec) -> Any:
+    if isinstance(spec, Choice):
+        return Literal[tuple(spec.values)]
+    return Annotated[int if spec.is_whole else float, Meta(ge=spec.low, le=spec.high)]
+
+
+def parse_request(text: str) -> Request:
+    """Read one message of a page.
+
+    Raises
+    ------
+    DataError
+        For anything but a message of :func:`structs` with exactly its fields; ``where`` names the message.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise DataError(f"message: got {len(text)} letters, expected at most {MAX_MESSAGE}")
+    try:
+        message = msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise DataError(f"message: got {_shown(text)}, expected JSON ({error})") from error
+    kind = message.pop("type", None) if isinstance(message, dict) else None
+    if not isinstance(kind, str) or kind not in structs():
+        raise DataError(f"message: got {_shown(text)}, expected an object of type {', '.join(structs())}")
+    whole = {name: int(value) if isinstance(value, float) and value.is_integer() else value
+             for name, value in message.items()}  # fmt: skip
+    try:
+        request = msgspec.convert(whole, structs()[kind])
+    except msgspec.ValidationError as error:
+        raise _complaint(str(error), message, kind) from error
+    if isinstance(request, Pin):
+        return Pin(_faps_of(request.values, kind))
+    if isinstance(request, Perform):
+        return Perform(_faps_of(request.values, kind))
+    return Tell(_command(kind, request)) if kind not in _PAGE_MESSAGES else cast("Request", request)
+
+
+def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
+    """Read a piece of sound.
+
+    Returns
+    -------
+    rate_hz : int
+    samples : (N,) int16
+
+    Raises
+    ------
+    DataError
+        For anything else.
+
+    Examples
+    --------
+    >>> rate_hz, samples = parse_sound(SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(4))
+    >>> rate_hz, samples.tolist()
+    (16000, [0, 0])
+    """
+    length = len(data) - SOUND_HEAD.size
+    if not 0 < length <= 2 * MAX_SAMPLES or length % 2:
+        raise DataError(f"sound: got {len(data)} bytes, expected 8 and 2 for each of 1..{MAX_SAMPLES} samples")
+    kind, rate_hz = SOUND_HEAD.unpack_from(data)
+    if kind != SOUND_KIND or not SOUND_RATES_HZ[0] <= rate_hz <= SOUND_RATES_HZ[1]:
+        expected = f"kind {SOUND_KIND} at {SOUND_RATES_HZ[0]}..{SOUND_RATES_HZ[1]} Hz"
+        raise DataError(f"sound: got kind {kind} at {rate_hz} Hz, expected {expected}")
+    return rate_hz, np.frombuffer(data, "<i2", offset=SOUND_HEAD.size).astype(np.int16)
+
+
+def _command(kind: str, struct: Struct) -> Command:
+    command, _ = _command_structs(commands.COMMANDS)[kind]
+    specs = {name: spec for name, spec in fields_of(command).items() if spec.json}
+    make: Callable[..., Command] = command
+    return make(**{name: spec.from_json(getattr(struct, spec.json)) for name, spec in specs.items()})
+
+
+def _faps_of(values: dict[str, Any], kind: str) -> dict[int, int | None]:
+    where, may_be_none = f"message {kind!r}", kind == "pin"
+    for name, value in values.items():
+        if name not in PINNABLE:
+            raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where=where)
+        is_number = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= MAX_FAP
+        if not is_number and not (value is None and may_be_none):
+            expected = "whole FAPU" + " or null" * may_be_none
+            raise DataError(f"FAP {name}: got {_shown(value)}, expected {expected}", where=where)
+    return {PINNABLE[name]: value for name, value in values.items()}
+
+
+def _complaint(reason: str, message: dict[str, Any], kind: str) -> DataError:
+    """Say in this package's words what msgspec has found wrong."""
+    where = f"message {kind!r}"
+    if unknown := re.search(r"unknown field `(.*)`", reason, re.DOTALL):
+        return DataError(f"fields: got unknown {_shown(unknown[1])}", where=where)
+    struct = cast("msgspec.inspect.StructType", msgspec.inspect.type_info(structs()[kind]))
+    for each in struct.fields:
+        if re.search(rf"`(\$\.)?{each.encode_name}`", reason):
+            got = _shown(message.get(each.encode_name))
+            return DataError(f"{each.encode_name}: got {got}, expected {_expected(each.type)}", where=where)
+    return DataError(f"message: got {_shown(message)}, expected its fields ({reason})", where=where)
+
+
+def _expected(kind: msgspec.inspect.Type) -> str:
+    match kind:
+        case msgspec.inspect.FloatType(ge=low, le=high):
+            return f"a number in {low:g}..{high:g}"
+        case msgspec.inspect.IntType(ge=low, le=high):
+            return f"a whole number in {low}..{high}"
+        case msgspec.inspect.StrType(max_length=longest):
+            return f"up to {longest} letters"
+        case msgspec.inspect.LiteralType(values=values):
+            return f"one of {', '.join(map(str, values))}"
+        case msgspec.inspect.BoolType():
+            return "true or false"
+    return "an object"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def pack_frame(number: int, time_s: float, faps: NDArray[np.int32]) -> bytes:
+    """Write a frame: :data:`FRAME`.
+
+    Parameters
+    ----------
+    number : int
+        Its count, modulo 2**32.
+    time_s : float
+        Engine time.
+    faps : (68,) int32, FAPU
+    """
+    return FRAME.pack(FRAME_KIND, number & 0xFFFFFFFF, time_s, *faps.tolist())
+
+
+def text_of(kind: str, /, **fields: object) -> str:
+    """Write a JSON message. Numbers that JSON cannot say become null."""
+    cleaned = {
+        name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields.items()
+    }
+    return json.dumps({"type": kind, **cleaned}, separators=(",", ":"), allow_nan=False)

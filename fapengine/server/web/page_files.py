@@ -1,0 +1,197 @@
+"""What the page needs before it draws: shaders, FAPs and their sliders, expressions, cameras; and a head.
+
+A head is one file, laid out so that every array is uploaded where it lies. Little-endian: ``FAPHEAD1``, the length of a
+JSON text (uint32), the text, zeros up to a multiple of 16; then the arrays, each at the next multiple of 16. The text
+names them with kind, shape and offset from the start of the file, and holds what a frame's uniforms need: attributes,
+channels' table, pivots and FAPU. What the arrays mean: :class:`fapengine.render.packing.PackedMesh`.
+"""
+
+import json
+import struct
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.engine import commands
+from fapengine.engine.command_table import Command, fields_of
+from fapengine.expressions import EXPRESSION_NAMES
+from fapengine.mesh.default_head.style import PEOPLE
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FapSpec, FapUnit
+from fapengine.render.camera import PRESETS
+from fapengine.render.drawing import EDGES
+from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE, PUPIL_SHARE, pack
+from fapengine.render.programs import (
+    ES_HEADER,
+    MAX_FINE_EDGE_PX,
+    PARTS,
+    PICTURE,
+    SKIN_LEVEL_BIAS,
+    STAGES,
+    VARIANTS,
+    stage_source,
+)
+from fapengine.speaking import DEFAULT_RATE_WPM, RATES_WPM
+
+MAGIC = b"FAPHEAD1"
+ALIGNMENT = 16
+_KINDS = {"float32": "<f4", "float64": "<f8", "uint32": "<u4", "uint8": "u1"}
+GROUP_NAMES = {
+    2: "Jaw, chin and inner lips",
+    3: "Eyes",
+    4: "Brows",
+    5: "Cheeks",
+    6: "Tongue",
+    7: "Head",
+    8: "Outer lips",
+    9: "Nose",
+    10: "Ears",
+}
+"""Groups of Table C.1 as the page calls them."""
+REACH: dict[FapUnit, int] = {
+    FapUnit.MNS: 700, FapUnit.MW: 300, FapUnit.ES: 200, FapUnit.ENS: 300, FapUnit.IRISD: 1000, FapUnit.AU: 50_000,
+}  # fmt: skip
+"""Range of a slider, FAPU: about as far as a living face does; the standard's own limits are several times that."""
+OWN_REACH = {
+    3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 27: 60, 28: 60, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
+}  # fmt: skip
+"""FAP number to a reach other than its unit's."""
+HEAD_REACH_DEG = {"yaw_rad": 45, "pitch_rad": 30, "roll_rad": 30}
+"""Reach of the sliders that turn the head, about that of a neck without effort."""
+PAGE_WALL = (0.058, 0.066, 0.078)
+"""Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
+PAGE_CAMERAS = ("front", "three-quarter", "profile", "mouth")
+"""A button and a digit key each."""
+UNUSED = ("wire", "enlarge")
+"""Programs that the page has no use for."""
+
+
+def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[str, Any]:
+    """Gather it; JSON can say all of it.
+
+    Parameters
+    ----------
+    voices : dict of str to str
+        Language codes and names of the voices that the server has; empty if it has none.
+    rate_wpm : int
+        Words a minute of the server's voice.
+    """
+    stages = {
+        " ".join((name, *defined)): {
+            "vertex": stage_source(vertex, ES_HEADER, defined),
+            "fragment": stage_source(fragment, ES_HEADER, defined),
+        }
+        for name, (vertex, fragment) in STAGES.items()
+        for defined in VARIANTS.get(name, ((),))
+        if name not in UNUSED and PICTURE not in defined
+    }
+    turns = fields_of(commands.TurnHead)
+    return {
+        "programs": stages,
+        "parts": {name: part._asdict() for name, part in PARTS.items()},
+        "max_fine_edge_px": MAX_FINE_EDGE_PX,
+        "skin_level_bias": SKIN_LEVEL_BIAS,
+        "fine_samples": EDGES["fine"],
+        "wall": PAGE_WALL,
+        "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
+                   for group, name in GROUP_NAMES.items()],
+        "ranges": {kind.SPEC.json: _ranges(kind) for kind in commands.COMMANDS if kind.SPEC.json},
+        "head": [
+            {"name": turns[name].json, "positive": turns[name].doc, "reach": reach}
+            for name, reach in HEAD_REACH_DEG.items()
+        ],
+        "expressions": list(EXPRESSION_NAMES),
+        "cameras": {
+            name: {
+                "yaw": camera.yaw_deg,
+                "pitch": camera.pitch_deg,
+                "target": camera.target_mm,
+                "distance": camera.distance_mm,
+                "field": camera.field_deg,
+            }
+            for name, camera in ((name, PRESETS[name]) for name in PAGE_CAMERAS)
+        },
+        "voices": voices,
+        "rates": {"low": RATES_WPM[0], "high": RATES_WPM[1], "usual": rate_wpm},
+        "heads": {"": "The server's", **{name: name.capitalize() for name in PEOPLE}},
+    }  # fmt: skip
+
+
+def _ranges(kind: type[Command]) -> dict[str, dict[str, float]]:
+    """Give the ranges of a command's numbers, as far as they have ends."""
+    specs = (spec for spec in fields_of(kind).values() if spec.json and isfinite(spec.high - spec.low))
+    return {spec.json: {"low": spec.low, "high": spec.high} for spec in specs}
+
+
+def _slider(row: FapSpec) -> dict[str, Any]:
+    reach = min(OWN_REACH.get(row.number, REACH[row.unit]), row.intra_limit * row.quantiser_step)
+    return {
+        "number": row.number,
+        "name": row.name,
+        "unit": row.unit.value,
+        "positive": row.positive.value,
+        "low": -reach if row.bidirectional else 0,
+        "high": reach,
+    }
+
+
+def head_binary(mesh: FaceMesh) -> bytes:
+    """Write a head for the page; the same head gives the same bytes.
+
+    Raises
+    ------
+    UsageError
+        If the mesh has more channels than the shaders have room for.
+    """
+    packed = pack(mesh)
+    channels = [(channel.fap, channel.start, channel.stop) for channel in mesh.basis.channels]
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": packed.vertices,
+        **{f"part.{name}": triangles for name, triangles in packed.parts.items()},
+        "displacements": packed.displacements,
+        "normal_deltas": packed.normal_deltas,
+        **({} if packed.skin is None else {"skin": packed.skin}),
+        "channels": np.array(channels, dtype=np.float64).reshape(-1, 3),  # starts and stops may be infinite
+        "mix": np.zeros((0, 0), np.float32) if mesh.basis.mix is None else mesh.basis.mix,
+    }
+    about = {
+        "attributes": list(ATTRIBUTE_SIZES.items()),
+        "iris": packed.iris,
+        "irisAlbedo": packed.iris_albedo.tolist(),
+        "edge": packed.edge_mm,
+        "texelsPerMm": packed.texels_per_mm,
+        "pupilShare": PUPIL_SHARE,
+        "pupilRange": PUPIL_RANGE,
+        "jawPivot": mesh.jaw_pivot_mm.tolist(),
+        "headPivot": mesh.head_pivot_mm.tolist(),
+        "eyePivots": mesh.eye_pivots_mm.tolist(),
+        "chin": mesh.point_mm("2.1").tolist(),
+        "units": {unit.value: mesh.fapu.unit(unit) for unit in FapUnit},
+    }
+    return _file(about, arrays)
+
+
+def _file(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> bytes:
+    places: dict[str, Any] = {}
+    text = b""
+    for _ in range(4):  # offsets stand in the text, and the text's length moves them: settled in two or three rounds
+        start, before = _aligned(len(MAGIC) + 4 + len(text)), text
+        for name, array in arrays.items():
+            kind = next(kind for kind, code in _KINDS.items() if np.dtype(code) == array.dtype)
+            places[name] = {"kind": kind, "shape": array.shape, "offset": start}
+            start = _aligned(start + array.nbytes)
+        text = json.dumps(about | {"arrays": places}, separators=(",", ":"), allow_nan=False).encode()
+        if len(text) == len(before):
+            break
+    out = bytearray(MAGIC + struct.pack("<I", len(text)) + text)
+    for name, array in arrays.items():
+        out += bytes(places[name]["offset"] - len(out))
+        out += np.ascontiguousarray(array, dtype=_KINDS[places[name]["kind"]]).tobytes()
+    return bytes(out)
+
+
+def _aligned(length: int) -> int:
+    return -(-length // ALIGNMENT) * ALIGNMENT

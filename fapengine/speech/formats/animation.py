@@ -1,0 +1,139 @@
+"""Timings of animation programs: Papagayo, Moho, Rhubarb Lip Sync.
+
+Papagayo ``.pgo`` (version 1): name, sound, frames a second, length, then voices of phrases of words of ``frame mouth``.
+Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; few say, by ``FPS 24``, how many frames make a
+second. Rhubarb 1.14: JSON and XML (its TSV is in :mod:`.corpora`); the start of a cue ends the one before, because cues
+of ports of Rhubarb overlap.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field
+from xml.etree import ElementTree
+
+from fapengine.errors import DataError, UnsupportedError
+from fapengine.speech.formats.documents import parse_document
+from fapengine.speech.formats.entries import Entry, track_of, until_next
+from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.phone_track import PhoneTrack
+
+
+@dataclass(slots=True)
+class _Lines:
+    """Lines of the file, one after the other. Stateful."""
+
+    lines: list[str]
+    at: int = field(default=0)
+
+    def take(self, wanted: str) -> str:
+        if self.at >= len(self.lines):
+            raise DataError(f"mouths: the file ends where {wanted} is expected", where="the end")
+        self.at += 1
+        return self.lines[self.at - 1].strip()
+
+    def count(self, wanted: str) -> int:
+        text = self.take(wanted)
+        if not (text.isascii() and text.isdigit()) or len(text) > 9:
+            raise DataError(f"{wanted}: got {text[:40]!r}, expected a count", where=f"line {self.at}")
+        return int(text)
+
+
+def parse_papagayo(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
+    """Read the mouths of one voice; ``tier`` names it, if there are several."""
+    lines = _Lines(decode_text(data, "Papagayo").splitlines())
+    if lines.take("its first line") != "lipsync version 1":
+        raise DataError("Papagayo: expected a file that begins with 'lipsync version 1'", where="line 1")
+    lines.take("the name of the sound")
+    rate_hz = lines.count("frames a second")
+    if rate_hz < 1:
+        raise DataError("frames a second: got 0, expected 1 or more", where=f"line {lines.at}")
+    end_s = lines.count("length") / rate_hz
+    voices: dict[str, list[tuple[float, str, str, str]]] = {}
+    for _ in range(lines.count("number of voices")):
+        name = lines.take("a voice")
+        lines.take("its text")
+        voices[name] = _voice(lines, rate_hz)
+    if len(voices) > 1 and tier not in voices:
+        raise DataError(f"Papagayo: got the voices {sorted(voices)}, expected one; name one with tier=NAME")
+    onsets = voices[tier] if tier in voices else next(iter(voices.values()), [])
+    entries = [
+        Entry(entry.start_s, entry.end_s, entry.label, entry.where, word)
+        for entry, (*_, word) in zip(until_next([row[:3] for row in onsets], end_s), onsets, strict=True)
+    ]
+    return track_of(entries, "Papagayo", alphabet=alphabet or "preston-blair", level="viseme")
+
+
+def _voice(lines: _Lines, rate_hz: int) -> list[tuple[float, str, str, str]]:
+    onsets: list[tuple[float, str, str, str]] = []
+    for _ in range(lines.count("number of phrases")):
+        lines.take("a phrase"), lines.count("its first frame"), lines.count("its last frame")
+        for _ in range(lines.count("number of words")):
+            word, *numbers = lines.take("a word").rsplit(None, 3) or [""]
+            if len(numbers) != 3 or not numbers[2].isdigit() or len(numbers[2]) > 9:
+                raise DataError(f"word: got {word[:40]!r}, expected a word and three numbers", where=f"line {lines.at}")
+            onsets += [(*_mouth(lines, rate_hz), word) for _ in range(int(numbers[2]))]
+    return onsets
+
+
+def _mouth(lines: _Lines, rate_hz: float) -> tuple[float, str, str]:
+    text = lines.take("a mouth")
+    where = f"line {lines.at}"
+    frame, _, label = text.partition(" ")
+    if not (frame.isascii() and frame.isdigit()) or len(frame) > 9 or not label.strip():
+        raise DataError(f"mouth: got {text[:40]!r}, expected a frame and a mouth", where=where)
+    return max(0, int(frame) - 1) / rate_hz, label.strip(), where  # frames count from 1
+
+
+def parse_moho(data: bytes, *, rate_hz: float | None, alphabet: str | None = None) -> PhoneTrack:
+    """Read a Moho switch file."""
+    lines = _Lines(decode_text(data, "Moho").rstrip().splitlines())
+    if lines.take("its first line") != "MohoSwitch1":
+        raise DataError("Moho: expected a file that begins with MohoSwitch1", where="line 1")
+    if match := re.fullmatch(r"FPS (\d{1,3})", lines.lines[lines.at].strip() if len(lines.lines) > 1 else ""):
+        lines.take("frames a second")
+        rate_hz = rate_hz or float(match[1]) or None
+    if rate_hz is None:
+        raise DataError("Moho: the file does not say how many frames make a second; say it with columns='fps=24'")
+    onsets = [_mouth(lines, rate_hz) for _ in range(len(lines.lines) - lines.at)]
+    return track_of(until_next(onsets), "Moho", alphabet=alphabet or "preston-blair", level="viseme")
+
+
+def parse_rhubarb_json(data: bytes) -> PhoneTrack:
+    """Read ``{"mouthCues": [{"start", "end", "value"}]}``."""
+    cues = parse_document(data, "Rhubarb JSON")["mouthCues"]
+    return _track([Entry(c["start"].number(), c["end"].number(), c["value"].text(), c.where) for c in cues.items()])
+
+
+def parse_rhubarb_xml(data: bytes) -> PhoneTrack:
+    """Read ``<mouthCue start= end=>shape</mouthCue>``."""
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise UnsupportedError("Rhubarb XML: got a document type or entities, expected none")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DataError(f"Rhubarb XML: no XML here ({error})") from error
+    entries: list[Entry] = []
+    for number, cue in enumerate(root.iter("mouthCue"), start=1):
+        where = f"mouthCue {number}"
+        start_s, end_s = (_attribute(cue, name, where) for name in ("start", "end"))
+        entries.append(Entry(start_s, end_s, (cue.text or "").strip(), where))
+    return _track(entries)
+
+
+def _attribute(cue: ElementTree.Element, name: str, where: str) -> float:
+    try:
+        value = float(cue.get(name, ""))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DataError(f"{name}: got {cue.get(name)!r}, expected a number of seconds", where=where)
+    return value
+
+
+def _track(cues: list[Entry]) -> PhoneTrack:
+    cues = sorted(cues, key=lambda cue: cue.start_s)
+    cut: list[Entry] = []
+    for index, cue in enumerate(cues):
+        end_s = min([cue.end_s, *(later.start_s for later in cues[index + 1 : index + 2])])
+        cut.append(Entry(cue.start_s, end_s, cue.label, cue.where))
+    return track_of(cut, "Rhubarb", alphabet="rhubarb-shapes", level="viseme")

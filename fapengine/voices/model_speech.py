@@ -1,0 +1,117 @@
+"""Shared by the voices of models: their names, and an utterance from labels with lengths in samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fapengine.errors import DataError, UsageError
+from fapengine.speech.formats.entries import Entry, track_of, with_words
+from fapengine.speech.marks import MarkedText
+from fapengine.speech.phone_track import PhoneTrack
+from fapengine.voices.protocol import Speech
+from fapengine.voices.sounding import Mark, SoundLevel, sounding
+
+PAUSE = "_"
+"""Label of a pause; blanks and punctuation are pauses too."""
+Joined = Callable[[Iterable[tuple[str, float, str]]], list[Entry]]
+"""Function that puts labels with lengths in s one after the other, and joins those that only mark."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spoken:
+    """A piece of sound, and what sounds in it."""
+
+    samples: NDArray[np.int16]
+    """(N,) int16, mono."""
+    lengths: tuple[tuple[str, int], ...]
+    """Each label with its samples, N in all."""
+
+
+def choices_of(name: str, keys: Sequence[str]) -> tuple[Path, dict[str, str]]:
+    """Read the name of a model with its choices, such as ``piper:/path/voice.onnx?speaker=anna``."""
+    kind, _, rest = name.partition(":")
+    path, _, query = rest.partition("?")
+    choices = dict(parse_qsl(query, keep_blank_values=True))
+    if not path or (set(choices) - set(keys)) or (query and not choices):
+        told = "&".join(f"{key}=…" for key in keys)
+        raise UsageError(f"voice: got {name!r:.200}, expected {kind}:/path/model.onnx?{told}")
+    return Path(path), choices
+
+
+def spoken(sound: ArrayLike, lengths: Iterable[tuple[str, float]], *, where: str) -> Spoken:
+    """Check a model's sound, (N,) in -1..1, and fit the lengths, in samples, to it.
+
+    Labels after the sound's end are cut; time that the lengths leave over is a pause.
+    """
+    wave, pairs = np.asarray(sound, dtype=np.float64).reshape(-1), list(lengths)
+    counts = np.array([count for _, count in pairs], dtype=np.float64)
+    if not np.isfinite(wave).all():
+        raise DataError(f"{where}: the model's sound has values that are no numbers")
+    if not np.isfinite(counts).all() or (counts < 0).any():
+        raise DataError(f"{where}: the model gives a phone {counts.min():g} samples, expected 0 or more")
+    ends = np.minimum(np.round(np.cumsum(counts)), len(wave)).astype(int)
+    fitted = [(label, int(count)) for (label, _), count in zip(pairs, np.diff(ends, prepend=0), strict=True)]
+    rest = len(wave) - (int(ends[-1]) if len(ends) else 0)
+    samples = np.round(np.clip(wave, -1.0, 1.0) * 32767).astype(np.int16)
+    return Spoken(samples, (*fitted, (PAUSE, rest)) if rest else tuple(fitted))
+
+
+def speech_of(
+    pieces: Sequence[Spoken], rate_hz: int, marked: MarkedText, *, joined: Joined, alphabet: str, what: str
+) -> Speech:
+    """Join the pieces of an utterance."""
+    lengths = [each for piece in pieces for each in piece.lengths]
+    if not any(_sounds(label) for label, _ in lengths):
+        raise UsageError(f"text: {marked.text!r:.60} contains nothing to speak ({what} finds nothing in it)")
+    entries = joined(
+        (PAUSE if label == " " else label, count / rate_hz, f"phone {n}") for n, (label, count) in enumerate(lengths, 1)
+    )
+    words = _words(lengths, rate_hz, marked.text)
+    track = track_of(with_words(entries, words), what, alphabet=alphabet)
+    samples = np.concatenate([piece.samples for piece in pieces])
+    phones = _heard(track, SoundLevel(samples, rate_hz))
+    speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
+    if marked.marks and not words:
+        told = "text: the voice does not tell when its words begin; its marks come at the begin"
+        speech = replace(speech, remarks=(told,))
+    return speech.marked(marked)
+
+
+def check_length(samples: int, rate_hz: int, most_s: float, text: str) -> None:
+    """Refuse a sound that is longer than ``most_s``."""
+    if samples > most_s * rate_hz:
+        raise UsageError(f"text: got {text!r:.60}, whose sound is too long, expected at most {most_s:.0f} s more")
+
+
+def _sounds(label: str) -> bool:
+    return label[:1].isalpha()
+
+
+def _heard(track: PhoneTrack, sound: SoundLevel) -> PhoneTrack:
+    """Phones that begin where they sound; pauses are where it is quiet, because blanks are not pauses."""
+    marks = [
+        Mark(each.start_s, "" if each.is_silence else each.label, each.stress, each.word or "") for each in track.phones
+    ]
+    return PhoneTrack.of(sounding(marks, sound), tolerance_s=0.0, level=track.level, reading=track.reading)
+
+
+def _words(lengths: Sequence[tuple[str, int]], rate_hz: int, text: str) -> list[Entry]:
+    """Find the words' times between the blanks; none where they are not as many as the text has."""
+    entries: list[Entry] = []
+    now = 0
+    for is_word, group in groupby(lengths, key=lambda each: each[0] not in ("^", "$", " ", PAUSE)):
+        members = list(group)
+        begin, now = now, now + sum(count for _, count in members)
+        if is_word and any(_sounds(label) for label, _ in members):
+            entries.append(Entry(begin / rate_hz, now / rate_hz, "", f"word {len(entries) + 1}"))
+    words = [word.strip("\"'“”‘’.,;:!?…()[]") for word in text.split() if any(letter.isalnum() for letter in word)]
+    if len(words) != len(entries):
+        return []
+    return [replace(entry, label=word) for entry, word in zip(entries, words, strict=True)]

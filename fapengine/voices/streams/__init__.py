@@ -1,1 +1,0 @@
-"""Voices of services that stream sound with its times: parsers of their messages, and a client."""

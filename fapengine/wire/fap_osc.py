@@ -1,0 +1,334 @@
+"""FAP frames over OSC: one message a frame for programs, one address a FAP for patches.
+
+``/fap/1/frame`` (1 is the schema's version) holds a whole frame, so that a frame is there or lost, never half::
+
+    s session       1..32 bytes UTF-8
+    i number        0, 1, 2, ... without gaps: a receiver counts what was lost, and drops what comes late
+    h time_us       when to show it, microseconds of the session's clock, >= 0
+    b mask          9 bytes: FAP n is sent if bit n - 1 is set, counted from the most significant bit of byte 0; the
+                    last 4 bits are 0
+    i ...           for each FAP of the mask, in rising order: FAP 1 viseme_select1, viseme_select2, viseme_blend,
+                    viseme_def; FAP 2 expression_select1, expression_intensity1, expression_select2,
+                    expression_intensity2, init_face, expression_def; FAP 3 to 68 one value in FAPU (AU for angles)
+    [i epoch]       where a server has several processes: of a session, the process with the highest epoch shows it
+
+A FAP that is not in the mask keeps the value that it had, as in the standard. Arguments after the last are ignored.
+
+In the named form each FAP is a message of its own, ``/fap/<n> i value`` for n = 3..68, ``/fap/viseme iiii`` and
+``/fap/expression iiiiii``, in as few bundles as fit the datagrams; there is no session, number or time.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import frozen
+from fapengine.errors import DataError, TruncatedError, UsageError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
+from fapengine.wire import osc
+
+FRAME = "/fap/1/frame"
+VISEME, EXPRESSION = "/fap/viseme", "/fap/expression"
+MAX_SESSION_BYTES = 32
+MAX_DATAGRAM = 1200
+"""Bytes; passes any path of the internet in one piece."""
+VISEME_WIDTH, EXPRESSION_WIDTH = 4, 6
+MASK_BYTES = 9
+_FIXED = struct.Struct(">iqi9s3x")
+_EPOCH = struct.Struct(">i")
+_HEAD_TAGS = "sihb"
+_NUMBERS = 2**31 - 1
+"""Numbers begin again behind it: after 414 days at 60 Hz."""
+_WIDTHS = np.array([VISEME_WIDTH, EXPRESSION_WIDTH] + [1] * (fap.FAP_COUNT - 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FapFrame:
+    """One frame of one session. Arrays are read-only."""
+
+    session: str
+    number: int
+    """0..2**31 - 1."""
+    time_us: int
+    """Microseconds of the session's clock."""
+    values: NDArray[np.int32]
+    """(68,) int32, as a row of :attr:`FapTrack.values`; 0 where nothing was sent."""
+    mask: NDArray[np.bool_]
+    """(68,) bool: what was sent."""
+    visemes: NDArray[np.int32]
+    """(4,) int32, as a row of :attr:`FapTrack.visemes`."""
+    expressions: NDArray[np.int32]
+    """(6,) int32, as a row of :attr:`FapTrack.expressions`."""
+    epoch: int = 0
+    """Number that grows when the session is given to another process; 0 where the server is one process."""
+
+    def __post_init__(self) -> None:
+        _head(self.session, 0)
+        if not (0 <= self.number < 2**31 and 0 <= self.time_us < 2**63):
+            raise UsageError(f"frame: got number {self.number} at {self.time_us} us, expected both from 0 on")
+        if not 0 <= self.epoch < 2**31:
+            raise UsageError(f"frame: got epoch {self.epoch}, expected 0..{2**31 - 1}")
+        for field, width, dtype in (
+            ("values", fap.FAP_COUNT, np.int32),
+            ("mask", fap.FAP_COUNT, np.bool_),
+            ("visemes", VISEME_WIDTH, np.int32),
+            ("expressions", EXPRESSION_WIDTH, np.int32),
+        ):
+            object.__setattr__(self, field, frozen(getattr(self, field), field, (width,), dtype))
+
+    def equals(self, other: "FapFrame") -> bool:
+        """Exact equality of everything."""
+        return self._head() == other._head() and all(
+            np.array_equal(getattr(self, field), getattr(other, field))
+            for field in ("values", "mask", "visemes", "expressions")
+        )
+
+    def _head(self) -> tuple[str, int, int, int]:
+        return self.session, self.number, self.time_us, self.epoch
+
+
+def encode_frame(frame: FapFrame) -> bytes:
+    """Write one frame as a ``/fap/1/frame`` message."""
+    row = _row(frame.values, frame.visemes, frame.expressions)
+    data = _encode(frame.session, frame.number, frame.time_us, frame.mask, row, has_epoch=frame.epoch > 0)
+    return data + _EPOCH.pack(frame.epoch) if frame.epoch else data
+
+
+def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_number: int = 0) -> list[bytes]:
+    """Write each frame of a track as a ``/fap/1/frame`` message, numbered without gaps.
+
+    Parameters
+    ----------
+    track : FapTrack
+        Its frame numbers give the times.
+    session : str
+        1 to 32 bytes of UTF-8.
+    start_us : int
+        Time of the track's frame number 0 on the session's clock, microseconds.
+    first_number : int
+        Number of the first message.
+
+    Raises
+    ------
+    UsageError
+        If session, number or time cannot be sent.
+    """
+    times_us = np.rint(track.times_s * 1e6).astype(np.int64) + start_us
+    if len(track) and not (0 <= first_number <= 2**31 - len(track) and times_us[0] >= 0):
+        raise UsageError(f"frame: got number {first_number} at {times_us[0]} us, expected both from 0 on")
+    rows = _row(track.values, track.visemes, track.expressions)
+    return [
+        _encode(session, first_number + step, int(times_us[step]), track.mask[step], rows[step])
+        for step in range(len(track))
+    ]
+
+
+class SessionFrames:
+    """Frames of many sessions at once, a ``/fap/1/frame`` message each, numbered from 0 in every session.
+
+    Stateful.
+
+    What 500 sessions cost is little more than joining their bytes: names and tags are written once.
+
+    Parameters
+    ----------
+    numbers : sequence of int
+        Low-level FAPs to send, 3..68; all by default.
+    epochs : mapping of str to int, optional
+        Of the sessions, to be sent; it may change. By default none is sent.
+
+    Raises
+    ------
+    UsageError
+        If a number is not in 3..68.
+    """
+
+    def __init__(
+        self, numbers: Sequence[int] = tuple(range(3, fap.FAP_COUNT + 1)), epochs: Mapping[str, int] | None = None
+    ) -> None:
+        if not numbers or not all(3 <= number <= fap.FAP_COUNT for number in numbers):
+            raise UsageError(f"numbers: got {list(numbers)!r:.60}, expected FAPs of 3..{fap.FAP_COUNT}")
+        mask = np.zeros(fap.FAP_COUNT, np.bool_)
+        mask[[fap.column(number) for number in numbers]] = True
+        self._columns = np.flatnonzero(mask)
+        self._mask = np.packbits(mask).tobytes()
+        self._epochs = epochs
+        self._sessions: tuple[str, ...] = ()
+        self._heads: list[bytes] = []
+        self._next: list[int] = []
+
+    def begin_at(self, numbers: Mapping[str, int]) -> None:
+        """Let the numbers of these sessions go on from here, and forget all others."""
+        self._sessions, self._next = tuple(numbers), list(numbers.values())
+        self._heads = [self._head_of(session) for session in self._sessions]
+
+    def encode(self, sessions: tuple[str, ...], faps: NDArray[np.int32], time_us: int) -> list[bytes]:
+        """Write one frame of every session.
+
+        Parameters
+        ----------
+        sessions : tuple of str
+            A session that is missing begins at 0 again when it is back.
+        faps : (S, 68) int32
+            FAPU.
+        time_us : int
+            Microseconds of the sessions' clock, >= 0.
+
+        Raises
+        ------
+        UsageError
+            If a session's name cannot be sent.
+        """
+        if sessions != self._sessions:
+            numbers = dict(zip(self._sessions, self._next, strict=True))
+            self._heads = [self._head_of(session) for session in sessions]
+            self._next = [numbers.get(session, 0) for session in sessions]
+            self._sessions = sessions
+        width, values = 4 * len(self._columns), faps[:, self._columns].astype(">i4").tobytes()
+        mask, pack = self._mask, _FIXED.pack
+        views = [
+            head + pack(number & _NUMBERS, time_us, MASK_BYTES, mask) + values[row * width : (row + 1) * width]
+            for row, (head, number) in enumerate(zip(self._heads, self._next, strict=True))
+        ]
+        self._next = [number + 1 for number in self._next]
+        if self._epochs is not None:
+            epochs = [self._epochs.get(session, 0) for session in sessions]
+            views = [view + _EPOCH.pack(epoch & _NUMBERS) for view, epoch in zip(views, epochs, strict=True)]
+        return views
+
+    def _head_of(self, session: str) -> bytes:
+        return _head(session, len(self._columns), has_epoch=self._epochs is not None)
+
+
+def decode_frame(data: bytes) -> FapFrame:
+    """Read a datagram that holds one ``/fap/1/frame`` message.
+
+    Raises
+    ------
+    DataError
+        If it holds anything else.
+    """
+    messages = osc.parse_packet(data)
+    if len(messages) != 1:
+        raise DataError(f"{FRAME}: got {len(messages)} messages, expected 1")
+    return parse_frame(messages[0])
+
+
+def parse_frame(message: osc.Message) -> FapFrame:
+    """Read a ``/fap/1/frame`` message.
+
+    Raises
+    ------
+    TruncatedError
+        If values of the mask are missing.
+    DataError
+        If address, types or ranges are not those of the schema.
+    """
+    if message.address != FRAME or not message.tags.startswith(_HEAD_TAGS):
+        raise DataError(f"got {message.address:.40} ,{message.tags:.8}, expected {FRAME} ,{_HEAD_TAGS}...")
+    session, number, time_us, bits = cast("tuple[str, int, int, bytes]", message.arguments[:4])
+    if len(bits) != MASK_BYTES or bits[-1] & 0x0F:
+        raise DataError(f"{FRAME}: got mask {bits!r:.60}, expected {MASK_BYTES} bytes that end in 4 zero bits")
+    mask = np.unpackbits(np.frombuffer(bits, np.uint8))[: fap.FAP_COUNT].astype(np.bool_)
+    sent = np.repeat(mask, _WIDTHS)
+    count = int(sent.sum())
+    tags = message.tags[4 : 4 + count]
+    if len(tags) < count:
+        raise TruncatedError(f"{FRAME}: got {len(tags)} values, expected {count} by its mask")
+    if tags != "i" * count:
+        raise DataError(f"{FRAME}: got tags {tags:.80}, expected {count} x i")
+    row = np.zeros(len(sent), np.int32)
+    row[sent] = np.array(message.arguments[4 : 4 + count], dtype=np.int32)
+    values = np.concatenate([[0, 0], row[VISEME_WIDTH + EXPRESSION_WIDTH :]])
+    epoch = max(cast("int", message.arguments[4 + count]), 0) if message.tags[4 + count :].startswith("i") else 0
+    try:
+        return FapFrame(
+            session=session,
+            number=number,
+            time_us=time_us,
+            values=values,
+            mask=mask,
+            visemes=row[:VISEME_WIDTH],
+            expressions=row[VISEME_WIDTH : VISEME_WIDTH + EXPRESSION_WIDTH],
+            epoch=epoch,
+        )
+    except UsageError as error:
+        raise DataError(f"{FRAME}: {error}") from error
+
+
+def encode_named(frame: FapFrame, *, limit: int = MAX_DATAGRAM) -> list[bytes]:
+    """Write the FAPs that a frame sends, a message each, in bundles of at most ``limit`` bytes."""
+    messages: list[bytes] = []
+    for number in (np.flatnonzero(frame.mask) + 1).tolist():
+        if number == fap.VISEME_FAP:
+            messages.append(osc.message(VISEME, "iiii", *frame.visemes.tolist()))
+        elif number == fap.EXPRESSION_FAP:
+            messages.append(osc.message(EXPRESSION, "iiiiii", *frame.expressions.tolist()))
+        else:
+            messages.append(_named_head(number) + struct.pack(">i", frame.values[fap.column(number)]))
+    return osc.bundles(messages, limit=limit)
+
+
+def parse_named(message: osc.Message) -> tuple[int, tuple[int, ...]]:
+    """Read one message of the named form: the FAP's number and its 1, 4 or 6 values.
+
+    Raises
+    ------
+    DataError
+        If it is none.
+    """
+    number, width = _named().get(message.address, (0, 0))
+    if not number:
+        raise DataError(f"got {message.address:.40}, expected /fap/3 .. /fap/68, {VISEME} or {EXPRESSION}")
+    if message.tags[:width] != "i" * width:
+        raise DataError(f"{message.address}: got ,{message.tags:.10}, expected ,{'i' * width}")
+    return number, tuple(value for value in message.arguments[:width] if isinstance(value, int))
+
+
+def _row(values: NDArray[np.int32], visemes: NDArray[np.int32], expressions: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(..., 76): visemes, expressions, FAP 3 to 68."""
+    row: NDArray[np.int32] = np.concatenate([visemes, expressions, values[..., fap.column(3) :]], axis=-1)
+    return row
+
+
+def _encode(
+    session: str,
+    number: int,
+    time_us: int,
+    mask: NDArray[np.bool_],
+    row: NDArray[np.int32],
+    *,
+    has_epoch: bool = False,
+) -> bytes:
+    sent = row[np.repeat(mask, _WIDTHS)]
+    fixed = _FIXED.pack(number, time_us, MASK_BYTES, np.packbits(mask).tobytes())
+    return _head(session, len(sent), has_epoch=has_epoch) + fixed + sent.astype(">i4").tobytes()
+
+
+@lru_cache(maxsize=4096)
+def _head(session: str, count: int, *, has_epoch: bool = False) -> bytes:
+    """Address, type tags and session: all that comes before the numbers."""
+    size = len(session.encode(errors="replace"))
+    if not 1 <= size <= MAX_SESSION_BYTES:
+        raise UsageError(f"session: got {session!r:.40} of {size} bytes, expected 1..{MAX_SESSION_BYTES}")
+    count += has_epoch
+    values: Sequence[osc.Argument] = (session, 0, 0, bytes(MASK_BYTES), *[0] * count)
+    return osc.message(FRAME, _HEAD_TAGS + "i" * count, *values)[: -(_FIXED.size + 4 * count)]
+
+
+@cache
+def _named_head(number: int) -> bytes:
+    return osc.message(f"/fap/{number}", "i", 0)[:-4]
+
+
+@cache
+def _named() -> dict[str, tuple[int, int]]:
+    """Give each address's FAP and number of values."""
+    rows = {f"/fap/{row.number}": (row.number, 1) for row in fap.FAPS}
+    return {VISEME: (fap.VISEME_FAP, VISEME_WIDTH), EXPRESSION: (fap.EXPRESSION_FAP, EXPRESSION_WIDTH), **rows}

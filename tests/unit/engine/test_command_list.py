@@ -1,0 +1,153 @@
+"""One list of commands: a new one is found on every wire, in the client, in the engine and in the documentation."""
+
+import inspect
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+import pytest
+
+from design import command_tables
+from fapengine.clients.sender import Client
+from fapengine.engine import commands
+from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, fields_of, python_name
+from fapengine.engine.engine import Engine
+from fapengine.engine.gestures import BatchGestures
+from fapengine.errors import DataError, UsageError
+from fapengine.files.profiles import load_profile
+from fapengine.server.web import messages
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import codec, schema
+from tests.unit.wire.protocol_double import Wire
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@dataclass(frozen=True, slots=True)
+class RaiseBrow(Command):
+    """A command that there is not."""
+
+    SPEC: ClassVar[CommandSpec] = CommandSpec(
+        doc="raise a brow", osc="/fap/1/brow", one_shot="/brow", json="brow", is_direct=True, is_repeatable=True
+    )
+    height_rad: Annotated[float, Angle(osc="height_deg", json="height", low=0.0, high=0.5, doc="up")]
+    over_s: Annotated[float, Duration(osc="over_us", json="over", low=0.01, high=2.0)] = 0.25
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """The made-up command on the list, and the motion that answers it."""
+    answered: list[object] = []
+    monkeypatch.setattr(commands, "COMMANDS", (*commands.COMMANDS, RaiseBrow))
+    answer = lambda gestures, row, command, now_s: answered.append((row, command, now_s))  # noqa: E731
+    monkeypatch.setattr(BatchGestures, "raise_brow", answer, raising=False)
+    return answered
+
+
+def test_a_new_command_comes_by_osc_with_and_without_a_session(listed: list[object]) -> None:
+    one = Wire()
+    packet = codec.encode(schema.SessionCommand("anna", RaiseBrow(np.pi / 18, 0.5)))
+    (message,) = osc.parse_packet(packet)
+    assert (message.address, message.tags, message.arguments[0]) == ("/fap/1/brow", "sfi", "anna")
+    assert message.arguments[1:] == (pytest.approx(10.0), 500_000)
+    one.send(packet)
+    one.say("/brow", "f", 10.0)
+    first, second = one.faces.commands(RaiseBrow)
+    assert first == RaiseBrow(pytest.approx(np.pi / 18), 0.5)
+    assert second == RaiseBrow(pytest.approx(np.pi / 18), 0.25)
+    one.say("/brow")
+    assert (one.counts.malformed, one.counts.unknown) == (1, 0)
+
+
+def test_a_new_command_comes_from_a_page(listed: list[object]) -> None:
+    text = json.dumps({"type": "brow", "height": 0.25})
+    assert messages.parse_request(text) == messages.Tell(RaiseBrow(0.25))
+    with pytest.raises(DataError, match=r"height: got 0\.6, expected a number in 0\.\.0\.5 \(at message 'brow'\)"):
+        messages.parse_request(json.dumps({"type": "brow", "height": 0.6}))
+
+
+def test_a_new_command_is_sent_by_the_client(listed: list[object], monkeypatch: pytest.MonkeyPatch) -> None:
+    with Client(port=9, session="anna") as face:
+        sent: list[tuple[object, bool]] = []
+        monkeypatch.setattr(face, "_tell", lambda message, *, repeats: sent.append((message, repeats)))
+        face.tell(RaiseBrow(0.25))
+        with pytest.raises(UsageError, match="command: got Begin, expected one that speaks of no utterance"):
+            face.tell(commands.Begin(1))
+    assert sent == [(schema.SessionCommand("anna", RaiseBrow(0.25)), True)]
+
+
+def test_a_new_command_reaches_its_motion_within_its_range(listed: list[object]) -> None:
+    engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1))
+    engine.open("anna", 0.0)
+    engine.apply("anna", RaiseBrow(0.25, over_s=9.0), 1.0)
+    engine.apply("anna", RaiseBrow(0.6), 1.0)
+    assert listed == [(0, RaiseBrow(0.25, over_s=2.0), 1.0)]
+    assert engine.counters("anna").refused == 1
+
+
+def test_a_new_command_is_in_the_tables_of_the_documentation(listed: list[object]) -> None:
+    assert (
+        "| `/fap/1/brow` | `sf[i]` | session, height_deg, over_us | raise a brow: height_deg up |"
+        in command_tables.osc_table()
+    )
+    assert (
+        "| `brow` | `height` (rad 0 to 0.5, up); [`over`] (s 0.01 to 2) | raise a brow |" in command_tables.json_table()
+    )
+
+
+@pytest.mark.parametrize("name", sorted(command_tables.PAGES))
+def test_the_tables_of_the_documentation_are_current(name: str) -> None:
+    assert command_tables.page(name) == (command_tables.DOCS / name).read_text(), "run: python -m design.command_tables"
+
+
+@pytest.mark.parametrize("kind", commands.COMMANDS, ids=python_name)
+def test_names_outside_are_there_and_unique(kind: type[Command]) -> None:
+    spec = kind.SPEC
+    assert spec.doc
+    assert spec.osc in schema.from_sender()
+    assert bool(spec.one_shot) <= spec.is_direct
+    for name in ("osc", "one_shot", "json"):
+        others = [getattr(other.SPEC, name) for other in commands.COMMANDS if other is not kind]
+        assert not getattr(spec, name) or getattr(spec, name) not in others
+
+
+@pytest.mark.parametrize("kind", [kind for kind in commands.COMMANDS if kind.SPEC.is_direct], ids=python_name)
+def test_the_client_has_a_method_of_the_commands_name_and_defaults(kind: type[Command]) -> None:
+    method = inspect.signature(getattr(Client, python_name(kind))).parameters
+    described = inspect.signature(kind).parameters
+    renamed = {"expression": "name", "at_s": None}
+    endless = {"hold_s": None}
+    for name in fields_of(kind):
+        if (ours := renamed.get(name, name)) is None:
+            continue
+        default = described[name].default
+        if default is not inspect.Parameter.empty:
+            assert method[ours].default == endless.get(name, default)
+        assert ours in method
+
+
+def test_the_page_sends_only_messages_that_there_are() -> None:
+    sent = set()
+    for file in (*(ROOT / "web-page").glob("*.js"), *(ROOT / "fapengine-face").glob("*.js")):
+        sent |= set(re.findall(r"""\bsend\(\s*(?:wanted \? )?"(\w+)"(?: : "(\w+)")?""", file.read_text()))
+    names = {name for pair in sent for name in pair if name}
+    assert names <= set(messages.structs())
+    assert {"say", "pin", "express", "look", "pause", "resume", "plays", "ping"} <= names
+
+
+def test_commands_that_may_be_repeated_are_these():
+    repeatable = {kind.__name__ for kind in commands.COMMANDS if kind.SPEC.is_repeatable}
+    assert repeatable == {"Express", "Look", "TurnHead", "SetParameter"}
+
+
+def test_times_from_the_arrival_are_whole_microseconds_and_zero_is_now():
+    time = Time(osc="at_us")
+    assert (time.to_osc(1.5), time.to_osc(None), time.to_osc(-3.0)) == (1_500_000, -1, -1)
+    assert (time.from_osc(1_500_000), time.from_osc(0), time.from_osc(-1)) == (1.5, None, None)
+
+
+def test_numbers_of_the_server_s_own_utterances_fit_into_the_int32_of_osc():
+    assert commands.VOICE_UTTERANCES + 1_000_000 < 2**31

@@ -1,0 +1,215 @@
+"""Phones of a text in its sound: where they lie, strange words, other languages, texts of something else."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from fapengine.errors import UsageError
+from fapengine.recognition.follow import words_said
+from fapengine.recognition.loudness import loudness_db, pitch_hz, soundings
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.recording import MAX_PIECE_S, MIN_PIECE_S, Recording, follow, in_pieces
+from fapengine.recognition.sphinx import MODEL_NAMES, MODEL_PHONES, SOUNDS_LIKE, heard_as, words_of
+from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner, against_loudness, without_quiet
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import Phone
+from fapengine.voices.espeak import EspeakVoice
+from tests.unit.recognition.speech import (
+    BABY,
+    POPPIES,
+    VOICES,
+    Spoken,
+    closures,
+    met,
+    opening_mm,
+    spoken,
+    spoken_by_espeak,
+)
+
+OTHER = "The weather forecast for tomorrow is probably wrong."
+
+
+def pronounce(word: str, language: str = "en-us") -> Sequence[Phone]:
+    return EspeakVoice(language).speak(word).phones.phones
+
+
+def aligned(speech: Spoken, text: str | None = None) -> Recording:
+    return follow([speech.samples], SphinxAligner(words_of(text or speech.text), pronounce))
+
+
+@pytest.mark.parametrize("voice", VOICES)
+def test_phones_lie_where_they_are_said(voice: str) -> None:
+    speech = spoken(voice, BABY)
+    found = aligned(speech)
+    duration_s = len(speech.samples) / RATE_HZ
+    assert found.mismatches == ()
+    likeness = np.corrcoef(opening_mm(found.phones, duration_s), opening_mm(speech.phones, duration_s))[0, 1]
+    assert likeness > 0.9
+    truth, told = closures(speech.phones), closures(found.phones)
+    assert met(truth, told) == len(truth) == len(told)
+    starts = [phone.start_s for phone in found.phones.phones]
+    off_s = [min(abs(start_s - phone.start_s) for start_s in starts) for phone in speech.phones.phones]
+    assert np.median(off_s) < 0.02
+    assert found.phones.duration_s == pytest.approx(duration_s)
+    words = list(dict.fromkeys(phone.word for phone in found.phones.phones if phone.word))
+    assert words == words_of(BABY)
+    assert np.mean([phone.confidence for phone in found.phones.phones if not phone.is_silence]) > 0.5
+
+
+def test_words_that_no_dictionary_has() -> None:
+    speech = spoken("slt", "My bliffy zorbster bumped the bowl.")
+    aligner = SphinxAligner(words_of(speech.text), pronounce)
+    assert aligner.pronounced == ("bliffy", "zorbster")
+    found = follow([speech.samples], aligner)
+    truth = closures(speech.phones)
+    assert met(truth, closures(found.phones)) == len(truth)
+    with pytest.raises(UsageError, match="'bliffy', 'zorbster', expected words that can be pronounced"):
+        SphinxAligner(words_of(speech.text))
+
+
+@pytest.mark.parametrize(
+    ("language", "text"),
+    [("it", "Mio fratello abita a Palermo da molti anni."), ("fr", "Mon petit frère habite à Paris depuis longtemps.")],
+)
+def test_another_language_by_a_speaker_that_the_model_hears_badly(language: str, text: str) -> None:
+    """With a narrow beam the way is lost, and the words lie anywhere."""
+    speech = spoken_by_espeak(f"{language}+m1", text)
+    aligner = SphinxAligner(words_of(text), lambda word: pronounce(word, language), dictionary=False)
+    found = follow([speech.samples], aligner)
+    assert found.unheard < 0.3
+    truth = closures(speech.phones)
+    assert met(truth, closures(found.phones)) >= len(truth) - 1 >= 2
+    starts = [phone.start_s for phone in found.phones.phones]
+    off_s = [min(abs(start_s - phone.start_s) for start_s in starts) for phone in speech.phones.phones]
+    assert np.median(off_s) < 0.03
+
+
+def test_no_loud_sound_of_another_language_is_a_pause() -> None:
+    """The diphthong of "seit" was taken for a pause of 0.3 s, and the vowels around it lay late."""
+    text = "Mein Bruder wohnt seit vielen Jahren in Hamburg."
+    speech = spoken_by_espeak("de+m1", text)
+    aligner = SphinxAligner(words_of(text), lambda word: pronounce(word, "de"), dictionary=False)
+    found = follow([speech.samples], aligner).phones
+    duration_s = len(speech.samples) / RATE_HZ
+    assert np.corrcoef(opening_mm(found, duration_s), opening_mm(speech.phones, duration_s))[0, 1] > 0.88
+    assert not [phone for phone in found.phones if phone.is_silence and 0.1 < phone.start_s < 2.3]
+
+
+def test_quiet_is_taken_out_of_phones_and_speaks_against_them() -> None:
+    rng = np.random.default_rng(1)
+    sound = (5000 * rng.normal(size=RATE_HZ)).clip(-32768, 32767).astype(np.int16)
+    sound[30 * 160 : 60 * 160] = 0
+    told = [Aligned(0, "a", 0, 0, 40, "AA"), Aligned(0, "m", 0, 40, 50, "M"), Aligned(1, "o", 0, 50, 100, "OW")]
+    assert against_loudness(told, sound) == 30
+    cut = without_quiet(told, sound)
+    assert [(phone.first, phone.behind) for phone in cut] == [(0, 30), (40, 50), (60, 100)]
+    assert against_loudness(cut, sound) == 10
+    assert against_loudness(told[:1], sound) == 50  # 10 quiet ones in it, 40 loud ones behind it
+
+
+def test_another_language_is_told_in_its_own_phones() -> None:
+    voice = EspeakVoice("de")
+    speech = voice.speak("Über die Brücke mussten fünf blaue Busse fahren.")
+    sound = Spoken(
+        "Über die Brücke mussten fünf blaue Busse fahren.",
+        *_at_rate(speech.samples, speech.sample_rate_hz),
+        speech.phones,
+    )
+    aligner = SphinxAligner(words_of(sound.text), lambda word: pronounce(word, "de"), dictionary=False)
+    found = follow([sound.samples], aligner)
+    assert {"yː", "ʏ"} <= {phone.label for phone in found.phones.phones}
+    truth = closures(speech.phones)
+    assert met(truth, closures(found.phones)) == len(truth)
+    assert found.unheard < 0.3
+
+
+def _at_rate(samples: np.ndarray, rate_hz: int) -> tuple[np.ndarray]:
+    places = np.arange(0, len(samples) - 1, rate_hz / RATE_HZ)
+    return (np.interp(places, np.arange(len(samples)), samples).astype(np.int16),)
+
+
+def test_the_text_of_something_else_is_found_out() -> None:
+    assert aligned(spoken("rms", BABY), OTHER).unheard > 0.8
+    assert aligned(spoken("slt", POPPIES), OTHER).unheard > 0.5
+
+
+def test_a_sentence_that_is_not_said_is_told_with_its_time() -> None:
+    first, second = spoken("rms", BABY), spoken("rms", POPPIES)
+    both = Spoken("", np.concatenate([first.samples, second.samples]), first.phones)
+    found = aligned(both, f"{BABY} {OTHER}")
+    (mismatch,) = found.mismatches
+    border_s = len(first.samples) / RATE_HZ
+    assert mismatch.start_s == pytest.approx(border_s, abs=0.8)
+    assert "forecast" in mismatch.words
+    assert "bumped" not in mismatch.words
+    truth = [border_s + at_s for at_s in closures(second.phones)]
+    told = [at_s for at_s in closures(found.phones) if at_s > border_s]
+    assert met(truth, told) >= 0.5 * len(truth)  # there the lips follow the sound alone
+
+
+def test_a_long_recording_is_followed_piece_by_piece() -> None:
+    sentences = [BABY, POPPIES, OTHER]
+    pause = np.zeros(RATE_HZ // 2, np.int16)
+    parts = [(spoken("rms", text), pause) for text in sentences * 3]
+    sound = np.concatenate([samples for speech, pause in parts for samples in (speech.samples, pause)])
+    heard_s: list[float] = []
+    aligner = SphinxAligner(words_of(" ".join(sentences * 3)), pronounce)
+    found = follow(np.array_split(sound, 50), aligner, on_heard=heard_s.append)
+    assert len(heard_s) >= 2
+    assert max(heard_s) <= MAX_PIECE_S
+    assert sum(heard_s) == pytest.approx(len(sound) / RATE_HZ)
+    assert found.mismatches == ()
+    start_s, truth = 0.0, list[float]()
+    for speech, pause in parts:
+        truth += [start_s + at_s for at_s in closures(speech.phones)]
+        start_s += (len(speech.samples) + len(pause)) / RATE_HZ
+    assert met(truth, closures(found.phones)) >= 0.97 * len(truth)
+
+
+def test_pieces_are_cut_in_silence_and_lose_nothing() -> None:
+    rng = np.random.default_rng(1)
+    sound = (3000 * rng.normal(size=70 * RATE_HZ)).clip(-32768, 32767).astype(np.int16)
+    for second in (9, 17, 30, 44, 60):
+        sound[second * RATE_HZ : round((second + 0.4) * RATE_HZ)] //= 200
+    pieces = list(in_pieces(np.array_split(sound, 300)))
+    assert np.array_equal(np.concatenate([piece for piece, _ in pieces]), sound)
+    assert [is_last for _, is_last in pieces] == [False] * (len(pieces) - 1) + [True]
+    ends_s = np.cumsum([len(piece) for piece, _ in pieces])[:-1] / RATE_HZ
+    assert np.abs(ends_s - np.array([17, 30, 44, 60][: len(ends_s)]) - 0.2).max() < 0.2
+    assert all(MIN_PIECE_S <= len(piece) / RATE_HZ <= MAX_PIECE_S for piece, is_last in pieces if not is_last)
+
+
+def test_every_ipa_letter_is_heard_as_something() -> None:
+    for letter in ipa.SOUNDS:
+        assert letter == "ʔ" or set(heard_as(letter)) <= set(MODEL_PHONES) != set(), letter
+    assert not set(SOUNDS_LIKE) & set(MODEL_NAMES)
+    assert set(SOUNDS_LIKE.values()) <= set(MODEL_PHONES)
+
+
+def test_words_said_stops_where_the_sound_does() -> None:
+    words = [["B", "EY", "B", "IY"], ["B", "L", "UW"], ["B", "OW", "L"]]
+    assert words_said(["P", "EY", "B", "IH"], words) == 1
+    assert words_said(["B", "EY", "B", "IY", "B", "L", "UW"], words) == 2
+    assert words_said([], words) == words_said(["B"], []) == 0
+
+
+def test_words_of_a_text() -> None:
+    assert words_of("It's 9 o'clock — “really”?! (Yes...)") == ["It's", "9", "o'clock", "really", "Yes"]
+    with pytest.raises(UsageError, match="contains no words"):
+        SphinxAligner(words_of("?!"))
+
+
+def test_loudness_and_pitch() -> None:
+    at_s = np.arange(RATE_HZ) / RATE_HZ
+    tone = 8000 * np.sign(np.sin(2 * np.pi * 150 * at_s))
+    sound = np.concatenate([np.zeros(RATE_HZ), tone, tone / 10]).astype(np.int16)
+    levels, pitches = loudness_db(sound), pitch_hz(sound)
+    assert len(levels) == len(pitches) == 300
+    assert levels[150] - levels[250] == pytest.approx(20, abs=0.1)
+    assert np.median(pitches[110:290]) == pytest.approx(150, rel=0.01)
+    assert not pitches[:95].any()
+    quiet, loud = soundings([Phone("_", 0, 0.9), Phone("a", 1, 2)], sound)
+    assert (quiet.loudness_db, quiet.pitch_hz) == (-100, 0)
+    assert loud.loudness_db == pytest.approx(-12.2, abs=0.1)
+    assert loud.pitch_hz == pytest.approx(150, rel=0.01)

@@ -1,0 +1,150 @@
+"""Phones from sound alone: what is heard, what is no speech, and that pieces do not matter."""
+
+import io
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fapengine._child import Parent, packed, unpacked
+from fapengine.errors import UsageError
+from fapengine.recognition.follow import agreeing
+from fapengine.recognition.process import serve
+from fapengine.recognition.protocol import RATE_HZ, due
+from fapengine.recognition.recording import listen
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken
+
+
+@pytest.fixture(scope="module")
+def ear() -> SphinxRecognizer:
+    return SphinxRecognizer()
+
+
+def test_lips_move_as_with_the_true_phones(ear: SphinxRecognizer) -> None:
+    likeness, asked, hits, told, false = [], 0, 0, 0, 0
+    for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
+        speech = spoken(voice, text)
+        duration_s = len(speech.samples) / RATE_HZ
+        track = PhoneTrack.of(heard(ear, speech.samples))
+        likeness.append(
+            np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1]
+        )  # fmt: skip
+        truth, found = closures(speech.phones), closures(track)
+        asked, hits = asked + len(truth), hits + met(truth, found)
+        told, false = told + len(found), false + len(found) - met(found, truth)
+    assert np.median(likeness) > 0.65  # bench/ears.py measures ten sentences of each voice
+    assert hits >= 0.75 * asked
+    assert false <= 0.2 * told
+
+
+@pytest.mark.parametrize("name", no_speech(0.1))
+@pytest.mark.parametrize("streamed", [True, False])
+def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SphinxRecognizer, name: str, streamed: bool) -> None:
+    samples = no_speech()[name]
+    phones = PhoneTrack.of(heard(ear, samples)) if streamed else listen([samples]).phones
+    assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
+    assert phones.duration_s == pytest.approx(4.0)
+
+
+def test_without_the_gate_music_is_heard(ear: SphinxRecognizer) -> None:
+    music = PhoneTrack.of(heard(SphinxRecognizer(only_speech=False), no_speech()["music"]))
+    assert opening_mm(music, 4.0).max() > 3.0  # so the test above can fail
+
+
+def test_a_long_talk_is_cut_in_its_pauses(ear: SphinxRecognizer) -> None:
+    one = np.concatenate([spoken("rms", BABY).samples, np.zeros(RATE_HZ, np.int16)])
+    phones = heard(ear, np.tile(one, 3))
+    truth = closures(spoken("rms", BABY).phones)
+    for round_ in range(3):
+        start_s = round_ * len(one) / RATE_HZ
+        found = [at_s - start_s for at_s in closures(PhoneTrack.of(phones))]
+        assert met(truth, found) >= 0.6 * len(truth)
+
+
+def test_what_is_told_stays_whatever_comes() -> None:
+    first = due([("m", 0, 8), ("a", 8, 30)], 0, 15, silence=SILENCE)
+    assert first == [("m", 0, 8)]
+    # now the m is thought to be longer, and something else
+    assert due([("n", 0, 12), ("a", 12, 30)], 8, 40, silence=SILENCE) == [("n", 8, 12), ("a", 12, 30)]
+    assert due([("n", 0, 10), ("a", 10, 30)], 8, 40, silence=SILENCE) == [("a", 8, 30)]  # 20 ms are no phone
+
+
+def test_guessed_words_mend_phones_that_sound_alike() -> None:
+    found = {True: [0, 0, 0], False: [0, 0, 0]}
+    for voice in ("rms", "kal16"):
+        speech = spoken(voice, "The weather forecast for tomorrow is probably wrong. Many people walk home.")
+        for words, count in found.items():
+            truth, told = closures(speech.phones), closures(listen([speech.samples], words=words).phones)
+            count[0] += met(truth, told)
+            count[1] += len(truth)
+            count[2] += len(told) - met(told, truth)
+    hits, asked, false = found[True]
+    assert hits == asked
+    assert false == 0
+    assert found[False] != found[True]  # without the words
+
+
+def test_guessed_words_that_disagree_are_not_told() -> None:
+    heard = [("M", 0, 10), ("AA", 10, 30), ("SIL", 30, 40), ("S", 40, 60)]
+    wrong, right = [("K", 0, 10), ("IY", 10, 30)], [("Z", 40, 60)]
+    assert agreeing(heard, [wrong], 60) == heard
+    assert agreeing(heard, [right], 60) == [*heard[:3], ("Z", 40, 60)]
+    assert agreeing(heard, [wrong, right], 60) == [*heard[:3], ("Z", 40, 60)]
+    assert agreeing([], [right], 60) == []
+
+
+def test_refuses_a_look_ahead_that_cannot_be() -> None:
+    for look_ahead_s in (0.0, 2.0):
+        with pytest.raises(UsageError, match="look_ahead_s"):
+            SphinxRecognizer(look_ahead_s)
+
+
+def test_nothing_and_one_sample(ear: SphinxRecognizer) -> None:
+    assert heard(ear, np.zeros(0, np.int16)) == []
+    (phone,) = heard(ear, np.ones(1, np.int16))
+    assert phone == Phone(SILENCE, 0.0, 1 / RATE_HZ)
+    assert listen([np.ones(1, np.int16)]).phones.duration_s == pytest.approx(1 / RATE_HZ)
+    assert listen([]).phones.phones == ()
+
+
+def parts(levels_db: Sequence[float]) -> tuple[NDArray[np.int16], float]:
+    """A sentence at several levels, and the length of each part."""
+    once = spoken("rms", BABY).samples.astype(float)
+    once *= 8000 / np.abs(once).max()
+    pause = np.zeros(RATE_HZ // 2)
+    sound = np.concatenate([part for db in levels_db for part in (once * 10 ** (db / 20), pause)])
+    return sound.astype(np.int16), (len(once) + len(pause)) / RATE_HZ
+
+
+def test_what_is_shouted_is_loud_and_what_is_whispered_is_not() -> None:
+    sound, length_s = parts((0, -20, 0, 12))
+    track = listen([sound]).phones
+    usual, quiet, again, loud = (
+        [phone for phone in track.phones if not phone.is_silence and n * length_s <= phone.start_s < (n + 1) * length_s]
+        for n in range(4)
+    )
+    assert max(abs(phone.loudness_db) for phone in usual + again) < 3
+    assert np.mean([phone.loudness_db for phone in quiet]) < -11
+    assert np.mean([phone.loudness_db for phone in loud]) > 6
+    assert all(1 <= sum(phone.stress for phone in part) <= 6 for part in (usual, quiet, again, loud))  # 2 to 3 s each
+
+
+def test_live_a_shout_is_told_as_one() -> None:
+    sound, length_s = parts((0, 0, 12))
+    messages = b"".join(
+        packed({"stream": 1, "rate_hz": RATE_HZ}, piece.astype("<i2").tobytes())
+        for piece in np.split(sound, range(320, len(sound), 320))
+    )
+    answers = io.BytesIO()
+    serve(Parent(io.BytesIO(messages + packed({"stream": 1, "rate_hz": 0})), answers), SphinxRecognizer())
+    told = [head for head, _ in unpacked(bytearray(answers.getvalue()))][1:]
+    phones = [Phone(**phone) for head in told for phone in head["phones"]]
+    spoken_ones = [(phone.start_s, phone.stress, phone.loudness_db) for phone in phones if not phone.is_silence]
+    usual = [abs(db) for start_s, _, db in spoken_ones if start_s < 2 * length_s]
+    assert len(usual) > 20
+    assert max(usual) < 3
+    assert np.median([db for start_s, _, db in spoken_ones if start_s > 2.2 * length_s]) > 5
+    assert 3 <= sum(stress for _, stress, _ in spoken_ones) <= 20

@@ -1,0 +1,62 @@
+"""Promises of every ear that hears without a text: pieces do not matter, phones come in time and stay."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine.recognition.joint_recognizer import JointRecognizer
+from fapengine.recognition.protocol import RATE_HZ, Recognizer
+from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, spoken
+
+MAX_BLOCKS_S = 0.16
+"""Time by which phones may come behind the look-ahead, in the median: what is heard at a time, twice."""
+
+
+@pytest.fixture(scope="module", params=[SphinxRecognizer, SmallRecognizer, JointRecognizer])
+def ear(request: pytest.FixtureRequest) -> Recognizer:
+    made: Recognizer = request.param()
+    return made
+
+
+def test_speech_after_music_is_heard(ear: Recognizer) -> None:
+    speech = spoken("rms", BABY)
+    quiet = np.zeros(RATE_HZ // 2, np.int16)
+    phones = PhoneTrack.of(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
+    truth = [4.5 + at_s for at_s in closures(speech.phones)]
+    assert met(truth, closures(phones)) >= 0.6 * len(truth)
+    assert all(at_s > 4.0 for at_s in closures(phones))
+
+
+def test_phones_are_told_behind_the_look_ahead_and_stay(ear: Recognizer) -> None:
+    samples = spoken("slt", POPPIES).samples
+    ear.reset()
+    told: list[Phone] = []
+    late_s = []
+    for start in range(0, len(samples), 320):
+        new = ear.push(samples[start : start + 320])
+        now_s = (start + 320) / RATE_HZ
+        assert all(phone.end_s <= now_s - ear.look_ahead_s + 1e-9 for phone in new)
+        late_s += [now_s - phone.end_s for phone in new if not phone.is_silence]
+        told += new
+    assert np.median(late_s) < ear.look_ahead_s + MAX_BLOCKS_S
+    told += ear.end()
+    assert told[0].start_s == 0
+    assert told[-1].end_s == pytest.approx(len(samples) / RATE_HZ)
+    for before, after in pairwise(told):
+        assert after.start_s == pytest.approx(before.end_s, abs=1e-9)
+
+
+@settings(max_examples=4)
+@given(size_ms=st.sampled_from([10, 20, 37, 200]), first=st.integers(0, 4000))
+def test_pieces_of_any_length_give_the_same_phones(ear: Recognizer, size_ms: int, first: int) -> None:
+    samples = spoken("rms", BABY).samples
+    whole = heard(ear, samples)
+    step = size_ms * RATE_HZ // 1000
+    assert heard(ear, samples, [first, *range(first + step, len(samples), step)]) == whole
+    assert len(whole) > 15

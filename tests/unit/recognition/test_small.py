@@ -1,0 +1,139 @@
+"""The small ear, and the two together: phones of speech, no speech, pieces of any length, damaged weights."""
+
+import contextlib
+import io
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.recognition import choice
+from fapengine.recognition.choice import BOTH, SMALL, check_recognizer, chosen, new_recognizer
+from fapengine.recognition.joint_recognizer import JointRecognizer
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.small_net import WEIGHTS, read_weights
+from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.speech.phone_track import PhoneTrack
+from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken
+
+
+@pytest.fixture(scope="module", params=[SmallRecognizer, JointRecognizer])
+def ear(request: pytest.FixtureRequest) -> SmallRecognizer:
+    made: SmallRecognizer = request.param()
+    return made
+
+
+def test_lips_move_as_with_the_true_phones(ear: SmallRecognizer) -> None:
+    likeness, asked, hits, told, false = [], 0, 0, 0, 0
+    for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
+        speech = spoken(voice, text)
+        duration_s = len(speech.samples) / RATE_HZ
+        track = PhoneTrack.of(heard(ear, speech.samples))
+        likeness.append(np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1])
+        truth, found = closures(speech.phones), closures(track)
+        asked, hits = asked + len(truth), hits + met(truth, found)
+        told, false = told + len(found), false + len(found) - met(found, truth)
+    assert np.median(likeness) > 0.7  # bench/ears.py measures ten sentences of each voice
+    assert hits >= 0.75 * asked
+    assert false <= 0.2 * told
+
+
+def test_phones_of_a_sentence() -> None:
+    labels = [phone.label for phone in heard(SmallRecognizer(), spoken("rms", BABY).samples) if not phone.is_silence]
+    assert "".join(labels).startswith("maɪbeɪbi")  # my baby
+
+
+@pytest.mark.parametrize("name", no_speech(0.1))
+def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallRecognizer, name: str) -> None:
+    for seed in (1, 2):
+        phones = PhoneTrack.of(heard(ear, no_speech(seed=seed)[name]))
+        assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
+        assert phones.duration_s == pytest.approx(4.0)
+
+
+def test_loudness_hardly_matters() -> None:
+    speech = spoken("rms", BABY)
+    truth = closures(speech.phones)
+    for gain in (0.03, 0.3, 1.0):
+        found = closures(PhoneTrack.of(heard(SmallRecognizer(), (gain * speech.samples).astype(np.int16))))
+        assert met(truth, found) >= 0.7 * len(truth)
+
+
+@pytest.mark.parametrize("count", [0, 1, 159, 160, 161, 640, 1279, 1281])
+def test_sounds_of_a_few_samples(ear: SmallRecognizer, count: int) -> None:
+    phones = heard(ear, np.full(count, 500, np.int16))
+    assert (phones[-1].end_s if phones else 0.0) == pytest.approx(count / RATE_HZ)
+
+
+def test_memory_does_not_grow() -> None:
+    ear = SmallRecognizer()
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        ear.push(rng.normal(0, 3000, RATE_HZ).astype(np.int16))
+    assert len(ear._search._before) < 100
+    assert len(ear._voicing._pitch) <= 300
+
+
+def test_refuses_a_look_ahead_that_cannot_be() -> None:
+    for look_ahead_s in (0.05, 2.0):
+        with pytest.raises(UsageError, match="look_ahead_s"):
+            SmallRecognizer(look_ahead_s)
+
+
+def test_the_weights_tell_where_they_come_from() -> None:
+    weights = read_weights(WEIGHTS.read_bytes())
+    assert weights.labels[0] == "_"
+    assert {"steps", "seed", "speakers"} <= set(weights.about)
+    assert WEIGHTS.stat().st_size < 3e6
+
+
+@settings(max_examples=25, deadline=None)
+@given(at=st.floats(0, 1), byte=st.integers(1, 255))
+def test_damaged_weights_are_refused_or_read(at: float, byte: int) -> None:
+    data = bytearray(WEIGHTS.read_bytes())
+    data[int(at * (len(data) - 1))] ^= byte
+    with contextlib.suppress(DataError):
+        read_weights(bytes(data))
+
+
+@pytest.mark.parametrize("part", [0, 10, 1000, -1])
+def test_cut_weights_are_refused(part: int) -> None:
+    with pytest.raises(DataError, match="weights"):
+        read_weights(WEIGHTS.read_bytes()[:part])
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("head.weight", np.zeros((3, 3), np.float16)), ("front.bias", np.zeros((), np.float16)), ("shares", None),
+        ("first_mean", np.full(40, np.nan, np.float16)), ("pairs", np.array([["a"]])),
+        ("about", np.array("[1]")), ("about", np.array("no JSON")), ("about", np.array(json.dumps({"labels": 3}))),
+    ],
+)  # fmt: skip
+def test_weights_of_another_shape_are_refused(name: str, wrong: np.ndarray | None) -> None:
+    with np.load(WEIGHTS) as found:
+        arrays = {key: found[key] for key in found.files}
+    arrays.pop(name)
+    if wrong is not None:
+        arrays[name] = wrong
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    with pytest.raises(DataError, match="weights"):
+        read_weights(out.getvalue())
+
+
+def test_which_ear_hears(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pathlib import Path
+
+    assert str(chosen(None)) == BOTH
+    assert isinstance(new_recognizer(None), JointRecognizer)
+    monkeypatch.setattr(choice, "find_spec", lambda name: None)
+    assert str(chosen(None)) == SMALL
+    check_recognizer(None)
+    assert type(new_recognizer(None)) is SmallRecognizer
+    for name in ("sphinx", "both"):
+        with pytest.raises(ResourceError, match="PocketSphinx is not installed"):
+            check_recognizer(Path(name))
