@@ -21,7 +21,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec engine geometry ground labor
     trajectory wire)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fresh-machine \
+.PHONY: nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fuzz-replay fresh-machine \
     clean docs env dev tools
 
 help:
@@ -41,6 +41,7 @@ help:
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
 	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
+	@echo "make fuzz-replay  the part of it that make test runs: the same inputs every time"
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
 
 demo: $(VENV)/.ready
@@ -49,7 +50,7 @@ demo: $(VENV)/.ready
 # The checks take one processor while the tests wait for clocks and sound cards.
 test: $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 check tests
-	@$(MAKE) --no-print-directory -j 2 conformance fuzz SECONDS=15
+	@$(MAKE) --no-print-directory -j 2 conformance fuzz-replay
 
 # The codec is compiled once, before several processes would all do it. Of three processes one takes files that compute,
 # the others files that wait, the long ones first: tests/queues.py.
@@ -92,6 +93,16 @@ bench: $(VENV)/.ready-dev
 
 soak: $(VENV)/.ready-dev
 	$(BIN)/python -m bench.live_soak --minutes $(MINUTES)
+
+# The part of make fuzz that make test runs: the same inputs and commands every time, so that the gate judges the change
+# and not the luck of a search.
+fuzz-replay: $(VENV)/.ready-dev
+	@mkdir -p out/fuzz-replay/readers
+	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz-replay tests/fuzz/corpus -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
+	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz-replay/readers -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
+	$(BIN)/python -m tests.fuzz.verbs --seconds inf --count 30
+	$(BIN)/python -m tests.fuzz.mutated --seconds inf --each 40 > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
+	@tail -n 1 out/fuzz.log
 
 fuzz: $(VENV)/.ready-dev
 	@mkdir -p out/fuzz

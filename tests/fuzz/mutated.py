@@ -1,11 +1,12 @@
 """Mutated files, in number: every reader of :mod:`.readers` returns a value or raises an error of ours, in time.
 
     python -m tests.fuzz.mutated [--inputs 10000000] [--seconds 600] [--seed 1] [--table FILE.md]
+    python -m tests.fuzz.mutated --each 200
 
-Readers take turns and get equal time. An input is a good example with a few bytes flipped, cut, doubled, swapped, or
-exchanged for what nobody meant. What breaks the law is left in out/fuzz, and the exit code is 1: any other exception, a
-warning of NumPy, a crash of the process, more time than :data:`LEAST_S` and :data:`BYTE_S` a byte, more memory than
-:data:`MOST_MB`.
+Readers take turns and get equal time; with --each, as many inputs each, the same in every run. An input is a good
+example with a few bytes flipped, cut, doubled, swapped, or exchanged for what nobody meant. What breaks the law is left
+in out/fuzz, and the exit code is 1: any other exception, a warning of NumPy, a crash of the process, more time than
+:data:`LEAST_S` and :data:`BYTE_S` a byte, more memory than :data:`MOST_MB`.
 """
 
 import argparse
@@ -90,9 +91,16 @@ def attempt(reader: Reader, data: bytes, tally: Tally) -> str | None:
 
 
 def search(
-    inputs: int, seconds: float, seed: int, *, folder: Path | None = None, only: str = "", turn_s: float = TURN_S
+    inputs: int,
+    seconds: float,
+    seed: int,
+    *,
+    folder: Path | None = None,
+    only: str = "",
+    turn_s: float = TURN_S,
+    each: int | None = None,
 ) -> dict[str, Tally]:
-    """Try so many inputs, or for so long, each reader at least once; what is found is left in a folder."""
+    """Try up to ``inputs`` inputs in up to ``seconds``, or ``each`` of every reader; keep what breaks the law."""
     chance = random.Random(seed)
     chosen = [reader for reader in readers() if only in reader.name]
     for reader in chosen:  # what is compiled or imported once is no cost of an input
@@ -105,7 +113,11 @@ def search(
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         last = os.open(folder / "last", os.O_RDWR | os.O_CREAT)
+    turns = 0
     while time.monotonic() < until_s and sum(tally.inputs for tally in tallies.values()) < inputs:
+        if each and turns:
+            break
+        turns += 1
         for reader in chosen:
             tally, turn_until_s = tallies[reader.name], time.monotonic() + turn_s
             while True:
@@ -118,7 +130,7 @@ def search(
                         name = f"{reader.name.replace('/', ' ')}-{len(tally.broken)}"
                         (folder / name).write_bytes(data)
                         (folder / f"{name}.why").write_text(wrong)
-                if time.monotonic() > turn_until_s:
+                if tally.inputs == each or (each is None and time.monotonic() > turn_until_s):
                     break
     if last:
         os.close(last)
@@ -151,10 +163,12 @@ def main() -> int:
     parser.add_argument("--inputs", type=int, default=10_000_000)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--each", type=int, help="inputs for each reader, however long they take")
     parser.add_argument("--only", default="", help="readers with this in their names")
     parser.add_argument("--table", type=Path)
     chosen = parser.parse_args()
-    tallies = search(chosen.inputs, chosen.seconds, chosen.seed, folder=Path("out/fuzz"), only=chosen.only)
+    only, each, folder = chosen.only, chosen.each, Path("out/fuzz")
+    tallies = search(chosen.inputs, chosen.seconds, chosen.seed, folder=folder, only=only, each=each)
     written = table(tallies)
     print(written)
     if chosen.table:

@@ -1,6 +1,6 @@
 """Random command lines: every verb ends by itself, in a line of words, and leaves what it was given as it was.
 
-    python -m tests.fuzz.verbs [--seconds 600] [--seed 1] [--only encode]
+    python -m tests.fuzz.verbs [--seconds 600] [--count 1000] [--seed 1] [--only encode]
 
 Each command is a child of a process that has everything imported, in a folder of its own with good and spoiled files of
 every kind. Arguments are mostly files of that folder, options those of the verb, values mostly what people write. The
@@ -206,10 +206,11 @@ def start() -> int:
     """Search, and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--count", type=int, default=1 << 30, help="stop after so many commands")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="verbs with this in their names")
     chosen = parser.parse_args()
-    endings, found = search(chosen.seconds, chosen.seed, chosen.only)
+    endings, found = search(chosen.seconds, chosen.seed, chosen.only, chosen.count)
     print(f"{sum(endings.values())} commands: {dict(sorted(endings.items()))}")
     print("\n".join(found) or "all as promised")
     return bool(found)

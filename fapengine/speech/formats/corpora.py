@@ -54,7 +54,7 @@ def rows_of(data: bytes, what: str, fields: int) -> list[tuple[int, list[str]]]:
     rows = [(n, line.split(None, fields)) for n, line in enumerate(decode_text(data, what).splitlines(), 1)]
     rows = [(number, row) for number, row in rows if row]
     for number, row in rows:
-        if len(row) < fields and row != ["#"]:
+        if len(row) < fields:
             raise DataError(f"{what}: got {' '.join(row)[:40]!r}, expected {fields} fields", where=f"line {number}")
     return rows
 
@@ -104,14 +104,13 @@ def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     header, pieces, _ = text.partition("#")
     if not pieces:
         raise DataError("xlabel: the line with # alone, above the labels, is missing")
-    blank = "\n" * header.count("\n") + "#" + text[len(header) + 1 :]
+    blank = "\n" * header.count("\n") + text[len(header) + 1 :]
     entries: list[Entry] = []
     now_s = 0.0
     for number, row in rows_of(blank.encode("utf-8", "replace"), ".lab", 3):
-        if row != ["#"]:
-            end_s = number_at(row[0], number)
-            entries.append(Entry(now_s, end_s, row[2].split(";")[0].strip() or "_", f"line {number}"))
-            now_s = end_s
+        end_s = number_at(row[0], number)
+        entries.append(Entry(now_s, end_s, row[2].split(";")[0].strip() or "_", f"line {number}"))
+        now_s = end_s
     return _lab_track(entries, ".lab", alphabet)
 
 

@@ -175,6 +175,7 @@ TELLING = [  # sample, what is replaced, by what, error, message
     ("phone-list", '"end": 0.4', '"end": 0.6', DataError, r"'AY' starts at 0\.4 s, expected 0\.6 s or later"),
     ("align", "10000 20000 bin", "10000 200_ bin", DataError, "line 2"),
     ("htk", "4000000 10000000 ay", "4000000", DataError, "expected 3 fields.*line 2"),
+    ("htk", "4000000 10000000 ay", "#", DataError, "expected 3 fields.*line 2"),
 ]  # fmt: skip
 
 
