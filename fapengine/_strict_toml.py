@@ -10,6 +10,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
+from math import inf
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -37,9 +38,10 @@ class Between:
     """Range of a number, as an annotation: ``Annotated[int, Between(0, 65535)]``."""
 
     low: float
-    """Least value that is allowed."""
-    high: float
-    """Greatest one."""
+    high: float = inf
+
+    def __str__(self) -> str:
+        return f"{self.low:g} or more" if self.high == inf else f"{self.low:g} to {self.high:g}"
 
 
 class Checked:
@@ -105,7 +107,7 @@ def parse_toml(
     Page(port=8080)
     >>> parse_toml(b"port = 70000", Page, "page.toml")
     Traceback (most recent call last):
-    fapengine.errors.DataError: got 70000, expected a whole number of 0..65535 (at page.toml, port)
+    fapengine.errors.DataError: got 70000, expected a whole number, 0 to 65535 (at page.toml, port)
     """
     if len(data) > MAX_BYTES:
         raise error(f"got {len(data)} bytes, expected at most {MAX_BYTES}", where=name)
@@ -221,7 +223,7 @@ def _spell(kind: Any) -> str:
     """Say which values a type has."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        ranges = "".join(f" of {part.low:g}..{part.high:g}" for part in parts[1:] if isinstance(part, Between))
+        ranges = "".join(f", {part}" for part in parts[1:] if isinstance(part, Between))
         return _spell(parts[0]) + ranges
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"

@@ -127,9 +127,9 @@ Without = Annotated[
 ]
 Seed = Annotated[
     int,
-    Between(0, 2**63 - 1),
+    Between(0),
     Described(
-        "Random seed, a whole number from 0, for blinks, glances and head motion. The same seed gives the same motion.",
+        "Random seed, {range}, for blinks, glances and head motion. The same seed gives the same motion.",
         python="speak.seed",
         config="face.seed",
     ),

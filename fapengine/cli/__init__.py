@@ -1,13 +1,16 @@
-"""The command line: one file a verb. Exit codes: 0 done, 1 data, 2 usage, 3 resource.
-
-It is written with typer and rich; where they are not installed, a smaller one takes its place.
-"""
+"""The command line: one module per command. Exit codes: 0 success, 1 data, 2 usage, 3 resource."""
 
 from importlib.util import find_spec
 
 if find_spec("typer") and find_spec("rich"):
     from fapengine.cli.main import main
 else:
-    from fapengine.cli._small import main
+    from fapengine._late import require
+    from fapengine.cli._ending import run_to_the_end
+
+    def main() -> None:
+        """Report that typer or rich is missing; Python can use fapengine without them."""
+        run_to_the_end(lambda: require("command line", typer="typer", rich="rich"))
+
 
 __all__ = ["main"]

@@ -147,7 +147,7 @@ def _spelled(parameter: inspect.Parameter) -> inspect.Parameter:
     if is_optional:
         kind = next(each for each in get_args(kind) if each is not NoneType)
     plain, *metas = get_args(kind)
-    bounds = next((f"{meta.low:.15g} to {meta.high:.15g}" for meta in metas if isinstance(meta, Between)), "")
+    bounds = next((str(meta) for meta in metas if isinstance(meta, Between)), "")
     option = typer.Option(
         f"--{parameter.name}",
         *([described.short] if described.short else []),

@@ -24,7 +24,7 @@ def encode(
     max_error_mm: float | None = typer.Option(
         None,
         "--max-error-mm",
-        min=0.0,
+        min=0.001,
         max=100.0,
         help="Use the coarsest quantizer that keeps every feature point of an adult face within this error, in mm.",
     ),

@@ -30,9 +30,7 @@ def fit(
     ),
     units: str | None = typer.Option(None, "--units", help="Units of recordings without units: mm, cm, m or inch."),
     up: str | None = typer.Option(None, "--up", help="Up axis: +y, +z, ..."),
-    seed: int = typer.Option(
-        1, "--seed", min=0, max=2**63 - 1, help="Random seed of the split into training and held-out takes."
-    ),
+    seed: int = typer.Option(1, "--seed", min=0, help="Random seed of the split into training and held-out takes."),
     voice: str = typer.Option("en-us", "--voice", "-v", help="Voice that pronounces timings without phones."),
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html into the profile folder."),
     faps: bool = typer.Option(False, "--faps", help="Also write every take as FAPs: takes/TAKE.fap."),

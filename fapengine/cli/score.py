@@ -36,7 +36,7 @@ def score(
         float,
         typer.Option(
             "--closed-mm",
-            min=0.0,
+            min=0.001,
             max=100.0,
             help="Lip opening relative to neutral below which lips count as closed, in mm.",
         ),

@@ -40,7 +40,7 @@ def view(
     without: speaking.Without = (),
     seed: speaking.Seed = 1,
     seconds: Annotated[
-        float | None, typer.Option("--for", min=0.0, max=86_400.0, help="Close the window after this time, in seconds.")
+        float | None, typer.Option("--for", min=0.001, max=86_400.0, help="Close the window after this time, in seconds.")
     ] = None,
     shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG file when it closes.")] = None,
     as_json: shared.AsJson = False,
@@ -66,8 +66,6 @@ def view(
 
     if audio is not None and (source is None or "://" in source):
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
-    if seconds is not None and not seconds > 0:
-        raise UsageError(f"--for: got {seconds} s, expected a positive time")
     if shot is not None:
         writing.check([shot], [source, audio, head, profile])
     options = ViewOptions(drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot)

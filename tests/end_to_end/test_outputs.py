@@ -278,28 +278,6 @@ def test_no_output_falls_on_a_file_that_an_input_names(
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "animate in.pho -o in.pho", "animate in.pho --profile mine -o mine/talk.fap",
-        "animate in.pho --into talk.glb -o talk.glb", "convert in.fap --into talk.glb -o talk.glb",
-    ],
-)  # fmt: skip
-def test_no_output_of_the_verbs_without_typer_falls_on_an_input(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from fapengine.cli import _small
-    from fapengine.errors import UsageError
-
-    monkeypatch.chdir(tmp_path)
-    for name in ("in.pho", "in.fap", "talk.glb", "mine/talk.fap"):
-        Path(name).parent.mkdir(exist_ok=True)
-        Path(name).write_text(VISEMES)
-    monkeypatch.setattr(sys, "argv", ["fapengine", *words.split()])
-    with pytest.raises(UsageError, match="is read, and would be written over"):
-        _small._run()
-
-
 def test_what_is_replaced_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

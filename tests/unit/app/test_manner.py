@@ -76,7 +76,7 @@ def test_options_make_a_style() -> None:
             1.0,
             "without: unknown value 'ears'; use one of blinks, head-motion, gaze, idle, emphasis, all",
         ),
-        ("paper", [], 7.0, "jaw: got 7.0, expected a number of 0..3"),
+        ("paper", [], 7.0, "jaw: got 7.0, expected a number, 0 to 3"),
     ],
 )
 def test_refuses_manners(method: str, without: list[str], jaw: float, message: str) -> None:

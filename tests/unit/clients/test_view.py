@@ -168,7 +168,6 @@ def call(*arguments: object) -> None:
     [
         (("--audio", "a.wav"), "--audio: got a.wav, expected a file of FAPs before it"),
         (("http://127.0.0.1:1/", "--audio", "a.wav"), "--audio: got"),
-        (("--for", "0"), "--for: got 0.0 s"),
         (("--size", "big"), "--size: got 'big'"),
         (("--camera", "behind"), "--camera: got 'behind'"),
     ],

@@ -78,9 +78,9 @@ def test_everything_arrives() -> None:
         ("doors = 1", "room.toml, doors", "key 'doors' is unknown"),
         ("[[lamps]]\nwatts = 1\n[[lamps]]", "room.toml, lamps[1].watts", "key 'watts' is missing"),
         ("[[lamps]]\nwatts = 1\nsocket = 2", "room.toml, lamps[0].socket", "key 'socket' is unknown"),
-        ("[[lamps]]\nwatts = 101", "room.toml, lamps[0].watts", "got 101, expected a number of 0..100"),
-        ("[[lamps]]\nwatts = nan", "room.toml, lamps[0].watts", "got nan, expected a number of 0..100"),
-        ("[[lamps]]\nwatts = true", "room.toml, lamps[0].watts", "got True, expected a number of 0..100"),
+        ("[[lamps]]\nwatts = 101", "room.toml, lamps[0].watts", "got 101, expected a number, 0 to 100"),
+        ("[[lamps]]\nwatts = nan", "room.toml, lamps[0].watts", "got nan, expected a number, 0 to 100"),
+        ("[[lamps]]\nwatts = true", "room.toml, lamps[0].watts", "got True, expected a number, 0 to 100"),
         ("[[lamps]]\nwatts = 1\nname = 1", "room.toml, lamps[0].name", "got 1, expected a string"),
         ("[[lamps]]\nwatts = 1\ncolour = 'red'", "room.toml, lamps[0].colour", "got 'red', expected one of warm, cold"),
         ("lamps = 3", "room.toml, lamps", "got 3, expected a list"),
@@ -105,7 +105,7 @@ def test_what_does_not_fit_is_named(text: str, where: str, message: str) -> None
 
 
 def test_a_checked_value_cannot_be_wrong_in_python_either() -> None:
-    with pytest.raises(UsageError, match=r"^watts: got -1\.0, expected a number of 0\.\.100$"):
+    with pytest.raises(UsageError, match=r"^watts: got -1\.0, expected a number, 0 to 100$"):
         Lamp(-1.0)
     with pytest.raises(UsageError, match=r"^name: got None, expected a string$"):
         Lamp(1.0, None)  # type: ignore[arg-type]

@@ -102,19 +102,19 @@ def test_sites_that_may_show_faces_are_named_as_browsers_name_them() -> None:
         ("x", "a.toml", "is not TOML"),
         ("[listn]", "a.toml, listn", "'listn' is unknown"),
         ("[listen]\nprot = 1", "a.toml, listen.prot", "'prot' is unknown"),
-        ("[listen]\nport = 70000", "a.toml, listen.port", "got 70000, expected a whole number of 0..65535"),
-        ("[listen]\nport = true", "a.toml, listen.port", "expected a whole number of 0..65535"),
+        ("[listen]\nport = 70000", "a.toml, listen.port", "got 70000, expected a whole number, 0 to 65535"),
+        ("[listen]\nport = true", "a.toml, listen.port", "expected a whole number, 0 to 65535"),
         ("[listen]\nweb_port = -1", "a.toml, listen.web_port", "got -1"),
-        ("[listen]\nmetrics_port = 'x'", "a.toml, listen.metrics_port", "expected a whole number of 0..65535"),
-        ("[face]\nrate_hz = 0", "a.toml, face.rate_hz", "expected a number of 1..240"),
-        ("[face]\nrate_hz = nan", "a.toml, face.rate_hz", "expected a number of 1..240"),
+        ("[listen]\nmetrics_port = 'x'", "a.toml, listen.metrics_port", "expected a whole number, 0 to 65535"),
+        ("[face]\nrate_hz = 0", "a.toml, face.rate_hz", "expected a number, 1 to 240"),
+        ("[face]\nrate_hz = nan", "a.toml, face.rate_hz", "expected a number, 1 to 240"),
         ("[face]\nfps = 30", "a.toml, face.fps", "unknown"),
         ("[style]\njaw = 9", "a.toml, style.jaw", "must be 0 to 3, got 9.0"),
         ("[style]\nblinks = 1", "a.toml, style.blinks", "got 1, expected true or false"),
         ("[style]\nteeth = 1", "a.toml, style.teeth", "unknown"),
-        ("[voice]\nrate_wpm = 1", "a.toml, voice.rate_wpm", "got 1, expected a whole number of 80..449"),
+        ("[voice]\nrate_wpm = 1", "a.toml, voice.rate_wpm", "got 1, expected a whole number, 80 to 449"),
         ("[voice]\nx = 1", "a.toml, voice.x", "unknown"),
-        ("[limits]\nsessions = 0", "a.toml, limits.sessions", "got 0, expected a whole number of 1..100000"),
+        ("[limits]\nsessions = 0", "a.toml, limits.sessions", "got 0, expected a whole number, 1 to 100000"),
         ("[limits]\nx = 0", "a.toml, limits.x", "unknown"),
         ("[log]\nlevel = 'loud'", "a.toml, log.level", "expected one of debug, info"),
         ("[log]\nx = 'loud'", "a.toml, log.x", "unknown"),
@@ -132,7 +132,7 @@ def test_what_is_wrong_is_named(text: str, where: str, what: str) -> None:
 
 
 def test_a_configuration_made_in_python_is_checked_too() -> None:
-    with pytest.raises(UsageError, match=r"^rate_hz: got 1000\.0, expected a number of 1\.\.240$"):
+    with pytest.raises(UsageError, match=r"^rate_hz: got 1000\.0, expected a number, 1 to 240$"):
         Face(rate_hz=1000.0)
     with pytest.raises(UsageError, match=r"^port: got '9', expected a whole number of"):
         overridden(Listen(), port="9")
