@@ -40,7 +40,8 @@ def view(
     without: speaking.Without = (),
     seed: speaking.Seed = 1,
     seconds: Annotated[
-        float | None, typer.Option("--for", min=0.001, max=86_400.0, help="Close the window after this time, in seconds.")
+        float | None,
+        typer.Option("--for", min=0.001, max=86_400.0, help="Close the window after this time, in seconds."),
     ] = None,
     shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG file when it closes.")] = None,
     as_json: shared.AsJson = False,
