@@ -14,6 +14,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from fapengine.errors import ResourceError, UsageError
 
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+"""The usual types of arrays, of any shape."""
+
 DIGESTS = "SHA256SUMS"
 """File with the digests of the tables in its folder, in the format of ``sha256sum``."""
 

@@ -1,12 +1,9 @@
 """Collecting a deformation basis channel by channel."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NEGLIGIBLE_MM = 0.08
 """Displacements below this at 1000 FAPU are dropped."""

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fapengine._arrays import Array
 
 TONES = np.array(
     [[0.80, 0.55, 0.44], [0.70, 0.435, 0.315], [0.50, 0.27, 0.165], [0.26, 0.12, 0.068], [0.10, 0.05, 0.03]]
@@ -57,8 +56,7 @@ BLOOD = np.array([0.35, 1.0, 0.9])
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
     x = (np.abs(points[..., 0]) - centre[0]) / size[0]
     y = (points[..., 1] - centre[1]) / size[1]
-    spot: Array = (np.exp(-(x**2) - y**2) * (points[..., 2] > 30))[..., None]
-    return spot
+    return (np.exp(-(x**2) - y**2) * (points[..., 2] > 30))[..., None]
 
 
 def _of_tone(table: Array, tone: float) -> Array:
@@ -69,8 +67,7 @@ def _of_tone(table: Array, tone: float) -> Array:
 def brow_colour(hair_colour: str) -> Array:
     """(3,) linear RGB of the brows for a hair colour; those of light hair are darker, so that faces stay readable."""
     hair = np.array(HAIR_COLOURS[hair_colour])
-    darker: Array = hair * min(1.0, DARK_BROWS / float(hair.mean())) ** 0.75
-    return darker
+    return hair * min(1.0, DARK_BROWS / float(hair.mean())) ** 0.75
 
 
 @dataclass(frozen=True, slots=True, eq=False)

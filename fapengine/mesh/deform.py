@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._arrays import Array
 from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-
-Array = NDArray[np.float64]
 
 BONE_COUNT = 5
 """Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
@@ -78,8 +77,7 @@ def _jaw_angle(mesh: FaceMesh, open_jaw: Array) -> Array:
     _, y, z = mesh.point_mm("2.1") - mesh.jaw_pivot_mm
     drop = open_jaw * mesh.fapu.unit(fap.FapUnit.MNS)
     reach = np.hypot(y, z)
-    angle: Array = np.arccos(np.clip((y - drop) / reach, -1.0, 1.0)) - np.arctan2(z, y)
-    return angle
+    return np.arccos(np.clip((y - drop) / reach, -1.0, 1.0)) - np.arctan2(z, y)
 
 
 def _turn_about(transform: Array, pivot: Array, rotation: Array) -> None:
@@ -130,8 +128,7 @@ def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
 
 def _follow(points: Array, transforms: Array, weight: NDArray[np.float32]) -> Array:
     transformed = np.einsum("...ij,...j->...i", transforms[..., :3, :3], points) + transforms[..., :3, 3]
-    moved: Array = points + weight[:, None] * (transformed - points)
-    return moved
+    return points + weight[:, None] * (transformed - points)
 
 
 def single_fap(number: int) -> Array:

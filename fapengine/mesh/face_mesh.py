@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -158,11 +158,11 @@ class FaceMesh:
     """(F, 3) int32, counter-clockwise seen from outside."""
     feature_points: Mapping[str, int]
     """Vertex index by feature point name."""
-    jaw_pivot_mm: NDArray[np.float64]
+    jaw_pivot_mm: Array
     """(3,) float64: midpoint of the axis through both jaw joints; the axis is x."""
-    head_pivot_mm: NDArray[np.float64]
+    head_pivot_mm: Array
     """(3,) float64: feature point 7.1."""
-    eye_pivots_mm: NDArray[np.float64]
+    eye_pivots_mm: Array
     """(2, 3) float64: centres of the left and the right eyeball."""
     fapu: Fapu
     basis: DeformationBasis
@@ -233,5 +233,4 @@ class FaceMesh:
         """
         if name not in self.feature_points:
             raise UsageError(f"feature point: got {name!r}, this mesh has {sorted(self.feature_points)}")
-        point: NDArray[np.float32] = self.vertices_mm[self.feature_points[name]]
-        return point
+        return self.vertices_mm[self.feature_points[name]]

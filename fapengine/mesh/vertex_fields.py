@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fapengine._arrays import Array
 
 
 def vertex_normals(points_mm: Array, triangles: NDArray[np.integer]) -> Array:
@@ -14,8 +14,7 @@ def vertex_normals(points_mm: Array, triangles: NDArray[np.integer]) -> Array:
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: Array = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-12)
-    return unit
+    return np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-12)
 
 
 def bake_occlusion(points_mm: Array, normals: Array, *, directions: int = 60, cell_mm: float = 5.0) -> Array:

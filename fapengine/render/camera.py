@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 
 NEAR_MM, FAR_MM = 100.0, 3000.0
@@ -28,14 +29,13 @@ class Camera:
             raise UsageError(f"camera: got {self}, expected {NEAR_MM:g} < distance < {FAR_MM / 1.5:g}, 1 < field < 120")
 
     @property
-    def position_mm(self) -> NDArray[np.float64]:
+    def position_mm(self) -> Array:
         """(3,): position of the camera."""
         yaw, pitch = np.deg2rad([self.yaw_deg, self.pitch_deg])
         towards = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
-        position: NDArray[np.float64] = np.asarray(self.target_mm) + self.distance_mm * towards
-        return position
+        return np.asarray(self.target_mm) + self.distance_mm * towards
 
-    def clip_from_world(self, aspect: float) -> NDArray[np.float64]:
+    def clip_from_world(self, aspect: float) -> Array:
         """(4, 4): world mm to clip space; y points down, so that images are read top row first."""
         forward = np.asarray(self.target_mm) - self.position_mm
         forward /= np.linalg.norm(forward)
@@ -60,12 +60,11 @@ class Camera:
         """Pixels per millimetre at the target in an image of that height."""
         return height_px / (2 * self.distance_mm * float(np.tan(np.deg2rad(self.field_deg) / 2)))
 
-    def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
+    def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> Array:
         """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in an image of (width, height)."""
         matrix = self.clip_from_world(size[0] / size[1])
         clip = points_mm @ matrix[:, :3].T + matrix[:, 3]
-        pixels: NDArray[np.float64] = (clip[..., :2] / clip[..., 3:] * 0.5 + 0.5) * np.asarray(size)
-        return pixels
+        return (clip[..., :2] / clip[..., 3:] * 0.5 + 0.5) * np.asarray(size)
 
 
 PRESETS: dict[str, Camera] = {

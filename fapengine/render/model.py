@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Mask
 from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.render.camera import Camera
@@ -223,7 +224,7 @@ class Model:
         return self._skins[level]
 
 
-def still_vertices(packed: PackedMesh) -> NDArray[np.bool_]:
+def still_vertices(packed: PackedMesh) -> Mask:
     """(V,): whether no entry, no bone and not the head moves a vertex."""
     first, columns = 0, {}
     for name, size in ATTRIBUTE_SIZES.items():

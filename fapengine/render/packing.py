@@ -20,7 +20,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, Indices, Mask, frozen
 from fapengine.errors import UsageError
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh, Material
@@ -181,7 +181,7 @@ def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
 
 
 def _with_eyes(
-    mesh: FaceMesh, values: NDArray[np.float64], channels: NDArray[np.float32], bones: NDArray[np.float32]
+    mesh: FaceMesh, values: Array, channels: NDArray[np.float32], bones: NDArray[np.float32]
 ) -> FrameUniforms:
     """Add irises and lids from FAPs."""
     iris = np.full(values.shape[:-1], iris_share(mesh))
@@ -246,7 +246,7 @@ def _resting_folds(mesh: FaceMesh) -> NDArray[np.float32]:
     return mesh.folds.rest if _is_folded(mesh) else np.minimum(mesh.folds.rest, 0.0)
 
 
-def _has_hole(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
+def _has_hole(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> Mask:
     """(F,): whether a hole of the painting lies in the box round a triangle's part of it."""
     if skin is None or (skin[..., 3] >= 128).all():
         return np.zeros(len(mesh.triangles), dtype=bool)
@@ -352,21 +352,19 @@ def _earlier_pieces(basis: DeformationBasis, number: int) -> list[int]:
     ]
 
 
-def _with_jaw(
-    mesh: FaceMesh, normals: NDArray[np.float64], vertices: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _with_jaw(mesh: FaceMesh, normals: Array, vertices: Indices) -> tuple[Array, Array]:
     """Where all points (V, 3) are with the jaw opened by a probe, and how some normals turn with the bone alone."""
     faps = np.zeros(fap.FAP_COUNT)
     faps[fap.column(JAW_FAP)] = PROBE_FAPU
     jaw = bone_transforms(mesh, faps)[Bone.JAW]
     weight = np.where(mesh.bone == Bone.JAW, mesh.bone_weight, 0.0)[:, None]
     rest = mesh.vertices_mm.astype(np.float64)
-    moved: NDArray[np.float64] = rest + weight * (rest @ jaw[:3, :3].T + jaw[:3, 3] - rest)
-    turned: NDArray[np.float64] = weight[vertices] * (normals @ jaw[:3, :3].T - normals)
+    moved: Array = rest + weight * (rest @ jaw[:3, :3].T + jaw[:3, 3] - rest)
+    turned: Array = weight[vertices] * (normals @ jaw[:3, :3].T - normals)
     return moved, turned
 
 
-def _surface_points(mesh: FaceMesh) -> NDArray[np.int64]:
+def _surface_points(mesh: FaceMesh) -> Indices:
     """(V,): a number for each vertex, the same for those at one place with one normal, 0 upwards."""
     if not len(mesh.vertices_mm):
         return np.zeros(0, dtype=np.int64)
@@ -376,7 +374,7 @@ def _surface_points(mesh: FaceMesh) -> NDArray[np.int64]:
     return np.asarray(numbers, dtype=np.int64)
 
 
-def _summed_normals(points: NDArray[np.float64], triangles: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+def _summed_normals(points: Array, triangles: Indices, count: int) -> Array:
     """(count, 3): the sum of each point's triangles' normals, weighted by area."""
     a, b, c = points[triangles].swapaxes(0, 1)
     faces = np.cross(b - a, c - a)
@@ -385,9 +383,6 @@ def _summed_normals(points: NDArray[np.float64], triangles: NDArray[np.int64], c
     return np.stack([np.bincount(corners, spread[:, axis], count) for axis in range(3)], axis=-1)
 
 
-def _unit(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(normals: Array) -> Array:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: NDArray[np.float64] = np.divide(
-        normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-12
-    )
-    return unit
+    return np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-12)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._arrays import Array
 from fapengine._late import Late
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
@@ -27,7 +28,6 @@ from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
 
 Box: TypeAlias = tuple[int, int, int, int]
 """Left, top, right and bottom in pixels."""
-Array = NDArray[np.float64]
 
 DIRECTIONS = 160
 HEAD_BONE = 4

@@ -1,9 +1,9 @@
 """Layout of the head's texture: skin on the left, strands of hair next to it, plain white at the edge."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fapengine._arrays import Array
 
 SIZE = (768, 1024)
 """Height and width in texels."""

@@ -15,8 +15,8 @@ skin follows the jaw's rotation. Lids turn about the eye in piecewise-linear ste
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.basis_collector import BasisCollector
 from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
@@ -28,9 +28,6 @@ from fapengine.mesh.default_head.skin import skin_fields
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 300.0, 600.0)

@@ -11,8 +11,8 @@ that falls to zero at the crease, so skin folds there and slides over the ball b
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
 from fapengine.mesh.colours import Palette
@@ -21,9 +21,6 @@ from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, 
 from fapengine.mesh.default_head.style import Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
@@ -56,7 +53,7 @@ class Eye:
     """(N,) rad: elevation of the other lid's margin at the same position along the eye."""
 
 
-def margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
+def margin(t: Array, upper: Mask, style: HeadStyle) -> Array:
     """(N, 2): rim of the opening; t is 1 at the outer corner."""
     share = (1 + t) / 2
     corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
@@ -65,8 +62,7 @@ def margin(t: Array, upper: NDArray[np.bool_], style: HeadStyle) -> Array:
     above, below = np.clip(t + 0.06 * (1 - t**2), -1, 1), np.clip(t - 0.16 * (1 - t**2), -1, 1)
     rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(above) ** 2.25) ** 0.92
     sink = (middle_y - CENTRE[1] + half) * (1 - np.abs(below) ** 2.2)
-    rim: Array = corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
-    return rim
+    return corner_line + np.stack([0 * t, np.where(upper, rise, -sink)], axis=-1)
 
 
 def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
@@ -77,8 +73,7 @@ def _on_sphere(flat: Array, centre: Array, radius: float) -> Array:
 
 def _forward(t: Array, level: float) -> Array:
     """(N,) mm: offset of the inner corner in front of the ball, over the tear duct."""
-    out: Array = 3.8 * smoothstep((-t - 0.58) / 0.42) * smoothstep((level - 0.45) / 0.3)
-    return out
+    return 3.8 * smoothstep((-t - 0.58) / 0.42) * smoothstep((level - 0.45) / 0.3)
 
 
 def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
@@ -97,8 +92,7 @@ def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
         axis=-1,
     )
     towards_block = smoothstep((share - 0.4) / 0.6)
-    ring: Array = rim + share * (almond + towards_block * (out - almond))
-    return ring
+    return rim + share * (almond + towards_block * (out - almond))
 
 
 def build_lids(
@@ -155,7 +149,7 @@ def build_lids(
     return Eye(Rings(rings, np.array(levels), t, upper), ball, lashes, roots, centre, side, angles, closed)
 
 
-def _other_lid(t: Array, upper: NDArray[np.bool_], angles: Array) -> Array:
+def _other_lid(t: Array, upper: Mask, angles: Array) -> Array:
     other = np.empty_like(angles)
     corners = np.abs(t) > 0.9999
     for mine, theirs in ((upper, ~upper | corners), (~upper, upper)):
@@ -176,7 +170,7 @@ def moved_eye(eye: Eye, centre: Array, before: Array, after: Array) -> Eye:
 
 
 def _build_lashes(
-    builder: MeshBuilder, rim: Array, t: Array, upper: NDArray[np.bool_], centre: Array, side: float, detail: float
+    builder: MeshBuilder, rim: Array, t: Array, upper: Mask, centre: Array, side: float, detail: float
 ) -> tuple[Indices, Indices]:
     """Strands on the lids' margins, the upper ones longer and bent upwards."""
     order = np.argsort(t)

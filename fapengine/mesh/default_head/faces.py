@@ -16,16 +16,14 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
-from fapengine._arrays import read_table
+from fapengine._arrays import Array, read_table
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import NAPE_MM
 from fapengine.mesh.default_head.surface import position as template_position
-
-Array = NDArray[np.float64]
 
 STEP_MM = 0.01
 """Unit of the displacements in a table, which are int16."""
@@ -94,8 +92,7 @@ def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
 def position(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """(..., 3) mm: skin of a person at a place of the template, without lips and lids."""
     a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    where: Array = template_position(a, h, style) + displacement(np.stack([a, h], axis=-1), style.weights)
-    return where
+    return template_position(a, h, style) + displacement(np.stack([a, h], axis=-1), style.weights)
 
 
 def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
@@ -104,5 +101,4 @@ def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     across = position(a + 1e-3, h, style) - position(a - 1e-3, h, style)
     along = position(a, h + 0.5, style) - position(a, h - 0.5, style)
     n = np.cross(across, along)
-    unit: Array = n / np.linalg.norm(n, axis=-1, keepdims=True)
-    return unit
+    return n / np.linalg.norm(n, axis=-1, keepdims=True)

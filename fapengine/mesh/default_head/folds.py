@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head import atlas
 from fapengine.mesh.default_head.painting import grain
@@ -23,8 +24,6 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import radius
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-
-Array = NDArray[np.float64]
 
 KEY_FROM = np.array([-0.42, 0.52, 0.745])
 """Direction of the key lamp, as in ``lights.glsl``."""
@@ -60,8 +59,7 @@ NEGLIGIBLE = 0.3
 
 def _wave(x: Array, number: int) -> Array:
     """(...) mm: deviation of a line of the skin."""
-    wave: Array = 0.8 * np.sin(0.13 * x + 1.7 * number) + 0.45 * np.sin(0.31 * x + 2.9 * number)
-    return wave
+    return 0.8 * np.sin(0.13 * x + 1.7 * number) + 0.45 * np.sin(0.31 * x + 2.9 * number)
 
 
 Furrow = tuple[Array, Array, float, float]
@@ -184,7 +182,7 @@ def fold_map() -> NDArray[np.uint8]:
 def _share(region: int, x: Array, y: Array) -> Array:
     """(N,): membership of a vertex in a region, either half."""
     across = np.abs(x)
-    share: Array = {
+    return {
         FOREHEAD: smoothstep((y - 60.0) / 7.0) * smoothstep((106.0 - y) / 8.0) * smoothstep((58.0 - across) / 14.0),
         BETWEEN_BROWS: smoothstep((y - 38.0) / 7.0) * smoothstep((68.0 - y) / 6.0) * smoothstep((22.0 - across) / 7.0),
         CROWS_FEET: smoothstep((across - 43.0) / 5.0) * smoothstep((54.0 - y) / 8.0) * smoothstep((y - 12.0) / 8.0),
@@ -195,7 +193,6 @@ def _share(region: int, x: Array, y: Array) -> Array:
         * smoothstep((52.0 - across) / 10.0),
         CHIN: smoothstep((-46.0 - y) / 5.0) * smoothstep((y + 82.0) / 8.0) * smoothstep((30.0 - across) / 10.0),
     }[region]  # fmt: skip
-    return share
 
 
 def resting_folds(points: Array, age: float) -> Array:
@@ -204,11 +201,10 @@ def resting_folds(points: Array, age: float) -> Array:
     rest = np.full(len(points), AT_REST)
     for region in (FOREHEAD, BETWEEN_BROWS, CROWS_FEET, UNDER_EYE, BESIDE_NOSE):
         rest = np.maximum(rest, AT_REST + (OLD - AT_REST) * age**1.5 * _share(region, x, y))
-    front: Array = np.where(z > 10.0, rest, 0.0)
-    return front
+    return np.where(z > 10.0, rest, 0.0)
 
 
-def fold_shares(points: Array, fapu: Fapu, age: float) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
+def fold_shares(points: Array, fapu: Fapu, age: float) -> Iterator[tuple[int, Indices, Array]]:
     """Yield for each FAP that causes folds its number, the indices of the places, and the fraction per FAPU there.
 
     ``points`` is (N, 3) mm on the template; ``age`` 0..1: firm skin folds less.

@@ -9,8 +9,8 @@ ones cover lower ones, like shingles. Nothing is random: locks vary by fractions
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
@@ -21,9 +21,6 @@ from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.default_head.tresses import ENDS_MM, build_tresses
 from fapengine.mesh.face_mesh import Material
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
 CAP_SHADE, LIKE_CAP = 0.85, 0.75
@@ -59,8 +56,7 @@ CROWN_MM = 132.0
 
 def _thickness(y: Array) -> Array:
     """Distance of the cap from the scalp, mm, by height."""
-    thick: Array = 4.2 + 6.3 * smoothstep((y - 45.0) / 75.0)
-    return thick
+    return 4.2 + 6.3 * smoothstep((y - 45.0) / 75.0)
 
 
 def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
@@ -106,8 +102,7 @@ def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
     line = hairline(angle)
     rises = RISES_SHORT if haircut == "short" else RISES
     inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / rises)
-    height: Array = 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
-    return height
+    return 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
 
 
 def _over(points: Array, haircut: str) -> Array:
@@ -173,8 +168,7 @@ def _combed(points: Array, normals: Array) -> Array:
         axis=-1,
     )
     direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
-    unit: Array = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
-    return unit
+    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
 
 
 def _roots(scalp: Scalp, count: int) -> Array:
@@ -193,8 +187,7 @@ def _roots(scalp: Scalp, count: int) -> Array:
 def _clear_of_ears(points: Array) -> Array:
     """(N,): 1 where a lock may go on, 0 above an ear, through which it would hang."""
     above_ear = smoothstep((66.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
-    clear: Array = 1 - above_ear
-    return clear
+    return 1 - above_ear
 
 
 def _front_roots(style: HeadStyle) -> Array:

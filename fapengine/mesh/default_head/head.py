@@ -7,10 +7,10 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import EYE_COLOURS
@@ -33,9 +33,6 @@ from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Ma
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
 """Least light, relative, on parts inside the mouth."""
@@ -69,8 +66,7 @@ def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: floa
     """Return the ends of all stretches with each stretch's number of steps between them, changing length gradually."""
     ends = np.array([start, *(end for end, _ in stretches)])
     counts = np.cumsum([0, *(max(1, round(count * detail)) for _, count in stretches)])
-    spaced: Array = PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
-    return spaced
+    return PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
 
 
 def _columns(detail: float) -> Array:
@@ -202,7 +198,7 @@ def _build_skin(
     return grid, crown, blocks
 
 
-def _under_hair(y: Array, angle: Array) -> NDArray[np.bool_]:
+def _under_hair(y: Array, angle: Array) -> Mask:
     """(rows - 1, columns - 1): grid cells completely covered by hair, which need not be drawn."""
     covered = y > hairline(angle) + 14.0
     return covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:]
@@ -212,8 +208,7 @@ def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
     """(..., 3): nostrils are dark, and reddish rather than grey."""
     x = radius(angle, y, style) * np.sin(angle)
     inside = nose.nostril(x, y, style.nose_width) * (np.cos(angle) > 0.5)
-    shade: Array = 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
-    return shade
+    return 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
 
 
 def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.mesh.default_head.atlas import PLAIN_UV
 from fapengine.mesh.face_mesh import Bone, Material
-
-Array = NDArray[np.float64]
 
 STRAND_MARGIN_MM = 0.6
 """Margin of a strand's ribbon on either side of its hair, so that edge pixels are on the ribbon down to about 2 pixels
@@ -35,7 +34,7 @@ class MeshBuilder:
 
     count: int = 0
     _fields: dict[str, list[NDArray[np.generic]]] = field(default_factory=dict)
-    _triangles: list[NDArray[np.int64]] = field(default_factory=list)
+    _triangles: list[Indices] = field(default_factory=list)
 
     def add(
         self,
@@ -48,7 +47,7 @@ class MeshBuilder:
         head_weight: ArrayLike = 1.0,
         uv: ArrayLike = PLAIN_UV,
         place: ArrayLike = NOWHERE,
-    ) -> NDArray[np.int64]:
+    ) -> Indices:
         """Add vertices, (..., 3) mm; all other arguments broadcast. Returns their indices, (...).
 
         ``place`` is angle, rad, and height, mm, on the bare head, at which the measured face moves a skin vertex
@@ -72,7 +71,7 @@ class MeshBuilder:
         self.count += size
         return indices
 
-    def quads(self, grid: NDArray[np.int64], *, closed: bool = False, keep: NDArray[np.bool_] | None = None) -> None:
+    def quads(self, grid: Indices, *, closed: bool = False, keep: Mask | None = None) -> None:
         """Join a (rows, columns) grid of vertices; ``closed`` joins the last column to the first.
 
         The outside is where rows run up and columns to the right. ``keep`` selects cells: (rows - 1, columns or columns
@@ -95,7 +94,7 @@ class MeshBuilder:
 
     def strands(
         self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike, place: ArrayLike = NOWHERE
-    ) -> NDArray[np.int64]:
+    ) -> Indices:
         """Add single hairs, each a ribbon along its spine; returns their indices, (L, 2 P), from root to tip.
 
         Parameters
@@ -123,11 +122,11 @@ class MeshBuilder:
         self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1).reshape(-1, 3))
         return grid.reshape(count, -1)
 
-    def fan(self, ring: NDArray[np.int64], centre: int) -> None:
+    def fan(self, ring: Indices, centre: int) -> None:
         """Close a ring, (N,) indices, with a centre vertex; the outside is where the ring runs counter-clockwise."""
         self._triangles.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
 
-    def loose(self, triangles: NDArray[np.int64]) -> None:
+    def loose(self, triangles: Indices) -> None:
         """Add triangles, (F, 3), counter-clockwise from outside."""
         self._triangles.append(triangles)
 
@@ -135,12 +134,9 @@ class MeshBuilder:
         """Values of one field so far, (V, ...)."""
         return np.concatenate(self._fields[name])
 
-    def triangles(self) -> NDArray[np.int64]:
+    def triangles(self) -> Indices:
         """(F, 3), counter-clockwise from outside."""
         return np.concatenate(self._triangles)
-
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +175,7 @@ class Block:
         """Segments of the lower side."""
         return 2 * (self.corner - self.bottom) + (self.right - self.left)
 
-    def along(self) -> tuple[Array, NDArray[np.bool_]]:
+    def along(self) -> tuple[Array, Mask]:
         """(N,) position along the opening, 1 at the first corner to -1 at the other; (N,) upper side or corner."""
         upper = np.arange(self.upper_count + 1) / self.upper_count
         lower = np.arange(1, self.lower_count) / self.lower_count
@@ -189,8 +185,7 @@ class Block:
 
 def _spread(share: Array) -> Array:
     """From 1 to -1, somewhat denser at the ends."""
-    spread: Array = 0.45 * np.cos(np.pi * share) + 0.55 * (1 - 2 * share)
-    return spread
+    return 0.45 * np.cos(np.pi * share) + 0.55 * (1 - 2 * share)
 
 
 def resampled(table: ArrayLike, detail: float) -> Array:
@@ -212,5 +207,5 @@ class Rings:
     """(levels,): 2 at the border of the block, 1 at the outer edge of lip or lid, 0 at the rim, negative inside."""
     t: Array
     """(N,): 1 to -1 from corner to corner."""
-    upper: NDArray[np.bool_]
+    upper: Mask
     """(N,): upper side or corner."""

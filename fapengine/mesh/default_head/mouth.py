@@ -5,8 +5,8 @@ follow the proportions of the measured head (feature points 8.1-8.10, 2.2-2.9).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
 from fapengine.mesh.default_head.atlas import skin_uv
@@ -14,8 +14,6 @@ from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, 
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Material
-
-Array = NDArray[np.float64]
 
 LINE_Y = -34.0
 MIDDLE = (0.0, LINE_Y)
@@ -37,7 +35,7 @@ INSIDE = (  # level, away from the mouth line, backwards, share of the width
 """The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 
 
-def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
+def with_half_way(t: Array, upper: Mask) -> Array:
     """(N,): positions along the lips, shifted slightly so that each lip has one at :data:`HALF_WAY` on each side.
 
     Otherwise the feature points there would be next to it, and differ between upper and lower lip.
@@ -50,22 +48,20 @@ def with_half_way(t: Array, upper: NDArray[np.bool_]) -> Array:
     return moved
 
 
-def outer_contour(t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
+def outer_contour(t: Array, upper: Mask, fullness: float) -> Array:
     """(N,) height of the outer edge of the lips."""
     arch = (1 - np.abs(t) ** 1.8) ** 1.0
     bow = 9.7 * arch - 1.1 * np.exp(-((t / 0.14) ** 2)) + 0.25 * np.exp(-(((np.abs(t) - 0.3) / 0.12) ** 2))
     lower = (1 - np.abs(t) ** 2.1) ** 0.92
-    contour: Array = LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
-    return contour
+    return LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
 
 
 def line(t: Array) -> Array:
     """(N,) height of the line between the lips: equal in the middle and at the corners, slightly wavy between."""
-    wave: Array = LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
-    return wave
+    return LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
 
 
-def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> Array:
+def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
     """Height of the lips above the bare face, (...) mm.
 
     ``share`` is 0 at the mouth line, 1 at the outer edge, 2 beyond; ``t`` runs from -1 to 1 along the line.
@@ -81,13 +77,10 @@ def bulge(share: Array, t: Array, upper: NDArray[np.bool_], fullness: float) -> 
     columns = 0.45 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
     columns = columns * smoothstep((1.9 - share) / 0.5) * upper
     body = np.where(upper, body_upper + tubercle, body_lower) * beyond
-    out: Array = fullness * middle * (body + groove) + philtrum + columns - 1.4 * (1 - middle) * beyond
-    return out
+    return fullness * middle * (body + groove) + philtrum + columns - 1.4 * (1 - middle) * beyond
 
 
-def build_mouth(
-    builder: MeshBuilder, border: NDArray[np.int64], block: Block, style: HeadStyle, detail: float
-) -> Rings:
+def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, detail: float) -> Rings:
     """Add lips and oral cavity inside a block with existing border vertices, (N,) indices."""
     t, upper = block.along()
     t = with_half_way(t, upper)

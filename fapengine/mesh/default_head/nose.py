@@ -9,10 +9,9 @@ were fitted to the neutral head of ICT-FaceKit (University of Southern Californi
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-Array = NDArray[np.float64]
+from fapengine._arrays import Array
 
 TILT = 0.35
 RIDGE_Y = (-14.0, -11.6, -8.8, -6.5, -4.2, -0.9, 1.7, 4.3, 7.0, 10.5, 13.5, 18.0, 23.0, 28.0, 33.0, 38.0, 44.0)
@@ -28,8 +27,7 @@ NOSTRIL_DEPTH = 3.0
 
 
 def _bump(x: Array, y: Array, at: tuple[float, float], size: tuple[float, float], power: float = 2.0) -> Array:
-    bump: Array = np.exp(-(np.abs((x - at[0]) / size[0]) ** power) - np.abs((y - at[1]) / size[1]) ** power)
-    return bump
+    return np.exp(-(np.abs((x - at[0]) / size[0]) ** power) - np.abs((y - at[1]) / size[1]) ** power)
 
 
 def height(x: Array, y: Array, length: float, width: float) -> Array:
@@ -41,8 +39,7 @@ def height(x: Array, y: Array, length: float, width: float) -> Array:
     out += WING_HEIGHT * _bump(across, y, WING_AT, WING_SIZE, 2.3)
     out -= GROOVE_DEPTH * _bump(across, y, GROOVE_AT, GROOVE_SIZE)
     out -= 1.2 * _bump(across, y, (10.8, 6.0), (1.8, 4.0))  # between tip and wing
-    nose: Array = length * out
-    return nose
+    return length * out
 
 
 def nostril(x: Array, y: Array, width: float) -> Array:
@@ -55,5 +52,4 @@ def displacement(points: Array, length: float, width: float) -> Array:
     x, y = points[..., 0], points[..., 1]
     out = height(x, y, length, width) * (points[..., 2] > 60)
     hole = NOSTRIL_DEPTH * nostril(x, y, width) * (points[..., 2] > 60)
-    move: Array = np.stack([np.zeros_like(out), -TILT * out + 0.75 * hole, out - 0.55 * hole], axis=-1)
-    return move
+    return np.stack([np.zeros_like(out), -TILT * out + 0.75 * hole, out - 0.55 * hole], axis=-1)

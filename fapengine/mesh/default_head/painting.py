@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from fapengine._arrays import Array, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
 from fapengine.mesh.default_head import atlas, eyes, mouth, nose, parts
 from fapengine.mesh.default_head.scalp import hairline
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import radius
-
-Array = NDArray[np.float64]
 
 PIGMENT = np.array([0.55, 0.9, 1.2])
 COARSE = 4
@@ -37,8 +36,7 @@ def grain(shape: tuple[int, int], seed: int) -> Array:
 def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float]) -> Array:
     """Noise with spots of about ``size`` texels (rows, columns) and a standard deviation of 1."""
     cloud = gaussian_filter(grain(shape, seed), size, mode="wrap", truncate=2.5)
-    spread: Array = cloud / cloud.std()
-    return spread
+    return cloud / cloud.std()
 
 
 @lru_cache(maxsize=4)
@@ -100,11 +98,10 @@ def _freckles(x: Array, y: Array, style: HeadStyle) -> Array:
     where = np.exp(-(((np.abs(x) - 26) / 30) ** 2) - ((y - 6) / 22) ** 2)
     seeds = np.where(grain(shape, 7) > 1.0 - 0.0022 * style.freckles, 0.6 + 0.4 * grain(shape, 8), 0.0)
     spots = gaussian_filter(seeds, 1.5) / 0.07
-    freckles: Array = 0.16 * np.clip(spots, 0, 1) * where
-    return freckles
+    return 0.16 * np.clip(spots, 0, 1) * where
 
 
-def _lips(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+def _lips(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     """Creases across the lips, and a paler seam around the red."""
     t = x / (mouth.OUTER_HALF_WIDTH * style.mouth_width)
     inside_t = np.clip(t, -0.999, 0.999)
@@ -116,11 +113,10 @@ def _lips(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Arr
     creases = np.clip(_cloud(shape, 11, (9.0, 1.1)), -2, 2) * smoothstep(share / 0.3)
     seam = 0.16 * np.exp(-((share / 0.10) ** 2)) * (np.abs(t) < 1.02) * front
     light = 1 - on_lip[..., None] * (0.055 * creases[..., None] + np.array([0.02, 0.03, 0.03]))
-    edged: Array = light * (1 - seam[..., None] * np.array([0.8, 1.0, 1.0]))
-    return edged
+    return light * (1 - seam[..., None] * np.array([0.8, 1.0, 1.0]))
 
 
-def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     """Roots of the lashes along the margins, and slight shading on the lids."""
     across = np.abs(x)
     middle_x, half_x = (
@@ -136,11 +132,10 @@ def _round_eyes(x: Array, y: Array, front: NDArray[np.bool_], style: HeadStyle) 
     lower = np.exp(-np.clip(below - y, 0, None) / 0.8) * (y < below + 1.5)
     line = near * (0.62 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
     lid = near * np.exp(-(((y - above - 2.2) / 2.4) ** 2))
-    light: Array = (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.11]))
-    return light
+    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.11]))
 
 
-def _hairs(x: Array, y: Array, angle: Array, front: NDArray[np.bool_], style: HeadStyle) -> Array:
+def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> Array:
     """Skin under the brows, and hair roots along the hairline."""
     light_skin = np.array([0.70, 0.435, 0.315])
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)

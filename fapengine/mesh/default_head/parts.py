@@ -8,9 +8,9 @@ in front of the face, clear of brows, lashes and cheeks; their lenses are clear 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
 from fapengine.mesh.colours import BLOOD
@@ -19,9 +19,6 @@ from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tuple[Array, Array]:
@@ -215,8 +212,7 @@ EAR_EDGE = ((1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0))
 
 
 def _ridge(share: Array, at: float, width: float) -> Array:
-    ridge: Array = np.exp(-(((share - at) / width) ** 2))
-    return ridge
+    return np.exp(-(((share - at) / width) ** 2))
 
 
 def _relief(share: Array, up: Array, back: Array) -> Array:
@@ -320,8 +316,7 @@ def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indi
 
 def _depth(flat: Array, style: HeadStyle) -> Array:
     """(N,) mm: z of the face at points seen from the front."""
-    depth: Array = faces.position(angle_of(flat[:, 0], flat[:, 1], style), flat[:, 1], style)[:, 2]
-    return depth
+    return faces.position(angle_of(flat[:, 0], flat[:, 1], style), flat[:, 1], style)[:, 2]
 
 
 def _temple(start: Array, style: HeadStyle, count: int) -> Array:

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.mesh.default_head.eyes import Eye
 from fapengine.mesh.default_head.mesh_builder import Rings
 from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import TONGUE_TIP
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +31,6 @@ class HeadParts:
     pivot: int
     """A vertex without triangles: feature point 7.1, the top of the spine."""
 
-
-Array = NDArray[np.float64]
 
 # fmt: off
 ON_SKIN = {  # left or middle point: (x, y, z) mm near which the skin vertex is taken; right ones mirror it
@@ -59,7 +55,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     skin = np.unique(np.concatenate([head.grid.ravel(), head.mouth.indices[head.mouth.level > 1].ravel()]))
     skin = np.setdiff1d(skin, _covered(head))
 
-    def nearest(candidates: NDArray[np.int64], target: tuple[float, float, float] | Array) -> int:
+    def nearest(candidates: Indices, target: tuple[float, float, float] | Array) -> int:
         return int(candidates[np.linalg.norm(points[candidates] - np.asarray(target), axis=1).argmin()])
 
     ridge = skin[(np.abs(points[skin, 0]) < 0.5) & (points[skin, 1] > -12) & (points[skin, 1] < 22)]
@@ -91,7 +87,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     return vertices
 
 
-def _covered(head: HeadParts) -> NDArray[np.int64]:
+def _covered(head: HeadParts) -> Indices:
     """Grid vertices inside the blocks of mouth and eyes, which are in no triangle."""
     covered = []
     for rings in (head.mouth, head.eyes[0].lids, head.eyes[1].lids):
@@ -105,7 +101,7 @@ def _on_lips(head: HeadParts) -> dict[str, int]:
     mouth = head.mouth
     inner, outer = (mouth.indices[np.flatnonzero(mouth.level == level)[0]] for level in (0.0, 1.0))
 
-    def at(ring: NDArray[np.int64], t: float, upper: bool) -> int:
+    def at(ring: Indices, t: float, upper: bool) -> int:
         side = np.flatnonzero(mouth.upper == upper) if abs(t) < 1 else np.arange(len(ring))
         return int(ring[side[np.abs(mouth.t[side] - t).argmin()]])
 

@@ -1,14 +1,12 @@
 """The scalp under the hair: the hairline, and the surface that locks are placed on."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array
 from fapengine.mesh.default_head.faces import normal, position
 from fapengine.mesh.default_head.style import HeadStyle
-
-Array = NDArray[np.float64]
 
 HAIRLINE_DEG = (0, 18, 34, 46, 56, 64, 70, 76, 84, 96, 108, 120, 140, 180)
 HAIRLINE_MM = (92, 94, 91, 79, 62, 48, 28, 16, 34, 44, 20, -28, -46, -50)

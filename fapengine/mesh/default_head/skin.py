@@ -21,18 +21,16 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import cKDTree
 
-from fapengine._arrays import read_table
+from fapengine._arrays import Array, Indices, read_table
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.faces import STEP_MM
 from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.face_mesh import DeformationBasis
 from fapengine.mpeg4 import fap
-
-Array = NDArray[np.float64]
 
 FAPS = (3, 16, 17, 39, 40, 41, 42, 51, 52, 53, 54, 55, 56, 57, 58, 59, 60)
 """FAPs that move large areas of the lower face. Chin boss and nose have small motions of their own, which speech hardly
@@ -49,8 +47,7 @@ _SWAP = [FAPS.index(({**TWINS, **{b: a for a, b in TWINS.items()}}).get(number, 
 
 def mirror(moves: Array) -> Array:
     """(..., F, 3): displacements of the other half of a face."""
-    turned: Array = moves[..., _SWAP, :] * [-1.0, 1.0, 1.0]
-    return turned
+    return moves[..., _SWAP, :] * [-1.0, 1.0, 1.0]
 
 
 @cache
@@ -91,8 +88,6 @@ def skin_fields(places: ArrayLike) -> dict[int, Array]:
     fields *= smoothstep((size - FADE_IN[0]) / (FADE_IN[1] - FADE_IN[0]))
     return dict(zip(FAPS, np.moveaxis(fields, 1, 0), strict=True))
 
-
-Indices = NDArray[np.int64]
 
 ROUNDS = 8
 """Rounds of averaging at level ``normal``; a finer mesh needs more, as its neighbours are closer."""

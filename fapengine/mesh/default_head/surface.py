@@ -9,10 +9,11 @@ eye openings and lips are not in them. The head is symmetric, so one side is eno
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator, RectBivariateSpline
 from scipy.ndimage import gaussian_filter1d
 
+from fapengine._arrays import Array
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head import nose
 from fapengine.mesh.default_head.style import HeadStyle
@@ -67,14 +68,11 @@ SECTIONS: tuple[tuple[int, tuple[int, ...]], ...] = (  # height y in mm, distanc
 # fmt: on
 
 
-def section_arrays() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def section_arrays() -> tuple[Array, Array, Array]:
     """Heights (Y,) mm, angles (A,) rad and distances (Y, A) mm."""
     heights = np.array([height for height, _ in SECTIONS], dtype=np.float64)
     distances = np.array([row for _, row in SECTIONS], dtype=np.float64)
     return heights, np.deg2rad(np.array(ANGLES_DEG, dtype=np.float64)), distances
-
-
-Array = NDArray[np.float64]
 
 
 BESIDE_NOSE_RAD = np.deg2rad(16.5)
@@ -108,8 +106,7 @@ def _bare(angle: Array, y: Array) -> Array:
     # Below the nape the measured neck spreads into shoulders; ours goes on into its collar.
     lowest = heights[0] + NAPE_MM * smoothstep((np.abs(angle) - np.pi / 4) / (np.pi / 4))
     r = np.asarray(_spline().ev(np.clip(y, lowest, CAP_FROM_MM), angle), dtype=np.float64)
-    cap: Array = r * np.sqrt(np.clip((TOP_MM - y) / (TOP_MM - CAP_FROM_MM), 0.0, 1.0))
-    return cap
+    return r * np.sqrt(np.clip((TOP_MM - y) / (TOP_MM - CAP_FROM_MM), 0.0, 1.0))
 
 
 @cache
@@ -125,8 +122,7 @@ def _beside_nose() -> Array:
 
 
 def _bump(x: Array, y: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
-    bump: Array = np.exp(-(((x - centre[0]) / size[0]) ** 2) - ((y - centre[1]) / size[1]) ** 2)
-    return bump
+    return np.exp(-(((x - centre[0]) / size[0]) ** 2) - ((y - centre[1]) / size[1]) ** 2)
 
 
 def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
@@ -164,8 +160,7 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
 def _narrowed(h: Array, style: HeadStyle) -> Array:
     """Width of the head at a height, relative to the average."""
     lower = smoothstep((-16.0 - h) / 50.0) * smoothstep((h + 112.0) / 25.0)
-    share: Array = (1.0 - (1.0 - style.jaw_width) * lower) * (1.0 - 0.09 * smoothstep((-74.0 - h) / 30.0))
-    return share
+    return (1.0 - (1.0 - style.jaw_width) * lower) * (1.0 - 0.09 * smoothstep((-74.0 - h) / 30.0))
 
 
 def position(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
@@ -193,5 +188,4 @@ def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     across = position(a + step, h, style) - position(a - step, h, style)
     along = position(a, h + 0.5, style) - position(a, h - 0.5, style)
     n = np.cross(across, along)
-    unit: Array = n / np.linalg.norm(n, axis=-1, keepdims=True)
-    return unit
+    return n / np.linalg.norm(n, axis=-1, keepdims=True)

@@ -12,9 +12,9 @@ ratio.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
@@ -24,9 +24,6 @@ from fapengine.mesh.default_head.scalp import GOLDEN, Scalp, hairline
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.face_mesh import Material
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ENDS_MM = {"long": -124.0, "bob": -70.0}
 RAGGED = {"long": 1.0, "bob": 0.45}
@@ -134,8 +131,7 @@ class _Half:
         where = u * (len(self.u) - 1)
         low = np.minimum(where.astype(np.int64), len(self.u) - 2)
         row = np.arange(len(field))[:, None, None]
-        found: Array = field[row, low] + (where - low)[..., None] * (field[row, low + 1] - field[row, low])
-        return found
+        return field[row, low] + (where - low)[..., None] * (field[row, low + 1] - field[row, low])
 
     def add(self, builder: MeshBuilder, grid: Array, albedo: Array, uv: Array, *, inside: bool = False) -> Indices:
         """Add a surface, (R, C, 3) mm, the row of the parting first, seen from outside or from inside."""

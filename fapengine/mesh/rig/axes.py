@@ -3,13 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.vertex_fields import vertex_normals
-
-Array = NDArray[np.float64]
 
 LEFT, RIGHT, JAW = "left lid", "right lid", "jaw"
 ROLES = (LEFT, RIGHT, JAW)
@@ -115,5 +113,4 @@ def _halves(mesh: BlendshapeMesh, lids: Array, jaw: Array | None) -> dict[str, A
 
 def _centroid(vertices: Array, weight: Array) -> Array:
     weight = np.where(weight > 0.5 * weight.max(), weight, 0.0)
-    centre: Array = weight @ vertices / weight.sum()
-    return centre
+    return weight @ vertices / weight.sum()

@@ -22,8 +22,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mesh.rig import lids
 from fapengine.mesh.rig.parts import Eyes, find_tongue
@@ -31,9 +31,6 @@ from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import PointFields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NOISE_MM, USUAL_WEIGHT = 1.5, 0.3
 MIN_MOTION_SHARE = 0.02
@@ -117,8 +114,7 @@ def blend(moves: Array, faps: Sequence[Coordinate], chin: int, demanded: Array) 
 def _shift(moves: Array, coordinate: Coordinate, chin: int) -> Array:
     """(B,) mm: motion along a coordinate by each blendshape."""
     motion = moves[:, coordinate.vertex] - (moves[:, chin] if coordinate.number == CHIN_FAP else 0.0)
-    shift: Array = motion @ coordinate.axis
-    return shift
+    return motion @ coordinate.axis
 
 
 class RowCollector:
@@ -196,8 +192,7 @@ class Rig:
     @property
     def carried_mm(self) -> Array:
         """(V,) mm: largest motion of each vertex by a blendshape."""
-        farthest: Array = np.linalg.norm(self.moves, axis=2).max(axis=0, initial=0.0)
-        return farthest
+        return np.linalg.norm(self.moves, axis=2).max(axis=0, initial=0.0)
 
     @property
     def opens_jaw(self) -> bool:
@@ -251,8 +246,7 @@ def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinat
 def _field_moves(rig: Rig, coordinate: Coordinate) -> Array:
     """(S + M, 3): motion of the skin for 1 mm of a coordinate that no blendshape produces."""
     share = rig.fields.jaw if coordinate.number in JAW_FAPS else rig.fields.shares[coordinate.point]
-    moves: Array = share[:, None] * coordinate.axis
-    return moves
+    return share[:, None] * coordinate.axis
 
 
 def _demanded(rig: Rig, faps: Sequence[Coordinate], steps: Array) -> Array:

@@ -7,11 +7,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, Indices, Mask, frozen
 from fapengine.errors import UsageError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 BONE_NAMES = ("head", "jaw", "left eye", "right eye")
 """Bones of a rig that an imported head uses."""
@@ -65,7 +62,7 @@ class BlendshapeMesh:
     """(V, 3) float64, linear RGB, 0..1: multiplies the texture, or stands alone; None if the file has none."""
     surfaces: tuple[str, ...] = ()
     """Names of the mesh's surfaces, such as ``"Teeth"``, ``"Hair / HairMaterial"``."""
-    surface: NDArray[np.int64] | None = None
+    surface: Indices | None = None
     """(V,) int64: index in ``surfaces`` of each vertex."""
     bones: Mapping[str, RigBone] = field(default_factory=dict)
     """Bones by :data:`BONE_NAMES`."""
@@ -110,7 +107,7 @@ class BlendshapeMesh:
         moves[self.blendshapes[name].vertices] = self.blendshapes[name].moves
         return moves
 
-    def on_surfaces(self, words: Sequence[str]) -> NDArray[np.bool_]:
+    def on_surfaces(self, words: Sequence[str]) -> Mask:
         """(V,) bool: vertices of surfaces with one of these words in their names."""
         if self.surface is None:
             return np.zeros(len(self.vertices), bool)

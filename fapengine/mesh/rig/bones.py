@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.face_mesh import Bone, FaceMesh
 from fapengine.mesh.rig.parts import Eyes, find_tongue, share_of_lower_jaw
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.rig.point_fields import MIN_SHARE, PointFields
-
-Array = NDArray[np.float64]
 
 BONE_FAPS = (3, 14, 15, 23, 24, 25, 26, 27, 28, 48, 49, 50)
 EYE_SIDES = (("3.5", Bone.LEFT_EYE, (23, 25, 27)), ("3.6", Bone.RIGHT_EYE, (24, 26, 28)))
@@ -119,7 +118,7 @@ def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[N
     return bone, weight
 
 
-def _inside_of_mouth(mesh: PlacedMesh) -> list[tuple[NDArray[np.int64], bool]]:
+def _inside_of_mouth(mesh: PlacedMesh) -> list[tuple[Indices, bool]]:
     """Vertices, (N,), of each part inside the head near the mouth, and whether it is below the mouth line."""
     positions = mesh.positions
     mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.mesh.face_mesh import FaceMesh
@@ -24,9 +24,6 @@ from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT, ROLES, face_axes
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.placed_mesh import find_parts
 from fapengine.mesh.vertex_fields import vertex_normals
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MAX_SEAM_GAP_MM = 4.0
 """Largest distance between the two sides of a seam."""
@@ -86,8 +83,7 @@ class _Face:
 
     def amount(self, role: str) -> Array:
         """(V,): motion of each vertex, relative to :meth:`extent`."""
-        share: Array = np.linalg.norm(self.moves[role], axis=1) / self.extent(role)
-        return share
+        return np.linalg.norm(self.moves[role], axis=1) / self.extent(role)
 
     def extent(self, role: str) -> float:
         """Motion of the moved skin, mm, at :data:`EXTENT_QUANTILE`."""
@@ -135,7 +131,7 @@ def locate(mesh: BlendshapeMesh, moves: Mapping[str, Array], standard: FaceMesh)
 def _face(
     vertices: Array,
     triangles: Indices,
-    may_be_skin: NDArray[np.bool_],
+    may_be_skin: Mask,
     moves: Mapping[str, Array],
     amounts: Mapping[str, Array],
 ) -> _Face:
@@ -258,8 +254,7 @@ def _front(vertices: Array, strip: Indices) -> Indices:
     band = np.floor(vertices[strip, 1] / PROFILE_STEP_MM)
     order = np.lexsort((-vertices[strip, 2], band))
     first = np.flatnonzero(np.diff(band[order], prepend=np.nan) != 0)
-    foremost: Indices = strip[order[first]]
-    return foremost
+    return strip[order[first]]
 
 
 def _distinct(points: Mapping[str, int]) -> dict[str, int]:

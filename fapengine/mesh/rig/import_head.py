@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.mesh.colours import TEETH, Palette
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
@@ -30,8 +31,6 @@ from fapengine.mesh.rig.placed_mesh import KEPT_BELOW_CHIN_MM, KEPT_BESIDE_MM, P
 from fapengine.mesh.rig.point_fields import fit_point_fields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.mesh.face_mesh import Channel
 from fapengine.mesh.rig.parts import Eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PUPILS = {19: "3.5", 20: "3.6", 21: "3.5", 22: "3.6"}
 """Pupil of the eye of each lid's FAP."""
@@ -87,5 +84,4 @@ def _round_ball(arm: Array, way: Array, share: float, radius: float) -> Array:
     wanted = first + min(share, 1.0) * (last - first)
     slides_by = (STRAIGHT_RADII - first / radius) / (STRAIGHT_RADII - SLIDING_RADII)
     stretch = 1.0 + np.clip(slides_by, 0.0, 1.0) * (wanted / np.maximum(now, 1e-9) - 1.0)
-    led: Array = straight * stretch[:, None]
-    return led
+    return straight * stretch[:, None]

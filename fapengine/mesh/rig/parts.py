@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 EYE_CORNERS = {"3.5": ("3.7", "3.11"), "3.6": ("3.8", "3.12")}
 """Feature points of the outer and the inner corner of each eye, by its pupil."""
@@ -84,8 +81,7 @@ def _sphere_centre(points: Array) -> Array:
     middle = points.mean(axis=0)
     arm = points - middle
     solution, *_ = np.linalg.lstsq(np.column_stack([2 * arm, np.ones(len(arm))]), (arm**2).sum(axis=1), rcond=None)
-    centre: Array = middle + solution[:3]
-    return centre
+    return middle + solution[:3]
 
 
 def find_followers(mesh: PlacedMesh, eyes: Eyes) -> tuple[Indices, Indices]:
@@ -154,8 +150,7 @@ def _ways(mesh: PlacedMesh, start: int) -> Array:
     edges = np.unique(np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])), axis=0)
     long_mm = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1).clip(min=1e-6)
     links = csr_array((long_mm, (edges[:, 0], edges[:, 1])), shape=(len(first), len(first)))
-    ways: Array = dijkstra(links, directed=False, indices=mesh.node[[start]])[0, mesh.node]
-    return ways
+    return dijkstra(links, directed=False, indices=mesh.node[[start]])[0, mesh.node]
 
 
 def share_of_lower_jaw(mesh: PlacedMesh, tongue: Tongue | None, part: Indices) -> Array | None:

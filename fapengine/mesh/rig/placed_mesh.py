@@ -8,18 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from fapengine._arrays import Array, Indices
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.vertex_fields import vertex_normals
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NEEDED_POINTS = ("8.1", "8.2", "8.3", "8.4", "2.1")
 """Feature points that every face needs: the outer lips and the chin."""
@@ -77,8 +74,7 @@ class PlacedMesh:
     def to_head_space(self, position: Array) -> Array:
         """(3,) mm: a position of the source, (3,), in head space."""
         arm = position - self.source.vertices[self.kept[0]]
-        placed: Array = self.vertices_mm[0] + self.scale * arm @ self.rotation.T
-        return placed
+        return self.vertices_mm[0] + self.scale * arm @ self.rotation.T
 
 
 def place_mesh(mesh: BlendshapeMesh, points: Mapping[str, int], standard: FaceMesh) -> PlacedMesh:

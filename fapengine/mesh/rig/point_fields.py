@@ -11,15 +11,12 @@ nearest skin vertex.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices
 from fapengine.geometry.surface import continue_smoothly
 from fapengine.mesh.rig.parts import Eyes, find_followers
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MAX_REACH_MM = 34.0
 """Distance from every feature point beyond which skin does not move."""

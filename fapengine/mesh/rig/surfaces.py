@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from fapengine._arrays import Array, Indices
 from fapengine.mesh import colours
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.parts import Eyeball, Eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LIP_OUTLINE = ("8.3", "8.5", "8.1", "8.6", "8.4", "8.8", "8.2", "8.7")
 LIP_DEPTH_MM = 6.0
@@ -44,8 +42,7 @@ def smooth_normals(mesh: PlacedMesh) -> Array:
     """(V, 3): unit normals, smooth over seams."""
     first = np.zeros(mesh.node.max() + 1, np.int64)
     first[mesh.node] = np.arange(len(mesh.node))
-    normals: Array = vertex_normals(mesh.vertices_mm[first], mesh.node[mesh.triangles])[mesh.node]
-    return normals
+    return vertex_normals(mesh.vertices_mm[first], mesh.node[mesh.triangles])[mesh.node]
 
 
 def ambient_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -127,5 +124,4 @@ def _lips(vertices_mm: Array, skin: Indices, positions: Mapping[str, Array]) -> 
     """Vertices of the skin within the outline of the lips."""
     outline = np.stack([positions[name] for name in LIP_OUTLINE if name in positions])
     front = vertices_mm[skin, 2] > outline[:, 2].min() - LIP_DEPTH_MM
-    lips: Indices = skin[(Delaunay(outline[:, :2]).find_simplex(vertices_mm[skin, :2]) >= 0) & front]
-    return lips
+    return skin[(Delaunay(outline[:, :2]).find_simplex(vertices_mm[skin, :2]) >= 0) & front]
