@@ -45,7 +45,7 @@ from bench.render_goals import (
 )
 from bench.render_page import write_page
 from bench.talking import talking_face
-from fapengine.files.video import write_video
+from fapengine.files.moving import write_moving
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
@@ -242,7 +242,7 @@ class OurDraw:
             for _ in pictures:
                 pass
         else:
-            write_video(self._film, pictures, rate_hz=30.0)
+            write_moving(self._film, pictures, rate_hz=30.0)
         took_s = time.perf_counter() - started
         self.cpu_ms.append(1000 * (time.process_time() - cpu_s) / count)
         return took_s

@@ -14,11 +14,10 @@ from fapengine.app.scene_choice import Into, check_scene, is_scene
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head
 from fapengine.files.motion import save_fap
-from fapengine.files.moving import KINDS, beside, check_moving, is_moving, moving_files, write_moving
+from fapengine.files.moving import CODECS, KINDS, beside, check_moving, is_moving, moving_files, write_moving
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png, straight
 from fapengine.files.sound import save_wav
-from fapengine.files.video import CODECS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.renderer import FaceRenderer

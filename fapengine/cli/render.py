@@ -80,10 +80,9 @@ def render(
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
-    from fapengine.files.moving import KINDS, check_moving, is_moving, is_sequence, moving_files, write_moving
+    from fapengine.files.moving import CODECS, KINDS, check_moving, is_moving, is_sequence, moving_files, write_moving
     from fapengine.files.pictures import contact_sheet, save_png
     from fapengine.files.sound import load_sound
-    from fapengine.files.video import CODECS
     from fapengine.laboratory.marker_driver import WAYS
 
     is_one = output.suffix == ".png" and not is_sequence(output)

@@ -1,10 +1,10 @@
-"""A program for the face detector's own environment: pictures in, landmarks out. It imports nothing of this package.
+"""The detector program, which runs in MediaPipe's own environment: images in, landmarks out.
 
-python detector_program.py [face_landmarker.task]
+It imports nothing of this package. Usage: python detector_program.py [face_landmarker.task]
 
-A message on standard input and output is as in fapengine/_child.py: two lengths (<II, bytes), a JSON object and raw
-bytes. In: width and height, and a picture of so many sRGB bytes. Out, for each picture: (478, 3) float32, pixels from
-the top left and depth; NaN where no face was found.
+Messages on standard input and output are those of fapengine/_child.py: two lengths (<II, bytes), a JSON object and raw
+bytes. In: width and height, and the image as sRGB bytes. Out, for each image: (478, 3) float32, pixels from the top
+left and depth; NaN without a face.
 """
 
 import json
@@ -18,9 +18,9 @@ LENGTHS = struct.Struct("<II")
 
 
 def main() -> None:
-    """Be the program."""
+    """Answer images until standard input ends."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what the detector prints is no answer
+    os.dup2(2, 1)  # standard output carries answers only; what the detector prints goes to standard error
     import numpy as np
 
     pictures = sys.stdin.buffer
@@ -41,8 +41,8 @@ def main() -> None:
 
 
 @contextmanager
-def _detector(model: str | None):  # type: ignore[no-untyped-def]  # of the other environment's types
-    """Open the face mesh that old wheels hold inside, or the landmarker of a model file."""
+def _detector(model: str | None):  # type: ignore[no-untyped-def]  # types of the other environment
+    """Open the face mesh that older wheels include, or the landmarker of a model file."""
     if model is None:
         from mediapipe.python.solutions.face_mesh import FaceMesh
 

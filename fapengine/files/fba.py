@@ -1,34 +1,27 @@
-"""FBA streams, alone or with a voice in an MP4 file, and encoder parameter files.
+"""FBA streams, alone or with speech in an MP4 file, and encoder parameter files.
 
 In MP4 the face stream is an MPEG-4 visual track (object type 0x20) next to the audio. Each plane is one sample; the
 visual headers precede the first one. FFmpeg's library writes and reads the file (PyAV). Players without face support
-play the voice alone.
+play the audio alone.
 """
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._late import Late
 from fapengine.codec.bits import OBJECT_START, SEQUENCE_START, code
 from fapengine.codec.decoder import Decoded, Errors, decode
 from fapengine.codec.elementary import AccessUnit, visual_headers
 from fapengine.codec.epf import PlaneOrder, parse_epf
-from fapengine.errors import DataError, ResourceError
-from fapengine.files.paths import is_mp4, read_bytes, replacing
-from fapengine.files.video import SOUND_RATE_HZ, STRANGERS, encoded_sound, time_of
-
-if TYPE_CHECKING:
-    import av
-else:
-    av = Late("av", "av", "video and sound files")
+from fapengine.errors import DataError
+from fapengine.files.paths import is_mp4, naming, read_bytes
+from fapengine.files.video import av, mux, reading, writing
 
 SIDE = 16
 """Width and height stated by the track; the format requires some."""
@@ -43,13 +36,13 @@ def write_fba_film(
     profile: int,
     sound: tuple[NDArray[np.int16], int] | None = None,
 ) -> None:
-    """Write a face stream, and sound from time 0, into one MP4 file.
+    """Write a face stream, and audio from time 0, into one MP4 file.
 
     Parameters
     ----------
     path : Path
     units : sequence of AccessUnit
-        Of the whole stream.
+        The whole stream.
     rate_hz : float
         Frame rate.
     profile : int
@@ -62,21 +55,10 @@ def write_fba_film(
     ResourceError
         If the file cannot be written.
     """
-    try:
-        with (
-            replacing(path) as new,
-            av.open(str(new), "w", format="mp4", options={"movflags": "faststart"}) as container,
-        ):
-            rate = Fraction(rate_hz).limit_denominator(1001)
-            face: Any = container.add_mux_stream("mpeg4", rate=rate, width=SIDE, height=SIDE)
-            packets = [_packets(face, units, rate, visual_headers(profile))]
-            if sound:
-                voice: Any = container.add_stream("aac", rate=SOUND_RATE_HZ, layout="mono")
-                packets.append(encoded_sound(voice, *sound))
-            for packet in heapq.merge(*packets, key=time_of):
-                container.mux(packet)
-    except (av.FFmpegError, OSError) as error:
-        raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with writing(path, {"movflags": "faststart"}, "mp4") as container:
+        rate = Fraction(rate_hz).limit_denominator(1001)
+        face = container.add_mux_stream("mpeg4", rate=rate, width=SIDE, height=SIDE)
+        mux(container, _packets(face, units, rate, visual_headers(profile)), "aac", sound)
 
 
 def _packets(stream: Any, units: Sequence[AccessUnit], rate: Fraction, headers: bytes) -> Iterator[Any]:
@@ -98,18 +80,14 @@ def read_fba_film(path: Path) -> bytes | None:
     DataError
         If the file cannot be read as a video.
     """
-    try:
-        with path.open("rb") as file, av.open(file, mode="r", options=STRANGERS) as container:
-            for stream in container.streams.video:
-                if stream.codec.name != "mpeg4":
-                    continue
-                data = b"".join(bytes(packet) for packet in container.demux(stream))
-                if data.startswith((code(SEQUENCE_START), code(OBJECT_START))) and code(OBJECT_START) in data[:64]:
-                    return data
-                container.seek(0)
-    except (av.FFmpegError, ValueError, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DataError(f"{path}: cannot be read as an MP4 file ({reason})") from error
+    with reading(path, "read as an MP4 file") as container:
+        for stream in container.streams.video:
+            if stream.codec.name != "mpeg4":
+                continue
+            data = b"".join(bytes(packet) for packet in container.demux(stream))
+            if data.startswith((code(SEQUENCE_START), code(OBJECT_START))) and code(OBJECT_START) in data[:64]:
+                return data
+            container.seek(0)
     return None
 
 
@@ -123,10 +101,8 @@ def load_fba(path: Path, *, errors: Errors = "strict", with_costs: bool = False)
     DataError
         If it cannot be decoded; the message names it.
     """
-    try:
+    with naming(path):
         return decode(read_stream(path), errors=errors, with_costs=with_costs)
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
 
 
 def read_stream(path: Path) -> bytes:
@@ -158,7 +134,5 @@ def load_epf(path: Path) -> tuple[PlaneOrder, ...]:
     DataError
         If it is not a parameter file; the message names it.
     """
-    try:
+    with naming(path):
         return parse_epf(read_bytes(path))
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

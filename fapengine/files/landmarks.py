@@ -1,8 +1,8 @@
-"""Face landmarks in a video, by MediaPipe's face mesh in a separate Python environment.
+"""Face landmarks of a video, by MediaPipe's face mesh in a separate Python environment.
 
 The detector needs an older NumPy than this package, so it runs in another Python: the one in :data:`VARIABLE`, or the
-one that ``make detector`` installs. It receives one image at a time (:mod:`.detector_program`), so memory does not grow
-with the video.
+one that ``make detector`` installs. It receives one image at a time (:mod:`.detector_program`), so memory use does not
+grow with the video.
 """
 
 import os

@@ -24,7 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
-from fapengine.errors import ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 
 try:
     import fcntl
@@ -156,6 +156,25 @@ def replacing_folder(path: Path, *, owned: Collection[str]) -> Iterator[Path]:
                 _put_one_by_one(new, target, owned)
     except OSError as error:
         raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the name of a file before the message of a DataError raised inside."""
+    try:
+        yield
+    except DataError as error:
+        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
+
+
+@contextmanager
+def locating(path: Path | str, separator: str = ", ") -> Iterator[None]:
+    """Put the name of a file, and a separator, before the place of a DataError raised inside."""
+    try:
+        yield
+    except DataError as error:
+        where = f"{path}{separator}{error.where}" if error.where else str(path)
+        raise type(error)(error.message, where=where, clause=error.clause) from error
 
 
 def write_bytes(path: Path, data: bytes) -> None:

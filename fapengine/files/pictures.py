@@ -34,10 +34,8 @@ Picture = NDArray[np.uint8]
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TIFF", "PPM")
 """Formats that are read; others would call programs, or load files that they name."""
-MAX_PIXELS = 50_000_000
+MAX_PIXELS = 8192 * 8192
 """Largest image that is read; a small file may unpack to any size."""
-MAX_IMAGE_PIXELS = 8192 * 8192
-"""Pixels of one image inside another file; larger ones are refused before they are decoded."""
 TILE = 192
 """Side of a frame on a contact sheet, in pixels."""
 LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
@@ -68,6 +66,13 @@ def save_png(path: Path, picture: Picture) -> None:
         Image.fromarray(picture).save(new, format="PNG")
 
 
+def format_png(picture: Picture, compress_level: int = -1) -> bytes:
+    """Return (height, width, 3 or 4) uint8, sRGB, as a PNG file; ``compress_level`` is zlib's."""
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG", compress_level=compress_level)
+    return buffer.getvalue()
+
+
 def load_picture(path: Path) -> Picture:
     """Read an image as (height, width, 3) uint8, sRGB.
 
@@ -78,19 +83,8 @@ def load_picture(path: Path) -> Picture:
     UsageError
         If it does not exist.
     """
-    data = read_bytes(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # ours is the lower limit
-            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
-                width, height = image.size
-                if width * height > MAX_PIXELS:
-                    raise DataError(f"{path}: got {width}x{height} pixels, expected at most {MAX_PIXELS:,} in all")
-                return np.asarray(image.convert("RGB"))
-    except DataError:
-        raise
-    except Exception as error:
-        raise DataError(f"{path}: cannot be read as a picture ({_in_a_line(error)})") from error
+    with opened(read_bytes(path), FORMATS, str(path)) as image:
+        return np.asarray(image.convert("RGB"))
 
 
 @contextmanager
@@ -100,30 +94,34 @@ def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.
     Raises
     ------
     UnsupportedError
-        If it has more than :data:`MAX_IMAGE_PIXELS`.
+        If it has more pixels than :data:`MAX_PIXELS`.
     DataError
-        If it cannot be read.
+        If it cannot be read, also inside the block.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
             with Image.open(io.BytesIO(data), formats=formats) as image:
-                if image.width * image.height > MAX_IMAGE_PIXELS:
+                if image.width * image.height > MAX_PIXELS:
                     raise UnsupportedError(
-                        f"image: got {image.width}x{image.height} pixels, expected at most {MAX_IMAGE_PIXELS}",
-                        where=where,
+                        f"image: got {image.width}x{image.height} pixels, expected at most {MAX_PIXELS}", where=where
                     )
                 yield image
     except DataError:
         raise
     except PIL.UnidentifiedImageError as error:
         raise DataError(f"image: got no {' or '.join(formats)}", where=where) from error
-    except Exception as error:  # whatever the library trips over, the file is at fault
-        raise DataError(f"image: cannot be read ({type(error).__name__}: {error})", where=where) from error
+    except Exception as error:  # whatever the library fails with, the file is at fault
+        text = " ".join(str(error).split())[:200]
+        raise DataError(f"image: cannot be read ({type(error).__name__}: {text})", where=where) from error
 
 
-def _in_a_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
+def shrink(image: Picture, factor: int) -> Picture:
+    """Scale an image, (H, W, C), down by a whole factor; each pixel becomes the mean of those that it replaces."""
+    if factor == 1:
+        return image
+    height, width = (max(1, side // factor) for side in image.shape[:2])
+    return np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BOX), np.uint8)
 
 
 def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], *, title: str = "") -> Picture:
@@ -187,10 +185,10 @@ def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], fi
     left, right, top, bottom = 64, CHART[0] - 24, 48, CHART[1] - 34
     highest = max(*values, 1e-9)
     pen.text((MARGIN, 10), title, INK, font=font(19))
-    for share in (0.0, 0.5, 1.0):
-        y = bottom - share * (bottom - top)
+    for fraction in (0.0, 0.5, 1.0):
+        y = bottom - fraction * (bottom - top)
         pen.line((left, y, right, y), fill=GRID_INK)
-        pen.text((left - 8, y), f"{share * highest:.0f}", FAINT, font=font(13), anchor="rm")
+        pen.text((left - 8, y), f"{fraction * highest:.0f}", FAINT, font=font(13), anchor="rm")
     width = (right - left) / len(values)
     for index, (value, is_marked) in enumerate(zip(values, marked, strict=True)):
         x = left + index * width
@@ -201,33 +199,28 @@ def bar_chart(values: Sequence[float], *, title: str, marked: Sequence[bool], fi
     return np.asarray(chart)
 
 
-def under_each_other(pictures: Sequence[Picture]) -> Picture:
-    """Stack images of one width, (H, W, C), the first on top."""
-    return np.concatenate(pictures, axis=0)
-
-
 @cache
 def drawable(label: str) -> str:
-    """Spell an IPA label with symbols of the font: missing ones are replaced by the most similar sound.
+    """Write an IPA label with symbols of the font; each missing symbol is replaced by the most similar phone.
 
     Examples
     --------
     >>> drawable("tʃ"), drawable("ɫ"), drawable("ᵻ")
     ('tʃ', 'l', 'ɪ')
     """
-    letters = font(21)
-    missing = bytes(letters.getmask("\uffff"))
+    glyphs = font(21)
+    missing = bytes(glyphs.getmask("\uffff"))
 
-    def known(letter: str) -> bool:
-        return bytes(letters.getmask(letter)) != missing
+    def is_known(symbol: str) -> bool:
+        return bytes(glyphs.getmask(symbol)) != missing
 
-    def instead(letter: str) -> str:
-        heard = ipa.letters(letter)
-        fallbacks = tuple(filter(known, ipa.SOUNDS))
-        likes = [sound if known(sound) else ipa.nearest(sound, fallbacks) for sound in heard]
-        return "".join(likes) or "?"
+    def drawn(symbol: str) -> str:
+        if is_known(symbol):
+            return symbol
+        known = tuple(filter(is_known, ipa.SOUNDS))
+        return "".join(phone if phone in known else ipa.nearest(phone, known) for phone in ipa.letters(symbol)) or "?"
 
-    return "".join(letter if known(letter) else instead(letter) for letter in label)
+    return "".join(map(drawn, label))
 
 
 @cache
@@ -236,32 +229,28 @@ def font(size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(font_source_sans_pro.SourceSansProSemibold, size)
 
 
-if TYPE_CHECKING:
-    from PIL import Image, ImageDraw
-else:
-    Image = Late("PIL.Image", "pillow", "pictures")
-    ImageDraw = Late("PIL.ImageDraw", "pillow", "pictures")
-
-
 WIDTH, PX_PER_S, MAX_ROWS = 1400, 340.0, 40
 WORD_HEIGHT, PHONE_HEIGHT, AXIS_HEIGHT, ROW_GAP = 26, 62, 24, 14
+STRESS = {1: "ˈ", 2: "ˌ"}
 SILENT, WORD, UNKNOWN = (236, 235, 230), (224, 228, 234), (240, 204, 92)
 LIPS, VOWEL, ROUND, OTHER = (214, 98, 82), (240, 178, 122), (226, 146, 160), (142, 178, 204)
 LEGEND = ((LIPS, "lips close or meet the teeth"), (ROUND, "rounded"), (VOWEL, "vowel"), (OTHER, "other"))
 
 
-def colour(phone: Phone) -> tuple[int, int, int]:
+def _colour(phone: Phone, spelled: bool) -> tuple[int, int, int]:
     """Colour by visible articulation: lips that touch, rounded lips, other vowels, the rest."""
     if phone.is_silence:
         return SILENT
-    sounds = [ipa.SOUNDS[letter] for letter in ipa.letters(phone.label)]
-    if not sounds:
+    if spelled:
+        return WORD
+    symbols = [ipa.SOUNDS[symbol] for symbol in ipa.letters(phone.label)]
+    if not symbols:
         return UNKNOWN
-    if max(sound.lips for sound in sounds) >= 0.5:
+    if max(symbol.lips for symbol in symbols) >= 0.5:
         return LIPS
-    if max(sound.rounding for sound in sounds) >= 0.9:
+    if max(symbol.rounding for symbol in symbols) >= 0.9:
         return ROUND
-    return VOWEL if sounds[0].vowel else OTHER
+    return VOWEL if symbols[0].vowel else OTHER
 
 
 def draw_timeline(track: PhoneTrack, *, title: str = "") -> Picture:
@@ -302,24 +291,21 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
     for begin_s, end_s, word in () if track.spelled else _words(phones):
         _box(pen, x(begin_s), x(end_s), top, WORD_HEIGHT - 3, WORD, word, 15)
     for phone in phones:
-        label = (
-            ""
-            if phone.is_silence
-            else {1: "ˈ", 2: "ˌ"}.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
-        )
-        fill = WORD if track.spelled and not phone.is_silence else colour(phone)
-        _box(pen, x(phone.start_s), x(phone.end_s), top + WORD_HEIGHT, PHONE_HEIGHT, fill, label, 22)
+        label = ""
+        if not phone.is_silence:
+            label = STRESS.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
+        left, right = x(phone.start_s), x(phone.end_s)
+        _box(pen, left, right, top + WORD_HEIGHT, PHONE_HEIGHT, _colour(phone, track.spelled), label, 22)
     foot = top + WORD_HEIGHT + PHONE_HEIGHT
     step_s = 0.1 if scale >= PX_PER_S else 0.2
     last_s = min(start_s + row_s, max(track.duration_s, 0.0))
     for tick in range(int(np.ceil(start_s / step_s - 1e-6)), int(np.floor(last_s / step_s + 1e-6)) + 1):
-        whole = tick % 5 == 0
-        pen.line((x(tick * step_s), foot + 2, x(tick * step_s), foot + (8 if whole else 5)), fill=FAINT)
-        if whole:
-            anchor = (
-                "ra" if x(tick * step_s) > WIDTH - MARGIN - 24 else "ma" if tick * step_s > start_s + 0.05 else "la"
-            )
-            pen.text((x(tick * step_s), foot + 8), f"{tick * step_s:.1f} s", FAINT, font=font(12), anchor=anchor)
+        time_s, at = tick * step_s, x(tick * step_s)
+        has_label = tick % 5 == 0
+        pen.line((at, foot + 2, at, foot + (8 if has_label else 5)), fill=FAINT)
+        if has_label:
+            anchor = "ra" if at > WIDTH - MARGIN - 24 else "ma" if time_s > start_s + 0.05 else "la"
+            pen.text((at, foot + 8), f"{time_s:.1f} s", FAINT, font=font(12), anchor=anchor)
 
 
 def _words(phones: list[Phone]) -> list[tuple[float, float, str]]:
@@ -337,7 +323,7 @@ def _box(
     pen: ImageDraw.ImageDraw, left: float, right: float, top: int, height: int, fill: tuple[int, int, int], label: str,
     size: int,
 ) -> None:  # fmt: skip
-    """Draw a rounded box with its label, in a smaller font if needed; too narrow boxes stay empty."""
+    """Draw a rounded box with its label, in a smaller font if needed; boxes that are too narrow stay empty."""
     right = max(right - 2, left + 1)
     radius = min(6, (right - left) / 2)
     pen.rounded_rectangle((left, top, right, top + height - 1), radius, fill=fill)

@@ -1,7 +1,7 @@
-"""Audio files: reading every container that FFmpeg supports and we allow, completely or in pieces; writing WAV.
+"""Audio files: reads the containers of :data:`CONTAINERS`, completely or in pieces, and writes WAV.
 
-Input is untrusted, so FFmpeg gets a file that is already open, no protocol to open another, and only the containers in
-:data:`CONTAINERS`: some of the others are lists of further files and addresses.
+Input is untrusted, so FFmpeg gets a file that is already open, no protocol to open another, and only these containers:
+some of the others are lists of further files and addresses.
 """
 
 import wave
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import replacing
+from fapengine.files.video import reason
 
 if TYPE_CHECKING:
     import av
@@ -28,13 +29,13 @@ CONTAINERS = (
     "wav", "w64", "flac", "mp3", "ogg", "mov", "matroska", "aac", "aiff", "caf", "au", "avi", "asf", "mpegts", "mpeg",
     "flv", "amr", "ac3", "eac3",
 )  # fmt: skip
-"""FFmpeg's names of the containers that are read: audio and video, each in one file."""
+"""FFmpeg's names of the containers that are read: self-contained audio and video."""
 MAX_RATE_HZ = 48_000
-"""Highest rate of a file that is read completely; higher ones are resampled."""
+"""Highest sample rate of a file that is read completely; higher ones are resampled."""
 RATES_HZ = (1_000, 768_000)
-"""Lowest and highest rate of a file."""
+"""Lowest and highest sample rate of a file."""
 MAX_S = 86_400.0
-"""A day: longer files are mistakes or attacks."""
+"""One day: longer files are mistakes or attacks."""
 WRITTEN_AT_ONCE = 1 << 20
 """Samples written at a time."""
 _FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31, "i8": 2.0**63, "f4": 1.0, "f8": 1.0}
@@ -87,7 +88,9 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         if channel is not None and not 1 <= channel <= stream.channels:
             raise UsageError(f"channel: got {channel}, expected 1..{stream.channels}, the channels of {path}")
         source_hz, target_hz = stream.rate, rate_hz or stream.rate
-        resampler = None if target_hz == source_hz else _Resampler(source_hz, target_hz)
+        resampler = None
+        if target_hz != source_hz:
+            resampler = av.AudioResampler(format="s16", layout="mono", rate=target_hz)
         decoded = 0
         try:
             for frame in container.decode(audio=0):
@@ -101,21 +104,21 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
                     raise DataError(f"{path}: got more than {MAX_S:g} s of sound, expected at most a day")
                 mono = _mono(frame, channel, path)
                 if resampler is None:
-                    yield _to_int16(mono)
+                    yield np.clip(np.rint(mono.astype(np.float64) * 2**15), -(2**15), 2**15 - 1).astype(np.int16)
                 else:
-                    yield from resampler.push(mono)
-        except (_av_error(), ValueError, MemoryError) as error:
-            if isinstance(error, DataError):
-                raise
+                    piece = av.AudioFrame.from_ndarray(mono.reshape(1, -1), format="flt", layout="mono")
+                    piece.sample_rate = source_hz
+                    yield from _samples(resampler.resample(piece))
+        except DataError:
+            raise
+        except (av.FFmpegError, ValueError, MemoryError) as error:
             where = f"{decoded / source_hz:.2f} s"
-            raise DataError(f"{path}: cannot be decoded as sound ({_reason(error)})", where=where) from error
+            raise DataError(f"{path}: cannot be decoded as sound ({reason(error)})", where=where) from error
         if resampler is not None:
-            yield from resampler.end()
+            yield from _samples(resampler.resample(None))
 
 
-def load_sound(
-    path: Path, *, rate_hz: int | None = None, channel: int | None = None
-) -> tuple[NDArray[np.int16], int]:  # fmt: skip
+def load_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> tuple[NDArray[np.int16], int]:
     """Read a whole audio file.
 
     Parameters
@@ -140,7 +143,7 @@ def load_sound(
         If it contains no audio, or is damaged.
     """
     rate_hz = rate_hz or min(inspect_sound(path).sample_rate_hz, MAX_RATE_HZ)
-    gathered = bytearray()  # grows in place: an hour of sound is held once, not twice
+    gathered = bytearray()  # grows in place: an hour of audio is held once, not twice
     for piece in stream_sound(path, rate_hz=rate_hz, channel=channel):
         gathered += piece.data
     samples = np.frombuffer(gathered, np.int16)
@@ -178,12 +181,10 @@ def _opened(path: Path) -> Iterator[Any]:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, metadata_errors="ignore")
         except (av.FFmpegError, ValueError, OSError) as error:
-            known = (
-                getattr(error, "errno", None) != EINVAL
-            )  # what FFmpeg answers to a container that is not in the list
-            reason = _reason(error) if known else "a kind of file that is not read here"
+            is_refused = getattr(error, "errno", None) == EINVAL  # by the list of containers
+            why = "a kind of file that is not read here" if is_refused else reason(error)
             raise DataError(
-                f"{path}: cannot be decoded as sound ({reason}); expected WAV, FLAC, MP3, Ogg, M4A or a video"
+                f"{path}: cannot be decoded as sound ({why}); expected WAV, FLAC, MP3, Ogg, M4A or a video"
             ) from error
         with container:
             _check(container, path)
@@ -195,7 +196,7 @@ def _check(container: Any, path: Path) -> None:
     if not container.streams.audio:
         raise DataError(f"{path}: holds no sound")
     stream = container.streams.audio[0]
-    rate_hz = getattr(stream, "rate", None)  # a codec that FFmpeg lacks has none
+    rate_hz = getattr(stream, "rate", None)  # missing for a codec that FFmpeg does not have
     if not rate_hz:
         raise DataError(f"{path}: holds sound of a codec that is not known")
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1] or not stream.channels:
@@ -203,22 +204,6 @@ def _check(container: Any, path: Path) -> None:
             f"{path}: got {rate_hz} Hz and {stream.channels} channels, expected {RATES_HZ[0]}..{RATES_HZ[1]} Hz and 1"
             " or more"
         )
-
-
-class _Resampler:
-    """Mono float samples of one rate to int16 of another. Stateful."""
-
-    def __init__(self, source_hz: int, target_hz: int) -> None:
-        self._source_hz = source_hz
-        self._resampler = av.AudioResampler(format="s16", layout="mono", rate=target_hz)
-
-    def push(self, mono: NDArray[np.float32]) -> list[NDArray[np.int16]]:
-        frame = av.AudioFrame.from_ndarray(mono.reshape(1, -1), format="flt", layout="mono")
-        frame.sample_rate = self._source_hz
-        return _samples(self._resampler.resample(frame))
-
-    def end(self) -> list[NDArray[np.int16]]:
-        return _samples(self._resampler.resample(None))
 
 
 def _samples(frames: list[Any]) -> list[NDArray[np.int16]]:
@@ -239,16 +224,3 @@ def _mono(frame: Any, channel: int | None, path: Path) -> NDArray[np.float32]:
     finite = np.nan_to_num(mixed / _FULL_SCALE[kind], nan=0.0, posinf=1.0, neginf=-1.0)
     mono: NDArray[np.float32] = np.clip(finite, -1.0, 1.0).astype(np.float32)
     return mono
-
-
-def _to_int16(mono: NDArray[np.float32]) -> NDArray[np.int16]:
-    return np.clip(np.rint(mono.astype(np.float64) * 2**15), -(2**15), 2**15 - 1).astype(np.int16)
-
-
-def _av_error() -> type[Exception]:
-    """Return the base class of PyAV's errors; PyAV is imported when first needed."""
-    return av.FFmpegError
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)

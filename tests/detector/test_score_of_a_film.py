@@ -54,10 +54,10 @@ def test_a_film_without_a_face_is_told(tmp_path: Path) -> None:
         detector_python()
     except ResourceError:
         pytest.skip("face detector absent; make detector")
-    from fapengine.files.video import write_video
+    from fapengine.files.moving import write_moving
 
     grey = [np.full((64, 64, 3), 90 + n, np.uint8) for n in range(30)]
-    write_video(tmp_path / "grey.mp4", grey, rate_hz=25.0)
+    write_moving(tmp_path / "grey.mp4", grey, rate_hz=25.0)
     with pytest.raises(DataError, match=r"grey\.mp4: video: only 0 of 30 frames show a face"):
         app(["score", str(tmp_path / "grey.mp4")], standalone_mode=False)
 

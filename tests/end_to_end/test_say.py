@@ -14,11 +14,11 @@ from fapengine.cli import main
 from fapengine.files.motion import load_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import load_sound
-from fapengine.files.video import Video, load_video
 from fapengine.mesh.default_head.head import build_head
 from fapengine.render.camera import preset
 from fapengine.voices.espeak import EspeakVoice
 from tests.processes import start
+from tests.videos import Video, load_video
 
 SENTENCE = "Bright sunshine shimmers on the ocean."
 LEAD_S = 0.3

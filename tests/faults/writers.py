@@ -23,11 +23,11 @@ from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, save_markers
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.timings import load_timings
-from fapengine.files.video import load_video
 from fapengine.mesh.default_head.head import build_head
 from fapengine.voices.espeak import EspeakVoice
 from tests.faults.processes import Marked, left_over
 from tests.unit.cli.test_fit import record
+from tests.videos import load_video
 
 TEXT = "Bright sunshine."
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)

@@ -14,7 +14,7 @@ from fapengine.errors import DataError
 from fapengine.files.fba import load_fba, read_fba_film, read_stream
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import is_mp4
-from fapengine.files.pictures import Picture, bar_chart, under_each_other
+from fapengine.files.pictures import Picture, bar_chart
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import is_blend_table
@@ -123,7 +123,7 @@ def _plane_bars(facts: dict[str, Any]) -> Picture:
         first="FAP 1",
         last="FAP 68",
     )
-    return under_each_other([by_time, by_fap])
+    return np.concatenate([by_time, by_fap])
 
 
 def _motion(source: Source, what: str) -> Report:

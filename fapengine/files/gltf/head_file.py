@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._late import Late
 from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
+from fapengine.files.pictures import format_png
 from fapengine.retarget.puppet import HEAD, JOINTS, NECK, PARENTS, Part, Puppet
-
-if TYPE_CHECKING:
-    from PIL import Image
-else:
-    Image = Late("PIL.Image", "pillow", "pictures")
-
 
 GENERATOR = "fapengine"
 
@@ -134,9 +126,7 @@ def _add_material(writer: Writer, part: Part) -> int:
 
 
 def _add_texture(writer: Writer, texture: NDArray[np.uint8]) -> int:
-    buffer = io.BytesIO()
-    Image.fromarray(texture).save(buffer, "PNG")
-    data = buffer.getvalue()
+    data = format_png(texture)
     for number, row in enumerate(writer.document.get("images", [])):  # parts share the head's painting
         view = writer.document["bufferViews"][row["bufferView"]]
         if writer.binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]] == data:

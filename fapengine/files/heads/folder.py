@@ -18,21 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import DAMAGE
-from fapengine._late import Late
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.paths import read_bytes, replacing_folder
-from fapengine.files.pictures import opened
+from fapengine.files.pictures import format_png, opened
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Folds
 from fapengine.mpeg4.fapu import Fapu
 
 if TYPE_CHECKING:
-    from PIL import Image
-
     from fapengine.laboratory.dense_face import ModeRig
-else:
-    Image = Late("PIL.Image", "pillow", "pictures")
-
 
 SCHEMA = 2
 TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME = "head.toml", "head.npz", "head.png", "head_modes.npz"
@@ -86,7 +80,7 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     np.savez_compressed(buffer, **arrays)
     files = {ARRAYS_NAME: buffer.getvalue()}
     if mesh.texture is not None:
-        files[TEXTURE_NAME] = _png(mesh.texture)
+        files[TEXTURE_NAME] = format_png(mesh.texture, compress_level=3)
     if rig is not None:
         from fapengine.laboratory.dense_file import format_rig  # much of scipy, for dense faces alone
 
@@ -101,12 +95,6 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     with replacing_folder(folder, owned=OWNED) as new:
         for name, data in files.items():
             (new / name).write_bytes(data)
-
-
-def _png(texture: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(texture).save(buffer, "PNG", compress_level=3)
-    return buffer.getvalue()
 
 
 def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:

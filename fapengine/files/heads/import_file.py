@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
-from fapengine.files.gltf.images import pack_tiles
+from fapengine.files.gltf.textures import pack_tiles
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig

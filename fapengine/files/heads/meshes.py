@@ -10,7 +10,7 @@ from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.paths import read_bytes
-from fapengine.files.pictures import MAX_IMAGE_PIXELS
+from fapengine.files.pictures import MAX_PIXELS
 from fapengine.files.recordings import find_paint
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
@@ -190,9 +190,9 @@ def load_neutral(path: Path) -> BlendshapeMesh:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)
     paint = find_paint(visual, len(vertices)) or Paint()
-    if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_IMAGE_PIXELS:
+    if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_PIXELS:
         size = f"{paint.texture.shape[1]}x{paint.texture.shape[0]}"
-        raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_IMAGE_PIXELS}", where=str(path))
+        raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_PIXELS}", where=str(path))
     return BlendshapeMesh(
         vertices=vertices, triangles=triangles, blendshapes={}, texture=paint.texture, uv=paint.uv, albedo=paint.albedo
     )

@@ -12,7 +12,7 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.recordings import load_markers, save_markers
-from fapengine.files.video import load_video
+from tests.videos import load_video
 
 RATE_HZ = 50.0
 SKULL = {"H1": (60.0, 90.0, 30.0), "H2": (-60.0, 90.0, 30.0), "H3": (0.0, 120.0, 0.0)}

@@ -9,8 +9,8 @@ from PIL import Image
 
 import fapengine
 from fapengine.files.sound import load_sound
-from fapengine.files.video import load_video
 from fapengine.voices.protocol import Speech
+from tests.videos import load_video
 
 SMALL = (64, 64)
 HEAD = "default:level=coarse"

@@ -254,7 +254,7 @@ def test_a_painted_mesh_keeps_its_picture(tmp_path, monkeypatch):
     assert mesh.texture.shape == (16, 16, 4)
     seen = [mesh.texture[int(v * 16), int(u * 16), :3].tolist() for u, v in mesh.uv]
     assert [row == [250, 10, 20] for row in seen] == [place[0] == 1 for place in mesh.vertices.tolist()]
-    monkeypatch.setattr(meshes, "MAX_IMAGE_PIXELS", 255)
+    monkeypatch.setattr(meshes, "MAX_PIXELS", 255)
     with pytest.raises(UnsupportedError, match=r"texture: got 16x16 pixels, expected at most 255 .at .*face\.obj"):
         load_neutral(tmp_path / "face.obj")
     (tmp_path / "skin.png").unlink()

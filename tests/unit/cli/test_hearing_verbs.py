@@ -12,11 +12,11 @@ from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.files.motion import load_fap
 from fapengine.files.sound import load_sound, save_wav
-from fapengine.files.video import load_video
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Voice
 from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, closures, met, no_speech, spoken
+from tests.videos import load_video
 
 
 def run(*arguments: object) -> int:

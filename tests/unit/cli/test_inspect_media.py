@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError
 from fapengine.files.motion import save_fap
+from fapengine.files.moving import write_moving
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
-from fapengine.files.video import write_video
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import format_blend_csv
@@ -81,8 +81,8 @@ def test_a_film_with_and_without_sound(tmp_path: Path) -> None:
     pictures = [np.full((32, 48, 3), 8 * number, np.uint8) for number in range(10)]
     loud = np.full(RATE_HZ, np.iinfo(np.int16).max, np.int16)
     with_sound, silent = tmp_path / "talk.mp4", tmp_path / "mute.mp4"
-    write_video(with_sound, pictures, rate_hz=10.0, sound=(loud, RATE_HZ))
-    write_video(silent, pictures, rate_hz=10.0)
+    write_moving(with_sound, pictures, rate_hz=10.0, sound=(loud, RATE_HZ))
+    write_moving(silent, pictures, rate_hz=10.0)
     report = as_json(with_sound)
     assert report["film"] == {"width": 48, "height": 32, "rate_hz": 10.0, "codec": "h264"}
     assert report["sound"]["seconds"] == pytest.approx(1.0, abs=0.1)

@@ -13,9 +13,9 @@ from fapengine.codec.encoder import encode
 from fapengine.errors import UsageError
 from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
-from fapengine.files.video import load_video
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from tests.videos import load_video
 
 FRAMES = 5
 

@@ -11,7 +11,7 @@ from fapengine.codec.elementary import LEVELS, access_units, level_of, visual_he
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError
 from fapengine.files.fba import load_fba, read_fba_film, write_fba_film
-from fapengine.files.video import write_video
+from fapengine.files.moving import write_moving
 from fapengine.mpeg4.track import FapTrack
 
 RATE_HZ = 25.0
@@ -64,7 +64,7 @@ def test_planes_that_share_bytes_cannot_be_cut() -> None:
 
 def test_a_film_of_pictures_is_no_face_stream(tmp_path: Path) -> None:
     path = tmp_path / "film.mp4"
-    write_video(path, [np.zeros((32, 32, 3), np.uint8)] * 3, rate_hz=RATE_HZ)
+    write_moving(path, [np.zeros((32, 32, 3), np.uint8)] * 3, rate_hz=RATE_HZ)
     assert read_fba_film(path) is None
     with pytest.raises(DataError, match="without a face stream"):
         load_fba(path)

@@ -7,16 +7,22 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.moving import write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import bar_chart, contact_sheet, load_picture, save_png
 from fapengine.files.sound import load_sound, save_wav
-from fapengine.files.video import load_video, write_video
+from fapengine.files.video import stream_pictures
+from tests.videos import load_video
 
 TONE = (np.sin(np.arange(22050) * 2 * np.pi * 440 / 22050) * 9000).astype(np.int16)
 
 
 def frames(count: int) -> list[NDArray[np.uint8]]:
     return [np.full((64, 96, 3), 8 * index, np.uint8) for index in range(count)]
+
+
+def decode_all(path: Path) -> None:
+    list(stream_pictures(path, max_side=64))
 
 
 def test_wav_there_and_back(tmp_path: Path) -> None:
@@ -29,7 +35,7 @@ def test_wav_there_and_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
 def test_video_has_every_frame_and_its_sound(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"video{suffix}"
-    assert write_video(path, frames(30), rate_hz=30.0, sound=(TONE, 22050)) == 30
+    assert write_moving(path, frames(30), rate_hz=30.0, sound=(TONE, 22050)) == 30
     video = load_video(path)
     assert video.frames.shape == (30, 64, 96, 3)
     assert video.rate_hz == pytest.approx(30.0)
@@ -40,7 +46,7 @@ def test_video_has_every_frame_and_its_sound(tmp_path: Path, suffix: str) -> Non
 
 
 def test_video_without_sound(tmp_path: Path) -> None:
-    write_video(tmp_path / "mute.mp4", frames(3), rate_hz=25.0)
+    write_moving(tmp_path / "mute.mp4", frames(3), rate_hz=25.0)
     assert load_video(tmp_path / "mute.mp4").sound_duration_s == 0
     with pytest.raises(DataError, match="holds no sound"):
         load_sound(tmp_path / "mute.mp4")
@@ -73,27 +79,27 @@ def test_bars_are_as_high_as_their_values() -> None:
 
 def test_refuses(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"ends with \.mp4"):
-        write_video(tmp_path / "video.avi", frames(1), rate_hz=30)
+        write_moving(tmp_path / "video.avi", frames(1), rate_hz=30)
     with pytest.raises(UsageError, match="even sides"):
-        write_video(tmp_path / "odd.mp4", [np.zeros((63, 64, 3), np.uint8)], rate_hz=30)
+        write_moving(tmp_path / "odd.mp4", [np.zeros((63, 64, 3), np.uint8)], rate_hz=30)
     with pytest.raises(UsageError, match="5 frames and 1 labels"):
         contact_sheet(frames(5), [("a", "b")])
     (tmp_path / "file").write_bytes(b"not a folder, not a video")
     for write in (
-        lambda: write_video(tmp_path / "file" / "x.mp4", frames(1), rate_hz=30),
+        lambda: write_moving(tmp_path / "file" / "x.mp4", frames(1), rate_hz=30),
         lambda: save_png(tmp_path / "file" / "x.png", frames(1)[0]),
         lambda: write_bytes(tmp_path / "file" / "x", b""),
     ):
         with pytest.raises(ResourceError, match="cannot be written"):
             write()
-    for load in (load_video, load_picture, load_sound):
+    for load in (decode_all, load_picture, load_sound):
         with pytest.raises(DataError, match="file"):
             load(tmp_path / "file")
     with pytest.raises(UsageError, match="cannot be read"):
         load_sound(tmp_path / "none.wav")
     save_wav(tmp_path / "sound.wav", TONE, 22050)
-    with pytest.raises(DataError, match="holds no picture"):
-        load_video(tmp_path / "sound.wav")
+    with pytest.raises(DataError, match="cannot be decoded as video"):
+        decode_all(tmp_path / "sound.wav")
     save_wav(tmp_path / "empty.wav", TONE[:0], 22050)
     with pytest.raises(DataError, match="sound"):
         load_sound(tmp_path / "empty.wav")

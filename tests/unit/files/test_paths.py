@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from fapengine.errors import ResourceError
-from fapengine.files.moving import write_animation
+from fapengine.files.moving import write_moving
 from fapengine.files.paths import remove_unfinished, replacing, replacing_folder, write_bytes
 from fapengine.files.pictures import save_png
-from fapengine.files.video import write_video
 from tests.processes import start
 
 GOOD = b"an earlier, good file"
@@ -171,9 +170,9 @@ def pictures(count: int) -> Iterator[np.ndarray]:
 WRITERS: dict[str, Callable[[Path, int], object]] = {
     "out.bin": lambda path, count: write_bytes(path, os.urandom(1000 * count)),
     "out.png": lambda path, count: save_png(path, next(pictures(count))),
-    "out.mp4": lambda path, count: write_video(path, pictures(count), rate_hz=30),
-    "out.mkv": lambda path, count: write_video(path, pictures(count), rate_hz=30),
-    "out.webp": lambda path, count: write_animation(path, pictures(count), rate_hz=30),
+    "out.mp4": lambda path, count: write_moving(path, pictures(count), rate_hz=30),
+    "out.mkv": lambda path, count: write_moving(path, pictures(count), rate_hz=30),
+    "out.webp": lambda path, count: write_moving(path, pictures(count), rate_hz=30),
 }
 
 
@@ -197,7 +196,7 @@ def test_frames_that_fail_leave_the_good_film(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_video(path, failing(), rate_hz=30)
+        write_moving(path, failing(), rate_hz=30)
     assert path.read_bytes() == GOOD
     assert list(tmp_path.iterdir()) == [path]
 
@@ -205,7 +204,7 @@ def test_frames_that_fail_leave_the_good_film(tmp_path: Path) -> None:
 def test_an_mp4_begins_with_its_list_of_frames_and_holds_sound_beside_its_pictures(tmp_path: Path) -> None:
     path = tmp_path / "out.mp4"
     sound = (np.random.default_rng(1).integers(-9000, 9000, 3 * 22050).astype(np.int16), 22050)
-    assert write_video(path, pictures(90), rate_hz=30, sound=sound) == 90
+    assert write_moving(path, pictures(90), rate_hz=30, sound=sound) == 90
     data = path.read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
     assert chunks_take_turns(path)

@@ -19,12 +19,12 @@ from fapengine.files.heads.load import load_head, load_head_info, load_head_of_m
 from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.recordings import save_markers
-from fapengine.files.video import load_video
 from fapengine.laboratory.dense_face import make_dense_head
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.models.adapted_head import Nearness
 from fapengine.mpeg4.track import FapTrack
+from tests.videos import load_video
 
 from .dense_made import MOVING, SKULL, MadeFace, make_face
 
