@@ -237,7 +237,7 @@ LIPS, VOWEL, ROUND, OTHER = (214, 98, 82), (240, 178, 122), (226, 146, 160), (14
 LEGEND = ((LIPS, "lips close or meet the teeth"), (ROUND, "rounded"), (VOWEL, "vowel"), (OTHER, "other"))
 
 
-def _colour(phone: Phone, spelled: bool) -> tuple[int, int, int]:
+def colour(phone: Phone, *, spelled: bool = False) -> tuple[int, int, int]:
     """Colour by visible articulation: lips that touch, rounded lips, other vowels, the rest."""
     if phone.is_silence:
         return SILENT
@@ -295,7 +295,7 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
         if not phone.is_silence:
             label = STRESS.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
         left, right = x(phone.start_s), x(phone.end_s)
-        _box(pen, left, right, top + WORD_HEIGHT, PHONE_HEIGHT, _colour(phone, track.spelled), label, 22)
+        _box(pen, left, right, top + WORD_HEIGHT, PHONE_HEIGHT, colour(phone, spelled=track.spelled), label, 22)
     foot = top + WORD_HEIGHT + PHONE_HEIGHT
     step_s = 0.1 if scale >= PX_PER_S else 0.2
     last_s = min(start_s + row_s, max(track.duration_s, 0.0))
