@@ -19,6 +19,7 @@ import moderngl
 import numpy as np
 
 from fapengine.app.manner import Manner
+from fapengine.app.outputs import SaveOptions
 from fapengine.app.performance import perform
 from fapengine.app.report import Report
 from fapengine.app.talk import write_talk
@@ -46,16 +47,16 @@ FIRST_FRAME_GOAL_S = 1.0
 STARTS = 5
 STAMPED_SAY = """
 import sys
-from fapengine.app import talk
+from fapengine.app import outputs
 from fapengine.cli import main
-write = talk.write_moving
+write = outputs.write_moving
 def stamped(path, frames, **options):
     def seen():
         for frame in frames:
             print("frame", flush=True)
             yield frame
     write(path, seen(), **options)
-talk.write_moving = stamped
+outputs.write_moving = stamped
 main()
 """
 """``fapengine say``, which prints a line whenever a frame is handed to the film's writer."""
@@ -70,7 +71,7 @@ def whole_job(text: str) -> Report:
         with report.stage("plan"):
             manner = Manner(expressions={"joy": 0.4})
             performance = perform(speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=text)
-        write_talk(performance, Path(folder) / "bench.mp4", report, drawing=Drawing())
+        write_talk(performance, Path(folder) / "bench.mp4", SaveOptions(report=report))
     return report
 
 

@@ -36,13 +36,8 @@ class Manner:
 
 
 def manner_of(options: MannerOptions) -> Manner:
-    """Make a manner of the options of speaking.
-
-    Raises
-    ------
-    UsageError
-        If one is unknown.
-    """
+    """Check the speaking options, and make a manner of them. Raises UsageError for an invalid one."""
+    check_expressions(options.expression)
     style = Style(
         articulation=options.articulation,
         jaw=options.jaw,
@@ -53,7 +48,7 @@ def manner_of(options: MannerOptions) -> Manner:
     return Manner(
         profile=options.profile,
         style=style,
-        expressions=tuple(options.expression),
+        expressions=options.expression,
         seed=options.seed,
         rate_hz=options.fps,
     )

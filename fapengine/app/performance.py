@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
-from fapengine.app.motion import Sound, save
-from fapengine.app.mouth_cues import RHUBARB, check_cues, save_cues_of_phones
-from fapengine.app.scene_choice import Into
+from fapengine.app.outputs import Into, SaveOptions, Sound, write_output
 from fapengine.engine.commands import Express
 from fapengine.engine.marked import command_ramps, commands_of
 from fapengine.errors import UsageError
@@ -99,28 +97,16 @@ class Performance:
         into: str | Path | Into | None = None,
         on_frame: Callable[[], None] = lambda: None,
     ) -> Path:
-        """Save it as what the name asks for, with its sound: see :func:`fapengine.save`.
+        """Save it with its sound, in the format that the file name asks for: see :func:`fapengine.save`.
 
-        Mouth shapes (``shapes="rhubarb"``) come from the phones, which tell more than the motion.
+        Mouth shapes (``shapes="rhubarb"``) come from the phones, which say more than the motion.
         """
-        if shapes == RHUBARB:
-            check_cues(Path(path), shapes)
-            save_cues_of_phones(Path(path), self.phones, self.duration_s)
-            return Path(path)
-        return save(
-            self.track,
-            path,
-            sound=self.sound,
-            head=head,
-            drawing=drawing,
-            size=size,
-            at_s=at_s,
-            shapes=shapes,
-            kbit_s=kbit_s,
-            encoding=encoding,
-            into=into,
-            on_frame=on_frame,
-        )
+        options = SaveOptions.of(
+            sound=self.sound, phones=self.phones, head=head, drawing=drawing, size=size, at_s=at_s, shapes=shapes,
+            kbit_s=kbit_s, encoding=encoding, into=into, on_frame=on_frame,
+        )  # fmt: skip
+        write_output(self.track, Path(path), options)
+        return Path(path)
 
 
 def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound | None, tuple[str, ...]]:

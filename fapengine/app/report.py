@@ -39,11 +39,12 @@ class Report:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Measure the time of a block."""
-        started_s = time.perf_counter()
+        """Measure the time of a block, without that of the stages inside it."""
+        started_s, before_s = time.perf_counter(), self.total_s
         with self.shows(name):
             yield
-        self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - started_s
+        own_s = time.perf_counter() - started_s - (self.total_s - before_s)
+        self.stages[name] = self.stages.get(name, 0.0) + own_s
 
     @property
     def total_s(self) -> float:

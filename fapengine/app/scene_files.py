@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.scene_choice import SCENES, USD_ENDINGS, Into, check_scene, is_usd
+from fapengine.app.outputs import AVATARS, USD, Into, check_avatar, find_kind, is_usd
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
 from fapengine.files.gltf.head_file import ShapeClip, format_head
-from fapengine.files.gltf.vrma import PRESETS, SETS, format_vrma
+from fapengine.files.gltf.vrma import PRESETS, format_vrma
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
 from fapengine.files.paths import read_bytes, write_bytes
@@ -52,11 +52,8 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     ResourceError
         If it cannot be written.
     """
-    check_scene(path, into)
     if into is None:
         chosen = shapes or PRESETS
-        if chosen not in SETS:
-            raise UsageError(f"shapes: got {chosen!r}, expected {' or '.join(SETS)} for {path.name}")
         write_bytes(path, format_vrma(face_motion(track, name), shapes=chosen))
         return f"expressions of {chosen}, head and gaze"
     if is_usd(path):
@@ -65,7 +62,7 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     from fapengine.files.heads.tables import load_mapping
 
     meanings = load_mapping(into.mapping) if into.mapping else None
-    is_file = into.avatar.suffix.lower() in SCENES
+    is_file = into.avatar.suffix.lower() in AVATARS
     data = read_bytes(into.avatar) if is_file else exported_head(str(into.avatar))
     try:
         written, reached = add_clip(
@@ -102,7 +99,7 @@ def export_head(name: str, path: Path) -> None:
     elif path.suffix == ".glb":
         write_bytes(path, exported_head(name))
     else:
-        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(USD_ENDINGS)}")
+        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(USD)}")
 
 
 def exported_head(name: str) -> bytes:
@@ -144,8 +141,8 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     ResourceError
         If it cannot be written.
     """
-    check_scene(path, into)
-    if into is None or path.suffix.lower() != ".glb" or into.avatar.suffix.lower() in SCENES:
+    check_avatar(path, find_kind(path), into)
+    if into is None or path.suffix.lower() != ".glb" or into.avatar.suffix.lower() in AVATARS:
         raise UsageError(
             f"path: got {path} for a recording of markers, expected .glb and a dense face (into=profiles/NAME)"
         )

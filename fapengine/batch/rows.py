@@ -4,16 +4,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
-from fapengine.app.manner import Manner, check_expressions, manner_of, voice_of
-from fapengine.app.scene_choice import Into, check_scene
+from fapengine.app.manner import manner_of, voice_of
+from fapengine.app.outputs import Into, SaveOptions, check_output
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
-from fapengine.files.moving import check_moving
 from fapengine.files.outputs import files_in
 from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
 from fapengine.render.drawing import Drawing
-from fapengine.retarget.blend_tracks import shape_set
 from fapengine.speaking import SpeakingOptions
 
 PROFILE = "profile"
@@ -54,22 +52,17 @@ class Options(SpeakingOptions):
     report: bool = True
     faps: bool = False
 
-    def manner(self) -> Manner:
-        """How the face speaks. Raises UsageError for what cannot be."""
-        check_expressions(self.expression)
-        return manner_of(self)
-
-    def drawing(self) -> Drawing:
-        """How the face is drawn. Raises UsageError for what cannot be."""
-        return Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges)
-
-    def encoding(self) -> EncoderOptions:
-        """How a stream is coded. Raises UsageError for what cannot be."""
-        return EncoderOptions(quant=self.quant, kbit_s=self.kbps)
-
-    def avatar(self) -> Into | None:
-        """Return the avatar that a motion goes into."""
-        return Into(Path(self.into), self.keys, Path(self.map) if self.map else None) if self.into else None
+    def saving(self, kind: str) -> SaveOptions:
+        """Return the options of a file of this kind. Raises UsageError for an invalid one."""
+        if kind == "mp4":
+            drawing = Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges)
+            return SaveOptions(head=self.head, drawing=drawing)
+        if kind == "glb" and self.into:
+            return SaveOptions(into=Into(Path(self.into), self.keys, Path(self.map) if self.map else None))
+        return SaveOptions(
+            shapes=self.shapes if kind == "csv" else None,
+            encoding=EncoderOptions(quant=self.quant, kbit_s=self.kbps) if kind == "fba" else None,
+        )
 
     def fitting(self, session: Path, output: Path) -> FitJob:
         """Say what is learned from a session. Raises UsageError for what cannot be."""
@@ -89,20 +82,12 @@ class Options(SpeakingOptions):
         UsageError
             It begins with the option's name.
         """
-        self.manner()
+        manner_of(self)
         voice_of(self)
-        if kind == "fba":
-            self.encoding()
-        elif kind == "mp4":
-            check_moving(
-                Path("a.mp4"), rate_hz=self.fps, size=self.drawing().size, alpha=self.drawing().components == 4
-            )
-        elif kind == "csv":
-            shape_set(self.shapes)
-        elif kind == "glb":
-            check_scene(Path("a.glb"), self.avatar())
-        elif kind == PROFILE:
+        if kind == PROFILE:
             self.fitting(Path("a"), Path("b"))
+        else:
+            check_output(Path(f"a.{kind}"), "", self.saving(kind), rate_hz=self.fps)
 
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))

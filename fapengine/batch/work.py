@@ -8,8 +8,8 @@ from pathlib import Path
 
 import fapengine
 from fapengine.app.fit import run_fit
-from fapengine.app.manner import voice_of
-from fapengine.app.motion import save
+from fapengine.app.manner import manner_of, voice_of
+from fapengine.app.outputs import write_output
 from fapengine.app.performance import Performance, animate, perform, pronounced, speak
 from fapengine.app.talk import refuse_unknown
 from fapengine.batch.journal import Done, checksum
@@ -83,7 +83,7 @@ def _since(started_s: float) -> float:
 
 def perform_row(row: Row) -> Performance:
     """Plan a row's motion as ``say`` does that of a text, ``animate`` that of timings or a recording."""
-    options, manner = row.options, row.options.manner()
+    options, manner = row.options, manner_of(row.options)
     profile = loaded_profile(options.profile)
     if row.timings is not None:
         read = load_timings(
@@ -110,13 +110,11 @@ def perform_row(row: Row) -> Performance:
 
 
 def save_row(performance: Performance, path: Path, options: Options) -> None:
-    """Write what a row becomes; the name's ending says what."""
-    drawn = path.suffix == ".mp4"
-    save(
-        performance.track, path, sound=performance.sound, head=loaded_head(options.head) if drawn else "default",
-        drawing=options.drawing() if drawn else None, shapes=options.shapes, encoding=options.encoding(),
-        into=options.avatar(),
-    )  # fmt: skip
+    """Write the file of a row; the ending of its name is the kind."""
+    saving = replace(options.saving(path.suffix[1:]), sound=performance.sound)
+    if path.suffix == ".mp4":
+        saving = replace(saving, head=loaded_head(options.head))
+    write_output(performance.track, path, saving)
 
 
 @lru_cache(maxsize=8)

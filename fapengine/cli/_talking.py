@@ -1,41 +1,27 @@
-"""The part of ``say`` and ``animate`` that both have: files under a progress bar, and the report in words."""
+"""The part that ``say`` and ``animate`` share: writing under a progress bar, and printing the report."""
 
 import json
 import sys
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
+from fapengine.app.outputs import SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.app.scene_choice import Into
 from fapengine.app.talk import write_talk
 from fapengine.cli._progress import progress, working
-from fapengine.files.moving import is_moving
-from fapengine.render.drawing import Drawing
 
 
-def write(
-    performance: Performance,
-    output: Path,
-    report: Report,
-    *,
-    head: str,
-    drawing: Drawing,
-    inputs: Collection[Path] = (),
-    recording: Path | None = None,
-    into: Into | None = None,
-) -> None:
-    """Write every file of a performance under a progress bar, and fill in the report."""
+def write(performance: Performance, output: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
+    """Write every file of a performance under a progress bar, and fill in the report of the options."""
     frames = len(performance.track)
-    with progress("drawing", frames) if is_moving(output) else working(f"writing {frames} frames") as advance:
-        write_talk(
-            performance, output, report,
-            head=head, drawing=drawing, inputs=inputs, recording=recording, into=into,
-            on_frame=advance or (lambda: None),
-        )  # fmt: skip
+    bar = progress("drawing", frames) if find_kind(output).is_image else working(f"writing {frames} frames")
+    with bar as advance:
+        write_talk(performance, output, replace(options, on_frame=advance or (lambda: None)), inputs=inputs)
 
 
 def print_reports(reports: Sequence[Report], *, as_json: bool, err: bool = False) -> None:

@@ -48,12 +48,14 @@ def animate(
 
     With --channel each, two speakers in two channels give two videos: out/two-1.mp4 and out/two-2.mp4.
     """
+    from dataclasses import replace
+
     from fapengine.app.hearing import is_sound, with_loudness
     from fapengine.app.manner import manner_of
-    from fapengine.app.mouth_cues import RHUBARB
+    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
     from fapengine.app.performance import perform, pronounced
     from fapengine.app.report import Report
-    from fapengine.app.talk import check, outputs_of, refuse_unknown
+    from fapengine.app.talk import outputs_of, refuse_unknown
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.cli._progress import working
     from fapengine.cli._talking import print_reports, write
@@ -73,11 +75,15 @@ def animate(
     inputs = [source, *([audio] if audio else [])]
     has_words = text is not None or transcript is not None
     tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
-    for _, path in tracks:
-        check(path, chosen, how, shapes=shapes, into=into)
-    has_sound = listens or audio is not None
+    recording = source if listens else audio
+    saving = SaveOptions(head=head, drawing=how, shapes=shapes, into=into, recording=recording)
+    check_output(output, "say", saving, rate_hz=chosen.rate_hz)
     writing.check(
-        [name for _, path in tracks for name in outputs_of(path, sound=has_sound, inputs=inputs, recording=True)],
+        [
+            name
+            for _, path in tracks
+            for name in outputs_of(path, sound=recording is not None, inputs=inputs, recording=True)
+        ],
         [*inputs, text, recognizer, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
     )
     words = transcript_of(text, transcript) if listens else None
@@ -95,7 +101,6 @@ def animate(
             with report.stage("read"):
                 phones = pronounced(timings.load(source), voice)
         with report.stage("read"):
-            recording = source if listens else audio
             sound = load_sound(recording, channel=number) if recording else None
             if sound is not None and not listens:
                 phones = with_loudness(phones, *sound)
@@ -105,5 +110,5 @@ def animate(
             performance = perform(phones, sound, chosen, text=source.name)
         for remark in performance.remarks:
             typer.echo(f"fapengine: {remark}", err=True)
-        write(performance, path, report, head=head, drawing=how, inputs=inputs, recording=recording, into=into)
+        write(performance, path, replace(saving, report=report), inputs=inputs)
     print_reports(reports, as_json=as_json, err=is_standard(output))

@@ -6,8 +6,6 @@ import typer
 
 from fapengine.cli import options as shared
 
-OUT_KINDS = (".fap", ".csv", ".json", ".tsv", ".xml", ".dat", ".glb", ".vrm", ".vrma", ".usda", ".usdc", ".usd")
-
 
 def convert(
     motion: Path = typer.Argument(
@@ -46,34 +44,25 @@ def convert(
     targets.
     """
     from fapengine.app.dense_film import is_take
-    from fapengine.app.motion import save
-    from fapengine.app.mouth_cues import RHUBARB, check_cues
-    from fapengine.app.scene_choice import check_scene, is_scene
-    from fapengine.app.scene_files import save_scene, save_take_scene
+    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
     from fapengine.cli._result import print_result
-    from fapengine.errors import UsageError
     from fapengine.files.motion import load_motion
     from fapengine.files.paths import is_standard, standard_output
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
-    if output.suffix not in OUT_KINDS:
-        raise UsageError(f"--output: unknown file type {output}; use {', '.join(OUT_KINDS)}")
-    check_cues(output, shapes)
-    into = avatar.value()
-    check_scene(output, into)
+    options = SaveOptions(shapes=shapes, into=avatar.value(), name=motion.stem)
+    kind = check_output(output, "convert", options, rate_hz=0.0)
     writing.check([output], [motion, avatar.into, avatar.mapping])
     if is_take(motion):
-        told = save_take_scene(output, motion, into)
+        from fapengine.app.scene_files import save_take_scene  # with scipy
+
+        told = save_take_scene(output, motion, options.into)
         print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
         return
     track = load_motion(motion)
-    moved = ""
-    if is_scene(output):
-        moved = save_scene(output, track, into, shapes=shapes, name=motion.stem)
-    else:
-        save(track, output, shapes=shapes)
-    facts = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz} | (
-        {"moved": moved} if moved else {}
-    )
-    told = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz" + (f"; {moved}" if moved else "")
+    kind.write(track, output, options)
+    facts: dict[str, object] = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz}
+    told = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz"
+    if moved := options.report.moved:
+        facts["moved"], told = moved, f"{told}; {moved}"
     print_result(facts, told, as_json=as_json, err=is_standard(output))

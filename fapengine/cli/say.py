@@ -84,10 +84,10 @@ def say(
     import sys
 
     from fapengine.app.manner import manner_of, voice_of
-    from fapengine.app.mouth_cues import RHUBARB
+    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
-    from fapengine.app.talk import check, outputs_of, refuse_unknown
+    from fapengine.app.talk import outputs_of, refuse_unknown
     from fapengine.cli._progress import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
@@ -111,12 +111,13 @@ def say(
         return
     if text is None:
         raise UsageError("text: missing; give a text, or use --live --mic to speak")
-    check(output, chosen, how, shapes=shapes, into=into)
+    report = Report(shows=working)
+    saving = SaveOptions(head=head, drawing=how, shapes=shapes, into=into, report=report)
+    check_output(output, "say", saving, rate_hz=chosen.rate_hz)
     if not live:
         writing.check(
             outputs_of(output, sound=True), [head, speaking.profile, drawing.background, avatar.into, avatar.mapping]
         )
-    report = Report(shows=working)
     if text == "-" and sys.stdin is None:
         raise UsageError("text: - reads standard input, but it is closed")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
@@ -140,5 +141,5 @@ def say(
         performance = perform(
             speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks
         )
-    write(performance, output, report, head=head, drawing=how, into=into)
+    write(performance, output, saving)
     print_reports([report], as_json=as_json, err=is_standard(output))

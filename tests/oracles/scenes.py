@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from fapengine.app.outputs import Into
 from fapengine.app.performance import Performance, speak
-from fapengine.app.scene_choice import Into
 from fapengine.app.scene_files import exported_head, save_scene
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.shape_rows import ARKIT_NAMES

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import fapengine
-from fapengine.app.scene_choice import Into, check_scene
+from fapengine.app.outputs import Into, SaveOptions, check_output
 from fapengine.app.scene_files import save_scene
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
@@ -65,14 +65,14 @@ def test_animate_writes_faps_beside_it(avatar: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("output", "into", "message"),
     [
-        ("a.glb", None, "into: got none"),
+        ("a.glb", None, "into: missing"),
         ("a.mp4", Into(Path("b.glb")), "path: got a.mp4"),
         ("a.glb", Into(Path("b.glb"), keys="few"), "keys: got 'few'"),
     ],
 )
 def test_what_does_not_belong_together_is_refused(output: str, into: Into | None, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        check_scene(Path(output), into)
+        check_output(Path(output), "", SaveOptions(into=into), rate_hz=30.0)
 
 
 def test_an_avatar_is_not_written_over(avatar: Path, tmp_path: Path) -> None:
@@ -116,5 +116,5 @@ def test_a_vrm_animation_needs_no_avatar(tmp_path: Path) -> None:
     done = run("convert", tmp_path / "talk.fap", "--shapes", "arkit", "-o", tmp_path / "talk.vrma")
     assert "expressions of arkit" in done.stdout
     assert names(tmp_path / "talk.vrma") == ["talk"]
-    with pytest.raises(UsageError, match="shapes: got 'oculus'"):
+    with pytest.raises(UsageError, match="shapes: got oculus"):
         fapengine.save(open_mouth(), tmp_path / "b.vrma", shapes="oculus")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from fapengine.app.manner import manner_of
 from fapengine.batch.corpus import parse_manifest, rows_of_pattern
 from fapengine.batch.rows import Options, Row
 from fapengine.errors import DataError, UsageError
@@ -28,7 +29,7 @@ def test_a_table(folder: Path) -> None:
     assert one.options.expression == ("joy:0.4", "anger:0.1")
     assert (two.timings, two.audio, two.text) == (folder / "a.pho", folder / "a.wav", None)
     assert two.output(Path("out"), "fap") == Path("out/x/two.fap")
-    assert two.options.manner().style.blinks is False
+    assert manner_of(two.options).style.blinks is False
 
 
 def test_lines_of_json_say_the_same(folder: Path) -> None:
@@ -85,7 +86,7 @@ def test_options_are_checked_for_what_rows_become(folder: Path) -> None:
     assert rows("id,text,size\na,Hi.,33x33\n", folder, "fap")
     with pytest.raises(DataError, match="even sides"):
         rows("id,text,size\na,Hi.,33x33\n", folder, "mp4")
-    with pytest.raises(DataError, match="into: got none"):
+    with pytest.raises(DataError, match="into: missing"):
         rows("id,text\na,Hi.\n", folder, "glb")
 
 

@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from typer.testing import CliRunner
 
 import fapengine
-from fapengine.app.scene_choice import Into, check_scene
+from fapengine.app.outputs import Into, check_avatar, find_kind
 from fapengine.app.scene_files import export_head, face_motion
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
@@ -105,5 +105,5 @@ def test_a_head_alone_is_text_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("into", [Into(Path("a.glb")), Into(Path(HEAD), keys="cubic")])
 def test_foreign_avatars_are_refused(into: Into) -> None:
-    with pytest.raises(UsageError, match="USD is written of our own heads alone"):
-        check_scene(Path("a.usda"), into)
+    with pytest.raises(UsageError, match="USD needs the name of a head"):
+        check_avatar(Path("a.usda"), find_kind(Path("a.usda")), into)

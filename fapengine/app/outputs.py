@@ -1,0 +1,312 @@
+"""The kinds of files that face motion is saved as: one row per ending.
+
+Python's ``save``, the commands ``say``, ``animate`` and ``convert``, their help and their errors use this table. To add
+a kind, write its function here, or in :mod:`fapengine.app.scene_files`, and add its row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.app.drawing import resized
+from fapengine.app.heads import load_head
+from fapengine.app.report import Report
+from fapengine.errors import UsageError
+from fapengine.files.motion import save_fap
+from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
+from fapengine.files.paths import write_bytes
+from fapengine.files.pictures import save_png, straight
+from fapengine.files.sound import save_wav
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4.track import FapTrack
+from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.renderer import FaceRenderer
+from fapengine.speech.phone_track import PhoneTrack
+
+if TYPE_CHECKING:
+    from fapengine.codec.encoder import EncoderOptions
+
+Sound = tuple[NDArray[np.int16], int]
+"""(N,) int16 mono samples, and the sample rate in Hz."""
+RHUBARB = "rhubarb"
+"""The set of nine mouth shapes of Rhubarb Lip Sync."""
+AVATARS = (".glb", ".vrm", ".gltf")
+"""Endings of avatars that can get an animation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Into:
+    """The avatar that gets a motion, and how the motion is written."""
+
+    avatar: Path
+    """An avatar file, or the name of a head to export."""
+    keys: str = "linear"
+    """``"linear"``: one keyframe per frame; ``"cubic"``: fewer keyframes."""
+    mapping: Path | None = None
+    """TOML file that maps other blendshape names."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SaveOptions:
+    """What is saved beside the FAPs, and how."""
+
+    sound: Sound | None = None
+    phones: PhoneTrack | None = None
+    """Source of mouth shapes; without phones they are found from the motion."""
+    recording: Path | None = None
+    """Sound file that mouth shapes refer to."""
+    name: str = ""
+    """Name of an avatar's animation; by default that of the file."""
+    head: str | Path | FaceMesh = "default"
+    drawing: Drawing = DEFAULT_DRAWING
+    at_s: float = 0.0
+    """Time of the frame that a single image shows."""
+    shapes: str | None = None
+    encoding: EncoderOptions | None = None
+    into: Into | None = None
+    on_frame: Callable[[], None] = lambda: None
+    on_image: Callable[[int, Picture], None] = lambda number, picture: None
+    """Called with each image of a video, and its number."""
+    report: Report = field(default_factory=Report)
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        drawing: Drawing | None,
+        size: tuple[int, int] | None,
+        kbit_s: float | None,
+        encoding: EncoderOptions | None,
+        into: str | Path | Into | None,
+        **others: Any,
+    ) -> Self:
+        """Make options from the parameters of :func:`fapengine.save`."""
+        if kbit_s is not None:
+            if encoding is not None:
+                raise UsageError("kbit_s and encoding: got both, expected one; EncoderOptions has a kbit_s of its own")
+            from fapengine.codec.encoder import EncoderOptions
+
+            encoding = EncoderOptions(kbit_s=kbit_s)
+        return cls(
+            drawing=resized(drawing, size), encoding=encoding,
+            into=Into(Path(into)) if isinstance(into, str | Path) else into, **others,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class OutputKind:
+    """One row: a kind of file."""
+
+    ending: str
+    """Ending of the file name; empty for a folder."""
+    name: str
+    """Its name in reports."""
+    write: Callable[[FapTrack, Path, SaveOptions], None]
+    commands: str
+    """Commands that write it: ``"say"`` (with ``animate``), ``"convert"``, both or none. Python writes all."""
+    beside: tuple[str, ...] = ()
+    """Endings of the files that ``say`` writes next to it."""
+    shapes: tuple[str | None, ...] = (None,)
+    """Sets of shapes that it can hold; None: there is a default."""
+    takes_avatar: bool = False
+
+    @property
+    def is_image(self) -> bool:
+        """True for what needs a renderer for all frames: video, animation, image sequence."""
+        return self.write is _write_images
+
+
+def find_kind(path: Path, command: str = "") -> OutputKind:
+    """Find the kind of a file name.
+
+    Raises
+    ------
+    UsageError
+        If the ending is unknown, or the command does not write it.
+    """
+    ending = FOLDER_PATTERN if is_sequence(path) else path.suffix
+    rows = [row for row in OUTPUT_KINDS if command in row.commands]
+    exact = [row for row in rows if row.ending == ending]
+    found = exact or [row for row in rows if row.takes_avatar and row.ending == ending.lower()]
+    if not found:
+        endings = ", ".join(row.ending for row in rows if row.ending)
+        folder = ", or a folder" if not rows[-1].ending else ""
+        raise UsageError(f"path: got {path}, expected a name that ends with {endings}{folder}")
+    return found[0]
+
+
+def check_output(path: Path, command: str, options: SaveOptions, *, rate_hz: float) -> OutputKind:
+    """Find the kind of a file name, and reject options that it does not support, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        For an unknown ending, or an option that the file cannot have.
+    ResourceError
+        If a library for writing is not installed.
+    """
+    kind = find_kind(path, command)
+    if options.shapes not in kind.shapes:
+        sets = " or ".join(f"shapes={name}" for name in kind.shapes if name) or "none"
+        raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
+    check_avatar(path, kind, options.into)
+    if kind.is_image:
+        drawing = options.drawing
+        check_moving(path, rate_hz=rate_hz, size=drawing.size, alpha=drawing.components == 4)
+    return kind
+
+
+def check_avatar(path: Path, kind: OutputKind, into: Into | None) -> None:
+    """Reject an avatar for a file that cannot contain one, and a missing one. Raises UsageError."""
+    if into is None:
+        if kind.takes_avatar:
+            raise UsageError(f"into: missing; {path} needs an avatar (into=AVATAR.glb)")
+        return
+    from fapengine.models.via_points import STRAIGHT, WAYS
+
+    if not kind.takes_avatar:
+        endings = " or ".join(row.ending for row in OUTPUT_KINDS if row.takes_avatar)
+        raise UsageError(f"path: got {path}, expected a name that ends with {endings} for into=AVATAR")
+    if into.keys not in WAYS:
+        raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
+    is_foreign = into.avatar.suffix.lower() in AVATARS
+    if is_usd(path) and (is_foreign or into.keys != STRAIGHT or into.mapping is not None):
+        raise UsageError(
+            f"into: got {into.avatar}; USD needs the name of a head (such as woman or heads/mine), keys=linear and no"
+            " mapping"
+        )
+
+
+def is_usd(path: Path) -> bool:
+    """Whether a name is a USD file."""
+    return path.suffix.lower() in USD
+
+
+def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    """Check the options, and write the kind of file that the name asks for.
+
+    Raises
+    ------
+    UsageError
+        As :func:`check_output`.
+    ResourceError
+        If the file cannot be written, or there is no OpenGL.
+    """
+    check_output(path, "", options, rate_hz=track.rate_hz).write(track, path, options)
+
+
+def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    save_fap(path, track)
+
+
+def _write_stream(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    from fapengine.codec.encoder import encode  # with Numba, whose import takes 0.2 s
+
+    write_bytes(path, encode(track, options.encoding))
+
+
+def _write_table(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    from fapengine.retarget.blend_tracks import format_blend_csv
+
+    write_bytes(path, format_blend_csv(track, options.shapes or "arkit"))
+
+
+def _write_sound(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    if options.sound is None:
+        raise UsageError(f"sound: got none, expected samples and their rate for {path}")
+    save_wav(path, *options.sound)
+
+
+def _write_mouth_shapes(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    from fapengine.speech.formats.rhubarb import cues_of_frames, cues_of_phones, format_rhubarb
+
+    if options.phones is not None:
+        sound = options.sound
+        cues = cues_of_phones(options.phones, duration_s=len(sound[0]) / sound[1] if sound else None)
+    else:
+        from fapengine.retarget.rhubarb import approximate_shapes
+
+        cues = cues_of_frames(approximate_shapes(track.even_values(), track.rate_hz), track.rate_hz)
+    recording = str(options.recording.resolve()) if options.recording else ""
+    write_bytes(path, format_rhubarb(cues, path.suffix, sound_file=recording))
+
+
+def _write_image(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    times_s = track.times_s - track.times_s[0] if len(track) else np.zeros(0)
+    last_s = float(times_s[-1]) if len(track) else 0.0
+    if not len(track) or not 0 <= options.at_s <= last_s:
+        raise UsageError(f"at_s: got {options.at_s} s, the track lasts {last_s:.2f} s")
+    row = int(np.searchsorted(times_s, options.at_s + 1e-9, side="right")) - 1
+    save_png(path, next(draw_frames(track.values[[row]], options)))
+
+
+def _write_images(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    def images() -> Iterator[Picture]:
+        for number, picture in enumerate(draw_frames(track.even_values(), options)):
+            options.on_image(number, picture)
+            yield picture
+
+    with options.report.stage("encode"):
+        write_moving(path, images(), rate_hz=track.rate_hz, sound=options.sound, on_frame=options.on_frame)
+
+
+def draw_frames(rows: NDArray[np.int32], options: SaveOptions) -> Iterator[Picture]:
+    """Draw FAPs, (T, 68) FAPU: one image per frame, sRGB with straight alpha."""
+    report = options.report
+    with report.stage("head"):
+        mesh = options.head if isinstance(options.head, FaceMesh) else load_head(options.head)
+    with report.stage("upload"):
+        renderer = FaceRenderer(mesh, options.drawing)
+    with renderer:
+        pictures = map(straight, renderer.frames(rows))
+        for _ in range(len(rows)):
+            with report.stage("draw"):
+                picture = next(pictures)
+            yield picture
+
+
+def _write_scene(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    from fapengine.app.scene_files import save_scene  # formats of other programs, which a video does not need
+
+    with options.report.stage("avatar"):
+        options.report.moved = save_scene(
+            path, track, options.into, shapes=options.shapes, name=options.name or path.stem
+        )
+
+
+FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")
+"""What ``say`` writes next to a video, and next to an avatar."""
+TABLE_SHAPES = (None, "arkit", "oculus", "vrm0", "vrm1")
+OUTPUT_KINDS = (
+    OutputKind(".fap", "FAPs", _write_fap, "say convert", (".wav",)),
+    OutputKind(".fba", "FBA stream", _write_stream, ""),
+    OutputKind(".csv", "blendshapes", _write_table, "convert", shapes=TABLE_SHAPES),
+    OutputKind(".json", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
+    OutputKind(".tsv", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
+    OutputKind(".xml", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
+    OutputKind(".dat", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
+    OutputKind(".glb", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
+    OutputKind(".vrm", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
+    OutputKind(".usda", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
+    OutputKind(".usdc", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
+    OutputKind(".usd", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
+    OutputKind(".vrma", "avatar", _write_scene, "say convert", SPOKEN, (None, "vrm1", "arkit")),
+    OutputKind(".wav", "sound", _write_sound, ""),
+    OutputKind(".png", "image", _write_image, ""),
+    OutputKind(".mp4", "video", _write_images, "say", FILM),
+    OutputKind(".webm", "video", _write_images, "say", FILM),
+    OutputKind(".mkv", "video", _write_images, "say", FILM),
+    OutputKind(".mov", "video", _write_images, "say", FILM),
+    OutputKind(".gif", "pictures", _write_images, "say", FILM),
+    OutputKind(".webp", "pictures", _write_images, "say", FILM),
+    OutputKind(FOLDER_PATTERN, "pictures", _write_images, "say", FILM),
+    OutputKind("", "pictures", _write_images, "say", FILM),
+)
+"""All kinds, in the order in which errors list them."""
+USD = tuple(row.ending for row in OUTPUT_KINDS if row.ending.startswith(".usd"))
