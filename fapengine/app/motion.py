@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fapengine.app.drawing import resized
-from fapengine.app.outputs import Into, SaveOptions, Sound, draw_frames, write_output
+from fapengine.app.outputs import SaveOptions, Sound, draw_frames, write_output
 from fapengine.errors import UsageError
 from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion
 from fapengine.mesh.face_mesh import FaceMesh
@@ -15,6 +15,7 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
 
 if TYPE_CHECKING:
+    from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
 LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)

@@ -30,26 +30,13 @@ from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import PhoneTrack
 
 if TYPE_CHECKING:
+    from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
 Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and the sample rate in Hz."""
 RHUBARB = "rhubarb"
 """The set of nine mouth shapes of Rhubarb Lip Sync."""
-AVATARS = (".glb", ".vrm", ".gltf")
-"""Endings of avatars that can get an animation."""
-
-
-@dataclass(frozen=True, slots=True)
-class Into:
-    """The avatar that gets a motion, and how the motion is written."""
-
-    avatar: Path
-    """An avatar file, or the name of a head to export."""
-    keys: str = "linear"
-    """``"linear"``: one keyframe per frame; ``"cubic"``: fewer keyframes."""
-    mapping: Path | None = None
-    """TOML file that maps other blendshape names."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,10 +80,11 @@ class SaveOptions:
             from fapengine.codec.encoder import EncoderOptions
 
             encoding = EncoderOptions(kbit_s=kbit_s)
-        return cls(
-            drawing=resized(drawing, size), encoding=encoding,
-            into=Into(Path(into)) if isinstance(into, str | Path) else into, **others,
-        )  # fmt: skip
+        if isinstance(into, str | Path):
+            from fapengine.app.scene_files import Into
+
+            into = Into(Path(into))
+        return cls(drawing=resized(drawing, size), encoding=encoding, into=into, **others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,37 +143,20 @@ def check_output(path: Path, command: str, options: SaveOptions, *, rate_hz: flo
     if options.shapes not in kind.shapes:
         sets = " or ".join(f"shapes={name}" for name in kind.shapes if name) or "none"
         raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
-    check_avatar(path, kind, options.into)
+    if options.into is None:
+        if kind.takes_avatar:
+            raise UsageError(f"into: missing; {path} needs an avatar (into=AVATAR.glb)")
+    elif not kind.takes_avatar:
+        endings = " or ".join(row.ending for row in OUTPUT_KINDS if row.takes_avatar)
+        raise UsageError(f"path: got {path}, expected a name that ends with {endings} for into=AVATAR")
+    else:
+        from fapengine.app.scene_files import check_avatar
+
+        check_avatar(path, options.into)
     if kind.is_image:
         drawing = options.drawing
         check_moving(path, rate_hz=rate_hz, size=drawing.size, alpha=drawing.components == 4)
     return kind
-
-
-def check_avatar(path: Path, kind: OutputKind, into: Into | None) -> None:
-    """Reject an avatar for a file that cannot contain one, and a missing one. Raises UsageError."""
-    if into is None:
-        if kind.takes_avatar:
-            raise UsageError(f"into: missing; {path} needs an avatar (into=AVATAR.glb)")
-        return
-    from fapengine.models.via_points import STRAIGHT, WAYS
-
-    if not kind.takes_avatar:
-        endings = " or ".join(row.ending for row in OUTPUT_KINDS if row.takes_avatar)
-        raise UsageError(f"path: got {path}, expected a name that ends with {endings} for into=AVATAR")
-    if into.keys not in WAYS:
-        raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
-    is_foreign = into.avatar.suffix.lower() in AVATARS
-    if is_usd(path) and (is_foreign or into.keys != STRAIGHT or into.mapping is not None):
-        raise UsageError(
-            f"into: got {into.avatar}; USD needs the name of a head (such as woman or heads/mine), keys=linear and no"
-            " mapping"
-        )
-
-
-def is_usd(path: Path) -> bool:
-    """Whether a name is a USD file."""
-    return path.suffix.lower() in USD
 
 
 def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
@@ -309,4 +280,3 @@ OUTPUT_KINDS = (
     OutputKind("", "pictures", _write_images, "say", FILM),
 )
 """All kinds, in the order in which errors list them."""
-USD = tuple(row.ending for row in OUTPUT_KINDS if row.ending.startswith(".usd"))

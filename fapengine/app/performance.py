@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
-from fapengine.app.outputs import Into, SaveOptions, Sound, write_output
+from fapengine.app.outputs import SaveOptions, Sound, write_output
 from fapengine.engine.commands import Express
 from fapengine.engine.marked import command_ramps, commands_of
 from fapengine.errors import UsageError
@@ -29,6 +29,7 @@ from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Speech, Voice
 
 if TYPE_CHECKING:
+    from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
 LEAD_S, TAIL_S = 0.3, 0.5

@@ -1,11 +1,11 @@
 """Face motion inside the files that other programs open: a clip in a GLB or VRM, VRM's animations, and USD."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.outputs import AVATARS, USD, Into, check_avatar, find_kind, is_usd
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
@@ -16,11 +16,47 @@ from fapengine.files.heads.load import load_head, load_head_and_modes, load_head
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import bone_transforms
+from fapengine.models.via_points import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.puppet import METRES_PER_MM, make_puppet
 
+AVATARS = (".glb", ".vrm", ".gltf")
+"""Endings of avatars that can get an animation."""
+USD = (".usda", ".usdc", ".usd")
 BONES = {"jaw": 1, "left eye": 2, "right eye": 3, "head": 4}
 """Rows of :func:`fapengine.mesh.deform.bone_transforms` by bone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Into:
+    """The avatar that gets a motion, and how the motion is written."""
+
+    avatar: Path
+    """An avatar file, or the name of a head to export."""
+    keys: str = "linear"
+    """``"linear"``: one keyframe per frame; ``"cubic"``: fewer keyframes."""
+    mapping: Path | None = None
+    """TOML file that maps other blendshape names."""
+
+    @property
+    def is_foreign(self) -> bool:
+        """True for an avatar file, False for a head."""
+        return self.avatar.suffix.lower() in AVATARS
+
+
+def check_avatar(path: Path, into: Into) -> None:
+    """Reject options that a file with an avatar does not support. Raises UsageError."""
+    if into.keys not in WAYS:
+        raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
+    if _is_usd(path) and (into.is_foreign or into.keys != STRAIGHT or into.mapping is not None):
+        raise UsageError(
+            f"into: got {into.avatar}; USD needs the name of a head (such as woman or heads/mine), keys=linear and no"
+            " mapping"
+        )
+
+
+def _is_usd(path: Path) -> bool:
+    return path.suffix.lower() in USD
 
 
 def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
@@ -56,14 +92,13 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
         chosen = shapes or PRESETS
         write_bytes(path, format_vrma(face_motion(track, name), shapes=chosen))
         return f"expressions of {chosen}, head and gaze"
-    if is_usd(path):
+    if _is_usd(path):
         return _save_usd(path, track, str(into.avatar), name)
     from fapengine.files.heads.meshes import files_beside  # much of scipy, for avatars' files alone
     from fapengine.files.heads.tables import load_mapping
 
     meanings = load_mapping(into.mapping) if into.mapping else None
-    is_file = into.avatar.suffix.lower() in AVATARS
-    data = read_bytes(into.avatar) if is_file else exported_head(str(into.avatar))
+    data = read_bytes(into.avatar) if into.is_foreign else exported_head(str(into.avatar))
     try:
         written, reached = add_clip(
             data, files_beside(into.avatar), face_motion(track, name), keys=into.keys, meanings=meanings
@@ -93,7 +128,7 @@ def export_head(name: str, path: Path) -> None:
     ResourceError
         If it cannot be written, or usd-core is not installed.
     """
-    if is_usd(path):
+    if _is_usd(path):
         info = load_head_info(name)
         usd.save_usd(path, make_puppet(load_head(name)), licence=info.licence, source=info.source)
     elif path.suffix == ".glb":
@@ -141,8 +176,7 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     ResourceError
         If it cannot be written.
     """
-    check_avatar(path, find_kind(path), into)
-    if into is None or path.suffix.lower() != ".glb" or into.avatar.suffix.lower() in AVATARS:
+    if into is None or path.suffix.lower() != ".glb" or into.is_foreign:
         raise UsageError(
             f"path: got {path} for a recording of markers, expected .glb and a dense face (into=profiles/NAME)"
         )

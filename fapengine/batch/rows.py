@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import manner_of, voice_of
-from fapengine.app.outputs import Into, SaveOptions, check_output
+from fapengine.app.outputs import SaveOptions, check_output
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.outputs import files_in
@@ -58,6 +58,8 @@ class Options(SpeakingOptions):
             drawing = Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges)
             return SaveOptions(head=self.head, drawing=drawing)
         if kind == "glb" and self.into:
+            from fapengine.app.scene_files import Into  # with scipy
+
             return SaveOptions(into=Into(Path(self.into), self.keys, Path(self.map) if self.map else None))
         return SaveOptions(
             shapes=self.shapes if kind == "csv" else None,

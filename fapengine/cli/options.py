@@ -12,8 +12,8 @@ from fapengine.server.sinks.kinds import SINK_KINDS, DatagramKind
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from fapengine.app.outputs import Into
     from fapengine.app.say_live import LiveOutput
+    from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
     from fapengine.speech.phone_track import PhoneTrack
 
@@ -252,7 +252,7 @@ class AvatarOptions:
         UsageError
             If there are options for an avatar but no avatar.
         """
-        from fapengine.app.outputs import Into
+        from fapengine.app.scene_files import Into
         from fapengine.errors import UsageError
 
         if self.into is None:

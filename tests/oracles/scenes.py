@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fapengine.app.outputs import Into
 from fapengine.app.performance import Performance, speak
-from fapengine.app.scene_files import exported_head, save_scene
+from fapengine.app.scene_files import Into, exported_head, save_scene
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from tests.browser.chromium import Browser

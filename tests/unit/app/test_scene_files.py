@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import fapengine
-from fapengine.app.outputs import Into, SaveOptions, check_output
-from fapengine.app.scene_files import save_scene
+from fapengine.app.outputs import SaveOptions, check_output
+from fapengine.app.scene_files import Into, save_scene
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.document import JSON_CHUNK, split_glb

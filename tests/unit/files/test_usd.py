@@ -9,8 +9,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from typer.testing import CliRunner
 
 import fapengine
-from fapengine.app.outputs import Into, check_avatar, find_kind
-from fapengine.app.scene_files import export_head, face_motion
+from fapengine.app.scene_files import Into, check_avatar, export_head, face_motion
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
 from fapengine.files.heads.load import load_head
@@ -106,4 +105,4 @@ def test_a_head_alone_is_text_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize("into", [Into(Path("a.glb")), Into(Path(HEAD), keys="cubic")])
 def test_foreign_avatars_are_refused(into: Into) -> None:
     with pytest.raises(UsageError, match="USD needs the name of a head"):
-        check_avatar(Path("a.usda"), find_kind(Path("a.usda")), into)
+        check_avatar(Path("a.usda"), into)
