@@ -51,8 +51,8 @@ from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.methods import dominance as spread
 from fapengine.trajectory.methods import sample_path
-from fapengine.trajectory.phonetics import PUSHED, WIDTH, extend, layer_faps
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.phonetics import PUSHED, layer_faps
+from fapengine.trajectory.targets import keys_of as speech_keys_of
 
 ARRAYS = (
     "ids", "text", "fps", "n_frames", "offset", "marker_delta", "marker_step_mm", "marker_mediapipe", "marker_is_lip",
@@ -227,9 +227,8 @@ Method = Callable[[Clip, Profile, Array], Array]
 
 
 def keys_of(clip: Clip, profile: Profile, *, context: bool = False) -> tuple[Array, Array]:
-    resolved, _ = resolve(clip.phones, profile, context=context)
-    keys = place_keyframes(clip.phones, resolved, profile.space.mode_count)
-    return keys.times_s, keys.weights
+    keys = speech_keys_of(clip.phones, profile, context=context).keyframes()
+    return keys.times_s, keys.weights[:, : profile.space.mode_count]
 
 
 def rest(clip: Clip, profile: Profile, times: Array) -> Array:
@@ -254,7 +253,7 @@ def natural(knots: Array, weights: Array, times: Array) -> Array:
 
 
 def quintic(knots: Array, weights: Array, times: Array) -> Array:
-    return hermite.sample(knots, weights, times)
+    return hermite.paths(knots, weights, np.zeros(len(knots), np.intp), 1)[0].sample(times)
 
 
 def monotone(knots: Array, weights: Array, times: Array) -> Array:
@@ -264,12 +263,13 @@ def monotone(knots: Array, weights: Array, times: Array) -> Array:
 def ramps(clip: Clip, profile: Profile, times: Array) -> Array:
     """Use a popular browser avatar's fixed ramps: up from t - 2d/3 to t + d/2, down to t + 1.5 d, added up."""
     path = np.zeros((len(times), profile.space.mode_count))
-    resolved, _ = resolve(clip.phones, profile, context=False)
-    for one in resolved:
-        start, length = one.phone.start_s, one.phone.duration_s
-        peak = 0.6 if one.contact == "none" and one.phone.label[0] not in "aeiouæɑɔəɛɪʊʌ" else 0.9
+    keys = speech_keys_of(clip.phones, profile, context=False)
+    targets = keys.targets[np.unique(keys.phone_of, return_index=True)[1], : profile.space.mode_count]
+    for (phone, contact), target in zip(keys.said[0], targets, strict=True):
+        start, length = phone.start_s, phone.duration_s
+        peak = 0.6 if contact == "none" and phone.label[0] not in "aeiouæɑɔəɛɪʊʌ" else 0.9
         shape = np.interp(times, [start - 2 * length / 3, start + length / 2, start + 1.5 * length], [0, peak, 0])
-        path += shape[:, None] * one.targets[0]
+        path += shape[:, None] * target
     return profile.space.to_points_mm(path)
 
 
@@ -277,8 +277,8 @@ def dominance(rate: float) -> Method:
     """Cohen and Massaro, without closures."""
 
     def method(clip: Clip, profile: Profile, times: Array) -> Array:
-        resolved, _ = resolve(clip.phones, profile, context=False)
-        return profile.space.to_points_mm(spread(resolved, times, rate))
+        path = spread(speech_keys_of(clip.phones, profile, context=False), times, rate)
+        return profile.space.to_points_mm(path[:, : profile.space.mode_count])
 
     return method
 
@@ -287,15 +287,13 @@ def ours(method: str) -> Method:
     """Do what the product does by one of its methods: keyframes, path, closures."""
 
     def predict(clip: Clip, profile: Profile, times: Array) -> Array:
-        resolved, _ = resolve(clip.phones, profile, context=method == "context")
-        spoken, modes = extend(resolved), profile.space.mode_count
-        keys = place_keyframes(clip.phones, spoken, modes + WIDTH)
-        path = sample_path(method, spoken, keys, times)
+        keys, modes = speech_keys_of(clip.phones, profile, context=method == "context"), profile.space.mode_count
+        path = sample_path(method, keys, times)
         moved = profile.space.to_points_mm(path[:, :modes])
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
         layer = path[:, modes:] @ layer_faps(profile)
         layer[:, list(UNMEASURED)] = 0.0
-        change = close_lips(faps + layer, times, holds_of(resolved)) - faps
+        change = close_lips(faps + layer, times, holds_of(keys.said[0])) - faps
         for row in fap.FAPS:  # what the layer and the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]
             if np.abs(shift).max() > 0:

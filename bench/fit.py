@@ -24,7 +24,7 @@ from fapengine.files.heads.built import load_built
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 RATE_HZ = 25.0
 SIZES = ((40, 75, 57), (40, 300, 57), (40, 75, 229), (40, 300, 229))
@@ -50,8 +50,7 @@ def make_session(folder: Path, takes: int, frames: int, markers: int) -> None:
         track = PhoneTrack.of(
             [Phone("_", 0.0, 0.2), *phones, Phone("_", edges[-1], frames / RATE_HZ)], tolerance_s=1e-6
         )
-        keys = place_keyframes(track, resolve(track, profile, context=False)[0], profile.space.mode_count)
-        moved = profile.space.to_points_mm(keys.sample(np.arange(frames) / RATE_HZ))
+        moved = profile.space.to_points_mm(weights_of(track, profile, np.arange(frames) / RATE_HZ, context=False))
         moved = np.concatenate([moved, np.einsum("mp,tpa->tma", weights, moved)], axis=1)
         places = np.concatenate([neutral, extra]) + moved + rng.normal(0, 0.1, moved.shape)
         np.savez(folder / f"t{index:03d}.npz", positions_mm=places, labels=np.array(names), rate_hz=RATE_HZ)

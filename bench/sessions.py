@@ -2,11 +2,11 @@
 
     python -m bench.sessions [--sessions 1 50 200] [--json FILE]
 
-Every session speaks random phones, twelve a second. *Showing* is one call of ``BatchPlanner.frames`` for all: FAPs and
-the 42 coordinates of the paper's points. *Planning* is what feeding costs: phone by phone, each 0.3 s before its time,
-what came for all sessions since the last tick together; or a sentence of 24 phones at once. The yardstick in the same
-run is the matrix product alone, weights to those 42 coordinates, for as many frames. CPU time of one thread; medians
-over ticks. The goal is 2,000 sessions within a tick.
+Every session speaks random phones, twelve a second. *Showing* is one call of ``BatchPlanner.frames`` for all: their
+FAPs. *Planning* is what feeding costs: phone by phone, each 0.3 s before its time, what came for all sessions since
+the last tick together; or a sentence of 24 phones at once. The yardstick in the same run is a matrix product alone,
+weights to the 42 coordinates of the paper's points, for as many frames. CPU time of one thread; medians over ticks. The
+goal is 2,000 sessions within a tick.
 """
 
 import argparse

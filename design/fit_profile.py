@@ -22,7 +22,7 @@ from fapengine.profiles import PhoneTarget, Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import tokens_of
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 PROFILE = Path(__file__).resolve().parent.parent / "profiles" / "grid_s1_en"
 INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
@@ -226,9 +226,7 @@ def score_context(space, points, speech, clip_of_frame, kept, held_out, targets)
         times = np.arange(speech["n_frames"][clip]) / RATE_HZ
         inside = [phone for phone in track.phones if not phone.is_silence]
         shown = (times >= inside[0].start_s) & (times <= inside[-1].end_s)
-        resolved, _ = resolve(track, profile)
-        keys = place_keyframes(track, resolved, space.mode_count)
-        guesses.append(space.to_points_mm(keys.sample(times))[shown])
+        guesses.append(space.to_points_mm(weights_of(track, profile, times))[shown])
         truths.append(points[clip_of_frame == clip][shown])
     lips = [space.points.index(name) for name in (*INNER_LIPS, *MARKERS[:8])]
     guess, truth = np.concatenate(guesses)[:, lips], np.concatenate(truths)[:, lips]

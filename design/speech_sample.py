@@ -26,7 +26,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.profiles import Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 Array = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -138,9 +138,7 @@ def to_track(phones: list[tuple[str, float, float]]) -> PhoneTrack:
 
 def plan_scores(track: PhoneTrack, profile: Profile) -> Array:
     """(75, K): the engine's path through the viseme space, before contacts."""
-    resolved, _ = resolve(track, profile)
-    keys = place_keyframes(track, resolved, profile.space.mode_count)
-    return keys.sample(np.arange(FRAMES) / RATE_HZ)
+    return weights_of(track, profile, np.arange(FRAMES) / RATE_HZ)
 
 
 def draw_residual(spread: Array, correlation: Array, rng: np.random.Generator) -> Array:

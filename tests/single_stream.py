@@ -17,7 +17,7 @@ from fapengine.trajectory.stream import StreamingPlanner, StreamPlan, plan_toget
 Array = NDArray[np.float64]
 
 
-def jet_of_plan(plan: StreamPlan, times_s: Array) -> hermite.Jet:
+def jet_of_plan(plan: StreamPlan, times_s: Array) -> tuple[Array, ...]:
     """Value, velocity and acceleration of a plan at any times from its start on: (T,) s -> (T, K) each."""
     jet = plan.path.jet(times_s)
     since = times_s - plan.start_s
@@ -27,7 +27,8 @@ def jet_of_plan(plan: StreamPlan, times_s: Array) -> hermite.Jet:
     for length_s, first in fades:
         fading = since < length_s
         if fading.any() and plan.left_over.any():
-            added = hermite.blend(since[fading, None], np.array(length_s), first, (still, still, still))
+            quintic = hermite.quintic(length_s, first, (still, still, still))
+            added = hermite.jet_of(quintic, since[fading, None] / length_s, length_s)
             for total, part in zip(jet, added, strict=True):
                 total[fading] += part
     return jet

@@ -260,13 +260,13 @@ class Engine:
             for session in [session for session in self._rows if session.slew_left_s]:
                 self._succeeds(session, session.slew, elapsed_s)
         try:
-            frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
+            faps = self._batch.frames(now_s, self._gestures.overlay(now_s))
         except Exception:  # one session's fault must not stop the other faces
             if not self._end_guilty(now_s):
                 raise
-            frames = self._batch.frames(now_s, self._gestures.overlay(now_s))
+            faps = self._batch.frames(now_s, self._gestures.overlay(now_s))
         self._shown_s = now_s
-        return EngineFrame(self._names, frames.faps, now_s)
+        return EngineFrame(self._names, faps, now_s)
 
     def _plan(self, sessions: Sequence[Session], now_s: float) -> None:
         """Plan for sessions with fresh phones, the most urgent first; the others are woken again."""

@@ -15,7 +15,7 @@ from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSIONS
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.batch import Overlay
+from fapengine.trajectory.compose import Overlay
 from fapengine.trajectory.expression import expression_faps, has_expression
 from fapengine.trajectory.gestures import Channel, GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.ramps import Ramp, Ramps

@@ -20,7 +20,7 @@ from fapengine.mpeg4.fapu import Fapu
 from fapengine.profiles import PhoneTarget, Profile
 from fapengine.trajectory.expression import Mood, mood_ramps
 from fapengine.trajectory.ramps import sample_ramps
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 Array = NDArray[np.float64]
 
@@ -258,9 +258,7 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
     for take in takes:
         times = np.arange(len(take.moved_mm)) / prepared.rate_hz
         phones = spoken(take)
-        resolved, _ = resolve(phones, profile)
-        keys = place_keyframes(phones, resolved, profile.space.mode_count)
-        planned.append(keys.sample(times))
+        planned.append(weights_of(phones, profile, times))
         guesses.append(profile.space.to_points_mm(planned[-1])[:, columns])
         truths.append(pick((take,), prepared, lips))
     guess, truth = np.concatenate(guesses), np.concatenate(truths)

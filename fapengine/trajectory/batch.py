@@ -3,14 +3,13 @@
 Theory of operation
 -------------------
 Each session has its own planner, because their phones differ; phones of all sessions since the last frame are planned
-together (:mod:`.many`). Showing is the same for all, so it is done on arrays with one row a session:
+together (:func:`.targets.speech_keys`). Showing is the same for all, so it is done on arrays with one row a session:
 
 1. *window*: the next :data:`KNOTS` knots of a session's plan, its fade, and its holds. Copied from the planner when the
    plan has changed, when another plan takes over, or when the window is used up.
 2. *segment*: coefficients of the quintic between two knots. Computed when a session crosses a knot, for all that do.
-3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, and one matrix product
-   from weights to FAPs and feature points; then expressions and gestures (:class:`Overlay`), closures
-   (:func:`.closures.settle`) and rounding.
+3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, FAPs with expressions,
+   contacts and gestures (:mod:`.compose`), and rounding.
 
 A row equals the frame of a planner of its own, FAP for FAP; only the order of additions differs.
 """
@@ -23,64 +22,23 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import bump
-from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import PAIRS, RAMP_S, Hold, settle
-from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
-from fapengine.trajectory.phonetics import ROUND, WIDTH, give_way, layer_faps, layer_gain, layer_points
+from fapengine.trajectory.closures import CONTACTS, RAMP_S, Hold
+from fapengine.trajectory.compose import Composer, Overlay
+from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.stream import Counts, StreamingPlanner, plan_together
-from fapengine.trajectory.style import Style, jaw_share
+from fapengine.trajectory.style import Style
 
 Array = NDArray[np.float64]
 
 KNOTS = 8
 """Number of knots of a plan in a session's window; two or three fall to a phone, so they last for a quarter of a second
 and more."""
-CONTACTS = ("lips", "teeth", "open", "jaw")
-SPOKEN = (*DETERMINED, 44, 45, 46)
-SPANS = tuple(
-    slice(fap.column(first), fap.column(last) + 1)
-    for first, last in zip(
-        (number for number in sorted(SPOKEN) if number - 1 not in SPOKEN),
-        (number for number in sorted(SPOKEN) if number + 1 not in SPOKEN),
-        strict=True,
-    )
-)
-"""Columns of the FAPs that speech moves: what a space determines, and the tongue."""
-EVERY = (slice(fap.column(3), fap.FAP_COUNT),)
-MIN_FAPU, MAX_FAPU = (to_codable(np.full((fap.FAP_COUNT, 1), limit).T).T for limit in (-np.inf, np.inf))
-"""(68, 1) FAPU: what every FAP can carry."""
 FIRST_ROWS, FIRST_HOLDS = 16, 4
 """Numbers of rows, and of holds in each, that a batch begins with; they double when they are full."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BatchFrames:
-    """One frame of every session; row r of each array is session ``sessions[r]``."""
-
-    sessions: NDArray[np.int64]
-    """(S,)."""
-    faps: NDArray[np.int32]
-    """(S, 68) FAPU. The sessions' values of one FAP lie side by side in memory."""
-    points_mm: Array
-    """(S, M, 3) mm: displacements of the profile's M marker points from the rest face, contacts included."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Overlay:
-    """Expressions, gestures and gains beside speech; column s of each array is session ``BatchPlanner.sessions[s]``."""
-
-    expression: Array
-    """(68, S) FAPU, added before closures are made."""
-    gestures: Array
-    """(68, S) FAPU, added afterwards."""
-    jaw: Array
-    """(S,): size of the jaw's part of speech, times that of the batch's style."""
-    lips: Array
-    """(S,): the same of the lips' part."""
 
 
 @dataclass(slots=True, eq=False)
@@ -189,10 +147,8 @@ class BatchPlanner:
         """Those that have taken phones since they were planned, by session."""
         self._opened = 0
         self._now_s = -np.inf
-        self._modes = profile.space.mode_count
-        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, self._modes + WIDTH)
-        self._lift, self._back, self._outer = _lift(profile, self._style)
-        self._jaws = jaw_share(profile).T
+        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count + WIDTH)
+        self._composer = Composer(profile, self._style)
 
     def __len__(self) -> int:
         """Count the open sessions."""
@@ -285,15 +241,20 @@ class BatchPlanner:
         plan_together(list(self._due.values()))
         self._due.clear()
 
-    def frames(self, time_s: float, overlay: Overlay | None = None) -> BatchFrames:
-        """One frame of every session; what is shown is settled.
+    def frames(self, time_s: float, overlay: Overlay | None = None) -> NDArray[np.int32]:
+        """One frame of every session, in the order of :attr:`sessions`; what is shown is settled.
 
         Parameters
         ----------
         time_s : float
             In the batch's time, not before the last frame asked for.
         overlay : Overlay, optional
-            What is added to speech. ``points_mm`` hold speech alone.
+            What is added to speech.
+
+        Returns
+        -------
+        (S, 68) int32, FAPU
+            The sessions' values of one FAP are next to each other in memory.
         """
         if not self._now_s <= time_s < np.inf:
             raise UsageError(f"time_s: must be rising times from {self._now_s:g} s, got {time_s:g} s")
@@ -304,28 +265,8 @@ class BatchPlanner:
         self._rows.shown_s[:count] = times
         self._load(np.flatnonzero(times >= self._rows.reload_s[:count]), times)
         self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
-        weights = self._weights(times)
-        openness: Array | float = self._style.openness
-        modes, layer = weights[: self._modes], weights[self._modes :]
-        if overlay is None:
-            layer *= layer_gain(self._style.lips_gain)
-        else:
-            jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
-            modes *= overlay.lips
-            modes += jaws
-            layer *= layer_gain(self._style.lips_gain * overlay.lips)
-            openness = np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
-        lifted = self._lift @ weights
-        faps = lifted[: fap.FAP_COUNT].T
-        if overlay is not None:
-            faps += give_way(overlay.expression, layer[ROUND]).T
-        lips, teeth, vowels, high = self._held(times)
-        settled = settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels, jaw=high)
-        points = lifted[fap.FAP_COUNT :] + self._back @ (settled.T[self._outer] - faps.T[self._outer])
-        points_mm = np.moveaxis(points.reshape(len(points) // 3, 3, count), -1, 0)
-        if overlay is not None:
-            settled += overlay.gestures.T
-        return BatchFrames(self.sessions, _rounded(settled.T, SPANS if overlay is None else EVERY).T, points_mm)
+        faps = self._composer.faps(self._weights(times), self._held(times), overlay or Overlay.empty(count))
+        return to_codable(faps)
 
     def _new_planner(self) -> StreamingPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
@@ -427,47 +368,7 @@ class BatchPlanner:
         return 1.0 - free
 
 
-def _rounded(faps: Array, spans: Sequence[slice]) -> NDArray[np.int32]:
-    """Do what :func:`~fapengine.mpeg4.track.to_codable` does, on (68, S), only where there is something to round."""
-    rounded = np.zeros(faps.shape, np.int32)
-    for span in spans:
-        values = np.clip(faps[span], MIN_FAPU[span], MAX_FAPU[span])
-        np.rint(values, out=values)
-        rounded[span] = values
-    return rounded
-
-
 def _slots(rows: NDArray[np.intp], counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
     """Rows and columns of the first so many places in each row."""
     before = np.cumsum(counts) - counts
     return np.repeat(rows, counts), np.arange(counts.sum()) - np.repeat(before, counts)
-
-
-def _lift(profile: Profile, style: Style) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Matrices from weights to FAPs and marker points, and from changes of outer-lip FAPs back to points.
-
-    Returns
-    -------
-    lift : (68 + 3M, K + axes) float64
-        FAPU and mm per weight, and per unit of :mod:`.phonetics`.
-    back : (3M, 6) float64
-        mm per FAPU.
-    outer : (6,) int
-        Columns of the outer-lip FAPs that :func:`.closures.settle` changes.
-    """
-    space = profile.space
-    markers = space.points[: space.marker_count]
-    faps = displacements_to_faps(space.modes_mm, space.points, profile.fapu)
-    points = space.modes_mm[:, : len(markers)].reshape(space.mode_count, -1)
-    numbers = [number for pair in PAIRS for number in pair[2:]]
-    back = np.zeros((len(numbers), len(markers), 3))
-    for index, row in enumerate(map(fap.spec, numbers)):
-        if row.point in markers:
-            back[index, markers.index(row.point)] = np.array(fap.HEAD_AXES[row.positive]) * profile.fapu.unit(row.unit)
-    outer = np.array([fap.column(number) for number in numbers])
-    layer = np.hstack([layer_faps(profile), layer_points(profile, markers).reshape(WIDTH, -1)])
-    return (
-        np.vstack([style.gains(profile) @ np.hstack([faps, points]), layer]).T,
-        back.reshape(len(numbers), -1).T,
-        outer,
-    )

@@ -22,7 +22,7 @@ within what a stream can carry; styles and expressions that exaggerate leave it.
 a value is at the end of its range, and acts on each frame alone, so it serves a stream as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,6 @@ from fapengine.geometry.smooth import bump, smoothstep, soft_positive
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import limits
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.targets import Resolved
 
 Array = NDArray[np.float64]
 
@@ -44,6 +43,7 @@ LOWER_SHARE = 0.6
 HOLD = {"lips": (0.0, 0.5), "teeth": (0.4, 0.7), "open": (0.35, 0.65), "jaw": (0.2, 0.8)}
 """Part of a phone in which its contact holds, as fractions of its duration. Of those tried these fit the captured lips
 best: closures are tightest 20 ms before 0.3 of p b m, the lower lip is highest at 0.67 of f and v (median)."""
+CONTACTS = tuple(HOLD)
 MIN_HOLD_S = 0.04
 """Least duration of a touch; a phone that is shorter holds it from its beginning."""
 RAMP_S = 0.045
@@ -104,9 +104,9 @@ def hold_late(hold: Hold, edge_s: float) -> Hold | None:
     return Hold(start_s, max(hold.stop_s, start_s + MIN_HOLD_S), hold.contact)
 
 
-def holds_of(resolved: Sequence[Resolved]) -> list[Hold]:
-    """List the holds of all phones that touch or must open."""
-    return [hold_of(spoken.phone, spoken.contact) for spoken in resolved if spoken.contact != "none"]
+def holds_of(said: Iterable[tuple[Phone, str]]) -> list[Hold]:
+    """List the holds of all phones that touch or must open; each phone comes with its contact."""
+    return [hold_of(phone, contact) for phone, contact in said if contact != "none"]
 
 
 class Holds:
@@ -123,13 +123,13 @@ class Holds:
         return [self._holds[index] for index in np.flatnonzero(seen).tolist()]
 
 
-def held(times_s: Array, holds: Sequence[Hold], contact: str) -> Array:
-    """(T,): how far each moment is under a hold of this contact, 0..1; times rise."""
-    free = np.ones(len(times_s))
+def held(times_s: Array, holds: Sequence[Hold]) -> Array:
+    """(4, T): how far each moment is under a hold of each of :data:`CONTACTS`, 0 to 1; times rise."""
+    free = np.ones((len(CONTACTS), len(times_s)))
     for hold in holds:
-        if hold.contact == contact:
-            first, last = np.searchsorted(times_s, (hold.start_s - RAMP_S, hold.stop_s + RAMP_S)).tolist()
-            free[first:last] *= 1.0 - bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
+        first, last = np.searchsorted(times_s, (hold.start_s - RAMP_S, hold.stop_s + RAMP_S)).tolist()
+        heights = bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
+        free[CONTACTS.index(hold.contact), first:last] *= 1.0 - heights
     height: Array = 1.0 - free
     return height
 
@@ -139,23 +139,23 @@ def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: 
 
     ``openness``, 0..1, scales what open vowels are held to, for a face that mumbles.
     """
-    lips, teeth, vowels, jaw = (held(times_s, holds, contact) for contact in ("lips", "teeth", "open", "jaw"))
-    return settle(faps, lips=lips, teeth=teeth, vowels=openness * vowels, jaw=jaw)
+    return settle(faps, held(times_s, holds) * np.array([1.0, 1.0, openness, 1.0])[:, None])
 
 
-def settle(faps: Array, *, lips: Array, teeth: Array, vowels: Array, jaw: Array) -> Array:
+def settle(faps: Array, held: Array) -> Array:
     """Make contacts, frame by frame: steps 0 to 5 of the theory of operation.
 
     Parameters
     ----------
     faps : (..., 68) float64, FAPU
-    lips, teeth, vowels, jaw : (...) float64
-        How far each frame is under a hold, 0..1.
+    held : (4, ...) float64
+        How far each frame is under a hold of each of :data:`CONTACTS`, 0 to 1.
 
     Returns
     -------
     (..., 68) float64, FAPU
     """
+    lips, teeth, vowels, jaw = held
     settled = faps.copy(order="K")
     down = settled[..., fap.column(3)]
     free = (1.0 - teeth) * (1.0 - vowels)

@@ -21,7 +21,7 @@ as h, takes the shape of the next one (:data:`NEXT_FROM`). The sums are kept for
 needs them whenever a phone comes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from typing import NamedTuple, TypeVar
 
@@ -62,14 +62,14 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
     strange : list of str
         Labels that are no IPA; the neutral vowel stands in.
     """
-    parts_of = speller(tuple(known))
+    names = tuple(known)
     tokens, strange = [], []
     for phone in track.phones:
         start_s, end_s = phone.start_s, phone.end_s
         if phone.is_silence:
             tokens.append(Token(phone, SILENCE, (), start_s, end_s))
             continue
-        parts, is_strange = parts_of(phone.label)
+        parts, is_strange = spelled(phone.label, names)
         if is_strange:
             strange.append(phone.label)
         if len(parts) == 1:
@@ -81,21 +81,15 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
     return tokens, strange
 
 
-@lru_cache(maxsize=16)
-def speller(known: tuple[str, ...]) -> Callable[[str], tuple[tuple[SpelledPart, ...], bool]]:
-    """Make a function that splits a label into known names, and says whether it is not IPA; it caches its results."""
-    letters_known = tuple(name for name in known if len(name) == 1)
-
-    @lru_cache(maxsize=LABELS)
-    def parts_of(label: str) -> tuple[tuple[SpelledPart, ...], bool]:
-        spelled = ipa.letters(label)
-        letters = spelled or ("ə",)
-        whole = "".join(letters)
-        if whole in known:
-            return ((whole, letters),), not spelled
-        return tuple((ipa.nearest(letter, letters_known), (letter,)) for letter in letters), not spelled
-
-    return parts_of
+@lru_cache(maxsize=LABELS)
+def spelled(label: str, known: tuple[str, ...]) -> tuple[tuple[SpelledPart, ...], bool]:
+    """Split a label into known names, with the characters that were spoken; true if it is not IPA."""
+    letters = ipa.letters(label) or ("ə",)
+    is_unknown = not ipa.letters(label)
+    if "".join(letters) in known:
+        return (("".join(letters), letters),), is_unknown
+    single = tuple(name for name in known if len(name) == 1)
+    return tuple((ipa.nearest(letter, single), (letter,)) for letter in letters), is_unknown
 
 
 REACH = 3
@@ -241,32 +235,6 @@ FIRST_PAIRS = 64
 KIND_RADIX = 1 << 20
 """Kinds of tokens that three of make one number; labels are remembered up to 4,096
 (:data:`.context.LABELS`)."""
-
-
-def targets(tokens: Sequence[Token], model: ContextModel) -> Array:
-    """Weights at the model's fractions of every token: (N, keyframes, K); features that it lacks add nothing.
-
-    The sum of what :func:`.context.features` names, but of h and its like, summed beforehand for each kind of
-    token: a stream asks this whenever a phone comes.
-    """
-    tables = tables_of(model)
-    beyond = [tables.silence] * REACH
-    around = np.array([*beyond, *(tables.kind(token.heard) for token in tokens), *beyond])
-    lengths_s = np.full(len(around), PAUSE_S)
-    lengths_s[REACH : len(around) - REACH] = [
-        PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens
-    ]
-    spoken = [index for index, token in enumerate(tokens) if token.name != SILENCE]
-    found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
-    found[spoken] = tables.targets(around, lengths_s, np.array(spoken, dtype=np.intp) + REACH)
-    return found
-
-
-def heard_as_here(tokens: Sequence[Token], model: ContextModel) -> list[bool]:
-    """Tell of every token whether the recorded speaker said it between the same two neighbours."""
-    around = ((part_at(tokens, n - 1, -1), parts_of(token.heard)[0], part_at(tokens, n + 1, 1))
-              for n, token in enumerate(tokens))  # fmt: skip
-    return [model.rows.keys() >= tripled(*three).keys() for three in around]
 
 
 _LENGTHS = np.array(LENGTHS)

@@ -415,17 +415,10 @@ def gestures_of(
     Returns
     -------
     callable
-        Gives the FAPs of any of these times: a slice of them -> (N, 68) float64, FAPU.
+        Gives the FAPs of any of these times: a slice of them -> (68, N) float64, FAPU.
     """
     generator = GestureGenerator(rng, style)
     generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
     ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
     levels = sample_ramps(start_levels(style), [*ramps, *wanted], times_s)
-    return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece]).T
-
-
-def sample_gestures(
-    times_s: Array, end_s: float, phones: Iterable[Phone], style: Style, rng: np.random.Generator
-) -> Array:
-    """Gestures of a file at all times, (T, 68) float64, FAPU: :func:`gestures_of`, all at once."""
-    return gestures_of(times_s, end_s, phones, style, rng)(slice(None))
+    return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece])

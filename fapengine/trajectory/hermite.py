@@ -13,6 +13,7 @@ longer of its two segments than its three keys range. That bounds the overshoot 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
-Three = tuple[Number, Number, Number]
+Three = tuple[Number, ...]
+"""Value, velocity and acceleration."""
 
 PIECE = 4096
 """Number of times that are sampled at once: what is computed on the way takes 30 times the memory of the result."""
@@ -32,16 +34,15 @@ OVERSHOOT = 0.25
 case, found by search; without the limit there is none)."""
 
 
-def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp]) -> tuple[Array, Array]:
     """Velocity and acceleration at every key: (N,) s and (N, K) -> (N, K) each; zero at both ends of a path.
 
-    ``path_of``, (N,), rising, tells which of several paths a key belongs to.
+    ``path_of``, (N,), rising, is the number of the path that a key belongs to.
     """
     velocity, acceleration = np.zeros_like(values), np.zeros_like(values)
     if len(times_s) > 2:
-        step = np.diff(times_s)[:, None]
-        if path_of is not None:
-            step[path_of[1:] != path_of[:-1]] = 1.0  # of no path
+        step, is_end = np.diff(times_s)[:, None], path_of[1:] != path_of[:-1]
+        step[is_end] = 1.0  # of no path
         slope = np.diff(values, axis=0)
         slope /= step
         before, after = step[:-1], step[1:]
@@ -60,15 +61,10 @@ def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp] | None 
             bound = np.multiply(limit, most, out=least)
             np.minimum(found, bound, out=found)
             np.maximum(found, np.negative(bound, out=bound), out=found)
-        if path_of is not None:
-            ends = np.flatnonzero(path_of[1:] != path_of[:-1])
-            for still in (velocity, acceleration):
-                still[ends] = still[ends + 1] = 0.0
+        ends = np.flatnonzero(is_end)
+        for still in (velocity, acceleration):
+            still[ends] = still[ends + 1] = 0.0
     return velocity, acceleration
-
-
-Jet = tuple[Array, Array, Array]
-"""Value, velocity and acceleration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,25 +76,42 @@ class Path:
     jets: Array
     """(N, 3, K): value, velocity and acceleration at every key."""
 
-    @classmethod
-    def through(cls, times_s: Array, values: Array) -> "Path":
-        """Make the path through keys, (N,) s and (N, K); with fewer than two it rests at 0."""
-        if len(times_s) < 2:
-            return cls(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
-        return cls(times_s, np.stack([values, *derivatives(times_s, values)], axis=1))
-
-    def jet(self, at_s: Array) -> Jet:
+    def jet(self, at_s: Array) -> Three[Array]:
         """Value, velocity and acceleration at any times: (T,) s -> (T, K) each."""
         at = np.clip(at_s, self.times_s[0], self.times_s[-1])
         left = np.clip(np.searchsorted(self.times_s, at, side="right") - 1, 0, len(self.times_s) - 2)
         length = (self.times_s[left + 1] - self.times_s[left])[:, None]
-        first, last = self.jets[left], self.jets[left + 1]
-        return blend(
-            (at - self.times_s[left])[:, None],
-            length,
-            (first[:, 0], first[:, 1], first[:, 2]),
-            (last[:, 0], last[:, 1], last[:, 2]),
-        )
+        first, last = np.moveaxis(self.jets[left], 1, 0), np.moveaxis(self.jets[left + 1], 1, 0)
+        since = (at - self.times_s[left])[:, None]
+        return jet_of(quintic(length, tuple(first), tuple(last)), since / length, length)
+
+    def sample(self, at_s: Array) -> Array:
+        """Values at any times: (T,) s -> (T, K)."""
+        sampled = np.zeros((len(at_s), self.jets.shape[2]))
+        for start in range(0, len(at_s), PIECE):
+            piece = slice(start, start + PIECE)
+            sampled[piece] = self.jet(at_s[piece])[0]
+        return sampled
+
+
+def paths(times_s: Array, values: Array, path_of: NDArray[np.intp], count: int) -> list[Path]:
+    """Make paths through keys; a path with fewer than two keys stays at 0.
+
+    Parameters
+    ----------
+    times_s : (N,) float64, s
+    values : (N, K) float64
+    path_of : (N,) int
+        Path of each key, rising.
+    count : int
+        Number of paths.
+    """
+    jets = np.stack([values, *derivatives(times_s, values, path_of)], axis=1)
+    edges = np.searchsorted(path_of, np.arange(count + 1)).tolist()
+    neutral = Path(np.array([0.0, 1.0]), np.zeros((2, 3, values.shape[1])))
+    return [
+        Path(times_s[first:stop], jets[first:stop]) if stop - first >= 2 else neutral for first, stop in pairwise(edges)
+    ]
 
 
 class Row(NamedTuple):
@@ -133,23 +146,6 @@ def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
     return jets
 
 
-def sample(times_s: Array, values: Array, at_s: Array) -> Array:
-    """Values of the path at any times: (T, K); before the first and after the last key it stands still.
-
-    Parameters
-    ----------
-    times_s : (N,) float64, s
-        Keys, strictly rising, N >= 2.
-    values : (N, K) float64
-    at_s : (T,) float64, s
-    """
-    path, sampled = Path.through(times_s, values), np.zeros((len(at_s), values.shape[1]))
-    for start in range(0, len(at_s), PIECE):
-        piece = slice(start, start + PIECE)
-        sampled[piece] = path.jet(at_s[piece])[0]
-    return sampled
-
-
 def quintic(length_s: Number, first: Three[Number], last: Three[Number]) -> tuple[Number, ...]:
     """Coefficients of ``1, s, .. s^5`` of the quintic from ``first`` to ``last``; ``s`` is 1 after ``length_s``."""
     leave = (first[0], first[1] * length_s, first[2] * length_s**2)
@@ -170,11 +166,6 @@ def jet_of(coefficients: Sequence[Number], s: Number, length_s: Number) -> Three
     velocity = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
     acceleration = 2 * c2 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
     return value, velocity / length_s, acceleration / length_s**2
-
-
-def blend(since_s: Array, length_s: Array, first: Jet, last: Jet) -> Jet:
-    """Evaluate the quintic from ``first`` to ``last``, ``length_s`` apart, at ``since_s``, (T,) s, after its start."""
-    return jet_of(quintic(length_s, first, last), since_s / length_s, length_s)
 
 
 def moments(since_s: Array, length_s: Array) -> Array:
@@ -198,7 +189,7 @@ def moments(since_s: Array, length_s: Array) -> Array:
             [none, none, 2 / h2, 6 * s / h2, 12 * s2 / h2, 20 * s3 / h2],
         ]
     )
-    matrices: Array = (np.moveaxis(powers, -1, 0) @ _UNITS) * np.array([one, h, h2, one, h, h2]).T[:, None]
+    matrices: Array = (np.moveaxis(powers, -1, 0) @ UNITS) * np.array([one, h, h2, one, h, h2]).T[:, None]
     return matrices
 
 
@@ -214,11 +205,5 @@ def fading(s: Array) -> tuple[Array, Array, Array]:
     return value, velocity, acceleration
 
 
-def _units() -> Array:
-    """Coefficients (6, 6) of the quintics whose jets at both ends, taken together, are unit vectors; length 1."""
-    first, last = np.eye(6)[:3], np.eye(6)[3:]
-    length = np.ones(1)
-    return np.stack(quintic(length, (first[0], first[1], first[2]), (last[0], last[1], last[2])))
-
-
-_UNITS = _units()
+UNITS = np.stack(quintic(np.ones(1), tuple(np.eye(6)[:3]), tuple(np.eye(6)[3:])))
+"""(6, 6): coefficients of the quintics whose jets at both ends, one after the other, are unit vectors; length 1."""

@@ -1,18 +1,18 @@
-"""Methods from phones to a path in the viseme space, with one interface; ``bench/fidelity`` compares them.
+"""Methods from phones to a path in the viseme space; ``bench/fidelity`` compares them.
 
 ``context``, the default, measures best on held-out capture: targets by least squares from a phone's neighbours, quintic
 segments. ``paper`` is paper 001: a phone's median at 30 % and a cubic spline. ``minimum-jerk`` puts the spline of paper
 004 through the same keyframes: degree 5, C4, the least squared jerk. Such splines swing far beyond their keys where a
-long phone stands beside short ones, so both are bounded (:func:`_bounded`); between 0.25 and 0.75 of a range the bound
+long phone is next to short ones, so both are bounded (:func:`_bounded`); between 0.25 and 0.75 of a range the bound
 is soft, and C2.
 
 ``dominance`` is Cohen and Massaro's coarticulation (Models and Techniques in Computer Animation, 1993; here with one
 rate for all): the path is the mean of all targets, weighted by dominances ``exp(-rate |t - centre|)``. For comparison:
-it has a kink at every centre, short phones are lost, and rest is never quite reached. Sums over all phones before and
-after a moment are recursions, so the work is linear in the length.
+it has a kink at every centre, short phones are lost, and the neutral face is never quite reached. Sums over all phones
+before and after a moment are recursions, so the work is linear in the length.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -22,36 +22,43 @@ from fapengine.geometry.smooth import soft_positive
 from fapengine.speaking import Method
 from fapengine.trajectory import hermite
 from fapengine.trajectory.phonetics import WIDTH
-from fapengine.trajectory.targets import Keyframes, Resolved
+from fapengine.trajectory.targets import Keyframes, SpeechKeys
 
+Array = NDArray[np.float64]
 RATE_HZ = 20.0
-"""The better of 12 and 20 a second in ``bench/fidelity``."""
+"""The better of 12 and 20 per second in ``bench/fidelity``."""
+PHONETIC_RATE_HZ = 30.0
+"""Rate of :func:`dominance` for what the phonetic layer adds: Cohen and Massaro, too, have one for each parameter. With
+that of the recorded modes, 20, rounded sounds in words of 0.11 s per phone come forward by 3.5 mm more than others,
+with 30 by 4.2 mm."""
+OVERSHOOT = 0.5
+"""Fraction of the range of four keys by which a spline may leave it; up to :data:`.hermite.OVERSHOOT` it is
+unchanged."""
 
 
-def dominance(
-    resolved: Sequence[Resolved], times_s: NDArray[np.float64], rate_hz: float = RATE_HZ
-) -> NDArray[np.float64]:
-    """(T, K) weights; the rest face stands at the beginning of the first and the end of the last of the phones."""
-    centres = np.array([(spoken.phone.start_s + spoken.phone.end_s) / 2 for spoken in resolved])
-    targets = np.stack([spoken.targets[0] for spoken in resolved])
-    rest = np.zeros_like(targets[:1])
-    centres = np.concatenate([[resolved[0].phone.start_s], centres, [resolved[-1].phone.end_s]])
-    weighed = np.concatenate([rest, targets, rest])
-    weighed = np.hstack([weighed, np.ones((len(weighed), 1))])  # the last column sums the dominances themselves
+def dominance(keys: SpeechKeys, times_s: Array, rate_hz: float = RATE_HZ) -> Array:
+    """(T, K) weights; the neutral face is at the beginning of the first and the end of the last of the phones."""
+    phones = [phone for said in keys.said for phone, _ in said]
+    middles = [(phone.start_s + phone.end_s) / 2 for phone in phones]
+    centres = np.array([phones[0].start_s, *middles, phones[-1].end_s])
+    targets = keys.targets[np.unique(keys.phone_of, return_index=True)[1]]
+    weighed = np.zeros((len(centres), targets.shape[1] + 1))
+    weighed[1:-1, :-1] = targets
+    weighed[:, -1] = 1.0  # sums the dominances themselves
     decay = np.exp(-rate_hz * np.diff(centres))
     past, coming = _summed(weighed, decay), _summed(weighed[::-1], decay[::-1])[::-1]
-    behind = np.searchsorted(centres, times_s, side="right")
-    since = times_s - np.append(-np.inf, centres)[behind]
-    until = np.append(centres, np.inf)[behind] - times_s
+    passed = np.searchsorted(centres, times_s, side="right")
+    since = times_s - np.append(-np.inf, centres)[passed]
+    until = np.append(centres, np.inf)[passed] - times_s
     nearest = np.minimum(since, until)  # both are seen from the nearer centre, so that no sum is ever zero
     none = np.zeros_like(weighed[:1])
-    sums = np.exp(-rate_hz * (since - nearest))[:, None] * np.concatenate([none, past])[behind]
-    sums += np.exp(-rate_hz * (until - nearest))[:, None] * np.concatenate([coming, none])[behind]
-    path: NDArray[np.float64] = sums[:, :-1] / sums[:, -1:]
+    sums = np.exp(-rate_hz * (since - nearest))[:, None] * np.concatenate([none, past])[passed]
+    sums += np.exp(-rate_hz * (until - nearest))[:, None] * np.concatenate([coming, none])[passed]
+    path: Array = sums[:, :-1] / sums[:, -1:]
     return path
 
 
-def _summed(values: NDArray[np.float64], decay: NDArray[np.float64]) -> NDArray[np.float64]:
+def _summed(values: Array, decay: Array) -> Array:
     """Sum each row and those before it, less by ``decay`` with each step."""
     sums = values.copy()
     for index, share in enumerate(decay.tolist(), 1):
@@ -59,26 +66,18 @@ def _summed(values: NDArray[np.float64], decay: NDArray[np.float64]) -> NDArray[
     return sums
 
 
-Array = NDArray[np.float64]
-PathOf = Callable[[Sequence[Resolved], Keyframes, Array], Array]
-"""Phones with their targets, keyframes, times in s (T,) -> weights (T, K)."""
-PHONETIC_RATE_HZ = 30.0
-"""Rate of :mod:`.methods` for what the phonetic layer adds: Cohen and Massaro, too, have one for each parameter. With
-that of the recorded modes, 20, rounded sounds in words of 0.11 s a phone come forward by 3.5 mm more than others, with
-30 by 4.2 mm."""
-OVERSHOOT = 0.5
-"""Share of the range of four keys by which a spline may leave it; up to :data:`.hermite.OVERSHOOT` it is left alone."""
+def _quintic(keys: Keyframes, times_s: Array) -> Array:
+    return hermite.paths(*keys, 1)[0].sample(times_s)
 
 
-def _context(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
-    return keys.sample(times_s)
+def _paper(keys: Keyframes, times_s: Array) -> Array:
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(keys.times_s, keys.weights, bc_type="clamped")
+    return _bounded(spline(np.clip(times_s, keys.times_s[0], keys.times_s[-1])), keys, times_s)
 
 
-def _paper(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
-    return _bounded(keys.sample(times_s, cubic=True), keys, times_s)
-
-
-def _minimum_jerk(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
+def _minimum_jerk(keys: Keyframes, times_s: Array) -> Array:
     from scipy.interpolate import make_interp_spline
 
     still = np.zeros(keys.weights.shape[1])
@@ -100,23 +99,21 @@ def _bounded(path: Array, keys: Keyframes, times_s: Array) -> Array:
     return bounded
 
 
-def _dominance(resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
-    path = dominance(resolved, times_s)
-    path[:, -WIDTH:] = dominance(resolved, times_s, PHONETIC_RATE_HZ)[:, -WIDTH:]
-    return path
-
-
-METHODS: Mapping[Method, PathOf] = MappingProxyType(
-    {"context": _context, "paper": _paper, "minimum-jerk": _minimum_jerk, "dominance": _dominance}
+SPLINES: Mapping[Method, Callable[[Keyframes, Array], Array]] = MappingProxyType(
+    {"context": _quintic, "paper": _paper, "minimum-jerk": _minimum_jerk}
 )
+"""Keyframes of one track, times in s (T,) -> weights (T, K)."""
 
 
-def sample_path(method: Method, resolved: Sequence[Resolved], keys: Keyframes, times_s: Array) -> Array:
-    """(T, K) weights by one of :data:`METHODS`, the axes of :mod:`.phonetics` last; without phones nothing moves.
+def sample_path(method: Method, keys: SpeechKeys, times_s: Array) -> Array:
+    """(T, K + axes): weights of one track by a method; without phones nothing moves.
 
-    ``resolved`` and ``keys`` come from :func:`.targets.resolve`, with ``context`` true for the method of that name
-    only, and from :func:`.targets.place_keyframes`.
+    ``keys`` come from :func:`.targets.keys_of`, with ``context`` true for the method of that name only.
     """
-    if not resolved:
-        return np.zeros((len(times_s), keys.weights.shape[1]))
-    return METHODS[method](resolved, keys, times_s)
+    if not keys.rests:
+        return np.zeros((len(times_s), keys.targets.shape[1]))
+    if method != "dominance":
+        return SPLINES[method](keys.keyframes(), times_s)
+    path = dominance(keys, times_s)
+    path[:, -WIDTH:] = dominance(keys, times_s, PHONETIC_RATE_HZ)[:, -WIDTH:]
+    return path

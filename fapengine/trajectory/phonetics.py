@@ -20,8 +20,6 @@ While corners are held, an expression's pull on them gives way (:func:`give_way`
 smile, nor spread ones narrow by surprise.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,7 +31,6 @@ from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, PUCKERED, SPREAD
 from fapengine.trajectory.context import LABELS
-from fapengine.trajectory.targets import Resolved
 
 Array = NDArray[np.float64]
 
@@ -70,7 +67,8 @@ LONG_TIMES = 6.5
 """Greatest times ``round`` of a long puckered letter. Its corners come in by 3 mm each beside what was recorded, so
 that a u is 12 mm narrower than rest; a pucker of ICT-FaceKit is 9. Sounds that last reach what short ones only point
 at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. A phone that the speaker said between the same
-neighbours is as he said it (:attr:`.targets.Resolved.heard`): his long u in "soon" is 5 mm narrower than rest."""
+neighbours is as he said it (:meth:`.context.ContextTables.heard_as_here`): his long u in "soon" is 5 mm narrower than
+the neutral face."""
 LONG_SPREAD_TIMES = 3.2
 """The same for :data:`~fapengine.speech.articulation.SPREAD`: an i alone is 2 mm wider than it would be."""
 HALF_GAIN = 0.4
@@ -83,14 +81,6 @@ CORNERS = tuple(fap.column(number) for number in (6, 7, 53, 54))
 PUSHED = tuple(fap.column(number) for number in (16, 17))
 SOFT_FAPU = 10.0
 """Half a millimetre."""
-MARKER_PUSH = {"8.1": UPPER_SHARE, "8.5": 0.58 * UPPER_SHARE, "8.6": 0.58 * UPPER_SHARE,
-               "8.2": LOWER_SHARE, "8.7": 0.58 * LOWER_SHARE, "8.8": 0.58 * LOWER_SHARE}  # fmt: skip
-"""Share by which points of the outer lips follow the push, by the default head: all in the middle, 0.58 half way to the
-corners, which stay."""
-
-HALF_WAY = {"8.5": 1.0, "8.6": 1.0, "8.7": -1.0, "8.8": -1.0}
-"""Points of the outer lips half way to the corners, and 1 for those of the upper lip."""
-
 _INDEX = {letter: index for index, letter in enumerate(ARTICULATIONS)}
 _VALUES = np.array([(*row.values, 0.0) for row in ARTICULATIONS.values()] + [(0.0,) * WIDTH] * 2)
 _INSISTS = np.array(
@@ -110,41 +100,6 @@ _STEPS = np.array([[1, 2, 3], [-1, -2, -3]])[..., None]
 _SHARES = np.array([AHEAD, 1.0 - AHEAD])[:, None, None, None]
 
 
-def extend(resolved: Sequence[Resolved]) -> list[Resolved]:
-    """Append the axes to every target: (keyframes, K) becomes (keyframes, K + :data:`WIDTH`)."""
-    if not resolved:
-        return []
-    kinds: list[int] = [*NOTHING_BESIDE]
-    rows: list[int] = []
-    lengths_s: list[float] = []
-    end_s = -np.inf
-    for one in resolved:
-        phone = one.phone
-        letters = kinds_of(phone.label)
-        if phone.start_s - end_s > PAUSE_S:
-            kinds.append(PAUSE)
-        first, last = len(kinds) - REACH, len(letters) - 1
-        kinds += letters
-        start_s, end_s = phone.start_s, phone.end_s
-        lengths_s += [0.0 if one.heard else end_s - start_s] * len(one.times_s)
-        if not last:
-            rows += [first] * len(one.times_s)
-        else:
-            per_s = len(letters) / (end_s - start_s)
-            rows += [first + min(max(int((time_s - start_s) * per_s), 0), last) for time_s in one.times_s]
-    kinds += PAUSE_BEHIND
-    around, at = np.array(kinds), np.array(rows) + REACH
-    wanted = in_context(around, at)
-    hold_long(wanted, around[at], np.array(lengths_s))
-    targets = np.concatenate([np.concatenate([one.targets for one in resolved]), wanted], axis=1)
-    extended, first = [], 0
-    for one in resolved:
-        until = first + len(one.times_s)
-        extended.append(replace(one, targets=targets[first:until]))
-        first = until
-    return extended
-
-
 @lru_cache(maxsize=LABELS)
 def kinds_of(label: str) -> tuple[int, ...]:
     """Rows of the table of a label's letters."""
@@ -156,7 +111,7 @@ def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp]) -> Array:
 
     Equal places side by side, keys of one letter, are computed once.
     """
-    fresh = np.append(True, at[1:] != at[:-1])
+    fresh = np.diff(at, prepend=-1) != 0
     at, place = at[fresh], np.cumsum(fresh) - 1
     around = kinds[at + _STEPS]
     insists = _INSISTS[around]
@@ -199,20 +154,6 @@ def layer_faps(profile: Profile) -> Array:
         faps[LAYER.index(axis), fap.column(number)] = size_mm / profile.fapu.unit(fap.spec(number).unit)
     faps.setflags(write=False)
     return faps
-
-
-def layer_points(profile: Profile, markers: Sequence[str]) -> Array:
-    """(axes, M, 3) mm for a unit of each axis: the marker points."""
-    points = np.zeros((WIDTH, len(markers), 3))
-    for index, name in enumerate(markers):
-        points[LAYER.index("push"), index, 2] = MARKER_PUSH.get(name, 0.0)
-        if name in ("8.1", "8.2"):
-            points[HOLE, index, 1] = HOLE_MM if name == "8.1" else -HOLE_MM
-        if name in HALF_WAY:
-            points[ROUND, index, 1] = -HALF_WAY[name] * PURSE_MM * PURSE_OUTER
-        if name in ("8.3", "8.4"):
-            points[ROUND, index, 0] = -NARROW_MM if name == "8.3" else NARROW_MM
-    return points
 
 
 def layer_gain(lips: Array | float) -> Array:

@@ -28,15 +28,14 @@ from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
 from fapengine.speaking import RATES_HZ
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.trajectory.closures import Holds, close_lips, holds_of
+from fapengine.trajectory.closures import Holds, held, holds_of
+from fapengine.trajectory.compose import Composer, Overlay
 from fapengine.trajectory.expression import Mood, expression_faps, mood_ramps
-from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.gestures import gestures_of
 from fapengine.trajectory.methods import sample_path
-from fapengine.trajectory.phonetics import ROUND, WIDTH, extend, give_way, layer_faps, layer_gain
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style as Style
-from fapengine.trajectory.targets import REST_MARGIN_S, joined_track, place_keyframes, resolve
+from fapengine.trajectory.targets import REST_MARGIN_S, keys_of
 
 PIECE = 4096
 """Frames that are computed at a time, as real numbers; so a long plan needs little more memory than its result."""
@@ -91,27 +90,18 @@ def plan(
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
     moods = [Mood(*item) for item in expressions.items()] if isinstance(expressions, Mapping) else expressions
 
-    joined = joined_track(phones.phones)
-    resolved, unknown = resolve(joined, profile, context=style.context)
-    modes, spoken = profile.space.mode_count, extend(resolved)
-    keyframes = place_keyframes(joined, spoken, modes + WIDTH)
-    path = sample_path(style.method, spoken, keyframes, times_s)
-    levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s) if moods else None
-    holds = Holds(holds_of(resolved))
-    moved = gestures_of(times_s, end_s, phones.phones, style, rng, gestures) if style.has_gestures or gestures else None
+    keys = keys_of(phones, profile, context=style.context)
+    path = sample_path(style.method, keys, times_s)
+    levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s)
+    holds, composer = Holds(holds_of(keys.said[0])), Composer(profile, style)
+    moved = gestures_of(times_s, end_s, phones.phones, style, rng, gestures)
     values = np.zeros((len(times_s), FAP_COUNT), np.int32)
     for start in range(0, len(times_s), PIECE):
         piece = slice(start, start + PIECE)
-        layer = layer_gain(style.lips_gain) * path[piece, modes:]
-        moved_mm = profile.space.to_points_mm(path[piece, :modes] @ style.gains(profile))
-        faps = displacements_to_faps(moved_mm, profile.space.points, profile.fapu) + layer @ layer_faps(profile)
-        if levels is not None:
-            faps += give_way(expression_faps(profile) @ levels[:, piece], layer[:, ROUND]).T
-        faps = close_lips(faps, times_s[piece], holds.near(times_s[piece]), openness=style.openness)
-        if moved is not None:
-            faps += moved(piece)
-        values[piece] = to_codable(faps)
-    return Plan(FapTrack.of(values, rate_hz=rate_hz), dict(unknown))
+        near_s, one = times_s[piece], np.ones(len(times_s[piece]))
+        overlay = Overlay(expression_faps(profile) @ levels[:, piece], moved(piece), one, one)
+        values[piece] = to_codable(composer.faps(path[piece].T, held(near_s, holds.near(near_s)), overlay))
+    return Plan(FapTrack.of(values, rate_hz=rate_hz), dict(keys.unknown))
 
 
 def rest_s(phones: PhoneTrack, duration_s: float | None = None) -> float:

@@ -26,14 +26,13 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, hold_late, hold_of
 from fapengine.trajectory.context import REACH
-from fapengine.trajectory.many import Contacts, lay_paths
-from fapengine.trajectory.phonetics import WIDTH, extend
+from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import joined_track, place_keyframes, resolve
+from fapengine.trajectory.targets import speech_keys
 
 Array = NDArray[np.float64]
 _Timed = tuple[float, float, str]
@@ -132,9 +131,8 @@ class StreamingPlanner:
         self._width = self.profile.space.mode_count + WIDTH
         if not self.horizon_s >= 0:
             raise UsageError(f"horizon_s: must be 0 or more, got {self.horizon_s}")
-        modes = self._width
-        rest = hermite.Path.through(np.zeros(0), np.zeros((0, modes)))
-        self._plans = [StreamPlan(-np.inf, rest, 0.0, 0.0, np.zeros((3, modes)))]
+        neutral = hermite.Path(np.array([0.0, 1.0]), np.zeros((2, 3, self._width)))
+        self._plans = [StreamPlan(-np.inf, neutral, 0.0, 0.0, np.zeros((3, self._width)))]
 
     @property
     def edge_s(self) -> float:
@@ -175,8 +173,8 @@ class StreamingPlanner:
 
     def _close_late(self, phone: Phone, edge: float) -> None:
         """Close the lips for a bilabial whose time is over, if it is not long over."""
-        resolved, _ = resolve(PhoneTrack.of([phone], tolerance_s=SAME_S), self.profile, context=False)
-        if any(spoken.contact == "lips" for spoken in resolved) and phone.end_s > edge - LATEST_CLOSURE_S:
+        keys = speech_keys([([] if phone.is_silence else [phone], 0)], self.profile, context=False)
+        if any(contact == "lips" for _, contact in keys.said[0]) and phone.end_s > edge - LATEST_CLOSURE_S:
             self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
@@ -204,23 +202,17 @@ class StreamingPlanner:
             first += 1
         del phones[:first]
         own, fewest = max(over - first - 1, 0), max(over - first - KEYS_BEHIND, 0)
-        while own > fewest and phones[own].end_s - phones[own].start_s < LONG_S * len(phones[own].label):
+        while own > fewest and (
+            not self.style.context or phones[own].end_s - phones[own].start_s < LONG_S * len(phones[own].label)
+        ):
             own -= 1
         return phones[max(own - REACH, 0) :], min(own, REACH)
 
-    def _lay(self) -> tuple[hermite.Path, Contacts]:
-        """Lay the path of this stream alone: of a style without context."""
-        track = joined_track(self._phones)
-        resolved, _ = resolve(track, self.profile, context=False)
-        keys = place_keyframes(track, extend(resolved), self._width)
-        contacts = [(one.phone, one.contact) for one in resolved if one.contact != "none"]
-        return hermite.Path.through(keys.times_s, keys.weights), contacts
-
-    def _follow(self, path: hermite.Path, contacts: Contacts, left_over: Array) -> None:
+    def _follow(self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array) -> None:
         """Take a new plan; what it lacks at its edge, ``left_over``, fades."""
         edge, fade_s = self._due or (self.edge_s, FADE_S)
         self._due = None
-        self._renew_holds(contacts, edge)
+        self._renew_holds([(phone, contact) for phone, contact in said if contact != "none"], edge)
         if not isfinite(edge):  # nothing shown yet: nothing to keep
             self._plans = [StreamPlan(-np.inf, path, 0.0, 0.0, self._plans[0].left_over)]
             return
@@ -229,7 +221,7 @@ class StreamingPlanner:
         while self._plans[1].start_s < min(edge, self._shown_s):  # plans that are over
             del self._plans[0]
 
-    def _renew_holds(self, contacts: Contacts, edge: float) -> None:
+    def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
         """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
         before, self._holds = self._holds, {}
         for phone, contact in contacts:
@@ -295,17 +287,15 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
     tracks = [planner._to_plan() for planner in planners]
     due = [planner._due or (planner.edge_s, FADE_S) for planner in planners]
     edges_s = [edge_s for edge_s, _ in due]
-    if one.style.context and one.profile.context is not None:
-        paths, contacts = lay_paths(tracks, one.profile)
-    else:
-        paths, contacts = map(list, zip(*(planner._lay() for planner in planners), strict=True))
+    keys = speech_keys(tracks, one.profile, context=one.style.context)
+    paths = keys.paths()
     for planner, edge_s in zip(planners, edges_s, strict=True):
         while isfinite(edge_s) and planner._plans[-1].start_s >= edge_s:  # never shown
             planner._plans.pop()
     at_s = np.array([edge_s if isfinite(edge_s) else 0.0 for edge_s in edges_s])
     left_over = jets_at([planner._plans[-1] for planner in planners], at_s) - hermite.jets_at(paths, at_s)
-    for planner, path, touching, lacks in zip(planners, paths, contacts, left_over, strict=True):
-        planner._follow(path, touching, lacks)
+    for planner, path, said, lacks in zip(planners, paths, keys.said, left_over, strict=True):
+        planner._follow(path, said, lacks)
 
 
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:

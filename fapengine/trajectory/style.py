@@ -15,6 +15,7 @@ model knows (:mod:`.context`) and by the merging of keyframes that stand too nea
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,7 @@ def parse_method(name: str) -> Method:
     raise UsageError(f"method: unknown value {name!r}; use one of {', '.join(METHOD_NAMES)}")
 
 
+@lru_cache(maxsize=16)
 def jaw_share(profile: Profile) -> NDArray[np.float64]:
     """Matrix (K, K) that keeps of a pose, a row of weights, what is the jaw's."""
     jaws: NDArray[np.float64] = np.outer(_chin_drop(profile.space), jaw_pose(profile.space, profile.phones))

@@ -1,240 +1,330 @@
-"""Targets: the point of the viseme space that each phone pulls the face to, and its keyframes; paper 001, section 5.1.
+"""Keyframes: when phones pull the face to which points of the viseme space; paper 001, section 5.1.
 
 Theory of operation
 -------------------
 A phone has one keyframe at 30 % of its duration (a diphthong or affricate two, where its profile says so); with a
-context model two, at 20 and 70 % (:mod:`.context`). A label that the profile lacks is split into IPA letters, each of
-which takes the targets of the most similar letter.
+context model two, at 20 and 70 % (:mod:`.context`). A label that the profile lacks is split into IPA characters, each
+of which gets the targets of the most similar one. After the weights of the space a target has the values of the
+phonetic layer (:mod:`.phonetics`).
 
-Silence is the rest face, the origin of the space: a long pause holds it, a short one only passes through it, and one of
-under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or the paper's cubic
-spline); it starts and ends at rest with zero slope.
+Silence is the neutral face, the origin of the space: a long pause holds it, a short one only passes through it, and one
+of under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or another of
+:mod:`.methods`); it starts and ends neutral, with zero slope.
+
+There is one implementation for files and streams. NumPy's calls cost more than its arithmetic, and a stream plans a
+dozen phones whenever one comes. So the phones of all tracks are laid in one row, far enough apart that no feature
+reaches across, and each step is one call for all of them. What is known of a label is looked up, not computed again.
 """
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache, lru_cache
-from itertools import groupby
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from fapengine.profiles import ContextModel, Profile
+from fapengine.errors import UsageError
+from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
-from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory import hermite
-from fapengine.trajectory.context import SpelledPart, Token, heard_as_here, targets, tokens_of
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory import hermite, phonetics
+from fapengine.trajectory.context import LABELS, PAUSE_S, REACH, SpelledPart, spelled, tables_of
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
 INTERDENTAL = "θð"
 """The tongue is seen between the teeth."""
 APART_S = 0.03
-"""A phone too short for its keyframes to stand so far apart has one, their mean: fast speech undershoots. It costs
-0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
-
+"""Least distance of a phone's keyframes; a phone too short for it has one, their mean: fast speech undershoots. It
+costs 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
 GAP_S = 0.005
 """Longest gap between two phones that is ignored: the later phone begins earlier by it."""
+REST_MARGIN_S = 0.12
+"""Time to leave the neutral face before speech, and to reach it afterwards. Articulators start about 120 ms before the
+sound (JALI, Edwards et al. 2016)."""
+MIN_PAUSE_S = 0.1
+"""Least length of a pause that passes through the neutral face."""
+HELD_PAUSE_S = 0.3
+"""Least length of a pause that holds it, between two keyframes; a shorter one has one keyframe, in its middle."""
+CLOSEST_KEYS_S = 0.012
+"""Nearer keyframes would make the spline swing; the later one is dropped."""
 
-Keys = tuple[tuple[float, ...], NDArray[np.float64]]
-"""Times in s, and targets (keyframes, K)."""
+
+class Keyframes(NamedTuple):
+    """Times and points of the paths of any number of tracks, by track and time."""
+
+    times_s: Array
+    """(N,), strictly rising in each track."""
+    weights: Array
+    """(N, K + axes)."""
+    track_of: Indices
+    """(N,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Resolved:
-    """A phone with its targets: from the profile, or from the phone most like it."""
+class SpeechKeys:
+    """Keys of the phones of any number of tracks, and of the silences between them."""
 
-    phone: Phone
-    times_s: tuple[float, ...]
-    targets: NDArray[np.float64]
-    """(keyframes, K)."""
-    contact: str
-    """``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it must be high."""
-    heard: bool = False
-    """True where the context knows it between the same two neighbours."""
+    said: list[list[tuple[Phone, str]]]
+    """Spoken phones of each track that have keys, with their contacts (:func:`contact_of`)."""
+    phone_of: Indices
+    """(N,): phone of each key, counted through all tracks."""
+    times_s: Array
+    """(N,)."""
+    targets: Array
+    """(N, K + axes): weights of the space, then the axes of :mod:`.phonetics`."""
+    rests: list[tuple[int, float]]
+    """Track and time of each key at the neutral face."""
+    unknown: Counter[str]
+    """Labels that are not IPA, with counts; the neutral vowel replaces them."""
+
+    def keyframes(self) -> Keyframes:
+        """Put the keys of all tracks in order, with those of silences; keys that are too near are left out."""
+        tracks = np.repeat(np.arange(len(self.said)), [len(phones) for phones in self.said])
+        rests = np.array(self.rests).reshape(-1, 2)
+        times_s = np.concatenate([self.times_s, rests[:, 1]])
+        track_of = np.concatenate([tracks[self.phone_of], rests[:, 0].astype(np.intp)])
+        weights = np.concatenate([self.targets, np.zeros((len(rests), self.targets.shape[1]))])
+        order = np.lexsort((times_s, track_of))
+        order = order[_apart(times_s[order], track_of[order])]
+        return Keyframes(times_s[order], weights[order], track_of[order])
+
+    def paths(self) -> list[hermite.Path]:
+        """Lay the path of each track through its keys."""
+        return hermite.paths(*self.keyframes(), len(self.said))
 
 
-def joined_track(phones: Iterable[Phone]) -> PhoneTrack:
-    """Make the track that is planned: of all phones, in time order, those that are spoken, and pauses between them.
-
-    A stream keeps no silences and a file may have any number of them in a row; of this track both make the same motion.
-    """
-    return PhoneTrack.of([phone for phone in phones if not phone.is_silence], tolerance_s=GAP_S)
+def keys_of(track: PhoneTrack, profile: Profile, *, context: bool = True) -> SpeechKeys:
+    """Find the keys of one track; see :func:`speech_keys`. Pauses between spoken phones make its silences."""
+    return speech_keys([([phone for phone in track.phones if not phone.is_silence], 0)], profile, context=context)
 
 
-def resolve(track: PhoneTrack, profile: Profile, *, context: bool = True) -> tuple[list[Resolved], Counter[str]]:
-    """Find every phone's targets.
+def weights_of(track: PhoneTrack, profile: Profile, times_s: Array, *, context: bool = True) -> Array:
+    """(T, K): weights of the space along the path of one track, without the phonetic layer."""
+    path = keys_of(track, profile, context=context).paths()[0]
+    return path.sample(times_s)[:, : profile.space.mode_count]
 
-    A label that is not IPA counts as unknown; the neutral vowel replaces it.
+
+def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile, *, context: bool = True) -> SpeechKeys:
+    """Find the keys of many tracks at once.
 
     Parameters
     ----------
+    tracks : sequence of (phone list, int)
+        Phones in time order, without silences; and the index of the first one that gets keys.
+    profile : Profile
     context : bool
-        Let the profile's context model find targets, if it has one; otherwise a phone's are always the same.
-
-    Returns
-    -------
-    resolved : list of Resolved
-        Silences are left out.
-    unknown : Counter of str
-        Labels that are no IPA, with how often they came.
+        Whether the profile's context model finds targets, if it has one; otherwise a phone's are always the same.
     """
-    tokens, strange = tokens_of(track, profile.phones)
-    model = profile.context if context else None
-    keys = _own_keys(tokens, profile) if model is None else _keys_in_context(tokens, model)
-    heard = [False] * len(tokens) if model is None else heard_as_here(tokens, model)
-    resolved: list[Resolved] = []
-    for _, together in groupby(zip(tokens, keys, heard, strict=True), key=lambda entry: id(entry[0].phone)):
-        parts = list(together)
-        phone = parts[0][0].phone
-        if phone.is_silence:
-            continue
-        contact = contact_of([(token.name, token.heard) for token, _, _ in parts], profile)
-        times_s, weights = parts[0][1] if len(parts) == 1 else _joined([key for _, key, _ in parts])
-        if phone.loudness_db:
-            weights = louder(weights, phone.loudness_db, profile)
-        resolved.append(Resolved(phone, times_s, weights, contact, heard=len(parts) == 1 and parts[0][2]))
-    return resolved, Counter(strange)
+    labels, row = _labels(profile, context), _Row()
+    for number, (phones, first_own) in enumerate(tracks):
+        row.add(number, phones, first_own, labels)
+    numbers = np.array(row.numbers).reshape(-1, 7)
+    start_s, end_s = numbers[:, 5], numbers[:, 6]
+    own, place, parts, first, count = numbers[:, :5].T.astype(np.intp)
+    phone = np.repeat(np.arange(len(numbers)), parts)
+    index = np.arange(len(phone)) - (np.cumsum(parts) - parts)[phone]
+    places, length_s = place[phone] + index, ((end_s - start_s) / parts)[phone]
+    lengths_s = np.full(len(row.kinds), PAUSE_S)
+    lengths_s[places] = length_s
+    wanted = np.flatnonzero(own[phone] >= 0)
+    kinds, phone, length_s = np.array(row.kinds, np.intp), phone[wanted], length_s[wanted]
+    token, fractions, weights, heard = labels.targets(kinds, lengths_s, places[wanted])
+    times_s = (start_s[phone] + index[wanted] * length_s)[token] + length_s[token] * fractions
+    if row.loud:
+        gains = np.ones(len(numbers))
+        gains[[number for number, _ in row.loud]] = [gain for _, gain in row.loud]
+        loud = np.flatnonzero(gains[phone[token]] != 1.0)
+        weights[loud] += (gains[phone[token[loud]]] - 1.0)[:, None] * (weights[loud] @ jaw_share(profile))
+    whole_s = (end_s - start_s)[phone]
+    long_s = np.where(heard & (parts[phone] == 1), 0.0, whole_s)[token]
+    phone, letters_hz = phone[token], (count[phone] / whole_s)[token]
+    passed = np.floor((times_s - start_s[phone]) * letters_hz).astype(np.intp)
+    letters, at = np.array(row.letters), first[phone] + np.minimum(passed, count[phone] - 1)
+    layer = phonetics.in_context(letters, at)
+    phonetics.hold_long(layer, letters[at], long_s)
+    targets = np.concatenate([weights, layer], axis=1)
+    return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
 
 
-def contact_of(parts: Sequence[SpelledPart], profile: Profile) -> str:
-    """Find the contact of a phone, as of :class:`Resolved`, from its parts' names and letters."""
-    contacts = (profile.phones[name].contact for name, _ in parts)
-    contact = next((each for each in contacts if each != "none"), "none")
-    if contact != "none":
-        return contact
-    if any(_opens(heard) for _, heard in parts):
-        return "open"
-    return "none" if all(SIBILANTS.isdisjoint(heard) for _, heard in parts) else "jaw"
+class _Spelled(NamedTuple):
+    """A label without a time."""
+
+    kinds: tuple[int, ...]
+    """Kinds of its parts: in the context model's tables, or the profile's phones."""
+    letters: tuple[int, ...]
+    """Its characters, in the table of articulation."""
+    contact: str
+    is_unknown: bool
 
 
-def _own_keys(tokens: Sequence[Token], profile: Profile) -> list[Keys]:
-    """Give each token the keyframes that the profile has for its phone."""
-    keys: list[Keys] = []
-    for token in tokens:
-        if token.name == SILENCE:
-            keys.append(((), np.zeros((0, profile.space.mode_count))))
-            continue
-        phone, length_s = profile.phones[token.name], token.end_s - token.start_s
-        keys.append((tuple(token.start_s + length_s * fraction for fraction in phone.fractions), phone.targets))
-    return keys
+@dataclass(slots=True)
+class _Row:
+    """Phones of all tracks in one row. Stateful: it grows phone by phone."""
+
+    kinds: list[int] = field(default_factory=list)
+    """Kind of every part, and of the silences between them."""
+    letters: list[int] = field(default_factory=list)
+    numbers: list[float] = field(default_factory=list)
+    """Seven numbers for each phone: its number among those with keys, or -1; places and counts of its parts in
+    ``kinds`` and of its characters in ``letters``; start and end."""
+    loud: list[tuple[int, float]] = field(default_factory=list)
+    """Phones that are louder or quieter than usual, and their gain."""
+    rests: list[tuple[int, float]] = field(default_factory=list)
+    said: list[list[tuple[Phone, str]]] = field(default_factory=list)
+    unknown: Counter[str] = field(default_factory=Counter)
+    own_count: int = 0
+
+    def add(self, track: int, phones: Sequence[Phone], first_own: int, labels: "_Labels") -> None:
+        """Append a track; phones before ``first_own`` get no keys."""
+        kinds, letters, numbers = self.kinds, self.letters, self.numbers
+        kinds += (labels.silence,) * REACH
+        letters += phonetics.NOTHING_BESIDE
+        said: list[tuple[Phone, str]] = []
+        now_s, spoken_s, first_s = 0.0, -np.inf, 0.0
+        for number, phone in enumerate(phones):
+            start_s, end_s = phone.start_s, phone.end_s
+            if start_s > now_s + GAP_S:
+                kinds.append(labels.silence)
+                if number > first_own and start_s - now_s >= MIN_PAUSE_S:
+                    self._rest(track, now_s, start_s)
+            elif start_s < now_s - GAP_S:
+                raise UsageError(f"phone {phone.label!r}: starts at {start_s} s, but the one before ends at {now_s} s")
+            elif end_s <= now_s:
+                continue
+            elif start_s != now_s:
+                phone, start_s = replace(phone, start_s=now_s), now_s
+            parts, signs, contact, is_unknown = labels.spelled_of(phone.label)
+            if start_s - spoken_s > phonetics.PAUSE_S:
+                letters.append(phonetics.PAUSE)
+            now_s = spoken_s = end_s
+            is_own = number >= first_own
+            numbers += (
+                self.own_count if is_own else -1, len(kinds), len(parts), len(letters), len(signs), start_s, end_s
+            )  # fmt: skip
+            kinds += parts
+            letters += signs
+            if is_own:
+                self.own_count += 1
+                first_s = first_s if said else start_s
+                said.append((phone, contact))
+                if is_unknown:
+                    self.unknown[phone.label] += 1
+                if phone.loudness_db:
+                    self.loud.append((len(numbers) // 7 - 1, 2.0 ** (phone.loudness_db / DB_PER_DOUBLE_DROP)))
+        letters += phonetics.PAUSE_BEHIND
+        kinds += (labels.silence,) * REACH
+        self.said.append(said)
+        if said:
+            self.rests += ((track, max(first_s - REST_MARGIN_S, 0.0)), (track, spoken_s + REST_MARGIN_S))
+
+    def _rest(self, track: int, from_s: float, until_s: float) -> None:
+        if until_s - from_s >= HELD_PAUSE_S:
+            self.rests += ((track, from_s + REST_MARGIN_S), (track, until_s - REST_MARGIN_S))
+        else:
+            self.rests.append((track, (from_s + until_s) / 2))
 
 
-def _keys_in_context(tokens: Sequence[Token], model: ContextModel) -> list[Keys]:
-    """Keyframes of each token between its neighbours; one where there is no room for more."""
-    weights, fractions = targets(tokens, model), model.fractions
-    starts = np.array([token.start_s for token in tokens])
-    lengths = np.array([token.end_s for token in tokens]) - starts
-    crowded = lengths * (fractions[-1] - fractions[0]) < APART_S * (len(fractions) - 1)
-    times = (starts[:, None] + lengths[:, None] * np.array(fractions)).tolist()
-    middles = (starts + lengths * (sum(fractions) / len(fractions))).tolist()
-    means = weights.mean(axis=1, keepdims=True)
-    return [
-        ((middles[n],), means[n]) if is_crowded else (tuple(times[n]), weights[n])
-        for n, is_crowded in enumerate(crowded.tolist())
-    ]
+class _Labels:
+    """Labels as a profile knows them, with or without its context model. Stateful: it caches what it has looked up."""
 
+    def __init__(self, profile: Profile, *, context: bool) -> None:
+        model, known = profile.context if context else None, tuple(profile.phones)
+        self._tables = tables = None if model is None else tables_of(model)
+        self._fractions = np.zeros(0) if model is None else np.array(model.fractions)
+        self._phones, self._modes = tuple(profile.phones.values()), profile.space.mode_count
+        self.silence = -1 if tables is None else tables.silence
 
-def _joined(keys: Sequence[Keys]) -> Keys:
-    return tuple(time for times, _ in keys for time in times), np.concatenate([weights for _, weights in keys])
+        @lru_cache(maxsize=LABELS)
+        def spelled_of(label: str) -> _Spelled:
+            parts, is_unknown = spelled(label, known)
+            kinds = tuple(known.index(name) if tables is None else tables.kind(heard) for name, heard in parts)
+            return _Spelled(kinds, phonetics.kinds_of(label), contact_of(parts, profile), is_unknown)
 
+        self.spelled_of = spelled_of
 
-def louder(targets: NDArray[np.float64], loudness_db: float, profile: Profile) -> NDArray[np.float64]:
-    """Targets, (..., K), said louder or more quietly: the jaw's part of them grows, as with a style."""
-    said: NDArray[np.float64] = targets + (loudness_gain(loudness_db) - 1.0) * (targets @ jaws_of(profile))
-    return said
+    def targets(
+        self, kinds: Indices, lengths_s: Array, own: Indices
+    ) -> tuple[Indices, Array, Array, NDArray[np.bool_]]:
+        """Find the keys of parts.
 
+        Parameters
+        ----------
+        kinds, lengths_s : (T,)
+            All parts in a row, with silences.
+        own : (P,) int
+            Places of the parts that get keys.
 
-def loudness_gain(loudness_db: float) -> float:
-    """Size of the jaw's part of a phone by its loudness, dB against the usual."""
-    return float(2.0 ** (loudness_db / DB_PER_DOUBLE_DROP))
+        Returns
+        -------
+        part : (N,) int
+            Part of each key, 0 to P - 1.
+        fractions : (N,) float64
+            Place of each key in its part.
+        weights : (N, K) float64
+        heard : (P,) bool
+            Whether the recorded speaker said the part between the same neighbours.
+        """
+        if self._tables is None:
+            phones = [self._phones[kind] for kind in kinds[own].tolist()]
+            part = np.repeat(np.arange(len(own)), [len(phone.fractions) for phone in phones])
+            fractions = np.array([fraction for phone in phones for fraction in phone.fractions])
+            weights = np.concatenate([np.zeros((0, self._modes)), *(phone.targets for phone in phones)])
+            return part, fractions, weights, np.zeros(len(own), bool)
+        targets = self._tables.targets(kinds, lengths_s, own)
+        between = self._fractions
+        fractions, kept = np.tile(between, (len(own), 1)), np.ones(targets.shape[:2], bool)
+        crowded = lengths_s[own] * (between[-1] - between[0]) < APART_S * (len(between) - 1)
+        targets[crowded, 0], fractions[crowded, 0] = targets[crowded].mean(axis=1), between.mean()
+        kept[crowded, 1:] = False
+        part = np.repeat(np.arange(len(own)), kept.sum(axis=1))
+        return part, fractions[kept], targets[kept], self._tables.heard_as_here(kinds, own)
 
 
 @lru_cache(maxsize=16)
-def jaws_of(profile: Profile) -> NDArray[np.float64]:
-    """(K, K): from weights to those of the jaw's part of them."""
-    return jaw_share(profile)
+def _labels(profile: Profile, context: bool) -> _Labels:
+    return _Labels(profile, context=context)
 
 
-@cache
-def _opens(heard: tuple[str, ...]) -> bool:
-    return any(map(must_open, heard))
+def contact_of(parts: Iterable[SpelledPart], profile: Profile) -> str:
+    """Find the contact of a phone from its parts.
+
+    Returns
+    -------
+    str
+        ``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it must be high.
+    """
+    contacts = (profile.phones[name].contact for name, _ in parts)
+    letters = {letter for _, heard in parts for letter in heard}
+    contact = next((each for each in contacts if each != "none"), "none")
+    if contact == "none" and any(map(must_open, letters)):
+        return "open"
+    return "jaw" if contact == "none" and letters & SIBILANTS else contact
 
 
-@cache
 def must_open(letter: str) -> bool:
-    """Whether this IPA letter cannot be said with the mouth nearly shut: open and near-open vowels, θ and ð."""
-    if letter in INTERDENTAL:
-        return True
+    """Whether an IPA character cannot be said with the mouth nearly shut: open and near-open vowels, θ and ð."""
     sound = ipa.SOUNDS.get(letter)
-    return sound is not None and sound.vowel and sound.opening >= NEAR_OPEN
+    return letter in INTERDENTAL or (sound is not None and sound.vowel and sound.opening >= NEAR_OPEN)
 
 
-REST_MARGIN_S = 0.12
-"""Time to leave rest before speech, and to reach it afterwards. Articulators start about 120 ms before the sound (JALI,
-Edwards et al. 2016)."""
-MIN_PAUSE_S = 0.1
-"""Least length of a pause that passes through rest."""
-HELD_PAUSE_S = 0.3
-"""Least length of a pause that holds rest, between two keyframes; a shorter one has one keyframe, in its middle."""
-CLOSEST_KEYS_S = 0.012
-"""Nearer keyframes would make the spline swing; the later one gives way."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Keyframes:
-    """Times and points of a path in the space."""
-
-    times_s: NDArray[np.float64]
-    """(N,), strictly rising."""
-    weights: NDArray[np.float64]
-    """(N, K)."""
-
-    def sample(self, times_s: ArrayLike, *, cubic: bool = False) -> NDArray[np.float64]:
-        """(T, K): the path at ``times_s``; rest before the first and after the last keyframe.
-
-        ``cubic`` takes the paper's spline, clamped to rest at both ends, in place of the quintic path.
-        """
-        t = np.asarray(times_s, dtype=np.float64)
-        if len(self.times_s) < 2:
-            return np.zeros((len(t), self.weights.shape[1]))
-        if not cubic:
-            return hermite.sample(self.times_s, self.weights, t)
-        from scipy.interpolate import CubicSpline
-
-        spline = CubicSpline(self.times_s, self.weights, bc_type="clamped")
-        path: NDArray[np.float64] = spline(np.clip(t, self.times_s[0], self.times_s[-1]))
-        return path
-
-
-def place_keyframes(track: PhoneTrack, resolved: list[Resolved], mode_count: int) -> Keyframes:
-    """Put keyframes of phones and pauses in order, between rest and rest; see the theory of operation."""
-    if not resolved:
-        return Keyframes(np.zeros(0), np.zeros((0, mode_count)))
-    times = [time for phone in resolved for time in phone.times_s]
-    first_s, last_s = resolved[0].phone.start_s, resolved[-1].phone.end_s
-    rests: list[float] = []
-    for phone in track.phones:
-        if phone.is_silence and first_s < phone.start_s < last_s and phone.duration_s >= MIN_PAUSE_S:
-            held = phone.duration_s >= HELD_PAUSE_S
-            edges = (phone.start_s + REST_MARGIN_S, phone.end_s - REST_MARGIN_S)
-            rests += edges if held else [(phone.start_s + phone.end_s) / 2]
-    rests += [max(first_s - REST_MARGIN_S, 0.0), last_s + REST_MARGIN_S]
-    at = np.array(times + rests)
-    order = np.argsort(at, kind="stable")
-    if np.diff(at[order]).min() < CLOSEST_KEYS_S:
-        order = order[spaced(at[order].tolist())]
-    weights = np.concatenate([*(phone.targets for phone in resolved), np.zeros((len(rests), mode_count))])
-    return Keyframes(at[order], weights[order])
-
-
-def spaced(times_s: Sequence[float]) -> list[int]:
-    """Choose the keys that stand far enough apart; the first and the last stay."""
-    kept, last = [0], len(times_s) - 1
-    for index in range(1, last):
-        if times_s[kept[-1]] + CLOSEST_KEYS_S <= times_s[index] <= times_s[last] - CLOSEST_KEYS_S:
-            kept.append(index)
-    return [*kept, last]
+def _apart(times_s: Array, track_of: Indices) -> Indices | slice:
+    """Choose the keys that are far enough apart in their track; the first and the last stay."""
+    near = (np.diff(times_s) < CLOSEST_KEYS_S) & (np.diff(track_of) == 0)
+    if not near.any():
+        return slice(None)
+    kept = np.ones(len(times_s), bool)
+    for track in np.unique(track_of[1:][near]).tolist():
+        first, last = np.flatnonzero(track_of == track)[[0, -1]].tolist()
+        before_s, end_s = times_s[first], times_s[last]
+        for index in range(first + 1, last):
+            kept[index] = before_s + CLOSEST_KEYS_S <= times_s[index] <= end_s - CLOSEST_KEYS_S
+            before_s = times_s[index] if kept[index] else before_s
+    return np.flatnonzero(kept)

@@ -21,7 +21,7 @@ from fapengine.files.sessions import load_session
 from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 SKULL = {"LFHD": (55, 90, 70), "RFHD": (-55, 90, 70), "LBHD": (70, 70, -40), "RBHD": (-70, 70, -40)}
 SPOKEN = ["p", "b", "m", "f", "t", "s", "i", "u", "l"]
@@ -66,9 +66,7 @@ def record(folder: Path) -> Path:
             now += length
         track = PhoneTrack((*phones, Phone("_", now, now + 0.4)))
         times = np.arange(round(track.duration_s * 100)) / 100
-        resolved, _ = resolve(track, profile, context=False)
-        keys = place_keyframes(track, resolved, profile.space.mode_count)
-        moved = neutral + profile.space.to_points_mm(keys.sample(times))[:, columns]
+        moved = neutral + profile.space.to_points_mm(weights_of(track, profile, times, context=False))[:, columns]
         points = np.concatenate([moved, np.tile(np.array([*SKULL.values()], float), (len(times), 1, 1))], axis=1)
         points += rng.normal(0, 0.1, points.shape)
         points[20:25, 3] = np.nan

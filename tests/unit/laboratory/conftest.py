@@ -13,7 +13,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import weights_of
 
 from .dense_made import MadeFace, make_face
 
@@ -87,9 +87,7 @@ def make(standard, face_mm) -> Callable[..., Made]:
         for index in range(takes):
             phones = speech(rng)
             times = np.arange(round(phones.duration_s * RATE_HZ)) / RATE_HZ
-            resolved, _ = resolve(phones, standard, context=False)
-            keys = place_keyframes(phones, resolved, standard.space.mode_count)
-            moved = standard.space.to_points_mm(keys.sample(times))[:, columns]
+            moved = standard.space.to_points_mm(weights_of(phones, standard, times, context=False))[:, columns]
             points = neutral + moved
             if skull:
                 points = np.concatenate(

@@ -12,11 +12,9 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.batch import FIRST_HOLDS, FIRST_ROWS, KNOTS, BatchPlanner
-from fapengine.trajectory.many import lay_paths
-from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style
 from fapengine.trajectory.stream import KEYS_BEHIND, StreamPlan, jets_at
-from fapengine.trajectory.targets import joined_track, place_keyframes, resolve
+from fapengine.trajectory.targets import speech_keys
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
 
@@ -73,8 +71,8 @@ class Pair:
         for _ in range(count):
             self.now_s += TICK_S
             found = self.bank.frames(self.now_s)
-            assert sorted(found.sessions.tolist()) == sorted(self.planners)
-            for session, row in zip(found.sessions.tolist(), found.faps, strict=True):
+            assert sorted(self.bank.sessions.tolist()) == sorted(self.planners)
+            for session, row in zip(self.bank.sessions.tolist(), found, strict=True):
                 begins_s, planner = self.planners[session]
                 np.testing.assert_array_equal(row, planner.frames([self.now_s - begins_s])[0])
                 self.shown += bool(row.any())
@@ -130,7 +128,7 @@ def test_long_texts_and_many_sessions_outgrow_the_first_room():
     pair.planners[2][1].feed(crowd)
     pair.frames(150)
     assert pair.shown > 1500
-    assert not pair.bank.frames(pair.now_s).faps.any()  # all have come to rest
+    assert not pair.bank.frames(pair.now_s).any()  # all have come to rest
 
 
 def test_rows_say_whose_they_are_when_sessions_close():
@@ -141,9 +139,9 @@ def test_rows_say_whose_they_are_when_sessions_close():
     bank.close(first)
     assert bank.counts(third) is counts
     found = bank.frames(0.5)
-    assert sorted(found.sessions.tolist()) == [second, third]
+    assert sorted(bank.sessions.tolist()) == [second, third]
     assert len(bank) == 2
-    assert {int(session): bool(row.any()) for session, row in zip(found.sessions, found.faps, strict=True)} == {
+    assert {int(session): bool(row.any()) for session, row in zip(bank.sessions, found, strict=True)} == {
         second: False,
         third: True,
     }
@@ -151,28 +149,7 @@ def test_rows_say_whose_they_are_when_sessions_close():
     bank.close(third)
     bank.close(second)
     assert len(bank) == 1
-    assert BatchPlanner(english()).frames(0.0).points_mm.shape == (0, english().space.marker_count, 3)
-
-
-def test_points_are_where_the_faps_say():
-    """42 dimensions: the 14 points of the paper, in mm, whose FAPs are those of the same frame."""
-    bank = BatchPlanner(english())
-    session = bank.open()
-    bank.feed(session, phones(["b", "ɑː", "m", "f", "ɑː", "uː", "p"], 0.12))
-    names = english().space.points[: english().space.marker_count]
-    numbers = [number for number in range(51, 61) if fap.spec(number).point in names]
-    assert len(numbers) == 10
-    moved = 0.0
-    for time in np.arange(0.0, 1.4, TICK_S):
-        found = bank.frames(time)
-        assert found.points_mm.shape == (1, 14, 3)
-        for number in numbers:
-            row = fap.spec(number)
-            axis = np.array(fap.HEAD_AXES[row.positive])
-            steps = found.points_mm[0, names.index(row.point)] @ axis / english().fapu.unit(row.unit)
-            assert abs(steps - found.faps[0, fap.column(number)]) <= 0.5 + 1e-6  # rounding alone
-            moved = max(moved, abs(steps))
-    assert moved > 100
+    assert BatchPlanner(english()).frames(0.0).shape == (0, fap.FAP_COUNT)
 
 
 def test_a_fade_is_a_quintic_to_rest():
@@ -180,7 +157,7 @@ def test_a_fade_is_a_quintic_to_rest():
     left_over, length = rng.normal(size=(3, 4)), 0.15
     still = np.zeros(4)
     s = np.linspace(0, 1, 9)
-    wanted = hermite.blend(s[:, None] * length, np.array(length), tuple(left_over), (still, still, still))[0]
+    wanted = hermite.jet_of(hermite.quintic(length, tuple(left_over), (still, still, still)), s[:, None], length)[0]
     parts = hermite.fading(s)
     found = sum(part[:, None] * left * length**n for n, (part, left) in enumerate(zip(parts, left_over, strict=True)))
     np.testing.assert_allclose(found, wanted, atol=1e-12)
@@ -189,7 +166,7 @@ def test_a_fade_is_a_quintic_to_rest():
 def test_one_moment_of_a_plan_is_what_many_are():
     rng = np.random.default_rng(4)
     times = np.cumsum(rng.uniform(0.02, 0.2, 7))
-    path = hermite.Path.through(times, rng.normal(0, 5, (7, 3)))
+    (path,) = hermite.paths(times, rng.normal(0, 5, (7, 3)), np.zeros(7, np.intp), 1)
     plan = StreamPlan(times[2] - 0.01, path, 0.15, 0.1, rng.normal(0, 5, (3, 3)))
     moments = np.array([0.0, times[0], times[2], times[2] + 0.03, times[3] + 0.2, times[-1], times[-1] + 1.0])
     for found, many, since_s in (
@@ -218,18 +195,16 @@ def test_paths_that_are_laid_together_are_those_of_each_track_alone() -> None:
     tracks = [spoken(rng, [*profile.phones, "ʁ", "ɑː", "ts", "1"]) for _ in range(60)]
     tracks.append([Phone("s", 0.0, 0.1), Phone("u", 0.1, 0.32), Phone("n", 0.32, 0.42)])  # long, and heard so: "soon"
     asked = [(phones, max(min(n % 6, len(phones) - KEYS_BEHIND), 0)) for n, phones in enumerate(tracks)]
-    for (phones, first), path, contacts in zip(asked, *lay_paths(asked, profile), strict=True):
-        track = joined_track(phones)
-        resolved, _ = resolve(track, profile)
-        keys = place_keyframes(track, extend(resolved), profile.space.mode_count + WIDTH)
-        alone = hermite.Path.through(keys.times_s, keys.weights)
+    together = speech_keys(asked, profile)
+    for (phones, first), path, said in zip(asked, together.paths(), together.said, strict=True):
+        keys = speech_keys([(phones, 0)], profile)
+        (alone,) = keys.paths()
         from_s = phones[first + KEYS_BEHIND - 1].end_s if first else 0.0
         times_s = np.linspace(from_s, 4.0, 200)
         for found, wanted in zip(path.jet(times_s), alone.jet(times_s), strict=True):
             np.testing.assert_allclose(found, wanted, atol=1e-7)
-        kept = [(each.phone, each.contact) for each in resolved if each.contact != "none"]
-        assert contacts == kept[len(kept) - len(contacts) :]
-        assert first or contacts == kept
+        assert said == keys.said[0][len(keys.said[0]) - len(said) :]
+        assert first or said == keys.said[0]
 
 
 def test_refuses():

@@ -7,7 +7,7 @@ from fapengine.errors import UsageError
 from fapengine.laboratory.context_fit import FRACTIONS, fit_context
 from fapengine.profiles import ContextModel
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import features, targets, tokens_of, ways
+from fapengine.trajectory.context import PAUSE_S, REACH, Token, features, tables_of, tokens_of, ways
 from tests.english import english
 
 
@@ -15,6 +15,17 @@ def track(spelling: str, *, each_s: float = 0.1, lead_s: float = 0.3) -> PhoneTr
     labels = spelling.split()
     times = lead_s + each_s * np.arange(len(labels) + 1)
     return PhoneTrack.of([Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)])
+
+
+def targets(tokens: list[Token], model: ContextModel) -> np.ndarray:
+    """(N, keyframes, K): weights at the model's fractions of every token of a track; 0 for silences."""
+    tables, around = tables_of(model), [tables_of(model).silence] * REACH
+    kinds = np.array([*around, *(tables.kind(token.heard) for token in tokens), *around])
+    lengths_s = [PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens]
+    own = np.array([n for n, token in enumerate(tokens) if token.name != SILENCE], np.intp)
+    found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
+    found[own] = tables.targets(kinds, np.array([*[PAUSE_S] * REACH, *lengths_s, *[PAUSE_S] * REACH]), own + REACH)
+    return found
 
 
 def look(spelling: str, index: int) -> np.ndarray:

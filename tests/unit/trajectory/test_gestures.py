@@ -1,5 +1,7 @@
 """Gestures: seeded, apart from each other, at rest at both ends, and the same in whatever pieces phones come."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -21,7 +23,7 @@ from fapengine.trajectory.gestures import (
     STANCE_RAD,
     Channel,
     GestureGenerator,
-    sample_gestures,
+    gestures_of,
 )
 from fapengine.trajectory.phrases import REACH_S, Phrases
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
@@ -37,6 +39,12 @@ def rng() -> np.random.Generator:
 
 def column(faps: np.ndarray, number: int) -> np.ndarray:
     return faps[:, fap.column(number)]
+
+
+def sample_gestures(
+    times: np.ndarray, end_s: float, phones: Sequence[Phone], style: Style, rng: np.random.Generator
+) -> np.ndarray:
+    return gestures_of(times, end_s, phones, style, rng)(slice(None)).T
 
 
 def only(*names: str, times: np.ndarray = TIMES, end_s: float = 20.0) -> np.ndarray:

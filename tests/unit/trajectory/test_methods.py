@@ -1,28 +1,37 @@
 """Ways to a path: none swings far beyond its keys, and none is quadratic in the length."""
 
 import itertools
+from collections import Counter
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from fapengine.speaking import Method
 from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.methods import OVERSHOOT, dominance, sample_path
-from fapengine.trajectory.targets import Keyframes, Resolved
+from fapengine.trajectory.methods import OVERSHOOT, SPLINES, dominance
+from fapengine.trajectory.targets import Keyframes, SpeechKeys
 
 KEYS = st.lists(
     st.tuples(st.sampled_from([0.012, 0.03, 0.1, 0.3, 2.0, 60.0]), st.floats(-5, 5)), min_size=2, max_size=9
 )
 
 
-def resolved(lengths_s: list[float], rng: np.random.Generator) -> list[Resolved]:
-    ends = np.cumsum([0.2, *lengths_s])
-    return [
-        Resolved(Phone("a", float(a), float(b)), (float(a + b) / 2,), rng.normal(size=(1, 3)), "none")
-        for a, b in itertools.pairwise(ends)
-    ]
+def spoken(lengths_s: list[float], rng: np.random.Generator) -> SpeechKeys:
+    """One key in the middle of each phone."""
+    phones = [Phone("a", float(a), float(b)) for a, b in itertools.pairwise(np.cumsum([0.2, *lengths_s]))]
+    middles, targets = (
+        np.array([(phone.start_s + phone.end_s) / 2 for phone in phones]),
+        rng.normal(size=(len(phones), 3)),
+    )
+    said = [[(phone, "none") for phone in phones]]
+    return SpeechKeys(said, np.arange(len(phones)), middles, targets, [], Counter())
+
+
+def keyframes(times_s: np.ndarray, values: np.ndarray) -> Keyframes:
+    return Keyframes(times_s, values, np.zeros(len(times_s), np.intp))
 
 
 @pytest.mark.parametrize("method", ["context", "paper", "minimum-jerk"])
@@ -30,11 +39,10 @@ def resolved(lengths_s: list[float], rng: np.random.Generator) -> list[Resolved]
 @settings(max_examples=30)
 def test_overshoot_is_half_of_the_range_of_four_keys_at_most(method: Method, keys: list[tuple[float, float]]) -> None:
     values = np.array([0.0, *(value for _, value in keys), 0.0])[:, None]
-    frames = Keyframes(np.cumsum([0.0, *(step for step, _ in keys), 0.1]), values)
-    anything = resolved([0.1], np.random.default_rng(1))
+    frames = keyframes(np.cumsum([0.0, *(step for step, _ in keys), 0.1]), values)
     for index in range(len(values) - 1):
         times = np.linspace(frames.times_s[index], frames.times_s[index + 1], 60)
-        path = sample_path(method, anything, frames, times)
+        path = SPLINES[method](frames, times)
         four = values[max(index - 1, 0) : index + 3]
         room = OVERSHOOT * np.ptp(four) + 1e-6
         assert four.min() - room <= path.min()
@@ -44,24 +52,25 @@ def test_overshoot_is_half_of_the_range_of_four_keys_at_most(method: Method, key
 
 def test_a_spline_through_even_keys_is_left_alone() -> None:
     values = np.sin(0.7 * np.arange(30))[:, None] * np.sin(np.pi * np.arange(30) / 29)[:, None]
-    frames, times = Keyframes(np.arange(30) * 0.05, values), np.linspace(0, 1.45, 400)
-    anything = resolved([0.1], np.random.default_rng(2))
-    np.testing.assert_array_equal(sample_path("paper", anything, frames, times), frames.sample(times, cubic=True))
+    frames, times = keyframes(np.arange(30) * 0.05, values), np.linspace(0, 1.45, 400)
+    spline = CubicSpline(frames.times_s, values, bc_type="clamped")
+    np.testing.assert_array_equal(SPLINES["paper"](frames, times), spline(times))
 
 
 @given(st.lists(st.sampled_from([0.01, 0.08, 0.3, 2.0]), min_size=1, max_size=12), st.integers(0, 99))
 @settings(max_examples=30)
 def test_dominance_is_the_mean_of_all_targets_weighed_by_their_distance(lengths_s: list[float], seed: int) -> None:
-    phones = resolved(lengths_s, np.random.default_rng(seed))
-    centres = np.array([0.2, *((one.phone.start_s + one.phone.end_s) / 2 for one in phones), phones[-1].phone.end_s])
-    targets = np.concatenate([np.zeros((1, 3)), *(one.targets for one in phones), np.zeros((1, 3))])
-    times = np.linspace(-0.3, phones[-1].phone.end_s + 0.5, 80)
+    keys = spoken(lengths_s, np.random.default_rng(seed))
+    end_s = keys.said[0][-1][0].end_s
+    centres = np.array([0.2, *keys.times_s, end_s])
+    targets = np.concatenate([np.zeros((1, 3)), keys.targets, np.zeros((1, 3))])
+    times = np.linspace(-0.3, end_s + 0.5, 80)
     weights = np.exp(-20.0 * np.abs(times[:, None] - centres))
-    np.testing.assert_allclose(dominance(phones, times), weights @ targets / weights.sum(axis=1)[:, None], atol=1e-9)
+    np.testing.assert_allclose(dominance(keys, times), weights @ targets / weights.sum(axis=1)[:, None], atol=1e-9)
 
 
 def test_dominance_survives_a_phone_of_minutes() -> None:
-    phones = resolved([0.1, 300.0, 0.1], np.random.default_rng(1))
-    path = dominance(phones, np.linspace(0, 301, 2000))
+    keys = spoken([0.1, 300.0, 0.1], np.random.default_rng(1))
+    path = dominance(keys, np.linspace(0, 301, 2000))
     assert np.isfinite(path).all()
-    np.testing.assert_allclose(dominance(phones, np.array([150.3])), phones[1].targets, atol=1e-9)
+    np.testing.assert_allclose(dominance(keys, np.array([150.3])), keys.targets[1:2], atol=1e-9)

@@ -13,7 +13,7 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.targets import APART_S, REST_MARGIN_S, place_keyframes, resolve
+from fapengine.trajectory.targets import APART_S, REST_MARGIN_S, keys_of, weights_of
 from tests.english import english
 
 STEP_S = 0.001
@@ -38,12 +38,10 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
 
 def opening_mm(phones: PhoneTrack, step_s: float = STEP_S) -> NDArray[np.float64]:
     """Of the lips' middle, every millisecond, not rounded."""
-    resolved, _ = resolve(phones, english())
-    keys = place_keyframes(phones, resolved, english().space.mode_count)
     times = np.arange(0, phones.duration_s, step_s)
-    moved = english().space.to_points_mm(keys.sample(times))
+    moved = english().space.to_points_mm(weights_of(phones, english(), times))
     faps = displacements_to_faps(moved, english().space.points, english().fapu)
-    faps = close_lips(faps, times, holds_of(resolved))
+    faps = close_lips(faps, times, holds_of(keys_of(phones, english()).said[0]))
     gap: NDArray[np.float64] = -english().fapu.unit(fap.FapUnit.MNS) * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
     return gap
 
@@ -77,8 +75,9 @@ KEYS = st.lists(st.tuples(st.floats(0.012, 0.4), st.floats(-5, 5)), min_size=2, 
 def test_overshoot_beyond_two_keys_is_a_quarter_of_four_at_most(keys: list[tuple[float, float]]) -> None:
     times = np.cumsum([step for step, _ in keys])
     values = np.array([[value] for _, value in keys])
+    (laid,) = hermite.paths(times, values, np.zeros(len(times), np.intp), 1)
     for index in range(len(times) - 1):
-        path = hermite.sample(times, values, np.linspace(times[index], times[index + 1], 50))
+        path = laid.sample(np.linspace(times[index], times[index + 1], 50))
         two, four = values[index : index + 2], values[max(index - 1, 0) : index + 3]
         margin = hermite.OVERSHOOT * np.ptp(four) + 1e-9
         assert two.min() - margin <= path.min()
@@ -89,7 +88,7 @@ def test_overshoot_beyond_two_keys_is_a_quarter_of_four_at_most(keys: list[tuple
 def test_where_keys_are_about_evenly_spaced_the_limit_changes_nothing(speed_up: float) -> None:
     times = np.cumsum([0.1, 0.1 / speed_up, 0.1, 0.1 / speed_up])
     values = np.array([[0.0], [1.0], [1.0], [2.0]])
-    velocity, acceleration = hermite.derivatives(times, values)
+    velocity, acceleration = hermite.derivatives(times, values, np.zeros(len(times), np.intp))
     for index in (1, 2):
         parabola = np.polyfit(times[index - 1 : index + 2] - times[index], values[index - 1 : index + 2, 0], 2)
         assert velocity[index, 0] == pytest.approx(parabola[1])
@@ -119,6 +118,6 @@ STILL = Style.still()
 def test_short_phones_have_one_keyframe_between_their_two() -> None:
     seconds = 2 * APART_S
     for length, count in ((seconds * 1.01, 2), (seconds * 0.99, 1)):
-        (one,), _ = resolve(PhoneTrack.of([Phone("s", 0.0, length)]), english())
-        assert len(one.times_s) == len(one.targets) == count
-        assert np.mean(one.times_s) == pytest.approx(0.45 * length)
+        keys = keys_of(PhoneTrack.of([Phone("s", 0.0, length)]), english())
+        assert len(keys.times_s) == len(keys.targets) == count
+        assert np.mean(keys.times_s) == pytest.approx(0.45 * length)

@@ -10,10 +10,10 @@ from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
 from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.phonetics import CORNERS, ROUND, WIDTH, extend, give_way, layer_gain
+from fapengine.trajectory.phonetics import CORNERS, ROUND, WIDTH, give_way, layer_gain
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import resolve
+from fapengine.trajectory.targets import keys_of
 from tests.english import english
 
 CONTRAST_MM = 4.0
@@ -188,12 +188,11 @@ def test_lips_foresee_and_remember() -> None:
 def test_only_three_neighbours_count() -> None:
     def targets(labels: str) -> np.ndarray:
         phones = [Phone(label, 0.1 * n, 0.1 * (n + 1)) for n, label in enumerate(labels.split())]
-        resolved, _ = resolve(PhoneTrack.of(phones), english(), context=False)
-        return extend(resolved)[0].targets[0, -WIDTH:]
+        return keys_of(PhoneTrack.of(phones), english(), context=False).targets[0, -WIDTH:]
 
     np.testing.assert_array_equal(targets("t h h t u"), targets("t h h t i"))
     assert np.abs(targets("t h h u") - targets("t h h i")).max() > 1
-    assert extend([]) == []
+    assert keys_of(PhoneTrack(()), english()).targets.shape == (0, english().space.mode_count + WIDTH)
 
 
 def test_the_gain_grows_but_not_for_ever() -> None:

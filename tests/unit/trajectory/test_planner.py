@@ -16,7 +16,7 @@ from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
 from fapengine.trajectory.planner import Style, plan, rest_s
-from fapengine.trajectory.targets import REST_MARGIN_S, place_keyframes, resolve
+from fapengine.trajectory.targets import REST_MARGIN_S, keys_of, weights_of
 from tests.english import english
 
 STILL = Style.still()
@@ -65,9 +65,8 @@ def test_every_bilabial_closes_the_lips_under_any_expression(
 
 def test_without_the_closure_step_lips_stay_open() -> None:
     phones = track("ɑː b ɑː b ɑː", each_s=0.08)
-    resolved, _ = resolve(phones, english(), context=False)
     times = np.arange(0, phones.duration_s, 0.01)
-    path = place_keyframes(phones, resolved, english().space.mode_count).sample(times)
+    path = weights_of(phones, english(), times, context=False)
     faps = displacements_to_faps(english().space.to_points_mm(path), english().space.points, english().fapu)
     gap = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
     during = (times > 0.388) & (times < 0.44)
@@ -101,12 +100,11 @@ def test_nothing_jumps() -> None:
 
 def test_keyframes_stand_at_30_percent_and_the_spline_passes_them() -> None:
     phones = track("s ɑ")
-    resolved, _ = resolve(phones, english(), context=False)
-    assert [time for one in resolved for time in one.times_s] == pytest.approx([0.336, 0.456])
-    keys = place_keyframes(phones, resolved, english().space.mode_count)
-    assert keys.sample([0.336])[0] == pytest.approx(english().phones["s"].targets[0])
-    assert keys.sample([0.456])[0] == pytest.approx(english().phones["ɑ"].targets[0])
-    assert keys.sample([0.0, 0.18, phones.duration_s]) == pytest.approx(0.0, abs=1e-9)
+    assert keys_of(phones, english(), context=False).times_s == pytest.approx([0.336, 0.456])
+    path = weights_of(phones, english(), np.array([0.336, 0.456, 0.0, 0.18, phones.duration_s]), context=False)
+    assert path[0] == pytest.approx(english().phones["s"].targets[0])
+    assert path[1] == pytest.approx(english().phones["ɑ"].targets[0])
+    assert path[2:] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_time_shift_shifts_the_motion() -> None:
@@ -119,9 +117,7 @@ def test_a_time_shift_of_any_size_shifts_the_path_exactly(labels: list[str], eac
     paths = []
     for lead_s in (0.3, 0.3 + shift_s):
         phones = track(" ".join(labels), each_s=each_s, lead_s=lead_s)
-        resolved, _ = resolve(phones, english())
-        keys = place_keyframes(phones, resolved, english().space.mode_count)
-        paths.append(keys.sample(np.linspace(0.1, 2.0, 60) + lead_s - 0.3))
+        paths.append(weights_of(phones, english(), np.linspace(0.1, 2.0, 60) + lead_s - 0.3))
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-8 * max(1.0, np.abs(paths[0]).max()))
 
 
@@ -196,20 +192,20 @@ def test_a_label_that_is_no_ipa_is_counted() -> None:
 
 @pytest.mark.parametrize("letter", sorted(ipa.SOUNDS))
 def test_every_ipa_letter_has_a_target(letter: str) -> None:
-    resolved, unknown = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
-    assert not unknown
-    assert len(resolved[0].targets) >= 1
+    keys = keys_of(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
+    assert not keys.unknown
+    assert len(keys.targets) >= 1
 
 
 @pytest.mark.parametrize("letter", "pbmɸβ")
 def test_what_sounds_like_a_bilabial_closes(letter: str) -> None:
-    resolved, _ = resolve(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
-    assert resolved[0].contact == "lips"
+    keys = keys_of(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
+    assert keys.said[0][0][1] == "lips"
 
 
 def test_parts_of_a_strange_diphthong_share_its_time() -> None:
-    resolved, _ = resolve(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), english(), context=False)
-    assert resolved[0].times_s == pytest.approx((1.03, 1.13))
+    keys = keys_of(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), english(), context=False)
+    assert keys.times_s == pytest.approx((1.03, 1.13))
 
 
 def test_the_same_seed_is_the_same_face() -> None:

@@ -11,11 +11,11 @@ from fapengine.profiles import ContextModel
 from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
 from fapengine.speech.ipa import SOUNDS
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import targets, tokens_of
+from fapengine.trajectory.context import tokens_of
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from tests.english import english
-from tests.unit.trajectory.test_context import track
+from tests.unit.trajectory.test_context import targets, track
 
 HEARD = {"phone i": 5.0, "phone i length": 0.0, "phone ɑ": 5.0, "phone ɑ length": 0.0, "pair -1 b i": 0.0,
          "pair 1 t i": 0.0}  # fmt: skip

@@ -12,10 +12,9 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S
-from fapengine.trajectory.phonetics import WIDTH, extend
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.stream import AHEAD_PHONES
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import keys_of
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
 
@@ -42,8 +41,7 @@ def times_until(end_s: float) -> np.ndarray:
 
 def offline(spoken: list[Phone], times: np.ndarray) -> np.ndarray:
     track = PhoneTrack.of(spoken)
-    resolved, _ = resolve(track, english())
-    return place_keyframes(track, extend(resolved), english().space.mode_count + WIDTH).sample(times)
+    return keys_of(track, english()).paths()[0].sample(times)
 
 
 def opening(values: np.ndarray) -> np.ndarray:
@@ -276,11 +274,10 @@ def test_the_path_is_c2_and_local(count, seed):
     rng = np.random.default_rng(seed)
     times = np.cumsum(rng.uniform(0.03, 0.2, count))
     values = rng.normal(0, 5, (count, 3))
+    path_of = np.zeros(count, np.intp)
+    (path,) = hermite.paths(times, values, path_of, 1)
     for knot, value in zip(times, values, strict=True):
-        left, right = (
-            hermite.Path.through(times, values).jet(np.array([knot - 1e-9])),
-            hermite.Path.through(times, values).jet(np.array([knot])),
-        )
+        left, right = path.jet(np.array([knot - 1e-9])), path.jet(np.array([knot]))
         np.testing.assert_allclose(right[0][0], value, atol=1e-9)
         for a, b, unit in zip(left, right, (1.0, 100.0, 1e5), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-4 * unit)
@@ -288,4 +285,4 @@ def test_the_path_is_c2_and_local(count, seed):
     changed[0] += 1.0
     at = np.linspace(times[min(2, count - 1)], times[-1] + 0.1, 30)
     if count > 3:
-        np.testing.assert_array_equal(hermite.sample(times, values, at), hermite.sample(times, changed, at))
+        np.testing.assert_array_equal(path.sample(at), hermite.paths(times, changed, path_of, 1)[0].sample(at))

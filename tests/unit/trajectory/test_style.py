@@ -10,10 +10,11 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.methods import METHODS, dominance, sample_path
+from fapengine.trajectory.methods import SPLINES, dominance, sample_path
+from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import place_keyframes, resolve
+from fapengine.trajectory.targets import keys_of
 from tests.english import english
 
 PHONES = PhoneTrack.of(
@@ -98,25 +99,23 @@ def test_every_method_makes_speech_that_rests_at_both_ends(method: str) -> None:
 def test_methods_differ_and_pass_their_keys() -> None:
     times = np.arange(0, 1.6, 0.01)
     paths = {}
-    for method in METHODS:
-        resolved, _ = resolve(PHONES, english(), context=method == "context")
-        keys = place_keyframes(PHONES, resolved, english().space.mode_count)
-        paths[method] = sample_path(method, resolved, keys, times)
+    for method in METHOD_NAMES:
+        keys = keys_of(PHONES, english(), context=method == "context")
+        paths[method] = sample_path(method, keys, times)
         if method != "dominance":
-            np.testing.assert_allclose(sample_path(method, resolved, keys, keys.times_s), keys.weights, atol=1e-9)
-    assert len(METHODS) == len(METHOD_NAMES) == 4
+            met = sample_path(method, keys, keys.keyframes().times_s)
+            np.testing.assert_allclose(met, keys.keyframes().weights, atol=1e-9)
+    assert {*SPLINES, "dominance"} == {*METHOD_NAMES}
     assert all(np.abs(paths[a] - paths[b]).max() > 0.05 for a in paths for b in paths if a != b)
-    nothing, _ = resolve(PhoneTrack(()), english())
-    empty = place_keyframes(PhoneTrack(()), nothing, english().space.mode_count)
-    assert not sample_path("minimum-jerk", nothing, empty, times).any()
+    assert not sample_path("minimum-jerk", keys_of(PhoneTrack(()), english()), times).any()
 
 
 def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
-    resolved, _ = resolve(PHONES, english(), context=False)
-    keys = place_keyframes(PHONES, resolved, english().space.mode_count)
-    times = np.arange(keys.times_s[0], keys.times_s[-1], 0.001)
+    keys = keys_of(PHONES, english(), context=False)
+    frames = keys.keyframes()
+    times = np.arange(frames.times_s[0], frames.times_s[-1], 0.001)
     jerk = [
-        (np.diff(sample_path(method, resolved, keys, times), 3, axis=0) ** 2).sum()
+        (np.diff(sample_path(method, keys, times)[:, :-WIDTH], 3, axis=0) ** 2).sum()
         for method in ("minimum-jerk", "context")
     ]  # type: ignore[arg-type]
     assert jerk[0] < jerk[1]
@@ -124,11 +123,11 @@ def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
 
 def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
     phones = PhoneTrack.of([Phone("s", 5.0, 5.2), Phone("uː", 5.2, 5.4)])
-    resolved, _ = resolve(phones, english(), context=False)
-    halfway = dominance(resolved, np.array([5.2]), rate_hz=60.0)[0]
-    middle = (resolved[0].targets[0] + resolved[1].targets[0]) / 2
+    keys = keys_of(phones, english(), context=False)
+    halfway = dominance(keys, np.array([5.2]), rate_hz=60.0)[0]
+    middle = (keys.targets[0] + keys.targets[1]) / 2
     np.testing.assert_allclose(halfway, middle, atol=0.02 * np.abs(middle).max())
-    np.testing.assert_allclose(dominance(resolved, np.array([5.1]), 500.0)[0], resolved[0].targets[0], atol=1e-6)
+    np.testing.assert_allclose(dominance(keys, np.array([5.1]), 500.0)[0], keys.targets[0], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import pytest
 
 from fapengine.laboratory.context_fit import add_unheard
 from fapengine.profiles import ContextModel
-from fapengine.trajectory.context import Part, alone, targets, tokens_of
+from fapengine.trajectory.context import Part, alone, tokens_of
 from tests.english import english
-from tests.unit.trajectory.test_context import track
+from tests.unit.trajectory.test_context import targets, track
 
 
 def opening(spelling: str, index: int, each_s: float = 0.1) -> float:

@@ -1,0 +1,77 @@
+"""From weights of the space to FAPs: speech, with expressions, contacts and gestures, for files and live sessions.
+
+Speech is one matrix product. An expression is added to it, less where it pulls at held corners
+(:func:`.phonetics.give_way`); then contacts are made (:func:`.closures.settle`), and gestures are added.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.mpeg4 import fap
+from fapengine.profiles import Profile
+from fapengine.trajectory.closures import settle
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
+from fapengine.trajectory.style import Style, jaw_share
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlay:
+    """Expressions, gestures and gains of N frames of speech."""
+
+    expression: Array
+    """(68, N) FAPU, added before contacts are made."""
+    gestures: Array
+    """(68, N) FAPU, added afterwards."""
+    jaw: Array
+    """(N,): size of the jaw's part of speech, times that of the style."""
+    lips: Array
+    """(N,): the same of the lips' part."""
+
+    @classmethod
+    def empty(cls, count: int) -> "Overlay":
+        """Add nothing to speech."""
+        nothing, one = np.zeros((fap.FAP_COUNT, count)), np.ones(count)
+        return cls(nothing, nothing, one, one)
+
+
+class Composer:
+    """FAPs of a profile's speech in a style."""
+
+    def __init__(self, profile: Profile, style: Style) -> None:
+        space = profile.space
+        self._style, self._modes, self._jaws = style, space.mode_count, jaw_share(profile).T
+        modes = style.gains(profile) @ displacements_to_faps(space.modes_mm, space.points, profile.fapu)
+        self._lift = np.vstack([modes, layer_faps(profile)]).T
+        """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
+
+    def faps(self, weights: Array, held: Array, overlay: Overlay) -> Array:
+        """Compose N frames: of many sessions at one time, or of one file.
+
+        Parameters
+        ----------
+        weights : (K + axes, N) float64
+            Places on paths; overwritten.
+        held : (4, N) float64
+            How far each frame is under a hold of each of :data:`.closures.CONTACTS`, 0 to 1; overwritten.
+        overlay : Overlay
+
+        Returns
+        -------
+        (N, 68) float64, FAPU
+        """
+        modes, layer = weights[: self._modes], weights[self._modes :]
+        jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
+        modes *= overlay.lips
+        modes += jaws
+        layer *= layer_gain(self._style.lips_gain * overlay.lips)
+        faps = (self._lift @ weights).T
+        faps += give_way(overlay.expression, layer[ROUND]).T
+        held[2] *= np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
+        settled = settle(faps, held)
+        settled += overlay.gestures.T
+        return settled
