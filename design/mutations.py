@@ -156,7 +156,7 @@ MUTATIONS = (
         ("tests/unit/wire/test_protocol_clock.py",),
     ),
     Mutation(
-        "late time tags", "fapengine/wire/speech_osc/time_tags.py", "LATE_IN_A_ROW = 3", "LATE_IN_A_ROW = 4",
+        "late time tags", "fapengine/wire/speech_osc/clock.py", "LATE_IN_A_ROW = 3", "LATE_IN_A_ROW = 4",
         "tags far behind are believed at the third",
         ("tests/unit/wire/test_protocol_clock.py",),
     ),

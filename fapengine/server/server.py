@@ -51,7 +51,7 @@ from fapengine.voices.espeak import sample_rate_hz
 from fapengine.voices.process import VoiceProcess
 from fapengine.wire.speech_osc.codec import encode
 from fapengine.wire.speech_osc.counts import TextRequest, WordsRequest
-from fapengine.wire.speech_osc.proof import Proof
+from fapengine.wire.speech_osc.peers import Proof
 from fapengine.wire.speech_osc.receiver import OscReceiver
 from fapengine.wire.speech_osc.schema import Notice
 

@@ -25,7 +25,6 @@ from fapengine.wire.speech_osc import (
     receive_window,
     schema,
     send_window,
-    time_tags,
 )
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -37,8 +36,8 @@ PROMISES = (
     ("lasts until the next one, {} s at most", one_shot.QUIET_S),
     ("Everything is shown {} ms late", 1e3 * one_shot.DELAY_S),
     ("which is guessed from the last {} labels of a sender", peers.GUESSED_FROM),
-    ("a tag more than {} s ahead", time_tags.MAX_SKEW_S),
-    ("{} in a row more than {} s late", ORDINALS[time_tags.LATE_IN_A_ROW], time_tags.LATE_S),
+    ("a tag more than {} s ahead", peer_clock.MAX_SKEW_S),
+    ("{} in a row more than {} s late", ORDINALS[peer_clock.LATE_IN_A_ROW], peer_clock.LATE_S),
     ("the server's voice says it, {} bytes at most", schema.TEXT_BYTES),
     ("Sent {} ms after they came", 1e3 * receive_window.ACK_S),
     ("Session names have 1 to {} bytes, labels up to {}", schema.SESSION_BYTES, schema.LABEL_BYTES),

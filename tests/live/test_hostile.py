@@ -9,7 +9,7 @@ from collections import Counter
 from itertools import islice
 
 from fapengine.server.server import Server
-from fapengine.wire.speech_osc.counts import PeerCounts
+from fapengine.wire.speech_osc.counts import WireCounts
 from tests.live.hostile import datagrams, streams
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 from tests.processes import start
@@ -145,4 +145,4 @@ def test_a_flood_costs_only_its_sender() -> None:
 
 def test_every_kind_of_trouble_has_a_count() -> None:
     """A reminder: what is counted is told to Prometheus by name."""
-    assert {"malformed", "unknown", "surplus", "refused", "repeated", "clamped"} <= set(PeerCounts.__slots__)
+    assert {"malformed", "unknown", "surplus", "refused", "repeated", "clamped"} <= set(WireCounts.__slots__)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.wire.speech_osc.sound_window import HOLD_S, MIRROR_S
+from fapengine.wire.speech_osc.receive_window import HOLD_S, MIRROR_S
 from tests.simulation.network import Channel, Clock
 from tests.simulation.world import World
 from tests.unit.recognition.speech import BABY, POPPIES, closures, met, opening_mm, spoken

@@ -5,7 +5,7 @@ import pytest
 
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
-from fapengine.wire.speech_osc.time_tags import time_tag
+from fapengine.wire.speech_osc.clock import time_tag
 from tests.simulation.network import Channel, Clock
 from tests.simulation.world import CLOSED_FAPU, FRAME_STEPS, STEP_S, Talk, World, script
 

@@ -1,14 +1,14 @@
-"""Messages of :mod:`.schema` to OSC, and back.
+"""Encoder and decoder of the messages of :mod:`.schema`.
 
-Readers are lenient where nothing can be misunderstood: a number is taken from any numeric type (not every OSC library
-can send ``h``), surplus arguments are ignored.
+The decoder is lenient where nothing can be misunderstood: it takes a number from any numeric type, because not every
+OSC library can send ``h``, and ignores surplus arguments.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import partial
-from typing import Any, cast
+from dataclasses import MISSING, dataclass, fields
+from itertools import chain
+from typing import Any
 
 from fapengine.engine.command_table import Command, defaults_of, fields_of
 from fapengine.errors import DataError
@@ -17,25 +17,20 @@ from fapengine.wire.speech_osc.schema import (
     MAX_DATAGRAM,
     MAX_DURATION_US,
     MAX_FIRST_SAMPLE,
-    MAX_PHONES,
-    MAX_WORDS,
-    PHONE_TAGS,
+    RATES_HZ,
     SESSION_BYTES,
     WORD_BYTES,
-    WORD_TAGS,
     Kind,
     Phones,
     SessionCommand,
     Sound,
     Wire,
-    WirePhone,
-    WireWord,
     WordTimes,
 )
-from fapengine.wire.speech_osc.sound_window import RATES_HZ
 
-CLAUSE = "docs/osc.md"
+MAX_INDEX = 1_000_000
 _RANGES = {"i": (-(2**31), 2**31 - 1), "h": (-(2**63), 2**63 - 1)}
+_TYPES: dict[str, tuple[type, str]] = {"s": (str, "a string"), "b": (bytes, "a blob")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +40,7 @@ class Layout:
     address: str
     tags: str
     required: int
-    """Number of arguments without which the message cannot be understood."""
+    """Number of arguments that must be there."""
     names: tuple[str, ...]
 
 
@@ -53,23 +48,23 @@ _LAYOUTS: dict[Kind, Layout] = {}
 
 
 def layout(kind: Kind) -> Layout:
-    """Give the arguments of a message, by the class that describes it."""
-    if kind not in _LAYOUTS:
-        _LAYOUTS[kind] = _read_layout(kind)
-    return _LAYOUTS[kind]
-
-
-def _read_layout(kind: Kind) -> Layout:
+    """Return the arguments of a message, by the class that describes it."""
+    if kind in _LAYOUTS:
+        return _LAYOUTS[kind]
     if issubclass(kind, Command):
         specs = {name: spec for name, spec in fields_of(kind).items() if spec.osc}
-        required = sum(name not in defaults_of(kind) for name in specs)
+        required = 1 + sum(name not in defaults_of(kind) for name in specs)
         tags = "s" + "".join(spec.tag for spec in specs.values())
-        return Layout(kind.SPEC.osc, tags, 1 + required, ("session", *(spec.osc for spec in specs.values())))
-    return Layout(kind.ADDRESS, kind.TAGS, kind.REQUIRED, tuple(field.name for field in fields(kind)))
+        found = Layout(kind.SPEC.osc, tags, required, ("session", *(spec.osc for spec in specs.values())))
+    else:
+        required = sum(each.default is MISSING for each in fields(kind))
+        found = Layout(kind.ADDRESS, kind.TAGS, required, tuple(each.name for each in fields(kind)))
+    _LAYOUTS[kind] = found
+    return found
 
 
 def encode(wire: Wire) -> bytes:
-    """Write one message.
+    """Encode one message.
 
     Raises
     ------
@@ -80,27 +75,19 @@ def encode(wire: Wire) -> bytes:
         kind, specs = type(wire.command), fields_of(type(wire.command)).items()
         values = [spec.to_osc(getattr(wire.command, name)) for name, spec in specs if spec.osc]
         return osc.message(layout(kind).address, layout(kind).tags, wire.session, *values)
-    if isinstance(wire, Phones):
-        head: list[osc.Argument] = [
-            wire.session, wire.utterance, wire.sequence, wire.first_index, len(wire.phones)
-        ]  # fmt: skip
-        for phone in wire.phones:
-            head += (phone.label, phone.start_us, phone.duration_us, phone.flags, phone.weight)
-        tags = wire.TAGS + PHONE_TAGS * len(wire.phones)
-        if wire.revision is not None:
-            head.append(wire.revision)
-            tags += "i"
-        return osc.message(wire.ADDRESS, tags, *head)
-    if isinstance(wire, WordTimes):
-        start: list[osc.Argument] = [wire.session, wire.utterance, wire.first_index, len(wire.words)]
-        flat = [value for word in wire.words for value in (word.text, word.start_us, word.duration_us)]
-        tags = wire.TAGS + WORD_TAGS * len(wire.words) + "s"
-        return osc.message(wire.ADDRESS, tags, *start, *flat, wire.voice)
-    return osc.message(wire.ADDRESS, wire.TAGS, *(getattr(wire, name) for name in layout(type(wire)).names))
+    values, tags = [getattr(wire, name) for name in layout(type(wire)).names], wire.TAGS
+    if isinstance(wire, Phones | WordTimes):
+        *head, rows, last = values
+        values = [*head, len(rows), *chain.from_iterable(rows)]
+        tags += wire.ROW_TAGS * len(rows)
+        if last is not None:
+            values.append(last)
+            tags += wire.LAST_TAG
+    return osc.message(wire.ADDRESS, tags, *values)
 
 
 def parse(kind: Kind, message: osc.Message) -> Wire:
-    """Read a message of a known address: ``from_sender()[address]`` or ``FROM_ENGINE[address]``.
+    """Decode a message of a known address: ``from_sender()[address]`` or ``FROM_ENGINE[address]``.
 
     Raises
     ------
@@ -109,126 +96,85 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
     """
     expected, arguments = layout(kind), message.arguments
     if len(arguments) < expected.required:
-        raise DataError(
-            f"{expected.address}: got {len(arguments)} arguments, expected {expected.required} or more", clause=CLAUSE
-        )
+        raise _error(f"{expected.address}: got {len(arguments)} arguments, expected {expected.required} or more")
     values = [_value(value, tag, expected.address) for value, tag in zip(arguments, expected.tags, strict=False)]
-    make: Callable[..., Wire] = partial(_command, kind) if issubclass(kind, Command) else kind
-    if kind in (Phones, WordTimes):
-        wire: Wire = _phones(values, message) if kind is Phones else _words(values, message)
+    if issubclass(kind, Command):
+        specs = [(name, spec) for name, spec in fields_of(kind).items() if spec.osc]
+        fields_given = {name: spec.from_osc(value) for (name, spec), value in zip(specs, values[1:], strict=False)}
+        make_command: Callable[..., Command] = kind
+        wire: Wire = SessionCommand(values[0], make_command(**fields_given))
+    elif issubclass(kind, Phones | WordTimes):
+        wire = _parse_rows(kind, values, message)
     else:
+        make: Callable[..., Wire] = kind
         wire = make(*values)
     if isinstance(wire, Sound):
-        _check_sound(wire)
+        length = len(wire.samples)
+        if not 0 < length <= MAX_DATAGRAM or length % 2:
+            raise _error(f"{wire.ADDRESS}: got {length} bytes, expected 2..{MAX_DATAGRAM}, int16")
+        if not 0 <= wire.first_sample <= MAX_FIRST_SAMPLE or not RATES_HZ[0] <= wire.rate_hz <= RATES_HZ[1]:
+            raise _error(
+                f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected 0..{MAX_FIRST_SAMPLE}"
+                f" at {RATES_HZ[0]}..{RATES_HZ[1]} Hz"
+            )
     session = getattr(wire, "session", "-")
     if not 1 <= len(session.encode()) <= SESSION_BYTES:
-        raise DataError(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes", clause=CLAUSE)
+        raise _error(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes")
     return wire
 
 
 def surplus(kind: Kind, message: osc.Message) -> int:
-    """Count the arguments behind those that the schema knows."""
-    expected = len(layout(kind).tags)
-    if kind is Phones and len(message.arguments) > 4 and isinstance(message.arguments[4], int):
-        expected += 5 * message.arguments[4] + 1
-    if kind is WordTimes and len(message.arguments) > 3 and isinstance(message.arguments[3], int):
-        expected += 3 * message.arguments[3] + 1
-    return max(len(message.arguments) - expected, 0)
+    """Count the arguments after those of the schema."""
+    arguments, expected = message.arguments, len(layout(kind).tags)
+    if issubclass(kind, Phones | WordTimes) and len(arguments) >= expected:
+        count = arguments[expected - 1]
+        expected += len(kind.ROW_TAGS) * count + 1 if isinstance(count, int) else 0
+    return max(len(arguments) - expected, 0)
 
 
-def _command(kind: type[Command], session: str, *values: Any) -> SessionCommand:
-    specs = [(name, spec) for name, spec in fields_of(kind).items() if spec.osc]
-    make: Callable[..., Command] = kind
-    arguments = {name: spec.from_osc(value) for (name, spec), value in zip(specs, values, strict=False)}
-    return SessionCommand(session, make(**arguments))
-
-
-def _check_sound(wire: Sound) -> None:
-    length = len(wire.samples)
-    if not 0 < length <= MAX_DATAGRAM or length % 2:
-        raise DataError(f"{wire.ADDRESS}: got {length} bytes, expected 2..{MAX_DATAGRAM}, int16", clause=CLAUSE)
-    if not 0 <= wire.first_sample <= MAX_FIRST_SAMPLE or not RATES_HZ[0] <= wire.rate_hz <= RATES_HZ[1]:
-        raise DataError(
-            f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected 0..{MAX_FIRST_SAMPLE} at"
-            f" {RATES_HZ[0]}..{RATES_HZ[1]} Hz",
-            clause=CLAUSE,
-        )
-
-
-def _value(value: osc.Argument, tag: str, where: str) -> str | int | float | bytes:
-    """Take an argument for what the schema says it is."""
-    if tag == "b":
-        if isinstance(value, bytes):
-            return value
-        raise DataError(f"{where}: got {value!r:.40}, expected a blob", clause=CLAUSE)
-    if tag == "s":
-        if isinstance(value, str):
-            return value
-        raise DataError(f"{where}: got {value!r:.40}, expected a string", clause=CLAUSE)
+def _value(value: osc.Argument, tag: str, where: str) -> Any:
+    """Return an argument as the type of the schema."""
+    if tag in _TYPES:
+        kind, noun = _TYPES[tag]
+        if not isinstance(value, kind):
+            raise _error(f"{where}: got {value!r:.40}, expected {noun}")
+        return value
     if not isinstance(value, int | float) or not math.isfinite(value):
-        raise DataError(f"{where}: got {value!r:.40}, expected a number", clause=CLAUSE)
+        raise _error(f"{where}: got {value!r:.40}, expected a number")
     if tag == "f":
         return float(value)
     lowest, highest = _RANGES[tag]
     whole = round(value)
     if not lowest <= whole <= highest:
-        raise DataError(f"{where}: got {value!r:.40}, expected {lowest}..{highest}", clause=CLAUSE)
+        raise _error(f"{where}: got {value!r:.40}, expected {lowest}..{highest}")
     return whole
 
 
-def _phones(values: list[Any], message: osc.Message) -> Phones:
-    arguments = message.arguments
-    session, (utterance, sequence, first, count) = str(values[0]), map(int, values[1:])
-    if not 1 <= count <= MAX_PHONES or not 0 <= first <= 1_000_000:
-        raise DataError(
-            f"{Phones.ADDRESS}: got {count} phones from {first}, expected 1..{MAX_PHONES} from 0..1000000",
-            clause=CLAUSE,
+def _parse_rows(kind: type[Phones | WordTimes], values: list[Any], message: osc.Message) -> Phones | WordTimes:
+    """Decode phones or words: ``values`` end with their count; the rows and one optional argument follow."""
+    *head, first, count = values
+    noun, width, begin = "word" if issubclass(kind, WordTimes) else "phone", len(kind.ROW_TAGS), len(values)
+    if not 1 <= count <= kind.MAX_ROWS or not 0 <= first <= MAX_INDEX:
+        raise _error(
+            f"{kind.ADDRESS}: got {count} {noun}s from {first}, expected 1..{kind.MAX_ROWS} from 0..{MAX_INDEX}"
         )
-    stop = 5 + 5 * count
-    if len(arguments) < stop:
-        raise DataError(f"{Phones.ADDRESS}: got {len(arguments)} arguments, expected {stop}", clause=CLAUSE)
-    tags = PHONE_TAGS * count
-    flat = arguments[5:stop]
-    if message.tags[5:stop] != tags or not all(map(math.isfinite, cast("tuple[float, ...]", flat[4::5]))):
-        flat = tuple(_value(value, tag, Phones.ADDRESS) for value, tag in zip(flat, tags, strict=True))
-    phones = tuple(map(_phone, *(cast("tuple[Any, ...]", flat[part::5]) for part in range(5))))
-    revision: Any = _value(arguments[stop], "i", Phones.ADDRESS) if len(arguments) > stop else None
-    return Phones(session, utterance, sequence, first, phones, None if revision is None else int(revision))
+    stop = begin + width * count
+    if len(message.arguments) < stop:
+        raise _error(f"{kind.ADDRESS}: got {len(message.arguments)} arguments, expected {stop}")
+    flat, tags = message.arguments[begin:stop], kind.ROW_TAGS * count
+    floats: Any = chain.from_iterable(flat[part::width] for part in range(width) if kind.ROW_TAGS[part] == "f")
+    if message.tags[begin:stop] != tags or not all(map(math.isfinite, floats)):
+        flat = tuple(_value(value, tag, kind.ADDRESS) for value, tag in zip(flat, tags, strict=True))
+    rows: Any = tuple(map(kind.ROW, *(flat[part::width] for part in range(width))))
+    for label, start_us, duration_us, *_ in rows:
+        if not (0 <= start_us <= MAX_DURATION_US and 0 <= duration_us <= MAX_DURATION_US):
+            raise _error(f"{noun} {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{MAX_DURATION_US}")
+        if noun == "word" and len(label.encode()) > WORD_BYTES:
+            raise _error(f"{noun} {label!r:.30}: got {len(label.encode())} bytes, expected 0..{WORD_BYTES}")
+    last = [_value(value, kind.LAST_TAG, kind.ADDRESS) for value in message.arguments[stop : stop + 1]]
+    make: Callable[..., Phones | WordTimes] = kind
+    return make(*head, first, rows, *last)
 
 
-def _words(values: list[Any], message: osc.Message) -> WordTimes:
-    arguments = message.arguments
-    session, (utterance, first, count) = str(values[0]), map(int, values[1:])
-    if not 1 <= count <= MAX_WORDS or not 0 <= first <= 1_000_000:
-        raise DataError(
-            f"{WordTimes.ADDRESS}: got {count} words from {first}, expected 1..{MAX_WORDS} from 0..1000000",
-            clause=CLAUSE,
-        )
-    stop = 4 + 3 * count
-    if len(arguments) < stop:
-        raise DataError(f"{WordTimes.ADDRESS}: got {len(arguments)} arguments, expected {stop}", clause=CLAUSE)
-    flat: list[Any] = [
-        _value(value, tag, WordTimes.ADDRESS)
-        for value, tag in zip(arguments[4:stop], WORD_TAGS * count, strict=True)
-    ]  # fmt: skip
-    words = tuple(map(_word, flat[::3], flat[1::3], flat[2::3]))
-    voice = str(_value(arguments[stop], "s", WordTimes.ADDRESS)) if len(arguments) > stop else ""
-    return WordTimes(session, utterance, first, words, voice)
-
-
-def _word(text: str, start_us: int, duration_us: int) -> WireWord:
-    if not (0 <= start_us <= MAX_DURATION_US and 0 <= duration_us <= MAX_DURATION_US):
-        raise DataError(
-            f"word {text!r:.30}: got {start_us} us for {duration_us} us, expected 0..{MAX_DURATION_US}", clause=CLAUSE
-        )
-    if len(text.encode()) > WORD_BYTES:
-        raise DataError(f"word {text!r:.30}: got {len(text.encode())} bytes, expected 0..{WORD_BYTES}", clause=CLAUSE)
-    return WireWord(text, start_us, duration_us)
-
-
-def _phone(label: str, start_us: int, duration_us: int, flags: int, weight: float) -> WirePhone:
-    if not (0 <= start_us <= MAX_DURATION_US and 0 <= duration_us <= MAX_DURATION_US):
-        raise DataError(
-            f"phone {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{MAX_DURATION_US}", clause=CLAUSE
-        )
-    return WirePhone(label, start_us, duration_us, flags, weight)
+def _error(text: str) -> DataError:
+    return DataError(text, clause="docs/osc.md")

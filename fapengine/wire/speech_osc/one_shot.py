@@ -1,50 +1,89 @@
-"""The simple mode: one message a phone or viseme, from any tool, as utterances of the engine.
+"""The simple mode: one message per phone or viseme, from any tool, as utterances of the engine.
 
 Theory of operation
 -------------------
-Senders tell a phone when it begins, so it is not known how long it lasts: it is *held*, :data:`FIRST_S` at first and
-longer as long as nothing else comes, :data:`QUIET_S` at most, so that a sender that dies leaves no open mouth.
-What begins later in time ends it. All is shown :data:`DELAY_S` late, which is not seen and lets the mouth anticipate:
-the opening of the lips then correlates with that of a plan that knows all phones by 0.93, 60 ms behind it; without the
-delay by 0.5 (tests/simulation).
+A sender reports a phone when it begins, so its duration is not known. The phone is *held*: for :data:`FIRST_S` at
+first, longer while nothing else arrives, for :data:`QUIET_S` at most, so that a sender that crashes leaves no open
+mouth. A later phone ends it. Everything is shown :data:`DELAY_S` late, which is not noticed and lets the mouth
+anticipate: the opening of the lips then correlates with that of a plan that knows all phones by 0.93, 60 ms behind it;
+without the delay by 0.5 (tests/simulation).
 
-Senders that know more tell start and duration in an utterance; its time 0 is ``/tts/start``, or else its first message
-after a second without any. Without further messages an utterance is ended after that second; one whose first start lies
-behind the end of the one before goes on in that one's time.
+A sender that knows more gives start and duration in an utterance. Its time 0 is ``/tts/start``, or else the first
+message after a second without any. An utterance ends after a second without messages; one whose first start is after
+the end of the previous one continues in the time of that one.
 
-Senders of weights, for each viseme in each frame, are reduced to the one that is strongest.
+A sender of weights, one per viseme and frame, is reduced to the strongest viseme.
 """
 
+import math
 from bisect import bisect_right, insort
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import inf
 
-from fapengine.engine.commands import Append, Begin, Cancel, Command, End
-from fapengine.engine.utterance import Utterance
+from fapengine.engine import commands
+from fapengine.engine.command_table import Command
+from fapengine.engine.commands import Append, Begin, Cancel, End
+from fapengine.engine.engine import Engine
+from fapengine.engine.session import Event
+from fapengine.errors import DataError
 from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.wire import osc
+from fapengine.wire.speech_osc import phone_labels, schema
+from fapengine.wire.speech_osc.peers import Arrival
 from fapengine.wire.speech_osc.phone_labels import MIN_WEIGHT
 
+PHONEME, VISEME, START, STOP = "/phoneme", "/viseme", "/tts/start", "/tts/stop"
+EVENTS, EVENT = "/tts/events", "/tts/event"
+"""Subscription to events, and one event."""
+ADDRESSES = (PHONEME, VISEME, START, STOP, EVENTS)
+TEXT = "/tts/text"
+MAX_NAME_LENGTH = 64
+MIN_DURATION_S, MAX_DURATION_S = 0.001, 60.0
+"""Durations are clamped to these."""
 DELAY_S = 0.04
-"""Sound that leads the face by so little is not noticed: ITU-R BT.1359 allows 125 ms."""
+"""A face this late is not noticed: ITU-R BT.1359 allows sound to lead by 125 ms."""
 FIRST_S = 0.17
-"""Length of a phone at first, somewhat long: the next one cuts it."""
+"""First length of a held phone, rather too long: the next phone cuts it."""
 GRACE_S = 0.05
-"""The next phone is told when this one ends, and until it is there the mouth must not come to rest."""
+"""Extra length of a phone of known duration: the next one arrives when it ends, and the mouth must not rest before."""
 EARLY_S = 0.05
-"""Time before its end at which a held phone is held on."""
+"""Time before its end at which a held phone is extended."""
 QUIET_S = 1.0
-"""Time without a message after which an utterance is over."""
+"""Time without a message after which an utterance ends."""
 TURN_S = 20.0
-"""Length from which an utterance of phones that come as they begin goes on in a new one, so that none grows on."""
+"""Length at which an utterance of held phones continues in a new one, so that none grows without limit."""
 OVERTAKEN_S = 0.15
-"""Phones that came so shortly before their ``/tts/start`` have overtaken it."""
+"""Phones that arrive this short a time before ``/tts/start`` belong after it."""
 FRAME_S = 0.04
-"""Time for which a weight of a viseme counts, if no new one comes."""
+"""Time for which the weight of a viseme is valid."""
 REMEMBERED = 64
 LATEST_S = 600.0
 """Latest end of a phone in an utterance."""
 CANCEL_FADE_S = 0.15
+
+
+def nameless() -> dict[str, schema.Kind]:
+    """Return the messages of the robust mode that may come without their first argument, the session."""
+    return _nameless(commands.COMMANDS)
+
+
+@lru_cache(maxsize=4)
+def _nameless(listed: tuple[type[Command], ...]) -> dict[str, schema.Kind]:
+    return {TEXT: schema.SpeakText, **{kind.SPEC.one_shot: kind for kind in listed if kind.SPEC.one_shot}}
+
+
+def event_packet(event: Event) -> bytes:
+    """Encode an event for simple senders: ``/tts/event``, kind, position in the utterance in s, its number.
+
+    Examples
+    --------
+    >>> (message,) = osc.parse_packet(event_packet(Event("face", 1, "finished", 2.0, position_s=0.5)))
+    >>> message.address, message.arguments
+    ('/tts/event', ('finished', 0.5, 1))
+    """
+    return osc.message(EVENT, "sfi", event.kind, event.position_s, event.utterance)
 
 
 @dataclass(slots=True)
@@ -56,55 +95,111 @@ class _Open:
 
     number: int
     zero_s: float | None
-    """Engine time of its beginning; None: the engine's choice."""
+    """Engine time of its beginning; None: the engine chooses."""
     begun_s: float
     told_s: float
-    """Time of the last message of it, or of the start that it gave."""
+    """Time of its last message, or of the start that it gave."""
     started: bool = False
-    """True where ``/tts/start`` opened it."""
+    """True if ``/tts/start`` opened it."""
     next_index: int = 0
     end_s: float = 0.0
     """End of its last phone, in its time."""
     starts_s: list[float] = field(default_factory=list)
-    """Starts of its phones, rising, in its time; that a phone is held on does not count."""
+    """Starts of its phones, rising, in its time, without extensions of held phones."""
     held: Phone | None = None
 
 
 @dataclass(slots=True)
-class SimpleSpeaker:
-    """Utterances made of single messages; see the theory of operation.
+class SimpleMode:
+    """Speech in the session that has no name on the wire; see the theory of operation.
 
     Stateful.
-
-    Parameters
-    ----------
-    tell : callable
-        Takes a command and the time.
-    new_number : callable
-        Gives numbers of utterances.
-    find : callable
-        Finds the engine's utterance.
     """
 
-    tell: Callable[[Command, float], None]
-    new_number: Callable[[], int]
-    find: Callable[[int], Utterance | None]
+    session: str
+    """Its name in the engine."""
+    engine: Engine
+    numbers: Iterator[int]
+    """Engine numbers for new utterances."""
+    latest_s: float
+    """Latest end of a phone in an utterance, where start and duration are given."""
     _open: _Open | None = None
     _last: int | None = None
-    """Number of the utterance before; what came of it may still be said."""
+    """Number of the previous utterance, which may still be spoken."""
     _zero_s: float | None = None
     """Start of that utterance."""
     _end_s: float = 0.0
     _weights: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Weight of each viseme, and the time at which it came."""
+    """Weight of each viseme, and its time of arrival."""
 
-    @property
-    def is_open(self) -> bool:
-        """Whether an utterance is being told: :meth:`tick` has work."""
-        return self._open is not None
+    def obey(self, message: osc.Message, arrival: Arrival) -> bool:
+        """Do what a message says; the session is open. True: the server's voice is to stop, too.
 
-    def begin_phone(self, label: str, stress: int, at_s: float, now_s: float, duration_s: float | None = None) -> None:
-        """Show a phone from ``at_s`` on, in engine time: for a duration, or until the next."""
+        Raises
+        ------
+        DataError
+            If its arguments are wrong.
+        """
+        match message.address:
+            case "/phoneme":
+                self._phoneme(message.arguments, arrival)
+            case "/viseme":
+                self._viseme(message.arguments, arrival)
+            case "/tts/start":
+                self._start(arrival.at_s, arrival.now_s)
+            case _:
+                return not self._stop(arrival.at_s, arrival.now_s)
+        return False
+
+    def tick(self, now_s: float) -> None:
+        """Extend the held phone; end an utterance without news."""
+        utterance = self._open
+        if utterance is None:
+            return
+        if self.session not in self.engine:  # others closed it
+            self._open, self._last, self._zero_s, self._end_s = None, None, None, 0.0
+            self._weights.clear()
+            return
+        if utterance.held is not None and utterance.zero_s is not None:
+            here_s = now_s - utterance.zero_s
+            if utterance.held.end_s - here_s < EARLY_S:
+                utterance.held = Phone(utterance.held.label, utterance.held.end_s, utterance.held.end_s + FIRST_S)
+                self._append(utterance, utterance.held, now_s)
+        if now_s - utterance.told_s > QUIET_S:
+            self._end(utterance, now_s)
+
+    def _phoneme(self, arguments: tuple[osc.Argument, ...], arrival: Arrival) -> None:
+        label, times = _label_and_numbers(PHONEME, arguments, arrival)
+        if not isinstance(label, str):
+            raise DataError(f"{PHONEME}: got {label!r}, expected a string")
+        prefix, _, rest = label.partition(":")
+        phone_set = phone_labels.phone_set_named(prefix) if prefix and rest else None
+        if phone_set is None:
+            arrival.peer.labels.append(label.strip())
+            named_set = phone_labels.phone_set_named(arrival.peer.phone_set) if arrival.peer.phone_set else None
+            phone_set, rest = named_set or phone_labels.guess_set(arrival.peer.labels), label
+        ipa, stress = phone_labels.to_phone(rest, phone_set)
+        if len(times) < 2:
+            duration_s = _clamped(times[0]) if times and times[0] > 0 else None
+            self._begin_phone(ipa, stress, arrival, duration_s)
+        elif 0 <= times[0] <= self.latest_s - _clamped(times[1]):
+            self._place_phone(Phone(ipa, times[0], times[0] + _clamped(times[1]), stress), arrival.now_s)
+        else:
+            raise DataError(f"{PHONEME}: got {times[0]} to {times[0] + times[1]} s, expected 0..{self.latest_s}")
+
+    def _viseme(self, arguments: tuple[osc.Argument, ...], arrival: Arrival) -> None:
+        name, values = _label_and_numbers(VISEME, arguments, arrival)
+        label = phone_labels.to_viseme(name)
+        if not values:
+            self._begin_phone(label, 0, arrival)
+        elif len(values) == 1:
+            self._weigh(label, values[0], arrival)
+        elif values[0] >= MIN_WEIGHT:
+            self._begin_phone(label, 0, arrival, _clamped(values[1]))
+
+    def _begin_phone(self, label: str, stress: int, arrival: Arrival, duration_s: float | None = None) -> None:
+        """Show a phone from the time of its message on: for a duration, or until the next."""
+        at_s, now_s = arrival.at_s, arrival.now_s
         utterance = self._live(at_s, now_s)
         start_s = max(at_s + DELAY_S - (utterance.zero_s or 0.0), 0.0)
         after = bisect_right(utterance.starts_s, start_s + 1e-3)
@@ -118,25 +213,25 @@ class SimpleSpeaker:
         if start_s >= utterance.starts_s[-1]:
             utterance.held = phone if duration_s is None and label != SILENCE else None
 
-    def place_phone(self, label: str, stress: int, start_s: float, duration_s: float, now_s: float) -> None:
+    def _place_phone(self, phone: Phone, now_s: float) -> None:
         """Show a phone at a time of the utterance."""
         utterance = self._known()
-        phone_by_phone = utterance is not None and utterance.zero_s is not None and not utterance.started
-        if utterance is not None and phone_by_phone:
+        if utterance is not None and utterance.zero_s is not None and not utterance.started:  # of held phones
             self._end(utterance, now_s)
             utterance = None
         if utterance is None:
-            goes_on = self._zero_s is not None and start_s >= self._end_s > 0.0
-            in_time = goes_on and -0.5 < (self._zero_s or 0.0) + start_s - now_s < LATEST_S
+            goes_on = self._zero_s is not None and phone.start_s >= self._end_s > 0.0
+            in_time = goes_on and -0.5 < (self._zero_s or 0.0) + phone.start_s - now_s < LATEST_S
             utterance = self._begin(self._zero_s if in_time else None, now_s)
             utterance.started = in_time
-        self._append(utterance, Phone(label, start_s, start_s + duration_s, stress), now_s)
-        insort(utterance.starts_s, start_s)
+        self._append(utterance, phone, now_s)
+        insort(utterance.starts_s, phone.start_s)
         del utterance.starts_s[:-REMEMBERED]
         utterance.told_s = now_s
 
-    def weigh(self, label: str, weight: float, at_s: float, now_s: float) -> None:
-        """Take a weight of a viseme; show the strongest, when it changes."""
+    def _weigh(self, label: str, weight: float, arrival: Arrival) -> None:
+        """Store the weight of a viseme; show the strongest viseme when it changes."""
+        at_s = arrival.at_s
         held = self._open.held if self._open else None
         self._weights[label] = (weight, at_s)
         self._weights = {name: entry for name, entry in self._weights.items() if at_s - entry[1] <= FRAME_S}
@@ -146,81 +241,87 @@ class SimpleSpeaker:
             best = SILENCE
         if held is None and best == SILENCE:
             return
-        if held is not None and best == held.label:
-            if self._open is not None and best == label:
-                self._open.told_s = max(now_s, at_s)
-            return
-        self.begin_phone(best, 0, at_s, now_s)
+        if held is None or best != held.label:
+            self._begin_phone(best, 0, arrival)
+        elif self._open is not None and best == label:
+            self._open.told_s = max(arrival.now_s, at_s)
 
-    def start(self, at_s: float, now_s: float) -> None:
-        """Open an utterance: its sound begins at ``at_s``, and what was said before is over."""
+    def _start(self, at_s: float, now_s: float) -> None:
+        """Open an utterance whose audio begins at ``at_s``, and end the previous one."""
         utterance = self._open
-        overtaken = utterance is not None and utterance.zero_s is None and now_s - utterance.begun_s < OVERTAKEN_S
-        if utterance is not None and overtaken:
+        if utterance is not None and utterance.zero_s is None and now_s - utterance.begun_s < OVERTAKEN_S:
             self._open = None
-        self.stop(at_s, now_s)
-        if utterance is not None and overtaken:
+            self._stop(at_s, now_s)
             self._open = utterance
         else:
+            self._stop(at_s, now_s)
             utterance = self._begin(at_s + DELAY_S, now_s)
         utterance.started = True
 
-    def stop(self, at_s: float, now_s: float) -> bool:
-        """Close the utterance: its sound ends at ``at_s``, what lies behind is not said; whether there was one."""
+    def _stop(self, at_s: float, now_s: float) -> bool:
+        """Close the utterance, whose audio ends at ``at_s``; later phones are not shown. False if there was none."""
         if self._open is not None:
             self._end(self._open, now_s)
         number, self._last, self._zero_s = self._last, None, None
-        in_engine = self.find(number) if number is not None else None
+        in_engine = self.engine.utterance(self.session, number) if number is not None else None
         if number is None or in_engine is None:
             return False
         over_s = now_s + in_engine.end_s - in_engine.position_s(now_s) if in_engine.state.is_placed else inf
         if over_s > at_s + DELAY_S:
-            self.tell(Cancel(number, at_s + DELAY_S, CANCEL_FADE_S), now_s)
+            self.engine.apply(self.session, Cancel(number, at_s + DELAY_S, CANCEL_FADE_S), now_s)
         return True
 
-    def tick(self, now_s: float) -> None:
-        """Hold on what is held; end what is quiet."""
-        utterance = self._open
-        if utterance is None:
-            return
-        if utterance.held is not None and utterance.zero_s is not None:
-            here_s = now_s - utterance.zero_s
-            if utterance.held.end_s - here_s < EARLY_S:
-                utterance.held = Phone(utterance.held.label, utterance.held.end_s, utterance.held.end_s + FIRST_S)
-                self._append(utterance, utterance.held, now_s)
-        if now_s - utterance.told_s > QUIET_S:
-            self._end(utterance, now_s)
-
     def _known(self) -> _Open | None:
-        """Return the utterance that is being told, unless the engine is through with it: others may cancel, too."""
-        if self._open is not None and self.find(self._open.number) is None:
+        """Return the open utterance, unless the engine has closed it: others may cancel, too."""
+        if self._open is not None and self.engine.utterance(self.session, self._open.number) is None:
             self._open = None
         return self._open
 
     def _live(self, at_s: float, now_s: float) -> _Open:
-        """Return the utterance in which phones are told as they begin."""
+        """Return the utterance for phones that are reported as they begin."""
         utterance = self._known()
         if utterance is not None and utterance.zero_s is not None and at_s - utterance.zero_s < TURN_S:
             return utterance
         if utterance is not None:
             self._end(utterance, now_s)
-        return self._begin(min(at_s, now_s) + DELAY_S, now_s)  # a tag of less may come behind one of more
+        return self._begin(min(at_s, now_s) + DELAY_S, now_s)  # a smaller tag may arrive after a larger one
 
     def _begin(self, zero_s: float | None, now_s: float) -> _Open:
-        utterance = self._open = _Open(self.new_number(), zero_s, now_s, now_s)
-        self.tell(Begin(utterance.number) if zero_s is None else Begin(utterance.number, "at", zero_s), now_s)
+        utterance = self._open = _Open(next(self.numbers), zero_s, now_s, now_s)
+        begin = Begin(utterance.number) if zero_s is None else Begin(utterance.number, "at", zero_s)
+        self.engine.apply(self.session, begin, now_s)
         return utterance
 
     def _append(self, utterance: _Open, phone: Phone, now_s: float) -> None:
-        self.tell(Append(utterance.number, utterance.next_index, (phone,)), now_s)
+        self.engine.apply(self.session, Append(utterance.number, utterance.next_index, (phone,)), now_s)
         utterance.next_index += 1
         utterance.end_s = max(utterance.end_s, phone.end_s)
 
     def _end(self, utterance: _Open, now_s: float) -> None:
         zero_s = utterance.zero_s
         if zero_s is None:
-            in_engine = self.find(utterance.number)
+            in_engine = self.engine.utterance(self.session, utterance.number)
             if in_engine is not None and in_engine.state.is_placed:
                 zero_s = now_s - in_engine.position_s(now_s)
         self._open, self._last, self._zero_s, self._end_s = None, utterance.number, zero_s, utterance.end_s
-        self.tell(End(utterance.number, utterance.next_index, utterance.end_s), now_s)
+        self.engine.apply(self.session, End(utterance.number, utterance.next_index, utterance.end_s), now_s)
+
+
+def _label_and_numbers(
+    what: str, arguments: tuple[osc.Argument, ...], arrival: Arrival
+) -> tuple[str | int, list[float]]:
+    """Return the name or number of a phone or viseme, and up to two numbers; the rest is counted as surplus."""
+    label, *rest = arguments or (None,)
+    if isinstance(label, float) and label.is_integer():
+        label = int(label)
+    numbers = [float(value) for value in rest[:2] if isinstance(value, int | float) and math.isfinite(value)]
+    if not isinstance(label, str | int) or isinstance(label, bool) or len(numbers) < len(rest[:2]):
+        raise DataError(f"{what}: got {arguments!r:.60}, expected a name and up to two numbers")
+    if isinstance(label, str) and len(label) > MAX_NAME_LENGTH:  # it would be remembered
+        raise DataError(f"{what}: got a name of {len(label)} characters, expected at most {MAX_NAME_LENGTH}")
+    arrival.counts.surplus += len(rest) - len(numbers)
+    return label, numbers
+
+
+def _clamped(duration_s: float) -> float:
+    return min(max(duration_s, MIN_DURATION_S), MAX_DURATION_S)

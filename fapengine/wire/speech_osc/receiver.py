@@ -1,16 +1,16 @@
-"""OSC in: packets of both modes to commands, and what senders are answered. Sockets and clocks are the caller's.
+"""OSC in: packets of both modes become commands, and senders get answers. Sockets and clocks are the caller's.
 
 Theory of operation
 -------------------
-:meth:`OscReceiver.receive` takes one packet and the time of its arrival, tells the engine at once, and returns what is
-to be sent back; :meth:`OscReceiver.tick`, called about once a frame, returns what has become due meanwhile: selective
-acknowledgements of what came within 20 ms, requests for what is missing, events. Nothing waits and nothing raises for
-what others send: it is counted, for each peer and in all.
+:meth:`OscReceiver.receive` takes one packet and the time of its arrival, applies it in the engine at once, and returns
+the answers. :meth:`OscReceiver.tick`, called about once per frame, returns what has become due since: selective
+acknowledgements of what came within 20 ms, requests for missing phones, events. Nothing waits, and no input of a sender
+raises an error: bad input is counted.
 
-Sessions are known by name, not by where they are told from, so that one may be driven over TCP and UDP at once. A
-session is opened by its first message, or by ``hello``, which alone lets its sender be told what becomes of it; others
-are answered only what they ask, or what is refused. Whoever said hello is answered still when the session was closed by
-others, or for being idle, and is opened again. The simple mode has no names; it drives :data:`SIMPLE_SESSION`.
+A session has a name and is not bound to an address, so one can be driven over TCP and UDP at once. Its first message
+opens it, or ``hello``. Only senders that said hello receive events; others get answers to their own messages only. A
+sender that said hello is remembered when the session is closed by others or for being idle. The simple mode has no
+session names; it drives :data:`SIMPLE_SESSION`.
 """
 
 import heapq
@@ -18,44 +18,33 @@ import hmac
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from itertools import chain, count
-from typing import Any, cast
 
-from fapengine.engine.command_table import Command, shifted
-from fapengine.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek, without_neutral
+from fapengine.engine.command_table import shifted
+from fapengine.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, without_neutral
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Event, Limits
 from fapengine.errors import DataError, UsageError
 from fapengine.wire import osc
-from fapengine.wire.speech_osc import codec as wire_format
-from fapengine.wire.speech_osc import phone_labels, schema
+from fapengine.wire.speech_osc import codec, one_shot, phone_labels, schema
 from fapengine.wire.speech_osc.clock import SenderClock
-from fapengine.wire.speech_osc.counts import (
-    PeerCounts,
-    SoundRequest,
-    Tally,
-    TextRequest,
-    WireLimits,
-    WordsRequest,
-)
-from fapengine.wire.speech_osc.one_shot_messages import EVENTS, SimpleMode, event_packet
-from fapengine.wire.speech_osc.peers import Arrival, Peer, Replies
-from fapengine.wire.speech_osc.proof import AMPLIFICATION, Proof
-from fapengine.wire.speech_osc.session import MAX_PEERS, WireSession, check_open, microseconds
+from fapengine.wire.speech_osc.counts import SoundRequest, TextRequest, WireCounts, WireLimits, WordsRequest
+from fapengine.wire.speech_osc.peers import AMPLIFICATION, Arrival, Peer, Proof, Replies
+from fapengine.wire.speech_osc.session import WireSession
 
 SIMPLE_SESSION = "face"
-LOOKAHEAD_S = 0.5
-"""Phones that are known so early are as good as all (:class:`fapengine.trajectory.stream.StreamingPlanner`)."""
-
-
+MAX_PEERS = 8
+"""Peers of one session that receive its events; one more replaces a silent one, or is refused."""
+LOOKAHEAD_US = 500_000
+"""Phones known this long before they sound look best (:class:`fapengine.trajectory.stream.StreamingPlanner`)."""
 ALIVE_S, SILENT_S = 3.0, 10.0
-"""Time since a sender's last packet for which nobody else silences it; and for which it keeps its place."""
-TOLD_AGAIN = ("started", "finished", "cancelled", "error")
-TOLD_AGAIN_S = (0.06, 0.4)
-"""Notices that are sent three times over UDP, and when: the second survives a loss, the third a burst."""
+"""Time since its last packet for which another sender cannot silence a sender; and for which it keeps its place."""
+REPEATED_EVENTS = ("started", "finished", "cancelled", "error")
+REPEATS_S = (0.06, 0.4)
+"""Events that are sent three times over UDP, and when: the second survives a loss, the third a burst of losses."""
 
 
 class OscReceiver:
-    """The receiver's end of all sessions; see the theory of operation.
+    """The receiving end of all sessions; see the theory of operation.
 
     Stateful.
 
@@ -63,23 +52,22 @@ class OscReceiver:
     ----------
     engine : Engine
     token : str, optional
-        What a ``hello`` must hold for its sender to be heard.
+        A ``hello`` must contain it.
     limits : WireLimits, optional
     engine_limits : Limits, optional
         For the answer to a ``hello``.
     instance : int
-        An int32 that another run of the server does not have: senders see by it that they must begin again.
+        An int32, different for each run of the server: senders then know that they must begin again.
     simple_session : str
         The session that the simple mode drives.
     proof : Proof, optional
-        How peers show that they are where their packets say; by default all are believed.
+        How peers prove their addresses; by default all are believed.
     elsewhere : callable, optional
-        Port of this host at which to ask for a session that may not be opened here; None: it may.
+        Session to the port of this host that serves it, or None if it is served here.
 
     Attributes
     ----------
-    counts : PeerCounts
-        Of all peers.
+    counts : WireCounts
     """
 
     def __init__(
@@ -94,81 +82,79 @@ class OscReceiver:
         proof: Proof | None = None,
         elsewhere: Callable[[str], int | None] = lambda session: None,
     ) -> None:
-        self.counts = PeerCounts()
+        self.counts = WireCounts()
         self._proof, self._elsewhere = proof or Proof(), elsewhere
         self._engine, self._token, self._instance = engine, token, instance
         self._limits, self._engine_limits = limits or WireLimits(), engine_limits or Limits()
-        self._simple = SimpleMode(schema.check_session(simple_session), engine, self._engine_limits.queued_s)
+        self._numbers = count()
+        name = schema.check_session(simple_session)
+        self._simple = one_shot.SimpleMode(name, engine, self._numbers, self._engine_limits.queued_s)
         self._joined: OrderedDict[Hashable, Peer] = OrderedDict()
         self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
         self._sessions: dict[str, WireSession] = {}
         self._asleep: OrderedDict[str, WireSession] = OrderedDict()
-        self._numbers = count()
+        """Closed sessions, for the peers that joined them."""
         self._texts: deque[TextRequest] = deque()
         self._words: deque[WordsRequest] = deque()
-        self._asking: OrderedDict[Hashable, None] = OrderedDict()
-        """Simple senders that are told of events."""
-        self._sounding: set[str] = set()
-        """Names of sessions whose sound may be released."""
+        self._subscribers: OrderedDict[Hashable, None] = OrderedDict()
+        """Simple senders that receive events."""
         self._again: list[tuple[float, int, Hashable, bytes]] = []
-        self._order = 0
-
-    @property
-    def peers(self) -> dict[Hashable, PeerCounts]:
-        """Counts of each peer that is remembered."""
-        return {name: peer.tally.peer for peers in (self._strangers, self._joined) for name, peer in peers.items()}
+        """Packets to send later, as a heap: time, order, peer, packet."""
+        self._order = count()
 
     def receive(self, packet: bytes, peer: Hashable, now_s: float, wall_s: float) -> Replies:
-        """Take one datagram or TCP frame.
+        """Process one datagram or TCP frame.
 
         Parameters
         ----------
         packet : bytes
         peer : hashable
-            Whom to answer.
+            Its sender.
         now_s : float
             Engine time of its arrival.
         wall_s : float
-            Wall clock then, seconds since 1970; only for time tags of bundles.
+            Wall clock at that time, seconds since 1970; only for time tags of bundles.
 
         Returns
         -------
         list of (peer, bytes)
-            Packets to be sent, each with whom to.
+            Packets to send, each with its receiver.
         """
-        sender = self._peer(peer)
+        sender, counts = self._peer(peer), self.counts
         sender.heard_s = now_s
-        tally = sender.tally
-        tally.add("packets")
-        tally.add("bytes", len(packet))
-        if len(packet) > self._limits.packet:
-            tally.add("malformed")
-            return []
+        sender.received += len(packet)
+        counts.packets += 1
+        counts.bytes += len(packet)
         try:
-            messages = osc.parse_packet(packet)
+            messages = osc.parse_packet(packet) if len(packet) <= self._limits.packet else None
         except DataError:
-            tally.add("malformed")
+            messages = None
+        if messages is None:
+            counts.malformed += 1
             return []
         replies: Replies = []
-        tally.add("refused", max(len(messages) - self._limits.messages, 0))
+        counts.refused += max(len(messages) - self._limits.messages, 0)
         for message in messages[: self._limits.messages]:
-            tally.add("messages")
+            counts.messages += 1
             at_s = now_s
             if message.time_tag != osc.IMMEDIATELY:
                 before = sender.tags.clamped
                 at_s = sender.tags.engine_s(message.time_tag, now_s, wall_s)
-                tally.add("clamped", sender.tags.clamped - before)
-            self._handle(message, Arrival(sender, now_s, at_s, replies))
+                counts.clamped += sender.tags.clamped - before
+            try:
+                self._handle(message, Arrival(sender, now_s, at_s, replies, counts))
+            except DataError:
+                counts.malformed += 1
         return self._allowed(replies)
 
     def tick(self, now_s: float, is_behind: Callable[[Hashable], bool] = lambda peer: False) -> Replies:
-        """Do what is due; to be called about once a frame.
+        """Return what is due; to be called about once per frame.
 
         Parameters
         ----------
         now_s : float
         is_behind : callable, optional
-            Whether packets of a peer have come that were not yet given to :meth:`receive`.
+            Whether packets of a peer wait that :meth:`receive` has not processed.
         """
         replies: Replies = []
         for event in self._engine.events():
@@ -176,344 +162,270 @@ class OscReceiver:
         self._simple.tick(now_s)
         while self._again and self._again[0][0] <= now_s:
             replies.append(heapq.heappop(self._again)[2:])
-
-        def send(peer: Hashable, wire: schema.FromEngine) -> None:
-            replies.append((peer, wire_format.encode(wire)))
-
         for name, session in list(self._sessions.items()):
             if name not in self._engine:
                 self._put_to_sleep(name)
             elif session.pending:
-                session.tick(self._clock_of, send, now_s, is_behind)
+                replies += session.tick(self._known, now_s, is_behind)
         return self._allowed(replies)
 
     def texts(self) -> list[TextRequest]:
-        """Take the texts that senders want spoken."""
+        """Take the texts that the server's voice is to speak."""
         taken = list(self._texts)
         self._texts.clear()
         return taken
 
     def words(self) -> list[WordsRequest]:
-        """Take the words whose phones senders want found; those of one utterance are to be told in their order."""
+        """Take the words whose phones the server's voice is to find; keep the order of those of one utterance."""
         taken = list(self._words)
         self._words.clear()
         return taken
 
     def sounds(self, now_s: float) -> list[SoundRequest]:
-        """Take the sound that senders want heard; to be called about once a frame."""
-        tally = Tally(PeerCounts(), self.counts)
-        requests: list[SoundRequest] = []
-        for name in sorted(self._sounding):
-            session = self._sessions.get(name)
-            if session is not None:
-                requests += session.sounds(now_s, tally)
-            if session is None or not session.sounding:
-                self._sounding.discard(name)
-        return requests
+        """Take the audio for the recognizer; to be called about once per frame."""
+        sounding = sorted(name for name, session in self._sessions.items() if session.sounding)
+        return [request for name in sounding for request in self._sessions[name].sounds(now_s)]
 
     def refuse_sound(self, request: SoundRequest, reason: str, now_s: float) -> None:
-        """Tell a session's senders, with the next :meth:`tick`, why an utterance's sound is not heard."""
+        """Notify a session's senders, with the next :meth:`tick`, why the audio of an utterance is not recognized."""
         session = self._sessions.get(request.session)
-        number = session.sender_number(request.utterance) if session is not None else None
+        number = session.sender_numbers.get(request.utterance) if session is not None else None
         if session is None or number is None:
             return
         self.counts.refused += 1
-        notice = schema.Notice(request.session, number, "error", engine_us=microseconds(now_s), reason=reason)
+        notice = schema.Notice(request.session, number, "error", engine_us=round(now_s * 1e6), reason=reason)
         for peer in session.peers:
-            self._order += 1
-            heapq.heappush(self._again, (now_s, self._order, peer, wire_format.encode(notice)))
+            heapq.heappush(self._again, (now_s, next(self._order), peer, codec.encode(notice)))
 
     def forget(self, peer: Hashable) -> None:
-        """Drop a peer whose connection is closed. What it had begun is said as far as it came."""
+        """Remove a peer whose connection is closed. Its phones are still spoken."""
         if self._joined.pop(peer, None) is not None:
             for session in chain(self._sessions.values(), self._asleep.values()):
                 session.peers.pop(peer, None)
         self._strangers.pop(peer, None)
-        self._asking.pop(peer, None)
+        self._subscribers.pop(peer, None)
 
     def _peer(self, name: Hashable) -> Peer:
-        peer = self._joined.get(name)
-        if peer is not None:
-            self._joined.move_to_end(name)
-            return peer
-        peer = self._strangers.get(name)
-        if peer is None:
-            peer = self._strangers[name] = Peer(
-                name, Tally(PeerCounts(), self.counts), self._token is None, is_proved=self._proof.is_sure_of(name)
-            )
-            if len(self._strangers) > self._limits.peers:
-                self._strangers.popitem(last=False)
-        else:
-            self._strangers.move_to_end(name)
-        return peer
+        """Return a peer as the latest one heard; a new one takes the place of the longest silent stranger."""
+        peers = self._joined if name in self._joined else self._strangers
+        if name not in peers:
+            peers[name] = Peer(name, self._token is None, self._proof.is_sure_of(name))
+            if len(peers) > self._limits.peers:
+                peers.popitem(last=False)
+        peers.move_to_end(name)
+        return peers[name]
+
+    def _known(self, name: Hashable) -> Peer | None:
+        return self._joined.get(name) or self._strangers.get(name)
 
     def _allowed(self, replies: Replies) -> Replies:
-        """Leave out what is more than an address may get that nobody has proved to be the sender's."""
+        """Drop what exceeds the limit of an address that is not proved."""
         allowed: Replies = []
         for name, packet in replies:
-            peer = self._joined.get(name) or self._strangers.get(name)
+            peer = self._known(name)
             if peer is not None and not peer.is_proved:
-                if peer.sent + len(packet) > AMPLIFICATION * peer.tally.peer.bytes:
-                    peer.tally.add("unproved")
+                if peer.sent + len(packet) > AMPLIFICATION * peer.received:
+                    self.counts.unproved += 1
                     continue
                 peer.sent += len(packet)
             allowed.append((name, packet))
         return allowed
 
-    def _may_take_over(self, session: WireSession, peer: Peer, now_s: float) -> bool:
-        """Whether a sender may silence a session by saying that it is another one, or the same begun anew.
-
-        It may if it knows the token, if nobody was heard for a while, or if it speaks from the host of one who was.
-        """
-        if self._token is not None:
-            return True
-        others = [self._joined[name] for name in session.peers if name in self._joined and name != peer.name]
-        alive = [other for other in others if now_s - other.heard_s < ALIVE_S]
-        hosts = [self._proof.host_of(other.name) for other in alive]
-        return not alive or (peer.is_proved and self._proof.host_of(peer.name) in hosts)
-
-    def _clock_of(self, peer: Hashable) -> SenderClock | None:
-        remembered = self._joined.get(peer) or self._strangers.get(peer)
-        return remembered.clock if remembered else None
-
     def _handle(self, message: osc.Message, arrival: Arrival) -> None:
-        tally = arrival.peer.tally
         kind = schema.from_sender().get(message.address)
-        if kind is None and not self._simple.knows(message.address):
-            tally.add("unknown")
+        if kind is None and (kind := one_shot.nameless().get(message.address)) is not None:
+            arguments = (self._simple.session, *message.arguments)
+            message = osc.Message(message.address, "s" + message.tags, arguments)
+        elif kind is None and message.address not in one_shot.ADDRESSES:
+            self.counts.unknown += 1
             return
         if not arrival.peer.is_trusted and kind not in (schema.Hello, schema.Ping):
-            tally.add("refused")
-            return
-        try:
-            if kind is None:
-                message, kind = self._simple.named(message)
-            if message.address == EVENTS:
-                self._ask(message, arrival)
-                return
-            if kind is None:
-                session = self._session(self._simple.session, arrival)
-                if session is not None and self._simple.obey(message, arrival, session.new_number):
-                    session.tell(Cancel(first=VOICE_UTTERANCES), arrival.now_s)
-                    self._forget_texts(session.name)
-                return
-            tally.add("surplus", wire_format.surplus(kind, message))
-            self._obey(wire_format.parse(kind, message), arrival)
-        except DataError:
-            tally.add("malformed")
-
-    def _ask(self, message: osc.Message, arrival: Arrival) -> None:
-        """``/tts/events``: a simple sender wants to be told what becomes of its speech, or not any more."""
-        self._asking.pop(arrival.peer.name, None)
-        if not message.arguments or message.arguments[0]:
-            self._asking[arrival.peer.name] = None
-            if len(self._asking) > MAX_PEERS:
-                self._asking.popitem(last=False)
+            self.counts.refused += 1
+        elif message.address == one_shot.EVENTS:
+            self._subscribers.pop(arrival.peer.name, None)
+            if not message.arguments or message.arguments[0]:
+                self._subscribers[arrival.peer.name] = None
+                if len(self._subscribers) > MAX_PEERS:
+                    self._subscribers.popitem(last=False)
+        elif kind is None:
+            session = self._session(self._simple.session, arrival)
+            if session is not None and self._simple.obey(message, arrival):
+                session.tell(Cancel(first=VOICE_UTTERANCES), arrival.now_s)
+                self._forget_texts(session.name)
+        else:
+            self.counts.surplus += codec.surplus(kind, message)
+            self._obey(codec.parse(kind, message), arrival)
 
     # Robust mode ----------------------------------------------------------------------------------------------------
 
     def _obey(self, wire: schema.Wire, arrival: Arrival) -> None:
-        _OBEY[type(wire)](self, wire, arrival)
+        match wire:
+            case schema.Hello():
+                return self._hello(wire, arrival)
+            case schema.Ping():
+                return self._ping(wire, arrival)
+            case schema.Bye():
+                return self._bye(wire, arrival)
+            case schema.AudioPosition():
+                return self._audio(wire, arrival)
+            case schema.SpeakText(session=name, text=text):
+                if len(text.encode()) > schema.TEXT_BYTES or len(self._texts) >= self._limits.texts:
+                    return arrival.refuse(name, "text")
+                if text.strip() and self._session(name, arrival) is not None:
+                    self._texts.append(TextRequest(name, text, wire.voice, arrival.peer.name))
+                return None
+        assert not isinstance(wire, schema.FromEngine)
+        session, request = self._session(wire.session, arrival), None
+        if session is None:
+            return None
+        match wire:
+            case schema.Phones():
+                session.phones(wire, arrival)
+            case schema.BeginUtterance():
+                session.begin(wire, arrival)
+            case schema.EndUtterance():
+                request = session.end(wire, arrival)
+            case schema.WordTimes():
+                if len(self._words) >= self._limits.texts:
+                    return arrival.refuse(wire.session, "words", wire.utterance)
+                request = session.words(wire, arrival)
+            case schema.Sound():
+                session.sound(wire, arrival)
+            case schema.CancelUtterance():
+                if wire.utterance == schema.NOW and wire.at_us < 0:
+                    self._forget_texts(wire.session)
+                session.cancel(wire, arrival)
+            case schema.SeekUtterance():
+                session.seek(wire, arrival.now_s)
+            case schema.SessionCommand():
+                command = shifted(wire.command, arrival.now_s)
+                if isinstance(command, Pause | Resume):
+                    session.move(command, arrival.now_s)
+                else:
+                    for each in without_neutral(command):
+                        session.tell(each, arrival.now_s)
+        if request is not None:
+            self._words.append(request)
+        return None
 
     def _hello(self, wire: schema.Hello, arrival: Arrival) -> None:
-        peer, now_s = arrival.peer, arrival.now_s
+        peer, now_s, name = arrival.peer, arrival.now_s, wire.session
         if self._token is not None and not hmac.compare_digest(wire.token.encode(), self._token.encode()):
-            self._refuse(wire.session, "token", arrival)
-            return
+            return arrival.refuse(name, "token")
         if wire.protocol != schema.PROTOCOL:
-            self._refuse(wire.session, f"protocol {schema.PROTOCOL}", arrival)
-            return
+            return arrival.refuse(name, f"protocol {schema.PROTOCOL}")
         if wire.phone_set and phone_labels.phone_set_named(wire.phone_set) is None:
-            self._refuse(wire.session, "phone set", arrival)
-            return
-        if (port := self._elsewhere(wire.session)) is not None:
-            peer.tally.add("moved")
-            moved = schema.Moved(wire.session, "", port, wire.instance)
-            arrival.replies.append((peer.name, wire_format.encode(moved)))
-            return
-        session = self._session(wire.session, arrival)
+            return arrival.refuse(name, "phone set")
+        if (port := self._elsewhere(name)) is not None:
+            self.counts.moved += 1
+            return arrival.answer(schema.Moved(name, "", port, wire.instance))
+        session = self._session(name, arrival)
         if session is None:
-            return
+            return None
         peer.is_proved |= wire.cookie != 0 and wire.cookie == self._proof.cookie_of(peer.name)
-        if session.is_other(wire) and not self._may_take_over(session, peer, now_s):
-            self._refuse(wire.session, "another sender speaks", arrival)
-            return
-        if not session.has_room_for(peer.name, lambda name: self._heard_of(name, now_s)):
-            self._refuse(wire.session, "listeners", arrival)
-            return
+        is_new_sender = wire.instance != session.instance and bool(wire.instance and session.instance)
+        if is_new_sender and not self._may_take_over(session, peer, now_s):
+            return arrival.refuse(name, "another sender speaks")
+        if peer.name not in session.peers and len(session.peers) >= MAX_PEERS:
+            silent = next((other for other in session.peers if not self._was_heard(other, now_s, SILENT_S)), None)
+            if silent is None:
+                return arrival.refuse(name, "listeners")
+            del session.peers[silent]
         peer.is_trusted = True
         if self._strangers.pop(peer.name, None) is not None:
             self._joined[peer.name] = peer
             if len(self._joined) > self._limits.peers:
                 self.forget(next(iter(self._joined)))
-        if session.join(peer.name, wire, now_s):
-            peer.tally.add("resets")
+        session.join(peer.name, wire, is_new_sender=is_new_sender, now_s=now_s)
+        if is_new_sender:
+            self.counts.resets += 1
             peer.clock = SenderClock()
-        if wire.session == self._simple.session:
+        if name == self._simple.session:
             peer.phone_set = wire.phone_set
-        welcome = schema.Welcome(
-            wire.session,
-            microseconds(now_s),
-            microseconds(LOOKAHEAD_S),
-            schema.MAX_DATAGRAM,
-            self._engine_limits.utterances,
-            self._instance,
-            0 if peer.is_proved else self._proof.cookie_of(peer.name),
-        )
-        arrival.replies.append((peer.name, wire_format.encode(welcome)))
+        cookie = 0 if peer.is_proved else self._proof.cookie_of(peer.name)
+        return arrival.answer(
+            schema.Welcome(
+                name, round(now_s * 1e6), LOOKAHEAD_US, schema.MAX_DATAGRAM, self._engine_limits.utterances,
+                self._instance, cookie,
+            )
+        )  # fmt: skip
 
-    def _heard_of(self, name: Hashable, now_s: float) -> bool:
-        """Whether a peer was heard of late; our own senders ping every 2 s."""
+    def _may_take_over(self, session: WireSession, peer: Peer, now_s: float) -> bool:
+        """Whether a new sender may cancel what a session's senders have begun.
+
+        It may if it knows the token, if none of them was heard recently, or if it is on the host of one that was.
+        """
+        alive = [name for name in session.peers if name != peer.name and self._was_heard(name, now_s, ALIVE_S)]
+        hosts = map(self._proof.host_of, alive)
+        return self._token is not None or not alive or (peer.is_proved and self._proof.host_of(peer.name) in hosts)
+
+    def _was_heard(self, name: Hashable, now_s: float, within_s: float) -> bool:
         peer = self._joined.get(name)
-        return peer is not None and now_s - peer.heard_s < SILENT_S
+        return peer is not None and now_s - peer.heard_s < within_s
 
     def _bye(self, wire: schema.Bye, arrival: Arrival) -> None:
         session, leaver = self._sessions.get(wire.session), arrival.peer.name
         if session is None or wire.session not in self._engine:
-            arrival.peer.tally.add("repeated")
+            self.counts.repeated += 1
             return
         listeners = list(session.peers)
         had_joined = session.peers.pop(leaver, None) is not None
-        if not had_joined and not session.windows:
-            arrival.peer.tally.add("repeated")
+        self.counts.repeated += not had_joined and not session.windows
         session.tell(Cancel(), arrival.now_s)
         self._forget_texts(wire.session)
         for event in self._engine.events():
             self._tell_event(event, arrival.replies)
         session.forget()
-        notice = schema.Notice(wire.session, -1, "cancelled", engine_us=microseconds(arrival.now_s), reason="bye")
-        arrival.replies.extend((peer, wire_format.encode(notice)) for peer in listeners)
+        now_us = round(arrival.now_s * 1e6)
+        notice = codec.encode(schema.Notice(wire.session, -1, "cancelled", engine_us=now_us, reason="bye"))
+        arrival.replies.extend((peer, notice) for peer in listeners)
 
     def _ping(self, wire: schema.Ping, arrival: Arrival) -> None:
-        peer, now_s = arrival.peer, arrival.now_s
-        before = peer.clock.steps
+        clock, now_us = arrival.peer.clock, round(arrival.now_s * 1e6)
+        before = clock.steps
         if wire.rtt_us >= 0:
-            peer.clock.report(wire.sent_us / 1e6, wire.offset_us / 1e6, wire.skew_ppm)
+            clock.report(wire.sent_us / 1e6, wire.offset_us / 1e6, wire.skew_ppm)
         else:
-            peer.clock.ping(wire.sent_us / 1e6, now_s)
-        peer.tally.add("clock_steps", peer.clock.steps - before)
-        now_us = microseconds(now_s)
-        pong = schema.Pong(wire.number, wire.sent_us, now_us, now_us, self._instance)
-        arrival.replies.append((peer.name, wire_format.encode(pong)))
-
-    def _begin(self, wire: schema.BeginUtterance, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is None:
-            return
-        peer = arrival.peer
-        if not session.begin(wire, peer.clock, peer.name, arrival.now_s, peer.tally):
-            self._refuse(wire.session, "utterances", arrival, wire.utterance)
-
-    def _phones(self, wire: schema.Phones, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is not None:
-            session.phones(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
-
-    def _sound(self, wire: schema.Sound, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is not None:
-            session.sound(wire, arrival.now_s, arrival.peer.tally)
-            self._sounding.add(wire.session)
-
-    def _words_of(self, wire: schema.WordTimes, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is None:
-            return
-        peer = arrival.peer
-        if len(self._words) >= self._limits.texts:
-            self._refuse(wire.session, "words", arrival, wire.utterance)
-            return
-        try:
-            request = session.words(wire, peer.clock, peer.name, arrival.now_s, peer.tally)
-        except UsageError as error:
-            self._refuse(wire.session, str(error), arrival, wire.utterance)
-        else:
-            self._words.extend([request] if request is not None else [])
-
-    def _end(self, wire: schema.EndUtterance, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is None:
-            return
-        request = session.end_words(wire, arrival.peer.name, arrival.now_s)
-        if request is not None:
-            self._words.append(request)
-        else:
-            session.end(wire, arrival.peer.name, arrival.now_s, arrival.peer.tally)
-
-    def _cancel(self, wire: schema.CancelUtterance, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        if session is None:
-            return
-        if wire.utterance == schema.NOW and wire.at_us < 0:
-            self._forget_texts(wire.session)
-        for number in session.cancel(wire, arrival.now_s, arrival.peer.tally):
-            now_us = microseconds(arrival.now_s)
-            notice = schema.Notice(wire.session, number, "cancelled", count=wire.number, engine_us=now_us)
-            arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
-
-    def _seek(self, wire: schema.SeekUtterance, arrival: Arrival) -> None:
-        session = self._session(wire.session, arrival)
-        window = session.windows.get(wire.utterance) if session else None
-        if window is None or wire.position_us < 0:
-            arrival.peer.tally.add("refused")
-            return
-        self._move(wire.session, Seek(window.engine_number, wire.position_us / 1e6), arrival)
-
-    def _move(self, name: str, command: Command, arrival: Arrival) -> None:
-        session = self._session(name, arrival)
-        if session is not None:
-            session.stop_following()
-            session.tell(command, arrival.now_s)
+            clock.ping(wire.sent_us / 1e6, arrival.now_s)
+        self.counts.clock_steps += clock.steps - before
+        arrival.answer(schema.Pong(wire.number, wire.sent_us, now_us, now_us, self._instance))
 
     def _audio(self, wire: schema.AudioPosition, arrival: Arrival) -> None:
-        peer, now_s = arrival.peer, arrival.now_s
-        if wire.session not in self._sessions or wire.utterance not in self._sessions[wire.session].windows:
-            self._tell_unknown(wire.session, wire.utterance, arrival)
+        session, clock = self._sessions.get(wire.session), arrival.peer.clock
+        if session is None or wire.utterance not in session.windows:
+            arrival.notify_unknown(wire.session, wire.utterance)
             return
-        before = peer.clock.steps
-        at_s = peer.clock.audio(wire.sender_us / 1e6, now_s)
-        peer.tally.add("clock_steps", peer.clock.steps - before)
+        before = clock.steps
+        at_s = clock.audio(wire.sender_us / 1e6, arrival.now_s)
+        self.counts.clock_steps += clock.steps - before
         if at_s is None:
-            peer.tally.add("odd_times")
+            self.counts.odd_times += 1
         else:
-            self._sessions[wire.session].audio(wire, at_s, now_s, peer.tally)
-
-    def _command(self, wire: schema.SessionCommand, arrival: Arrival) -> None:
-        command = shifted(wire.command, arrival.now_s)
-        if isinstance(command, Pause | Resume):
-            self._move(wire.session, command, arrival)
-            return
-        session = self._session(wire.session, arrival)
-        if session is not None:
-            for each in without_neutral(command):
-                session.tell(each, arrival.now_s)
-
-    def _text(self, wire: schema.SpeakText, arrival: Arrival) -> None:
-        if len(wire.text.encode()) > schema.TEXT_BYTES or len(self._texts) >= self._limits.texts:
-            self._refuse(wire.session, "text", arrival)
-        elif wire.text.strip() and self._session(wire.session, arrival) is not None:
-            self._texts.append(TextRequest(wire.session, wire.text, wire.voice, arrival.peer.name))
+            session.audio(wire, at_s, arrival.now_s)
 
     def _forget_texts(self, session: str) -> None:
-        """Of texts that the voice was not handed yet: it is not to say them any more."""
+        """Drop the texts of a session that the voice has not taken yet."""
         self._texts = deque(request for request in self._texts if request.session != session)
 
     def _session(self, name: str, arrival: Arrival) -> WireSession | None:
-        """Find a session, or open it; None if there are as many as there may be, or if it is elsewhere."""
+        """Find or open a session; None if it is served elsewhere, or there are too many."""
         if self._elsewhere(name) is not None:
-            self._tell_unknown(name, schema.NOW, arrival)
+            arrival.notify_unknown(name, schema.NOW)
             return None
-        if not check_open(self._engine, name, arrival.now_s):
-            self._refuse(name, "sessions", arrival)
+        try:
+            if name not in self._engine:
+                self._engine.open(name, arrival.now_s)
+        except UsageError:
+            arrival.refuse(name, "sessions")
             return None
         if name not in self._sessions:
-            before = self._asleep.pop(name, None)
             most, phones = self._limits.utterances, self._engine_limits.phones
-            self._sessions[name] = before or WireSession(name, self._engine, most, phones, self._numbers)
+            fresh = WireSession(name, self._engine, most, phones, self._numbers, self.counts)
+            self._sessions[name] = self._asleep.pop(name, fresh)
         return self._sessions[name]
 
     def _put_to_sleep(self, name: str) -> None:
-        """Remember who joined a session that others closed, or that was closed for being idle."""
+        """Remember who joined a session that was closed."""
         session = self._sessions.pop(name)
         if not session.peers:
             return
@@ -522,58 +434,24 @@ class OscReceiver:
         if len(self._asleep) > self._limits.peers:
             self._asleep.popitem(last=False)
 
-    def _refuse(self, session: str, reason: str, arrival: Arrival, utterance: int = -1) -> None:
-        arrival.peer.tally.add("refused")
-        notice = schema.Notice(session, utterance, "error", engine_us=microseconds(arrival.now_s), reason=reason)
-        arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
-
-    def _tell_unknown(self, session: str, utterance: int, arrival: Arrival) -> None:
-        """Let a sender know, now and then, that the engine has never heard of what it speaks of."""
-        arrival.peer.tally.add("refused")
-        if arrival.now_s - arrival.peer.told_unknown_s > LOOKAHEAD_S:
-            arrival.peer.told_unknown_s = arrival.now_s
-            notice = schema.Notice(session, utterance, "unknown", engine_us=microseconds(arrival.now_s))
-            arrival.replies.append((arrival.peer.name, wire_format.encode(notice)))
-
     def _tell_event(self, event: Event, replies: Replies) -> None:
-        if self._asking and event.session == self._simple.session:
-            packet = event_packet(event)
-            replies.extend((peer, packet) for peer in self._asking)
+        if self._subscribers and event.session == self._simple.session:
+            packet = one_shot.event_packet(event)
+            replies.extend((peer, packet) for peer in self._subscribers)
         session = self._sessions.get(event.session)
         if session is None:
             return
         if event.kind in ("finished", "cancelled", "error"):
             number = session.close_window(event.utterance, event.kind == "cancelled", event.time_s)
         else:
-            number = session.sender_number(event.utterance)
+            number = session.sender_numbers.get(event.utterance)
         if number is None:  # of the simple mode, or of the server's voice
             return
-        position_us = min(max(microseconds(event.position_s), -(2**31)), 2**31 - 1)
-        notice = schema.Notice(event.session, number, event.kind, position_us, event.count, microseconds(event.time_s))
-        packet = wire_format.encode(notice)
+        position_us = min(max(round(event.position_s * 1e6), -(2**31)), 2**31 - 1)
+        time_us = round(event.time_s * 1e6)
+        packet = codec.encode(schema.Notice(event.session, number, event.kind, position_us, event.count, time_us))
         for peer, flags in session.peers.items():
             replies.append((peer, packet))
-            if event.kind in TOLD_AGAIN and not flags & schema.TCP:
-                for later_s in TOLD_AGAIN_S:
-                    self._order += 1
-                    heapq.heappush(self._again, (event.time_s + later_s, self._order, peer, packet))
-
-
-_OBEY = cast(
-    "dict[type[schema.Wire], Callable[[OscReceiver, Any, Arrival], None]]",
-    {
-        schema.Hello: OscReceiver._hello,
-        schema.Bye: OscReceiver._bye,
-        schema.Ping: OscReceiver._ping,
-        schema.BeginUtterance: OscReceiver._begin,
-        schema.Phones: OscReceiver._phones,
-        schema.Sound: OscReceiver._sound,
-        schema.EndUtterance: OscReceiver._end,
-        schema.CancelUtterance: OscReceiver._cancel,
-        schema.SeekUtterance: OscReceiver._seek,
-        schema.AudioPosition: OscReceiver._audio,
-        schema.SpeakText: OscReceiver._text,
-        schema.WordTimes: OscReceiver._words_of,
-        schema.SessionCommand: OscReceiver._command,
-    },
-)
+            if event.kind in REPEATED_EVENTS and not flags & schema.TCP:
+                for later_s in REPEATS_S:
+                    heapq.heappush(self._again, (event.time_s + later_s, next(self._order), peer, packet))

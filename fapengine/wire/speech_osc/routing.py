@@ -1,24 +1,21 @@
-"""Whose a packet is: the session of its first message that has one, without understanding the rest."""
+"""Routing of packets: the session of the first message that has one, without decoding the rest."""
 
 import struct
 from collections.abc import Iterator
-from functools import lru_cache
 
-from fapengine.engine import commands
-from fapengine.engine.command_table import Command
 from fapengine.errors import DataError
 from fapengine.wire import osc
-from fapengine.wire.speech_osc import codec, one_shot_messages, schema
+from fapengine.wire.speech_osc import codec, one_shot, schema
 
 NAMELESS_SESSION = "face"
-"""Session of the messages that name none."""
+"""Session of the messages that have no name in them."""
 MAX_ELEMENTS = 64
-"""Messages of a bundle that are looked at."""
+"""Messages of a bundle that are read."""
 _LENGTH = struct.Struct(">i")
 
 
 def session_of(packet: bytes) -> str | None:
-    """Find the session that a datagram speaks to; None where none of its messages is for a session.
+    """Find the session of a datagram; None if none of its messages belongs to one.
 
     Examples
     --------
@@ -28,12 +25,12 @@ def session_of(packet: bytes) -> str | None:
     (None, None)
     """
     for message in _messages(packet, 0):
-        address, tags_at = _string(message, 0)
-        named = _addresses(commands.COMMANDS).get(address)
-        if named is None:
-            continue
-        if not named:
+        spelled, tags_at = _string(message, 0)
+        address = spelled.decode(errors="replace")
+        if address in one_shot.ADDRESSES or address in one_shot.nameless():
             return NAMELESS_SESSION
+        if schema.from_sender().get(address) in (None, schema.Ping):
+            continue
         tags, at = _string(message, tags_at)
         session, _ = _string(message, at) if tags.startswith(b",s") else (b"", 0)
         if 1 <= len(session) <= schema.SESSION_BYTES:
@@ -42,7 +39,7 @@ def session_of(packet: bytes) -> str | None:
 
 
 def hello_of(packet: bytes) -> schema.Hello | None:
-    """Read the hello of a datagram, if there is one and it is well-formed."""
+    """Decode the hello of a datagram, if there is a valid one."""
     if schema.Hello.ADDRESS.encode() not in packet[:64]:
         return None
     try:
@@ -72,14 +69,6 @@ def _messages(packet: bytes, depth: int) -> Iterator[bytes]:
 
 
 def _string(data: bytes, at: int) -> tuple[bytes, int]:
-    """Read a string and where the next argument begins; empty where there is none."""
+    """Return a string and the position after it; an empty one if there is none."""
     end = data.find(b"\0", at)
     return (data[at:end], (end & ~3) + 4) if end >= 0 else (b"", len(data))
-
-
-@lru_cache(maxsize=4)
-def _addresses(listed: tuple[type[Command], ...]) -> dict[bytes, bool]:
-    """Address of every message that is for a session, and whether it names that."""
-    named = {address.encode(): True for address, kind in schema.from_sender().items() if kind is not schema.Ping}
-    without = (*one_shot_messages.ADDRESSES, *one_shot_messages.nameless())
-    return named | {address.encode(): False for address in without}

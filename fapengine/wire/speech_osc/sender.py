@@ -28,7 +28,6 @@ from fapengine.wire.speech_osc import codec, schema
 from fapengine.wire.speech_osc.clock import EngineClock
 from fapengine.wire.speech_osc.handshake import PING_S, Handshake
 from fapengine.wire.speech_osc.send_window import END_REPEATS_S, SOUND_AGAIN_S, PendingCancel, SendWindow, to_wire
-from fapengine.wire.speech_osc.sound_window import RATES_HZ
 
 CLOCK_WAIT_S = 0.25
 """Time that an utterance with a start time waits for the first pong."""
@@ -209,8 +208,8 @@ class OscSender:
             raise UsageError(f"utterance {utterance}: got sound, expected a beginning at a time, by its sound, or none")
         if window.is_ended or window.phones:
             raise UsageError(f"utterance {utterance}: got sound {'after its end' if window.is_ended else 'and phones'}")
-        if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1] or rate_hz != (window.rate_hz or rate_hz):
-            expected = window.rate_hz or f"{RATES_HZ[0]}..{RATES_HZ[1]}"
+        if not schema.RATES_HZ[0] <= rate_hz <= schema.RATES_HZ[1] or rate_hz != (window.rate_hz or rate_hz):
+            expected = window.rate_hz or f"{schema.RATES_HZ[0]}..{schema.RATES_HZ[1]}"
             raise UsageError(f"rate_hz: got {rate_hz}, expected {expected}")
         window.add_sound(self.session, samples, rate_hz, now_s, inf if self._reliable else SOUND_AGAIN_S)
 

@@ -74,9 +74,10 @@ def test_a_server_that_miscounts_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its pongs have other numbers."""
 
     def ping(self: receiver.OscReceiver, wire: schema.Ping, arrival: object) -> None:
-        receiver.OscReceiver._ping(self, replace(wire, number=wire.number + 1), arrival)
+        answer(self, replace(wire, number=wire.number + 1), arrival)
 
-    monkeypatch.setitem(receiver._OBEY, schema.Ping, ping)
+    answer = receiver.OscReceiver._ping
+    monkeypatch.setattr(receiver.OscReceiver, "_ping", ping)
     cases = tuple(case for case in osc_server.CASES if case.number in ("1.1", "1.4"))
     monkeypatch.setattr(osc_server, "ANSWER_S", 0.3)
     found = verdicts_of_server(cases, lambda osc, site: osc_server.OscServer(*osc), web_port=None)

@@ -89,6 +89,11 @@ class Wire:
             answers += self.receiver.receive(packet, peer, self.now_s, WALL_S + self.now_s)
         return self.read(answers)
 
+    @property
+    def peers(self):
+        """Names of the peers that the receiver remembers."""
+        return {*self.receiver._joined, *self.receiver._strangers}
+
     def say(self, address, tags="", *values, **where):
         return self.send(osc.message(address, tags, *values), **where)
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fapengine.wire.speech_osc.clock import EngineClock, SenderClock
-from fapengine.wire.speech_osc.time_tags import TagClock, time_tag, unix_s
+from fapengine.wire.speech_osc.clock import EngineClock, SenderClock, TagClock, time_tag, unix_s
 
 OFFSET_S, SKEW = 1234.5, 200e-6
 

@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from fapengine.wire.speech_osc import codec, schema
-from fapengine.wire.speech_osc.one_shot_messages import ADDRESSES, EVENT, nameless
+from fapengine.wire.speech_osc.one_shot import ADDRESSES, EVENT, nameless
 from tests.unit.clients.test_sender_client import MAMA, SOON_S, Place
 
 PAGE = (Path(__file__).parents[3] / "docs" / "osc.md").read_text(encoding="utf-8")

@@ -18,8 +18,8 @@ from fapengine.engine.commands import (
 )
 from fapengine.speech.phone_track import SILENCE
 from fapengine.wire.speech_osc import schema
+from fapengine.wire.speech_osc.clock import time_tag
 from fapengine.wire.speech_osc.one_shot import DELAY_S, FIRST_S, GRACE_S, QUIET_S, TURN_S
-from fapengine.wire.speech_osc.time_tags import time_tag
 from tests.unit.wire.protocol_double import WALL_S, Wire
 
 
@@ -226,7 +226,7 @@ def test_tags_say_when():
     one.say("/phoneme", "s", "m", at_s=50.0, tag=time_tag(WALL_S + 50.22))  # overtaken: what begins later ends it
     assert shown(one) == [("ɑ", 50.34, 50.51), ("m", 50.26, 50.34)]
     one.say("/phoneme", "s", "m", at_s=50.0, tag=time_tag(WALL_S + 3600))
-    assert one.receiver.peers["a"].clamped == 1
+    assert one.counts.clamped == 1
 
 
 def test_what_is_tagged_ahead_is_held_from_its_time_on():
@@ -242,7 +242,7 @@ def test_what_is_remembered_of_an_utterance_has_a_limit():
     for n in range(3000):
         one.say("/phoneme", "sff", "m", n / 10, 0.1)
     assert len(one.faces.commands(Begin)) == 1
-    assert len(one.receiver._simple._speaker._open.starts_s) == 64
+    assert len(one.receiver._simple._open.starts_s) == 64
 
 
 def test_labels_are_of_the_set_that_the_others_are_of():

@@ -9,10 +9,9 @@ from fapengine.server.load import A_FACE, FULL, Load
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
 from fapengine.wire.speech_osc.handshake import Handshake
-from fapengine.wire.speech_osc.proof import AMPLIFICATION, Proof
-from fapengine.wire.speech_osc.receiver import ALIVE_S, SILENT_S, OscReceiver
+from fapengine.wire.speech_osc.peers import AMPLIFICATION, Proof
+from fapengine.wire.speech_osc.receiver import ALIVE_S, MAX_PEERS, SILENT_S, OscReceiver
 from fapengine.wire.speech_osc.routing import hello_of
-from fapengine.wire.speech_osc.session import MAX_PEERS
 from tests.english import english
 
 LABELS = tuple(schema.WirePhone(label, n * 100_000, 100_000) for n, label in enumerate("mamama"))

@@ -1,8 +1,8 @@
-"""States of a receive window, as its theory of operation draws them."""
+"""What a receive window knows as its begin, phones and end arrive in any order."""
 
 import pytest
 
-from fapengine.wire.speech_osc.receive_window import ReceiveWindow, State
+from fapengine.wire.speech_osc.receive_window import ReceiveWindow
 from fapengine.wire.speech_osc.schema import BeginUtterance, EndUtterance, Phones, WirePhone
 
 BEGIN, END = BeginUtterance("anna", 1), EndUtterance("anna", 1, 1)
@@ -13,42 +13,49 @@ def window() -> ReceiveWindow:
     return ReceiveWindow(7, "ipa")
 
 
-def test_a_window_opens_ends_and_is_over() -> None:
+def test_a_window_begins_ends_and_is_over() -> None:
     one = window()
-    states = [one.state]
+    known = [(one.begun, one.end, one.is_whole)]
     for step in (lambda: one.begin(BEGIN, "ipa"), lambda: one.take(PHONES), lambda: one.finish(END)):
         step()
-        states.append(one.state)
-    assert states == [State.WAITING, State.OPEN, State.OPEN, State.ENDED]
-    assert one.is_whole
+        known.append((one.begun, one.end, one.is_whole))
+    assert known == [(None, None, False), (BEGIN, None, False), (BEGIN, None, False), (BEGIN, END, True)]
     assert not one.is_stopped
     one.close(5.0)
-    assert (one.state, one.is_over, one.is_stopped) == (State.OVER, True, True)
+    assert (one.is_cancelled, one.is_over, one.is_stopped) == (False, True, True)
 
 
-def test_what_overtakes_its_begin_counts_when_that_comes() -> None:
+def test_what_arrives_before_its_begin_is_kept() -> None:
     one = window()
     one.take(PHONES)
     one.finish(END)
-    assert one.state is State.WAITING
+    assert one.begun is None
     one.begin(BEGIN, "ipa")
-    assert one.state is State.ENDED
+    assert (one.begun, one.end, one.is_whole) == (BEGIN, END, True)
 
 
-def test_a_revision_opens_it_again() -> None:
+def test_a_revision_empties_the_window() -> None:
     one = window()
     one.begin(BEGIN, "ipa")
     one.finish(END)
     one.begin(BeginUtterance("anna", 1, 1), "ipa")
-    assert (one.state, one.end, one.phones) == (State.OPEN, None, {})
+    assert (one.revision, one.end, one.phones, one.is_stopped) == (1, None, {}, False)
+
+
+def test_a_revision_of_a_cancelled_utterance_begins_it_again() -> None:
+    one = window()
+    one.begin(BEGIN, "ipa")
+    one.is_cancelled = True
+    one.begin(BEGIN, "ipa")
+    assert not one.is_cancelled
 
 
 @pytest.mark.parametrize("messages", [(), (BEGIN,), (BEGIN, END)], ids=("waiting", "open", "ended"))
-def test_what_is_cancelled_stays_so_when_the_engine_is_through(messages: tuple[object, ...]) -> None:
+def test_a_cancelled_window_stays_so_when_the_engine_closes_it(messages: tuple[object, ...]) -> None:
     one = window()
     for message in messages:
         one.begin(message, "ipa") if isinstance(message, BeginUtterance) else one.finish(END)
-    one.cancel()
-    assert (one.state, one.is_over, one.is_stopped) == (State.CANCELLED, False, True)
+    one.is_cancelled = True
+    assert (one.is_over, one.is_stopped) == (False, True)
     one.close(5.0)
-    assert (one.state, one.is_over) == (State.CANCELLED, True)
+    assert (one.is_cancelled, one.is_over) == (True, True)

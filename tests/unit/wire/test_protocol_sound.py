@@ -12,8 +12,8 @@ from fapengine.errors import DataError, UsageError
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
 from fapengine.wire.speech_osc.counts import SoundRequest
+from fapengine.wire.speech_osc.receive_window import HOLD_S, MAX_GAP_S, SoundWindow
 from fapengine.wire.speech_osc.sender import OscSender
-from fapengine.wire.speech_osc.sound_window import HOLD_S, MAX_GAP_S, SoundWindow
 from tests.unit.wire.protocol_double import Wire
 
 RATE_HZ = 16_000
