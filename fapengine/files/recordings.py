@@ -18,6 +18,7 @@ from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
 
@@ -248,4 +249,4 @@ def _albedo(visual: Any) -> NDArray[np.float64] | None:
     srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
     if np.ptp(srgb, axis=0).max() == 0.0:
         return None  # one colour for all is a default, not a painting
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return linear_rgb(srgb)

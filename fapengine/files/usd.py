@@ -1,8 +1,8 @@
 """A head as USD, with its motion: UsdSkel blend shapes, joints and an animation, written by usd-core.
 
-A part of the head is a mesh with the shapes that move it. The animation has the weights of all shapes, and the
-rotations of the joints; moving the shapes alone gives the whole face, as in the GLB. Colours, including those of
-textures, are stored at the vertices.
+A part of the head is a mesh with the shapes that move it. The animation contains the weights of all shapes and the
+rotations of the joints; as in the GLB, the shapes alone move the whole face. Colours, including those of textures, are
+stored at the vertices.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from fapengine._late import Late
 from fapengine.files.paths import replacing
-from fapengine.retarget.puppet import JOINTS, PARENTS, Part, Puppet
+from fapengine.files.pictures import linear_rgb
+from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, PARENTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def save_usd(
     Returns
     -------
     int
-        Number of shapes that leave 0.
+        Number of shapes whose weight is not always 0.
 
     Raises
     ------
@@ -96,14 +97,6 @@ def _joint_paths() -> list[str]:
     return paths
 
 
-def _places(puppet: Puppet) -> Array:
-    """(5, 3) m: position of each joint relative to its parent."""
-    return np.stack([
-        puppet.joints[joint] - (puppet.joints[parent] if parent is not None else 0.0)
-        for joint, parent in enumerate(PARENTS)
-    ])  # fmt: skip
-
-
 def _matrices(places: Array) -> Any:
     return Vt.Matrix4dArray([Gf.Matrix4d(1.0).SetTranslate(Gf.Vec3d(*map(float, place))) for place in places])
 
@@ -116,7 +109,7 @@ def _add_skeleton(stage: Any, puppet: Puppet) -> Any:
     skeleton = UsdSkel.Skeleton.Define(stage, f"{ROOT}/Skeleton")
     skeleton.CreateJointsAttr(_joint_paths())
     skeleton.CreateBindTransformsAttr(_matrices(puppet.joints))
-    skeleton.CreateRestTransformsAttr(_matrices(_places(puppet)))
+    skeleton.CreateRestTransformsAttr(_matrices(puppet.places()))
     return skeleton
 
 
@@ -130,13 +123,11 @@ def _add_mesh(stage: Any, part: Part, skeleton: Any) -> None:
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.triangles), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.triangles.ravel().astype(np.int32)))
     mesh.CreateExtentAttr(_vectors(np.stack([part.vertices.min(axis=0), part.vertices.max(axis=0)])))
-    mesh.CreateDoubleSidedAttr(part.name in ("Hair", "Brows"))
+    mesh.CreateDoubleSidedAttr(part.name in DOUBLE_SIDED)
     mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(_vectors(_painted(part)))
     binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    order = np.argsort(-part.weights, axis=1, kind="stable")[:, :4]
-    weights = np.take_along_axis(part.weights, order, axis=1)
-    weights = weights / weights.sum(axis=1, keepdims=True)
+    order, weights = part.influences()
     binding.CreateJointIndicesPrimvar(False, 4).Set(Vt.IntArray.FromNumpy(order.ravel().astype(np.int32)))
     binding.CreateJointWeightsPrimvar(False, 4).Set(Vt.FloatArray.FromNumpy(weights.ravel().astype(np.float32)))
     targets = []
@@ -153,7 +144,7 @@ def _add_mesh(stage: Any, part: Part, skeleton: Any) -> None:
 
 
 def _painted(part: Part) -> Array:
-    """(V, 3): linear RGB of the vertices, multiplied with the texture if there is one."""
+    """(V, 3): linear RGB of the vertices, multiplied by the texture if there is one."""
     colours = part.colours.astype(np.float64)
     if part.texture is None:
         return colours
@@ -161,8 +152,7 @@ def _painted(part: Part) -> Array:
     column = np.clip((part.uv[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip((part.uv[:, 1] * height).astype(int), 0, height - 1)
     texel = part.texture[row, column, :3] / 255.0
-    linear = np.where(texel <= 0.04045, texel / 12.92, ((texel + 0.055) / 1.055) ** 2.4)
-    return np.asarray(colours * linear)
+    return colours * linear_rgb(texel)
 
 
 def _add_animation(
@@ -181,7 +171,7 @@ def _add_animation(
     for frame, row in enumerate(rows):
         shown.Set(Vt.FloatArray.FromNumpy(row.astype(np.float32)), frame)
     animation.CreateJointsAttr(_joint_paths())
-    animation.CreateTranslationsAttr(_vectors(_places(puppet)))
+    animation.CreateTranslationsAttr(_vectors(puppet.places()))
     animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * len(JOINTS)))
     rotations = animation.CreateRotationsAttr()
     for frame in range(count):
@@ -193,5 +183,5 @@ def _add_animation(
 def _quaternion(turns: Mapping[str, Array], name: str, frame: int) -> Any:
     if name not in turns:
         return Gf.Quatf(1.0)
-    matrix = Gf.Matrix3d(*(float(value) for value in turns[name][frame].T.ravel()))  # rows are images, as USD has them
+    matrix = Gf.Matrix3d(*(float(value) for value in turns[name][frame].T.ravel()))  # USD multiplies row vectors
     return Gf.Quatf(matrix.ExtractRotation().GetQuat())

@@ -4,7 +4,7 @@ Theory of operation
 -------------------
 FAPs deform a :class:`~fapengine.mesh.face_mesh.FaceMesh` by channels and bones; other programs use blendshapes and
 skins. So the FAPs of each shape are applied to the head and the displacements stored: ARKit's 52 and Oculus' 15
-visemes, jaw and eyeballs included, as in avatars of the usual services. Moving the shapes alone gives the whole face.
+visemes, jaw and eyeballs included, as usual for avatars. Moving the shapes alone gives the whole face.
 
 The joints are additional: ``Head`` on ``Neck``, and on it ``Jaw``, ``LeftEye`` and ``RightEye``. A vertex that turns
 partly with the jaw and partly with the head gets the jaw's weight, the rest of the head's weight, and the remainder for
@@ -34,26 +34,18 @@ JOINTS = ("Neck", "Head", "Jaw", "LeftEye", "RightEye")
 """Names of the joints; all except the neck are children of the head, the head of the neck."""
 PARENTS = (None, NECK, HEAD, HEAD, HEAD)
 BONES = {"head": HEAD, "jaw": JAW, "left eye": LEFT_EYE, "right eye": RIGHT_EYE}
-PARTS: Mapping[str, tuple[Material, ...]] = {
-    "Face": (Material.SKIN, Material.LIP),
-    "Eyes": (Material.EYE, Material.BALL),
-    "Teeth": (Material.TEETH, Material.GUM),
-    "Tongue": (Material.TONGUE,),
-    "Mouth": (Material.MOUTH,),
-    "Hair": (Material.HAIR,),
-    "Brows": (Material.STRAND, Material.LASH),
-    "Clothes": (Material.CLOTH,),
+PARTS: Mapping[str, tuple[float, tuple[Material, ...]]] = {
+    "Face": (0.5, (Material.SKIN, Material.LIP)),
+    "Eyes": (0.08, (Material.EYE, Material.BALL)),
+    "Teeth": (0.25, (Material.TEETH, Material.GUM)),
+    "Tongue": (0.35, (Material.TONGUE,)),
+    "Mouth": (0.6, (Material.MOUTH,)),
+    "Hair": (0.65, (Material.HAIR,)),
+    "Brows": (0.8, (Material.STRAND, Material.LASH)),
+    "Clothes": (0.9, (Material.CLOTH,)),
 }
-ROUGHNESS = {
-    "Face": 0.5,
-    "Eyes": 0.08,
-    "Teeth": 0.25,
-    "Tongue": 0.35,
-    "Mouth": 0.6,
-    "Hair": 0.65,
-    "Brows": 0.8,
-    "Clothes": 0.9,
-}
+"""Roughness and materials of each part."""
+DOUBLE_SIDED = ("Hair", "Brows")
 INSIDE = ("Teeth", "Tongue", "Mouth")
 """Parts with the mouth's ambient occlusion baked into their colours, as other programs do not have it."""
 NEGLIGIBLE_MM, NEGLIGIBLE_TURN = 0.02, 0.01
@@ -90,7 +82,7 @@ class Part:
     triangles: NDArray[np.uint32]
     """(F, 3)."""
     weights: NDArray[np.float32]
-    """(V, 5): share of each of :data:`JOINTS`; each row adds up to 1."""
+    """(V, 5): weight of each of :data:`JOINTS`; each row adds up to 1."""
     shapes: Mapping[str, Shape]
     """Shapes that move this part, by their names."""
     texture: NDArray[np.uint8] | None
@@ -99,15 +91,15 @@ class Part:
 
     def __post_init__(self) -> None:
         count = len(self.vertices)
-        for name, shape in (
-            ("vertices", (count, 3)),
-            ("normals", (count, 3)),
-            ("uv", (count, 2)),
-            ("colours", (count, 3)),
-        ):
-            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, np.float32))
-        object.__setattr__(self, "weights", frozen(self.weights, "weights", (count, len(JOINTS)), np.float32))
+        for name, width in {"vertices": 3, "normals": 3, "uv": 2, "colours": 3, "weights": len(JOINTS)}.items():
+            object.__setattr__(self, name, frozen(getattr(self, name), name, (count, width), np.float32))
         object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.uint32))
+
+    def influences(self) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """Joints and weights, (V, 4) each, of the four joints that move each vertex most; weights add up to 1."""
+        order = np.argsort(-self.weights, axis=1, kind="stable")[:, :4]
+        weights = np.take_along_axis(self.weights, order, axis=1)
+        return order, weights / weights.sum(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,11 +108,17 @@ class Puppet:
 
     parts: tuple[Part, ...]
     joints: Array
-    """(5, 3), m: place of each of :data:`JOINTS`."""
+    """(5, 3), m: position of each of :data:`JOINTS`."""
+
+    def places(self) -> Array:
+        """(5, 3), m: position of each joint relative to its parent."""
+        parents = np.array([np.zeros(3) if parent is None else self.joints[parent] for parent in PARENTS])
+        relative: Array = self.joints - parents
+        return relative
 
 
 def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | None = None) -> Puppet:
-    """Make it from any head, built-in or imported.
+    """Convert a head, built-in or imported.
 
     ``modes_mm`` are further shapes: displacements of the vertices at full weight, (V, 3) each.
     """
@@ -157,15 +155,18 @@ def _shape_faps() -> dict[str, Array]:
 
 def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) -> Part | None:
     """Cut out one part; None if the head has none."""
-    triangles = mesh.triangles[np.isin(mesh.material[mesh.triangles[:, 0]], PARTS[name])]
+    roughness, materials = PARTS[name]
+    triangles = mesh.triangles[np.isin(mesh.material[mesh.triangles[:, 0]], materials)]
     if not len(triangles):
         return None
     used, corners = np.unique(triangles, return_inverse=True)
     colours = mesh.albedo[used].astype(np.float64)
     if name in INSIDE:
         colours *= mesh.occlusion[used, None]
-    texture = None if _has(mesh, used, Material.STRAND) else mesh.texture  # whose places say how wide a hair is
-    if _has(mesh, used, Material.EYE):
+    texture = mesh.texture
+    if Material.STRAND in mesh.material[used]:
+        texture = None  # texture coordinates of strands are their widths
+    elif Material.EYE in mesh.material[used]:
         texture = eye_texture(mesh)
     shapes = {title: Shape(shape.moves[used], shape.turns[used]) for title, shape in moved.items()}
     return Part(
@@ -182,12 +183,8 @@ def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) ->
             if shape.moves.any() or (title == "viseme_sil" and name == "Face")
         },
         texture=texture,
-        roughness=ROUGHNESS[name],
+        roughness=roughness,
     )
-
-
-def _has(mesh: FaceMesh, used: NDArray[np.integer], material: Material) -> bool:
-    return bool((mesh.material[used] == material).any())
 
 
 def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -204,8 +201,8 @@ def _narrowed(mesh: FaceMesh) -> Array:
     pairs = np.flatnonzero(mesh.material == Material.STRAND).reshape(-1, 2)
     middle = vertices[pairs].mean(axis=1, keepdims=True)
     across, half = mesh.uv[pairs].astype(np.float64).transpose(2, 0, 1)
-    share = half / np.maximum(np.abs(across), 1e-6)
-    vertices[pairs] = middle + share[..., None] * (vertices[pairs] - middle)
+    scale = half / np.maximum(np.abs(across), 1e-6)
+    vertices[pairs] = middle + scale[..., None] * (vertices[pairs] - middle)
     return vertices
 
 

@@ -241,10 +241,7 @@ def _licence(gltf: Gltf) -> str:
 def _clips(gltf: Gltf) -> list[dict[str, Any]]:
     clips = []
     for number, clip in enumerate(gltf.root.items("animations")):
-        times = [
-            gltf.accessors[sampler.index("input", len(gltf.accessors))].numbers("max", [0.0])[0]
-            for sampler in clip.items("samplers")
-        ]
+        times = [gltf.row(sampler, "input", "accessors").numbers("max", [0.0])[0] for sampler in clip.items("samplers")]
         name = clip.string("name", f"animation {number}")
         clips.append({"name": name, "seconds": max(times, default=0.0), "channels": len(clip.items("channels"))})
     return clips

@@ -1,12 +1,12 @@
-"""A face's motion as an animation inside somebody's glTF scene, of which nothing else is changed.
+"""A face's motion as an animation in an existing glTF scene; nothing else in the scene changes.
 
 Theory of operation
 -------------------
 Morph targets get weights by their names (:mod:`fapengine.retarget.rig_weights`), one channel for each node that shows
 them. Bones of head and eyes turn about the face's own axes, ``local = parent' turn parent rest``; the jaw's bone turns
-where no shape opens the mouth, the eyes' where no shape turns them. What never leaves its rest gets no channel.
+only if no shape opens the mouth, the eyes' only if no shape turns them. What never moves gets no channel.
 
-A scene's face looks along +z as glTF asks for, along -z in VRM 0.x, and else wherever its eyes say: its left is where
+A scene's face looks along +z as glTF requires, along -z in VRM 0.x, and otherwise as its eyes show: its left is where
 its left eye is.
 """
 
@@ -23,6 +23,7 @@ from fapengine.files.gltf.document import (
     BINARY_CHUNK,
     JSON_CHUNK,
     MAGIC,
+    MESHOPT,
     Fetch,
     Gltf,
     fetch_uri,
@@ -30,15 +31,7 @@ from fapengine.files.gltf.document import (
     split_glb,
 )
 from fapengine.files.gltf.json_cursor import Item
-from fapengine.files.gltf.scene import (
-    carrier,
-    children_of,
-    find_bones,
-    local_transform,
-    subtree,
-    target_names,
-    world_transforms,
-)  # fmt: skip
+from fapengine.files.gltf.scene import carrier, find_bones, local_transform, named_targets, subtree, world_transforms
 from fapengine.files.gltf.vrm import bindings
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
@@ -49,25 +42,20 @@ Array = NDArray[np.float64]
 
 EYES = ("left eye", "right eye")
 MOVED, MOVED_SHARE = 1e-5, 0.2
-"""Motion of an eyeball, in the file's unit and as a share of what its mesh does, from which a shape turns the eye."""
-MEDIA_TYPES = {
-    "jpg": "image/jpeg",
-    "jpeg": "image/jpeg",
-    "png": "image/png",
-    "webp": "image/webp",
-    "ktx2": "image/ktx2",
-}
+"""Least displacement of an eyeball by a shape that turns the eye: in the file's unit, and relative to its mesh's."""
+MEDIA_TYPES = {"jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp", "ktx2": "image/ktx2"}
+"""Media type by a file's ending; others are PNG."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FaceMotion:
-    """What a face does, for any rig."""
+    """Motion of a face, for any rig."""
 
     faps: Array
-    """(T, 68) FAPU, T >= 1, a row a frame."""
+    """(T, 68) FAPU, T >= 1, one row per frame."""
     turns: Mapping[str, Array]
-    """(T, 3, 3) rotations of ``head``, ``jaw``, ``left eye`` and ``right eye``, in the space of the head: x its left,
-    y up, z forward; the head's in the world's."""
+    """(T, 3, 3) rotations of ``jaw``, ``left eye`` and ``right eye`` in head space (x the subject's left, y up, z
+    forward), and of ``head`` in world space."""
     rate_hz: float
     name: str = "face"
     """Title of the animation."""
@@ -75,59 +63,61 @@ class FaceMotion:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """What of a rig a motion moves."""
+    """Parts of a rig that a motion moves."""
 
     shapes: tuple[str, ...]
-    """Names of shapes that leave 0 at some time."""
+    """Names of shapes whose weight is not always 0."""
     bones: tuple[str, ...]
     keys: int
-    """Keys of all curves."""
+    """Number of keys of all curves."""
 
 
 def add_clip(
     data: bytes, fetch: Fetch, motion: FaceMotion, *, keys: str = STRAIGHT, meanings: Meanings | None = None
 ) -> tuple[bytes, Reached]:
-    """Put an animation into a scene.
+    """Add an animation to a scene.
 
     Parameters
     ----------
     data : bytes
         A GLB (also a VRM) or a glTF document.
     fetch : callable
-        Reads files that the document names; of a document that is no GLB they go into the result.
+        Reads files that the document names; those of a document that is not a GLB are embedded in the result.
     motion : FaceMotion
     keys : str
         ``"linear"`` or ``"cubic"``: see :func:`fapengine.models.via_points.key_curve`.
     meanings : mapping, optional
-        What shapes of other names mean.
+        Meaning of shapes with other names.
 
     Returns
     -------
     bytes
-        A GLB. All rows and bytes of a GLB stay; new ones stand behind them.
+        A GLB. Rows and bytes of a GLB keep their places; new ones follow.
     Reached
 
     Raises
     ------
     DataError
-        If it is no glTF, or nothing in it is known to be a face's.
+        If it is not glTF, or contains no shape or bone of a face that is known.
     """
     rig = _Rig.of(parse_gltf(data, fetch, every_extension=False))
     shapes = _shape_weights(rig, motion.faps, meanings)
     turned = _turned_bones(rig, motion, shapes.used)
     if not shapes.by_mesh and not turned:
         raise DataError(
-            "rig: got no shape named as ARKit's, Oculus' or VRM's, and no bone of a head, eye or jaw; expected some,"
-            " or what its shapes mean (mapping=FILE)"
+            "rig: contains no shape named as in ARKit, Oculus or VRM, and no bone of a head, eye or jaw; say what its"
+            " shapes mean (mapping=FILE)"
         )
     writer, others = _opened(data, fetch)
     curves = Curves(writer, motion.rate_hz, keys)
     for node in rig.world:
         if "mesh" in rig.nodes[node]:
-            curves.add_weights(node, shapes.by_mesh.get(rig.mesh_of(rig.nodes[node])))
+            number = rig.gltf.index(rig.nodes[node], "mesh", "meshes")
+            if number in shapes.by_mesh:
+                curves.add(node, "weights", shapes.by_mesh[number])
     for bone, node in turned.items():
-        _take_apart(writer.document["nodes"][node])
-        curves.add_turns(node, rig.local_turns(node, motion.turns[bone]))
+        _decompose(writer.document["nodes"][node])
+        curves.add(node, "rotation", rig.local_turns(node, motion.turns[bone]))
     writer.row("animations", curves.row(motion.name))
     return writer.glb(*others), Reached(shapes.used, tuple(turned), curves.count)
 
@@ -140,31 +130,25 @@ class _Rig:
     nodes: list[Item]
     parents: Mapping[int, int]
     world: dict[int, Array]
-    """World matrix of each node that is shown."""
+    """(4, 4) world matrix of each node that is shown."""
+    children: list[list[int]]
     bones: Mapping[str, int]
 
     @classmethod
     def of(cls, gltf: Gltf) -> "_Rig":
-        nodes = gltf.rows["nodes"]
-        children = children_of(nodes)
-        world = world_transforms(gltf, nodes, children)
+        world, children = world_transforms(gltf)
         parents = {child: node for node, below in enumerate(children) for child in below}
-        return cls(gltf, nodes, parents, world, find_bones(gltf, nodes, world))
-
-    def mesh_of(self, node: Item) -> int:
-        """Find the number of the mesh that a node shows."""
-        return node.index("mesh", len(self.gltf.rows["meshes"]))
+        return cls(gltf, gltf.rows["nodes"], parents, world, children, find_bones(gltf, world))
 
     def local_turns(self, node: int, turns: Array) -> Array:
-        """(T, 4) quaternions x y z w of a node that shows turns of the head's space, (T, 3, 3)."""
+        """(T, 4) quaternions x y z w of a node for rotations in head space, (T, 3, 3)."""
         above = self.world[self.parents[node]][:3, :3] if node in self.parents else np.eye(3)
         outer, rest = _rotation(above), _rotation(local_transform(self.nodes[node])[:3, :3])
         facing = self._facing()
-        matrices = outer.T @ facing @ turns @ facing.T @ outer @ rest
-        return quaternions_of(matrices)
+        return quaternions_of(outer.T @ facing @ turns @ facing.T @ outer @ rest)
 
     def _facing(self) -> Array:
-        """(3, 3): from the head's axes to the scene's, a quarter turn about y or none."""
+        """(3, 3): from head space to scene space, a multiple of a quarter turn about y."""
         left = np.array([-1.0 if "VRM" in self.gltf.root.item("extensions") else 1.0, 0.0, 0.0])
         if all(eye in self.bones for eye in EYES):
             one, other = (self.world[self.bones[eye]][:3, 3] for eye in EYES)
@@ -187,14 +171,14 @@ class _Shapes:
     """Weights of morph targets."""
 
     by_mesh: dict[int, Array]
-    """(T, targets) by the number of a mesh, of meshes with some that move."""
+    """(T, targets) by the index of a mesh, for meshes with a target that moves."""
     used: tuple[str, ...]
 
 
 def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes:
-    """Weights by the meshes' own names if these are ARKit's, or no VRM says more; else by the VRM's expressions."""
+    """Weights by the targets' names if these are ARKit's or the file is not a VRM; else by VRM's expressions."""
     titles = [_titles(rig.gltf, mesh) for mesh in rig.gltf.rows["meshes"]]
-    bound = bindings(rig.gltf, rig.nodes)
+    bound = bindings(rig.gltf)
     looks = not any(eye in rig.bones for eye in EYES)
     by_mesh = {number: np.zeros((len(faps), len(names))) for number, names in enumerate(titles)}
     used: dict[str, None] = {}
@@ -213,26 +197,26 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes
 
 
 def _titles(gltf: Gltf, mesh: Item) -> list[str]:
-    """Names of a mesh's targets, of which all its primitives have the same; of one that moves nothing, none."""
+    """Names of a mesh's targets, which all its primitives share; empty for one that moves nothing."""
     titles: list[str] = []
     for item in mesh.items("primitives"):
-        names, targets = target_names(gltf, mesh, item), item.items("targets")
-        titles += [""] * (len(names) - len(titles))
-        for place, (name, target) in enumerate(zip(names, targets, strict=True)):
+        named = named_targets(gltf, mesh, item)
+        titles += [""] * (len(named) - len(titles))
+        for place, (name, target) in enumerate(named):
             titles[place] = titles[place] or (name if _moves(gltf, target) else "")
     return titles
 
 
 def _moves(gltf: Gltf, target: Item) -> bool:
-    """Tell whether a target moves anything, by the bounds that its accessor states: avatars have empty ones."""
+    """Whether a target moves anything, by the bounds that its accessor states: avatars have empty ones."""
     if "POSITION" not in target:
         return False
-    row = gltf.accessors[target.index("POSITION", len(gltf.accessors))]
+    row = gltf.row(target, "POSITION", "accessors")
     return not ("min" in row and "max" in row) or any((*row.numbers("min", [0.0] * 3), *row.numbers("max", [0.0] * 3)))
 
 
 def _turned_bones(rig: _Rig, motion: FaceMotion, used: tuple[str, ...]) -> dict[str, int]:
-    """Nodes to turn, by their bones."""
+    """Nodes to turn, by bone."""
     left_to_shapes = {"jaw"} if any(plain(name) == "jawopen" or viseme(name) for name in used) else set()
     left_to_shapes |= {bone for bone in EYES if bone in rig.bones and _shapes_turn(rig, rig.bones[bone])}
     return {
@@ -243,40 +227,37 @@ def _turned_bones(rig: _Rig, motion: FaceMotion, used: tuple[str, ...]) -> dict[
 
 
 def _shapes_turn(rig: _Rig, eye: int) -> bool:
-    """Tell whether a shape that looks down moves what hangs on an eye's bone."""
-    below = subtree(eye, children_of(rig.nodes))
+    """Whether a shape that looks down moves what is attached to an eye's bone.
+
+    If that cannot be known (the data are damaged, or compressed and not read here), it does: shapes are more usual.
+    """
+    below = subtree(eye, rig.children)
     for number in rig.world:
         node = rig.nodes[number]
         if "mesh" not in node:
             continue
-        mesh = rig.gltf.rows["meshes"][rig.mesh_of(node)]
+        mesh = rig.gltf.row(node, "mesh", "meshes")
         for primitive in mesh.items("primitives"):
-            targets = zip(target_names(rig.gltf, mesh, primitive), primitive.items("targets"), strict=True)
-            for name, target in targets:
+            for name, target in named_targets(rig.gltf, mesh, primitive):
                 if not plain(name).startswith("eyelookdown") or "POSITION" not in target:
                     continue
                 try:
                     rig.gltf.unpack_draco(primitive)
-                except (DataError, ResourceError):  # damaged, or without DracoPy: shapes are the usual way
+                except (DataError, ResourceError):
                     return True
                 try:
-                    moves = rig.gltf.accessor(target.index("POSITION", len(rig.gltf.accessors)))
-                    share = carrier(rig.gltf, node, primitive.item("attributes"), len(moves), rig.world, number).share(
-                        below
-                    )
-                except (
-                    UnsupportedError,
-                    ResourceError,
-                ):  # packed, and nothing here unpacks it: shapes are the usual way
+                    moves = rig.gltf.numbers(target, "POSITION")
+                    carry = carrier(rig.gltf, number, primitive.item("attributes"), len(moves), rig.world)
+                except (UnsupportedError, ResourceError):
                     return True
                 far = np.linalg.norm(moves, axis=1)
-                if far[share > 0.5].max(initial=0.0) > max(MOVED_SHARE * far.max(initial=0.0), MOVED):
+                if far[carry.share(below) > 0.5].max(initial=0.0) > max(MOVED_SHARE * far.max(initial=0.0), MOVED):
                     return True
     return False
 
 
-def _take_apart(node: Row) -> None:
-    """Give a node translation, rotation and scale in place of a matrix, as one that moves must (glTF 2.0, 3.5.3)."""
+def _decompose(node: Row) -> None:
+    """Replace a node's matrix with translation, rotation and scale, as animation requires (glTF 2.0, 3.5.3)."""
     if "matrix" not in node:
         return
     matrix = np.array(node.pop("matrix")).reshape(4, 4).T
@@ -289,34 +270,31 @@ def _take_apart(node: Row) -> None:
 
 
 def _opened(data: bytes, fetch: Fetch) -> tuple[Writer, list[tuple[int, bytes]]]:
-    """Make a writer of a document as it is, and the chunks that are neither it nor its first buffer."""
-    if data[:4] == MAGIC:
-        chunks = split_glb(data)
-        text = next(content for kind, content in chunks if kind == JSON_CHUNK)
-        binary = next((content for kind, content in chunks if kind == BINARY_CHUNK), b"")
-        document = json.loads(text)
-        if document.get("buffers") and "uri" not in document["buffers"][0]:
-            others = [chunk for chunk in chunks if chunk[0] not in (JSON_CHUNK, BINARY_CHUNK)]
-            return Writer(document, binary[: document["buffers"][0]["byteLength"]]), others
-    else:
-        document = json.loads(data)
-    return Writer(_with_own_buffer(document, fetch)), []
+    """Return a writer of an existing document, and further chunks of its GLB."""
+    if data[:4] != MAGIC:
+        return Writer(_with_own_buffer(json.loads(data), fetch)), []
+    chunks = split_glb(data)
+    first = dict(reversed(chunks))
+    document = json.loads(first[JSON_CHUNK])
+    if not document.get("buffers") or "uri" in document["buffers"][0]:
+        return Writer(_with_own_buffer(document, fetch)), []
+    others = [chunk for chunk in chunks if chunk[0] not in (JSON_CHUNK, BINARY_CHUNK)]
+    return Writer(document, first.get(BINARY_CHUNK, b"")[: document["buffers"][0]["byteLength"]]), others
 
 
 def _with_own_buffer(document: Row, fetch: Fetch) -> Row:
-    """Put an empty buffer in front of a document's others, and the files that it names into it."""
+    """Insert an empty first buffer into a document, and embed the files that it names."""
     for kind, media in (("buffers", "application/octet-stream"), ("images", "")):
         for row in document.get(kind, []):
             uri = row.get("uri", "data:")
             if not uri.startswith("data:"):
-                media_type = (
-                    media or row.get("mimeType") or MEDIA_TYPES.get(uri.rpartition(".")[2].lower(), "image/png")
-                )
+                ending = uri.rpartition(".")[2].lower()
+                media_type = media or row.get("mimeType") or MEDIA_TYPES.get(ending, "image/png")
                 content = base64.b64encode(fetch_uri(uri, fetch, kind)).decode()
                 row["uri"] = f"data:{media_type};base64,{content}"
     for row in document.get("bufferViews", []):
         row["buffer"] += 1
-        compressed = row.get("extensions", {}).get("EXT_meshopt_compression")
+        compressed = row.get("extensions", {}).get(MESHOPT)
         if compressed:
             compressed["buffer"] += 1
     document["buffers"] = [{}, *document.get("buffers", [])]

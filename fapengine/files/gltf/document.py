@@ -1,7 +1,7 @@
-"""glTF 2.0 and GLB as a document and its numbers (Khronos glTF 2.0, sections 3.6, 4.4 and 5).
+"""glTF 2.0 and GLB: the JSON document, its buffers, and accessors as arrays (Khronos glTF 2.0, 3.6, 4.4 and 5).
 
-No maintained Python library gives morph targets as numbers: trimesh leaves them out, pygltflib stops at the JSON. So
-containers, buffers and accessors are read here; what is not understood is refused by name, never guessed around.
+No maintained Python library returns morph targets as arrays: trimesh leaves them out, pygltflib stops at the JSON. So
+containers, buffers and accessors are read here. What is not supported is refused by name.
 """
 
 import base64
@@ -26,43 +26,35 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 KINDS = (
     "accessors", "bufferViews", "images", "materials", "meshes", "nodes", "samplers", "scenes", "skins", "textures",
 )  # fmt: skip
-"""Arrays of a document that are looked up by index."""
+"""Arrays of a document whose rows are referred to by index."""
 MAX_ELEMENTS = 4_000_000
-"""Elements of an accessor; without a buffer view they cost a file nothing."""
+"""Largest count of an accessor; without a buffer view its elements take no bytes in the file."""
 MAX_ELEMENTS_IN_ALL = 32_000_000
-"""Elements that are read, those of an accessor as often as it is used."""
-UNDERSTOOD = (
+"""Largest number of elements read from a document; an accessor counts each time that it is used."""
+SUPPORTED = (
     "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit", "EXT_texture_webp", "KHR_texture_basisu",
     "EXT_meshopt_compression", DRACO, "VRM", "VRMC_vrm",
 )  # fmt: skip
-"""Required extensions that change what is read here and are heeded; textures of Basis Universal are left out."""
+"""Required extensions that are supported; textures of Basis Universal are left out."""
 HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_pointer")
-"""Beginnings of extensions that change nothing that is read here."""
+"""Prefixes of extensions that change nothing that is read here."""
 MESHOPT = "EXT_meshopt_compression"
 
+Array = NDArray[np.float64]
 Fetch = Callable[[str], bytes]
 """Reads a file named in the document, relative to it; raises DataError."""
 
 
 @dataclass(slots=True)
 class Budget:
-    """Count of what has been unpacked, and its bound: a few bytes of a file may ask for any amount.
-
-    Stateful.
-    """
+    """Limit on what is unpacked, as a few bytes of a file may ask for any amount. Stateful."""
 
     what: str
     limit: int
     taken: int = 0
 
     def take(self, count: int, where: str) -> None:
-        """Count what is about to be unpacked.
-
-        Raises
-        ------
-        DataError
-            If it is too much in all.
-        """
+        """Count what is about to be unpacked; raise DataError above the limit."""
         self.taken += count
         if self.taken > self.limit:
             raise DataError(f"{self.what}: got {self.taken} in all, expected at most {self.limit}", where=where)
@@ -79,22 +71,34 @@ class Gltf:
     fetch: Fetch
     _views: dict[int, bytes] = field(default_factory=dict, repr=False)
     _primitives: dict[int, NDArray[np.generic]] = field(default_factory=dict, repr=False)
-    """Numbers of accessors whose primitives were packed by Draco."""
+    """Accessors of primitives that Draco has compressed, decoded, by index."""
     elements: Budget = field(default_factory=lambda: Budget("elements", MAX_ELEMENTS_IN_ALL))
 
-    @property
-    def accessors(self) -> list[Item]:
-        """Rows of numbers."""
-        return self.rows["accessors"]
+    def row(self, item: Item, key: str, kind: str) -> Item:
+        """Row of one of the document's arrays, whose index is under a key of an object."""
+        return self.rows[kind][self.index(item, key, kind)]
 
-    @property
-    def views(self) -> list[Item]:
-        """Rows of bytes."""
-        return self.rows["bufferViews"]
+    def index(self, item: Item, key: str, kind: str) -> int:
+        """Index under a key of an object, which is one of ``rows[kind]``."""
+        return item.index(key, len(self.rows[kind]))
 
-    def accessor(self, index: int) -> NDArray[np.float64]:
-        """(N, components) float64: numbers of an accessor, normalised ones as such, sparse ones filled in."""
-        item = _row(self.accessors, "accessors", index)
+    def numbers(self, item: Item, key: str, shape: tuple[int | None, int | None] = (None, None)) -> Array:
+        """(N, components) float64: values of the accessor under a key; normalised and sparse ones are converted.
+
+        Raises
+        ------
+        DataError
+            If the file contradicts itself, or the values do not have the expected shape; None allows any size.
+        """
+        values = self.accessor(self.index(item, key, "accessors"))
+        if any(expected not in (None, size) for expected, size in zip(shape, values.shape, strict=True)):
+            wanted = ", ".join("any" if size is None else str(size) for size in shape)
+            raise DataError(f"{key}: got shape {values.shape}, expected ({wanted})", where=item.where)
+        return values
+
+    def accessor(self, index: int) -> Array:
+        """(N, components) float64: values of an accessor; normalised and sparse ones are converted."""
+        item = self.rows["accessors"][index]
         count, width, kind = self._shape(item)
         values = np.zeros((count, width), kind)
         if index in self._primitives:
@@ -103,7 +107,7 @@ class Gltf:
             values = self._read(item, count, width, kind)
         if "sparse" in item:
             values = self._with_sparse(item.item("sparse"), values, kind)
-        with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
+        with np.errstate(invalid="ignore"):  # signalling NaNs of a damaged file
             numbers = values.astype(np.float64)
         if item.flag("normalized") and kind != "<f4":
             numbers = np.maximum(numbers / np.iinfo(kind).max, -1.0)
@@ -111,9 +115,10 @@ class Gltf:
             raise DataError(f"got numbers that are not finite, or beyond {MAX_NUMBER:g}", where=item.where)
         return numbers
 
-    def indices(self, index: int, below: int) -> NDArray[np.int64]:
-        """(N,) int64: indices, each less than ``below``."""
-        item = _row(self.accessors, "accessors", index)
+    def indices(self, primitive: Item, below: int) -> NDArray[np.int64]:
+        """(N,) int64: vertex indices of a primitive, each less than ``below``."""
+        index = self.index(primitive, "indices", "accessors")
+        item = self.rows["accessors"][index]
         count, width, kind = self._shape(item)
         if width != 1 or kind not in ("<u1", "<u2", "<u4"):
             raise DataError(
@@ -125,20 +130,21 @@ class Gltf:
             raise DataError(f"indices: got {values.max()}, expected 0..{below - 1}", where=item.where)
         return values
 
-    def view(self, index: int) -> bytes:
-        """Bytes of a buffer view."""
-        item = _row(self.views, "bufferViews", index)
+    def view(self, item: Item) -> bytes:
+        """Bytes of the buffer view of an object."""
+        index = self.index(item, "bufferView", "bufferViews")
+        item = self.rows["bufferViews"][index]
         if MESHOPT in item.item("extensions"):
             return self._unpacked(index, item.item("extensions").item(MESHOPT))
         return self._slice(item)
 
     def unpack_draco(self, primitive: Item) -> None:
-        """Unpack a primitive that Draco has packed; its accessors then give what was in there.
+        """Decode a primitive that Draco has compressed; its accessors then return the decoded values.
 
         Raises
         ------
         DataError
-            If it is damaged, or does not hold what the accessors say.
+            If it is damaged, or does not match the accessors.
         ResourceError
             If DracoPy is not installed.
         """
@@ -147,13 +153,13 @@ class Gltf:
             return
         item, attributes = packed.item(DRACO), primitive.item("attributes")
         names = [name for name in item.item("attributes") if name in attributes]
-        accessors = {name: attributes.index(name, len(self.accessors)) for name in names}
-        corners = primitive.index("indices", len(self.accessors)) if "indices" in primitive else None
+        accessors = {name: self.index(attributes, name, "accessors") for name in names}
+        corners = self.index(primitive, "indices", "accessors") if "indices" in primitive else None
         if all(index in self._primitives for index in [*accessors.values(), *([] if corners is None else [corners])]):
             return
         for index in accessors.values():
-            self._shape(self.accessors[index])  # which bounds what may be asked for
-        data = self.view(item.index("bufferView", len(self.views)))
+            self._shape(self.rows["accessors"][index])  # counts the elements
+        data = self.view(item)
         wanted = {name: item.item("attributes").index(name, 1 << 16) for name in names}
         numbers, triangles = decode_draco(data, wanted, item.where)
         for name, index in accessors.items():
@@ -162,7 +168,7 @@ class Gltf:
             self._keep(corners, triangles[:, None])
 
     def _keep(self, index: int, values: NDArray[np.generic]) -> None:
-        item = self.accessors[index]
+        item = self.rows["accessors"][index]
         count, width, kind = self._shape(item)
         if values.shape != (count, width):
             raise DataError(f"Draco: got shape {values.shape}, expected {(count, width)}", where=item.where)
@@ -170,7 +176,7 @@ class Gltf:
             self._primitives[index] = values.astype(kind)
 
     def _unpacked(self, index: int, item: Item) -> bytes:
-        """Bytes of a view that meshoptimizer has packed, unpacked once."""
+        """Bytes of a view that meshoptimizer has compressed; decoded once."""
         if index not in self._views:
             count, stride = item.index("count", MAX_ELEMENTS), item.index("byteStride", 1 << 16)
             self.elements.take(count, item.where)
@@ -202,11 +208,9 @@ class Gltf:
 
     def _read(self, item: Item, count: int, width: int, kind: str) -> NDArray[np.generic]:
         """Elements of a buffer view, which may be interleaved with others."""
-        data = self.view(item.index("bufferView", len(self.views)))
-        row = self.views[item.index("bufferView", len(self.views))]
+        data, row = self.view(item), self.row(item, "bufferView", "bufferViews")
         size = np.dtype(kind).itemsize
-        stride = row.index("byteStride", 1 << 16, 0) if "byteStride" in row else 0
-        stride = stride or size * width
+        stride = (row.index("byteStride", 1 << 16) if "byteStride" in row else 0) or size * width
         first = item.index("byteOffset", 1 << 40, 0)
         if stride < size * width:
             raise row.fail("byteStride", f"at least {size * width}")
@@ -242,16 +246,16 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     fetch : callable
         Reads the files that it names.
     every_extension : bool
-        Whether all that it requires must be understood.
+        Whether all extensions that it requires must be supported.
 
     Raises
     ------
     TruncatedError
         If bytes are missing.
     UnsupportedError
-        If the document requires an extension that is not understood.
+        If the document requires an extension that is not supported.
     DataError
-        If it is neither, or does not say what glTF 2.0 asks for; ``where`` is the place in the document.
+        If it is not valid glTF 2.0; ``where`` is the place in the document.
     """
     text, binary = _unpack(data) if data[:4] == MAGIC else (data, b"")
     root = parse_json(text, "glTF")
@@ -259,12 +263,12 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     if not version.startswith(f"{VERSION}."):
         raise DataError(f"asset.version: got {version!r}, expected {VERSION}.x", where="asset")
     for name in root.strings("extensionsRequired") if every_extension else ():
-        if name not in UNDERSTOOD and not name.startswith(HARMLESS):
-            raise UnsupportedError(f"extension: got {name}, which is not understood here", where="extensionsRequired")
+        if name not in SUPPORTED and not name.startswith(HARMLESS):
+            raise UnsupportedError(f"extension: got {name}, which is not supported", where="extensionsRequired")
     buffers = []
     for number, item in enumerate(root.items("buffers")):
-        if "uri" not in item and item.item("extensions").item("EXT_meshopt_compression").flag("fallback"):
-            buffers.append(b"")  # of which no byte is there: its views say where the compressed ones are
+        if "uri" not in item and item.item("extensions").item(MESHOPT).flag("fallback"):
+            buffers.append(b"")  # a placeholder: its views refer to compressed bytes elsewhere
             continue
         content = fetch_uri(item.string("uri"), fetch, item.where) if "uri" in item or number else binary
         length = item.index("byteLength", 1 << 40)
@@ -275,26 +279,20 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
 
 
 def text_of_gltf(data: bytes) -> bytes:
-    """JSON of a GLB or a glTF document.
+    """JSON chunk of a GLB, or a glTF document itself.
 
     Raises
     ------
     TruncatedError
         If bytes are missing.
     DataError
-        If it is a GLB without any.
+        If it is a GLB without one.
     """
     return _unpack(data)[0] if data[:4] == MAGIC else data
 
 
-def _row(rows: list[Item], kind: str, index: int) -> Item:
-    if not 0 <= index < len(rows):
-        raise DataError(f"got {kind}[{index}], expected an index 0..{len(rows) - 1}", where=kind)
-    return rows[index]
-
-
 def fetch_uri(uri: str, fetch: Fetch, where: str) -> bytes:
-    """Content of a ``data:`` URI or of a file beside the document."""
+    """Content of a ``data:`` URI, or of a file relative to the document."""
     if not uri.startswith("data:"):
         return fetch(unquote(uri))
     head, comma, body = uri.partition(",")
@@ -307,14 +305,14 @@ def fetch_uri(uri: str, fetch: Fetch, where: str) -> bytes:
 
 
 def split_glb(data: bytes) -> list[tuple[int, bytes]]:
-    """Chunks of a GLB, each with its kind, in their order.
+    """Chunks of a GLB in their order: kind and content of each.
 
     Raises
     ------
     TruncatedError
         If bytes are missing.
     DataError
-        If it is none.
+        If it is not GLB 2.
     """
     if len(data) < HEADER:
         raise TruncatedError(f"GLB: got {len(data)} bytes, expected a header of {HEADER}")
@@ -336,8 +334,8 @@ def split_glb(data: bytes) -> list[tuple[int, bytes]]:
 
 
 def _unpack(data: bytes) -> tuple[bytes, bytes]:
-    """Text and binary chunk of a GLB."""
-    chunks = dict(reversed(split_glb(data)))  # of two of one kind the first counts
+    """JSON and binary chunk of a GLB."""
+    chunks = dict(reversed(split_glb(data)))  # the first one of a kind counts
     if JSON_CHUNK not in chunks:
-        raise DataError("GLB: got no JSON chunk, expected one", where=f"byte {HEADER}")
+        raise DataError("GLB: contains no JSON chunk", where=f"byte {HEADER}")
     return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK, b"")

@@ -1,4 +1,4 @@
-"""A head as a GLB: meshes with morph targets, a skin, textures, and whose work it is."""
+"""A head as a GLB: meshes with morph targets, a skin, textures, and its licence."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
 from fapengine.files.pictures import format_png
-from fapengine.retarget.puppet import HEAD, JOINTS, NECK, PARENTS, Part, Puppet
+from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, NECK, PARENTS, Part, Puppet
 
 GENERATOR = "fapengine"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShapeClip:
-    """What a head's shapes and its head do, for an animation inside its file."""
+    """Animation of a head within its file: weights of its shapes, and motion of the whole head."""
 
     weights: Mapping[str, NDArray[np.float64]]
-    """(T,) by the name of a shape."""
+    """(T,) weights by the name of a shape."""
     head: NDArray[np.float64]
-    """(T, 4, 4): rest to moved, in m."""
+    """(T, 4, 4): motion from rest, in m."""
     rate_hz: float
     name: str
     keys: str
@@ -30,19 +30,13 @@ class ShapeClip:
 
 
 def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | None = None) -> bytes:
-    """Write a head, and an animation of it, if any; what licence it is under stands in ``asset``.
+    """Write a head, optionally with an animation, as GLB; ``asset`` states source and licence.
 
-    Joints hang on each other as :data:`fapengine.retarget.puppet.JOINTS` tells; each part is a skinned mesh with the
-    shapes that move it.
+    The joints are :data:`fapengine.retarget.puppet.JOINTS`; each part is a skinned mesh with the shapes that move it.
     """
-    copyright_line = f"{source}; {licence}"
-    writer = Writer({
-        "asset": {
-            "version": "2.0", "generator": GENERATOR, "copyright": copyright_line, "extras": {"license": licence},
-        },
-        "scene": 0,
-        "scenes": [{"nodes": []}],
-    })  # fmt: skip
+    asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": f"{source}; {licence}"}
+    asset["extras"] = {"license": licence}
+    writer = Writer({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]})
     shown = writer.document["scenes"][0]["nodes"]
     skin = _add_skin(writer, puppet, shown)
     nodes = [
@@ -55,24 +49,23 @@ def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | 
 
 
 def _add_clip(writer: Writer, puppet: Puppet, nodes: list[int], clip: ShapeClip) -> None:
-    """Add the curves of shapes' weights, and of the head's joint, which are the first nodes."""
+    """Add the curves of the shapes' weights and of the head's joint; joints are the first nodes."""
     curves = Curves(writer, clip.rate_hz, clip.keys)
     still = np.zeros(len(clip.head))
     for node, part in zip(nodes, puppet.parts, strict=True):
         if any(name in clip.weights for name in part.shapes):
-            curves.add_weights(node, np.stack([clip.weights.get(name, still) for name in part.shapes], axis=1))
+            weights = np.stack([clip.weights.get(name, still) for name in part.shapes], axis=1)
+            curves.add(node, "weights", weights)
     turns = clip.head[:, :3, :3]
     if (clip.head != np.eye(4)).any():
-        curves.add_turns(HEAD, quaternions_of(turns))
-        places = turns @ puppet.joints[HEAD] + clip.head[:, :3, 3] - puppet.joints[NECK]
-        curves.add_places(HEAD, places)
+        curves.add(HEAD, "rotation", quaternions_of(turns))
+        curves.add(HEAD, "translation", turns @ puppet.joints[HEAD] + clip.head[:, :3, 3] - puppet.joints[NECK])
     writer.row("animations", curves.row(clip.name))
 
 
 def _add_skin(writer: Writer, puppet: Puppet, shown: list[int]) -> int:
-    for joint, (name, parent) in enumerate(zip(JOINTS, PARENTS, strict=True)):
-        origin = puppet.joints[parent] if parent is not None else np.zeros(3)
-        node: Row = {"name": name, "translation": (puppet.joints[joint] - origin).tolist()}
+    for joint, (name, place) in enumerate(zip(JOINTS, puppet.places(), strict=True)):
+        node: Row = {"name": name, "translation": place.tolist()}
         below = [child for child, above in enumerate(PARENTS) if above == joint]
         writer.row("nodes", node | ({"children": below} if below else {}))
     shown.append(0)
@@ -83,9 +76,7 @@ def _add_skin(writer: Writer, puppet: Puppet, shown: list[int]) -> int:
 
 
 def _add_mesh(writer: Writer, part: Part) -> int:
-    order = np.argsort(-part.weights, axis=1, kind="stable")[:, :4]
-    weights = np.take_along_axis(part.weights, order, axis=1)
-    weights = weights / weights.sum(axis=1, keepdims=True)
+    order, weights = part.influences()
     attributes = {
         "POSITION": writer.accessor(part.vertices, target=VERTICES, bounds=True),
         "NORMAL": writer.accessor(part.normals, target=VERTICES),
@@ -95,12 +86,10 @@ def _add_mesh(writer: Writer, part: Part) -> int:
     }
     if part.texture is not None:
         attributes["TEXCOORD_0"] = writer.accessor(part.uv, target=VERTICES)
-    indices = part.triangles.ravel()
+    indices = part.triangles.ravel().astype(np.uint16 if len(part.vertices) < 1 << 16 else np.uint32)
     primitive: Row = {
         "attributes": attributes,
-        "indices": writer.accessor(
-            indices.astype(np.uint16 if len(part.vertices) < 1 << 16 else np.uint32), target=INDICES
-        ),
+        "indices": writer.accessor(indices, target=INDICES),
         "material": _add_material(writer, part),
     }
     mesh: Row = {"name": part.name, "primitives": [primitive]}
@@ -120,14 +109,14 @@ def _add_material(writer: Writer, part: Part) -> int:
         surface["baseColorTexture"] = {"index": _add_texture(writer, part.texture)}
         if part.texture.shape[2] == 4:
             material["alphaMode"] = "MASK"
-    if part.name in ("Hair", "Brows"):
+    if part.name in DOUBLE_SIDED:
         material["doubleSided"] = True
     return writer.row("materials", material)
 
 
 def _add_texture(writer: Writer, texture: NDArray[np.uint8]) -> int:
     data = format_png(texture)
-    for number, row in enumerate(writer.document.get("images", [])):  # parts share the head's painting
+    for number, row in enumerate(writer.document.get("images", [])):  # parts share the head's texture
         view = writer.document["bufferViews"][row["bufferView"]]
         if writer.binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]] == data:
             return number

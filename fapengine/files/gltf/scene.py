@@ -1,8 +1,7 @@
 """The scene of a glTF or VRM file as one mesh with blendshapes: nodes, skins in rest pose, morph targets, colours.
 
-Vertices are given in the scene's space: through the transforms of their node, or, where they are skinned, of their
-joints (glTF 2.0, 3.7.3: the node's own transform then counts nothing). Morph targets of one name in several meshes
-are one blendshape.
+Vertices are in scene space: transformed by their node or, where they are skinned, by their joints (glTF 2.0, 3.7.3: the
+node's own transform is then ignored). Morph targets of several meshes with the same name form one blendshape.
 """
 
 from collections import deque
@@ -15,7 +14,7 @@ from fapengine.errors import DataError
 from fapengine.files.gltf.document import Gltf
 from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item
 from fapengine.files.gltf.textures import Atlas, Look
-from fapengine.files.gltf.vrm import Binding, bindings, humanoid
+from fapengine.files.gltf.vrm import bindings, humanoid
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 
 Array = NDArray[np.float64]
@@ -23,22 +22,19 @@ Indices = NDArray[np.int64]
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 MAX_VERTICES = 2_000_000
-"""Vertices of the scene; a mesh counts once for each node that shows it. Each takes some 500 bytes on its way."""
+"""Vertices of the scene; a mesh counts once for each node that shows it. Each takes about 500 bytes of memory."""
 MIN_MOTION_SHARE = 1e-7
-"""Motion of a vertex by a morph target, as a share of the mesh's size, that is more than rounding."""
+"""Displacement by a morph target, as a fraction of the mesh's size, that is more than rounding."""
 JOINT_NAMES = {
     "head": "head", "jaw": "jaw", "lefteye": "left eye", "eyeleft": "left eye", "eyel": "left eye", "leye": "left eye",
     "righteye": "right eye", "eyeright": "right eye", "eyer": "right eye", "reye": "right eye",
 }  # fmt: skip
-"""Bone of a rig by the name of its joint: letters and digits alone, behind prefixes such as ``mixamorig:``."""
+"""Bone of a rig by the name of its joint: letters and digits only, after prefixes such as ``mixamorig:``."""
 
 
 @dataclass(slots=True)
 class _Parts:
-    """Vertices of a scene, mesh by mesh.
-
-    Stateful.
-    """
+    """Vertices of a scene, mesh by mesh. Stateful."""
 
     count: int = 0
     vertices: list[Array] = field(default_factory=list)
@@ -49,14 +45,14 @@ class _Parts:
     surfaces: list[str] = field(default_factory=list)
     looks: list[Look] = field(default_factory=list)
     moves: dict[tuple[int, int], list[tuple[Indices, Array]]] = field(default_factory=dict)
-    """Displacements by the numbers of mesh and morph target."""
+    """Vertices and displacements, by the indices of mesh and morph target."""
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     bones: dict[str, list[tuple[Indices, Array]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
 def read_scene(gltf: Gltf) -> BlendshapeMesh:
-    """Join all that the scene shows.
+    """Join everything that the scene shows.
 
     Raises
     ------
@@ -64,22 +60,21 @@ def read_scene(gltf: Gltf) -> BlendshapeMesh:
         If the document contradicts itself, or shows no triangle.
     """
     nodes = gltf.rows["nodes"]
-    children = children_of(nodes)
-    world = world_transforms(gltf, nodes, children)
-    bones = find_bones(gltf, nodes, world)
+    world, children = world_transforms(gltf)
+    bones = find_bones(gltf, world)
     below = {name: subtree(node, children) for name, node in bones.items()}
     parts, atlas = _Parts(), Atlas(gltf)
     for node in world:
         if "mesh" in nodes[node]:
-            _add_mesh(gltf, nodes, node, world, below, parts, atlas)
+            _add_mesh(gltf, node, world, below, parts, atlas)
     if not parts.count or not sum(map(len, parts.triangles)):
-        raise DataError("scene: got no triangle, expected a face", where="scenes")
+        raise DataError("scene: contains no triangle", where="scenes")
     texture, uv = atlas.build(parts.looks, parts.uv)
     joints = {name: world[node][:3, 3] for name, node in bones.items()}
     return BlendshapeMesh(
         vertices=np.concatenate(parts.vertices),
         triangles=np.concatenate(parts.triangles),
-        blendshapes=_blendshapes(gltf, parts, bindings(gltf, nodes)),
+        blendshapes=_blendshapes(gltf, parts),
         uv=uv,
         texture=texture,
         albedo=np.concatenate(parts.albedo),
@@ -90,25 +85,20 @@ def read_scene(gltf: Gltf) -> BlendshapeMesh:
     )
 
 
-def children_of(nodes: list[Item]) -> list[list[int]]:
-    """Children of each node."""
-    return [node.indices("children", len(nodes)) for node in nodes]
-
-
-def world_transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -> dict[int, Array]:
-    """(4, 4) world matrix of each node that the scene shows."""
+def world_transforms(gltf: Gltf) -> tuple[dict[int, Array], list[list[int]]]:
+    """(4, 4) world matrix of each node that the scene shows, and the children of every node."""
+    nodes = gltf.rows["nodes"]
+    children = [node.indices("children", len(nodes)) for node in nodes]
     parents: dict[int, int] = {}
     for parent, below in enumerate(children):
         for child in below:
             if child in parents or child == parent:
                 raise DataError(f"node {child}: got two parents, expected one", where=nodes[parent].where)
             parents[child] = parent
-    scenes = gltf.rows["scenes"]
-    if scenes:
-        scene = scenes[gltf.root.index("scene", len(scenes), 0)]
-        waiting = deque((node, np.eye(4)) for node in scene.indices("nodes", len(nodes)))
-    else:
-        waiting = deque((node, np.eye(4)) for node in range(len(nodes)) if node not in parents)
+    roots = [node for node in range(len(nodes)) if node not in parents]
+    if scenes := gltf.rows["scenes"]:
+        roots = scenes[gltf.root.index("scene", len(scenes), 0)].indices("nodes", len(nodes))
+    waiting = deque((node, np.eye(4)) for node in roots)
     world: dict[int, Array] = {}
     while waiting:
         node, above = waiting.popleft()
@@ -119,44 +109,38 @@ def world_transforms(gltf: Gltf, nodes: list[Item], children: list[list[int]]) -
         if not (np.abs(world[node]) < MAX_NUMBER).all():
             raise DataError(f"node {node}: got a transform beyond {MAX_NUMBER:g} in all", where=nodes[node].where)
         waiting += [(child, world[node]) for child in children[node]]
-    return world
+    return world, children
 
 
 def local_transform(node: Item) -> Array:
-    """(4, 4): a node in its parent's space."""
+    """(4, 4): transform of a node to its parent's space."""
     if "matrix" in node:
         return np.array(node.numbers("matrix", [0.0] * 16)).reshape(4, 4).T
-    x, y, z, w = np.array(node.numbers("rotation", [0.0, 0.0, 0.0, 1.0]))
-    size = x * x + y * y + z * z + w * w
-    if not size > 0:
+    from scipy.spatial.transform import Rotation
+
+    quaternion = np.array(node.numbers("rotation", [0.0, 0.0, 0.0, 1.0]))
+    if not quaternion.any():
         raise node.fail("rotation", "a quaternion that is not 0")
-    s = 2.0 / size
-    turn = np.array(
-        [
-            [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-            [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-            [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-        ]
-    )
     matrix = np.eye(4)
+    turn = Rotation.from_quat(quaternion / np.abs(quaternion).max()).as_matrix()
     matrix[:3, :3] = turn * node.numbers("scale", [1.0] * 3)
     matrix[:3, 3] = node.numbers("translation", [0.0] * 3)
     return matrix
 
 
-def find_bones(gltf: Gltf, nodes: list[Item], world: dict[int, Array]) -> dict[str, int]:
-    """Joints named by VRM's humanoid, else by themselves, among the nodes shown: those with a (4, 4) matrix."""
-    joints = humanoid(gltf, len(nodes))
+def find_bones(gltf: Gltf, world: dict[int, Array]) -> dict[str, int]:
+    """Node of each bone of the face that is shown, by VRM's humanoid, else by the node's name."""
+    nodes, joints = gltf.rows["nodes"], humanoid(gltf)
     for node in world:
         name = nodes[node].string("name", "").rpartition(":")[2]
-        bone = JOINT_NAMES.get("".join(letter for letter in name.lower() if letter.isalnum()))
+        bone = JOINT_NAMES.get("".join(character for character in name.lower() if character.isalnum()))
         if bone and bone not in joints and "mesh" not in nodes[node]:
             joints[bone] = node
     return {bone: node for bone, node in joints.items() if node in world}
 
 
 def subtree(root: int, children: list[list[int]]) -> set[int]:
-    """Find a node and all below it."""
+    """Find a node and all its descendants."""
     inside, waiting = {root}, [root]
     while waiting:
         below = [child for child in children[waiting.pop()] if child not in inside]
@@ -166,31 +150,28 @@ def subtree(root: int, children: list[list[int]]) -> set[int]:
 
 
 def _add_mesh(
-    gltf: Gltf, nodes: list[Item], node: int, world: dict[int, Array], below: dict[str, set[int]], parts: _Parts,
-    atlas: Atlas,
-) -> None:  # fmt: skip
-    meshes = gltf.rows["meshes"]
-    number = nodes[node].index("mesh", len(meshes))
-    mesh = meshes[number]
+    gltf: Gltf, node: int, world: dict[int, Array], below: dict[str, set[int]], parts: _Parts, atlas: Atlas
+) -> None:
+    shown = gltf.rows["nodes"][node]
+    number = gltf.index(shown, "mesh", "meshes")
+    mesh = gltf.rows["meshes"][number]
     for item in mesh.items("primitives"):
         mode = item.index("mode", 7, TRIANGLES)
         if mode < TRIANGLES:
             continue  # points and lines
         gltf.unpack_draco(item)
         attributes = item.item("attributes")
-        local = gltf.accessor(attributes.index("POSITION", len(gltf.accessors)))
-        if local.shape[1] != 3:
-            raise DataError(f"POSITION: got {local.shape[1]} components, expected 3", where=item.where)
+        local = gltf.numbers(attributes, "POSITION", (None, 3))
         if parts.count + len(local) > MAX_VERTICES:
             raise DataError(
                 f"vertices: got {parts.count + len(local)} in all, expected at most {MAX_VERTICES}", where=item.where
             )
-        titles = (nodes[node].string("name", ""), mesh.string("name", ""))
+        titles = (shown.string("name", ""), mesh.string("name", ""))
         look = atlas.material(item)
         if look.hidden:
             parts.notes.append(f"{' / '.join(filter(None, (*titles, look.name)))}: left out, as it is translucent")
             continue
-        carry = carrier(gltf, nodes[node], attributes, len(local), world, node)
+        carry = carrier(gltf, node, attributes, len(local), world)
         placed = np.einsum("vij,vj->vi", carry.matrix[:, :3, :3], local) + carry.matrix[:, :3, 3]
         first = parts.count + np.arange(len(local))
         _add_look(gltf, attributes, look, titles, len(local), parts)
@@ -200,81 +181,67 @@ def _add_mesh(
         for name, inside in below.items():
             parts.bones.setdefault(name, []).append((first, carry.share(inside)))
         size = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(local, axis=0))) if len(local) else 0.0
-        for target, (name, attribute) in enumerate(
-            zip(target_names(gltf, mesh, item), item.items("targets"), strict=True)
-        ):
-            _add_target(gltf, attribute, size, (number, target), first, carry.matrix, parts)
+        for target, (name, attribute) in enumerate(named_targets(gltf, mesh, item)):
             parts.names.setdefault((number, target), name)
+            if "POSITION" not in attribute:
+                continue
+            moves = gltf.numbers(attribute, "POSITION", local.shape)
+            kept = np.flatnonzero(np.abs(moves).max(axis=1, initial=0.0) > size)
+            turned = np.einsum("vij,vj->vi", carry.matrix[kept, :3, :3], moves[kept])
+            parts.moves.setdefault((number, target), []).append((first[kept], turned))
 
 
-def target_names(gltf: Gltf, mesh: Item, primitive: Item) -> list[str]:
-    """Names of a primitive's morph targets, as its mesh or it gives them."""
+def named_targets(gltf: Gltf, mesh: Item, primitive: Item) -> list[tuple[str, Item]]:
+    """Morph targets of a primitive and their names, which the primitive, its mesh or their accessors state."""
     given = primitive.extras().strings("targetNames") or mesh.extras().strings("targetNames")
-    return [
-        given[target] if target < len(given) else _title(gltf, attribute, target)
-        for target, attribute in enumerate(primitive.items("targets"))
-    ]
-
-
-def _title(gltf: Gltf, attribute: Item, target: int) -> str:
-    """Name of a target without one: some exporters give it to its accessor."""
-    if "POSITION" in attribute:
-        name = gltf.accessors[attribute.index("POSITION", len(gltf.accessors))].string("name", "")
-        if name:
-            return name
-    return f"target {target}"
-
-
-def _add_target(
-    gltf: Gltf, attribute: Item, size: float, key: tuple[int, int], first: Indices, matrix: Array, parts: _Parts
-) -> None:
-    if "POSITION" not in attribute:
-        return
-    moves = gltf.accessor(attribute.index("POSITION", len(gltf.accessors)))
-    if moves.shape != (len(first), 3):
-        raise DataError(f"target: got shape {moves.shape}, expected {(len(first), 3)}", where=attribute.where)
-    kept = np.flatnonzero(np.abs(moves).max(axis=1, initial=0.0) > size)
-    turned = np.einsum("vij,vj->vi", matrix[kept, :3, :3], moves[kept])
-    parts.moves.setdefault(key, []).append((first[kept], turned))
+    named = []
+    for number, target in enumerate(primitive.items("targets")):
+        if number < len(given):
+            name = given[number]
+        else:  # some exporters name the accessor
+            row = gltf.row(target, "POSITION", "accessors") if "POSITION" in target else Item({}, "")
+            name = row.string("name", "") or f"target {number}"
+        named.append((name, target))
+    return named
 
 
 @dataclass(frozen=True, slots=True)
 class Carrier:
-    """What takes each vertex to the scene."""
+    """Transform of each vertex to scene space."""
 
     matrix: Array
     """(V, 4, 4)."""
     joints: Indices
-    """(V, J): nodes."""
+    """(V, J): nodes that move each vertex."""
     weights: Array
-    """(V, J)."""
+    """(V, J): weights of these nodes."""
 
     @property
     def mirrored(self) -> bool:
-        """Whether triangles turn over."""
+        """Whether it reverses the orientation of triangles."""
         return bool(len(self.matrix)) and float(np.linalg.det(self.matrix[:, :3, :3].mean(axis=0))) < 0
 
     def share(self, nodes: set[int]) -> Array:
-        """(V,): how much goes with these nodes."""
+        """(V,): total weight of some nodes."""
         return np.asarray((self.weights * np.isin(self.joints, list(nodes))).sum(axis=1))
 
 
-def carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[int, Array], number: int) -> Carrier:
-    """Find what takes the (V,) vertices of a node's mesh to the scene: the node, or its skin's joints."""
+def carrier(gltf: Gltf, number: int, attributes: Item, count: int, world: dict[int, Array]) -> Carrier:
+    """Find the transforms of ``count`` vertices of a node's mesh: the node's own, or those of its skin's joints."""
+    node = gltf.rows["nodes"][number]
     if "skin" not in node or "JOINTS_0" not in attributes:
         still = np.broadcast_to(world[number], (count, 4, 4))
         return Carrier(still, np.full((count, 1), number), np.ones((count, 1)))
-    skins = gltf.rows["skins"]
-    skin = skins[node.index("skin", len(skins))]
+    skin = gltf.row(node, "skin", "skins")
     bones = skin.indices("joints", len(gltf.rows["nodes"]))
     lost = [bone for bone in bones if bone not in world]
     if lost or not bones:
         raise DataError(f"joints: got {lost[:1] or 'none'}, expected nodes of the scene", where=skin.where)
     bind = np.broadcast_to(np.eye(4), (len(bones), 4, 4))
     if "inverseBindMatrices" in skin:
-        given = gltf.accessor(skin.index("inverseBindMatrices", len(gltf.accessors)))
-        if given.shape[1] != 16 or len(given) < len(bones):
-            raise DataError(f"inverseBindMatrices: got {given.shape}, expected ({len(bones)}, 16)", where=skin.where)
+        given = gltf.numbers(skin, "inverseBindMatrices", (None, 16))
+        if len(given) < len(bones):
+            raise DataError(f"inverseBindMatrices: got {len(given)}, expected {len(bones)}", where=skin.where)
         bind = given[: len(bones)].reshape(-1, 4, 4).transpose(0, 2, 1)
     matrices = np.stack([world[bone] for bone in bones]) @ bind
     joints, weights = _influences(gltf, attributes, count)
@@ -282,10 +249,10 @@ def carrier(gltf: Gltf, node: Item, attributes: Item, count: int, world: dict[in
         raise DataError(f"JOINTS: got {joints.max()}, expected 0..{len(bones) - 1}", where=attributes.where)
     total = weights.sum(axis=1, keepdims=True)
     if (weights < 0).any() or (total <= 0).any():
-        raise DataError("WEIGHTS: got a vertex that hangs on nothing", where=attributes.where)
+        raise DataError("WEIGHTS: got a vertex with negative weights or none", where=attributes.where)
     weights = weights / total
     matrix = np.zeros((count, 4, 4))
-    for joint, weight in zip(joints.T, weights.T, strict=True):  # one after the other: all at once fill the memory
+    for joint, weight in zip(joints.T, weights.T, strict=True):  # one by one, to save memory
         matrix += weight[:, None, None] * matrices[joint]
     return Carrier(matrix, np.array(bones)[joints], weights)
 
@@ -295,51 +262,38 @@ def _influences(gltf: Gltf, attributes: Item, count: int) -> tuple[Indices, Arra
     for index in range(4):
         if f"JOINTS_{index}" not in attributes:
             break
-        joints.append(gltf.accessor(attributes.index(f"JOINTS_{index}", len(gltf.accessors))))
-        weights.append(gltf.accessor(attributes.index(f"WEIGHTS_{index}", len(gltf.accessors))))
-        if joints[-1].shape != (count, 4) or weights[-1].shape != (count, 4):
-            raise DataError(
-                f"JOINTS_{index}, WEIGHTS_{index}: got shapes {joints[-1].shape}, {weights[-1].shape},"
-                f" expected {(count, 4)} twice",
-                where=attributes.where,
-            )
+        joints.append(gltf.numbers(attributes, f"JOINTS_{index}", (count, 4)))
+        weights.append(gltf.numbers(attributes, f"WEIGHTS_{index}", (count, 4)))
     together = np.concatenate(joints, axis=1)
     if (together < 0).any() or (together != np.round(together)).any():
-        raise DataError("JOINTS: got numbers that are no indices", where=attributes.where)
+        raise DataError("JOINTS: got numbers that are not indices", where=attributes.where)
     return together.astype(np.int64), np.concatenate(weights, axis=1)
 
 
 def _triangles(gltf: Gltf, item: Item, mode: int, count: int, mirrored: bool) -> Indices:
-    order = np.arange(count)
-    if "indices" in item:
-        order = gltf.indices(item.index("indices", len(gltf.accessors)), count)
+    order = gltf.indices(item, count) if "indices" in item else np.arange(count)
     if mode == TRIANGLES:
         corners = order[: len(order) // 3 * 3].reshape(-1, 3)
     elif mode == STRIP:
         corners = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
         corners[1::2] = corners[1::2, ::-1]
     else:
-        corners = np.stack(
-            [np.full(max(len(order) - 2, 0), order[0] if len(order) else 0), order[1:-1], order[2:]], axis=1
-        )
-    corners = corners[
-        (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 0] != corners[:, 2])
-    ]
+        corners = np.stack([np.broadcast_to(order[:1], order[2:].shape), order[1:-1], order[2:]], axis=1)
+    first, second, third = corners.T
+    corners = corners[(first != second) & (second != third) & (first != third)]
     return np.ascontiguousarray(corners[:, ::-1] if mirrored else corners)
 
 
 def _add_look(gltf: Gltf, attributes: Item, look: Look, titles: tuple[str, str], count: int, parts: _Parts) -> None:
     colour = np.tile(np.array(look.factor), (count, 1))
     if "COLOR_0" in attributes:
-        given = gltf.accessor(attributes.index("COLOR_0", len(gltf.accessors)))
+        given = gltf.numbers(attributes, "COLOR_0")
         if given.shape[0] != count or given.shape[1] < 3:
             raise DataError(f"COLOR_0: got shape {given.shape}, expected ({count}, 3 or 4)", where=attributes.where)
         colour = colour * given[:, :3]
     uv = np.zeros((count, 2))
     if look.image is not None and f"TEXCOORD_{look.channel}" in attributes:
-        uv = gltf.accessor(attributes.index(f"TEXCOORD_{look.channel}", len(gltf.accessors)))
-        if uv.shape != (count, 2):
-            raise DataError(f"TEXCOORD: got shape {uv.shape}, expected {(count, 2)}", where=attributes.where)
+        uv = gltf.numbers(attributes, f"TEXCOORD_{look.channel}", (count, 2))
     parts.albedo.append(np.clip(colour, 0.0, 1.0))
     parts.uv.append(look.place(uv))
     parts.surface.append(np.full(count, len(parts.surfaces)))
@@ -347,12 +301,12 @@ def _add_look(gltf: Gltf, attributes: Item, look: Look, titles: tuple[str, str],
     parts.surfaces.append(" / ".join(dict.fromkeys(filter(None, (*titles, look.name)))))
 
 
-def _blendshapes(gltf: Gltf, parts: _Parts, bound: dict[str, list[Binding]]) -> dict[str, Blendshape]:
-    """Blendshapes by name: the morph targets themselves, then VRM's expressions, which combine some."""
+def _blendshapes(gltf: Gltf, parts: _Parts) -> dict[str, Blendshape]:
+    """Blendshapes by name: the morph targets, then VRM's expressions, which combine several."""
     sums: dict[str, list[tuple[Indices, Array]]] = {}
     for key, name in parts.names.items():
         sums.setdefault(name, []).extend(parts.moves.get(key, []))
-    for name, binds in bound.items():
+    for name, binds in bindings(gltf).items():
         if name in sums:
             continue
         sums[name] = []

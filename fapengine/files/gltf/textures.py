@@ -1,12 +1,12 @@
-"""Materials of a glTF file: base colours, their textures packed into one, and what is too translucent to draw.
+"""Materials of a glTF file: base colours, textures packed into one image, and parts too translucent to draw.
 
-Each texture, cut off or repeated as its use asks, becomes a tile with a gutter; tiles lie on shelves. Where they do
-not fit, the largest are halved until they do. Alpha is made straight 255 where the material is opaque, 0 or 255 where
-it is masked.
+Each texture, cropped or repeated as its use requires, becomes a tile with a gutter; tiles are placed on shelves. If
+they do not fit, the largest are halved until they do. Alpha becomes 255 where the material is opaque, and 0 or 255
+where it is masked.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,14 @@ from fapengine.files.pictures import Picture, opened, shrink
 Array = NDArray[np.float64]
 
 MAX_TEXTURE_PX = 4096
-"""Pixels of the packed texture, each way."""
+"""Longest side of the packed texture, pixels."""
 GUTTER_PX = 4
 MAX_IMAGE_PX = 2048
-"""Pixels of each image in the packed texture, each way."""
+"""Longest side of an image in the packed texture, pixels."""
 MAX_PIXELS_IN_ALL = 1 << 29
-"""Pixels of all images and tiles, as they are kept."""
+"""Pixels of all images and tiles that are kept."""
 FORMATS = ("PNG", "JPEG", "WEBP")
-"""Formats that glTF allows. Others are not tried: for some, such as EPS, Pillow starts a program."""
+"""Formats that glTF allows. Pillow starts a program for some others, such as EPS."""
 BASIS = "KHR_texture_basisu"
 """Extension for textures of Basis Universal, in KTX2 files."""
 MAX_REPEATS = 4
@@ -35,31 +35,32 @@ BLANK_PX = 8
 CLAMP_TO_EDGE = 33071
 """Value of ``wrapS`` and ``wrapT`` (glTF 2.0, 5.26): texture coordinates end at the edge."""
 MIN_OPACITY = 0.5
-"""Opacity that a blended material reaches somewhere; others are left out."""
+"""Largest opacity of a blended material below which it is left out."""
 UV_SLACK = 1e-4
-"""Texture coordinates' way out of a tile that is taken for rounding."""
+"""Distance of texture coordinates outside of a tile that counts as rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """Colour of a part, as its material says."""
+    """Colour of a part, from its material."""
 
     name: str = ""
     factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear RGB."""
     image: int | None = None
     channel: int = 0
-    """Number of the texture coordinates that it takes."""
+    """Index of the texture coordinates that it uses."""
     matrix: Array = field(default_factory=lambda: np.eye(3))
-    """(3, 3): moves texture coordinates (KHR_texture_transform)."""
+    """(3, 3): transform of texture coordinates (KHR_texture_transform)."""
     clamped: tuple[bool, bool] = (False, False)
     mode: str = "OPAQUE"
     alpha: float = 1.0
     cutoff: float = 0.5
     hidden: bool = False
+    """Whether it is too translucent to draw."""
 
     def place(self, uv: Array) -> Array:
-        """(V, 2): coordinates in the image, 0..1 where it is not repeated."""
+        """(V, 2): coordinates in the image, 0 to 1 where it does not repeat."""
         moved = uv @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         for axis, clamped in enumerate(self.clamped):
             if clamped:
@@ -69,10 +70,7 @@ class Look:
 
 
 class Atlas:
-    """Images that were asked for, then all of them in one.
-
-    Stateful.
-    """
+    """Images of the materials in use, packed into one at the end. Stateful."""
 
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
@@ -81,18 +79,16 @@ class Atlas:
         self.notes: list[str] = []
 
     def material(self, primitive: Item) -> Look:
-        """Look of a primitive.
+        """Return the look of a primitive.
 
         Raises
         ------
         DataError
-            If it names what is not there, or an image cannot be read.
+            If it refers to something missing, or an image cannot be read.
         """
-        materials = self._gltf.rows["materials"]
         if "material" not in primitive:
             return Look()
-        item = materials[primitive.index("material", len(materials))]
-        name = item.string("name", "")
+        item = self._gltf.row(primitive, "material", "materials")
         surface = item.item("pbrMetallicRoughness")
         factor, key = surface.numbers("baseColorFactor", [1.0] * 4), "baseColorTexture"
         old = item.item("extensions").item("KHR_materials_pbrSpecularGlossiness")
@@ -100,36 +96,33 @@ class Atlas:
             surface, factor, key = old, old.numbers("diffuseFactor", [1.0] * 4), "diffuseTexture"
         mode = item.string("alphaMode", "OPAQUE")
         look = Look(
-            name=name, factor=(factor[0], factor[1], factor[2]), mode=mode, alpha=factor[3],
+            name=item.string("name", ""), factor=(factor[0], factor[1], factor[2]), mode=mode, alpha=factor[3],
             cutoff=item.number("alphaCutoff", 0.5), hidden=mode == "BLEND" and factor[3] < MIN_OPACITY,
         )  # fmt: skip
         return self._textured(look, surface.item(key)) if key in surface else look
 
     def _textured(self, look: Look, info: Item) -> Look:
-        textures, images = self._gltf.rows["textures"], self._gltf.rows["images"]
-        texture = textures[info.index("index", len(textures))]
+        texture = self._gltf.row(info, "index", "textures")
         webp = texture.item("extensions").item("EXT_texture_webp")
         if "source" not in texture and "source" not in webp:
             self.notes.append(f"material {look.name!r}: its texture is {_unread(texture)}; its colour is kept")
             return look
-        image = (webp if "source" in webp else texture).index("source", len(images))
+        image = self._gltf.index(webp if "source" in webp else texture, "source", "images")
         if image not in self._images:
-            self._images[image] = self._decode(images[image])
-        samplers = self._gltf.rows["samplers"]
-        sampler = samplers[texture.index("sampler", len(samplers))] if "sampler" in texture else Item({}, "")
+            self._images[image] = self._decode(self._gltf.rows["images"][image])
+        sampler = self._gltf.row(texture, "sampler", "samplers") if "sampler" in texture else Item({}, "")
         change = info.item("extensions").item("KHR_texture_transform")
         channel = info.index("texCoord", 8, 0)
         opaque = float(self._images[image][..., 3].max(initial=0)) / 255.0 * look.alpha
-        return Look(
-            name=look.name, factor=look.factor, image=image,
-            channel=change.index("texCoord", 8, channel), matrix=_transform(change),
+        return replace(
+            look, image=image, channel=change.index("texCoord", 8, channel), matrix=_transform(change),
             clamped=(sampler.number("wrapS", 0) == CLAMP_TO_EDGE, sampler.number("wrapT", 0) == CLAMP_TO_EDGE),
-            mode=look.mode, alpha=look.alpha, cutoff=look.cutoff, hidden=look.mode == "BLEND" and opaque < MIN_OPACITY,
+            hidden=look.mode == "BLEND" and opaque < MIN_OPACITY,
         )  # fmt: skip
 
     def _decode(self, item: Item) -> Picture:
         if "bufferView" in item:
-            data = self._gltf.view(item.index("bufferView", len(self._gltf.views)))
+            data = self._gltf.view(item)
         else:
             data = fetch_uri(item.string("uri"), self._gltf.fetch, item.where)
         with opened(data, FORMATS, item.where) as image:
@@ -138,7 +131,7 @@ class Atlas:
             return shrink(np.asarray(image.convert("RGBA"), np.uint8), factor)
 
     def build(self, looks: list[Look], coordinates: list[Array]) -> tuple[Picture | None, Array | None]:
-        """Pack what the parts use: the texture (H, W, 4) and coordinates in it (V, 2); None where no part has one."""
+        """Pack the images of all parts: texture (H, W, 4), coordinates in it (V, 2); None without any image."""
         if all(look.image is None for look in looks):
             return None, None
         tiles: dict[tuple[int | None, int, int, str, float, float], Picture] = {}
@@ -157,7 +150,7 @@ class Atlas:
         return packed, np.concatenate(spread)
 
     def _repeats(self, look: Look, uv: Array) -> tuple[tuple[int, int], Array]:
-        """How often the image is seen in each direction, and coordinates from its first corner on."""
+        """Repetitions of the image in each direction, and coordinates from the corner of the first one."""
         if look.image is None or not len(uv):
             return (1, 1), np.full_like(uv, 0.5)
         first = np.floor(uv.min(axis=0) + UV_SLACK)
@@ -187,15 +180,16 @@ class Atlas:
 
 
 def _unread(texture: Item) -> str:
-    """Name the kind of a texture that is not read, and what makes another of it."""
+    """Say why a texture is not read, and how to convert it."""
     if BASIS in texture.item("extensions"):
-        mend = "npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb makes PNG of it"
-        return f"KTX2 ({BASIS}), which is not read ({mend})"
+        return (
+            f"KTX2 ({BASIS}), which is not read (npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb makes PNG of it)"
+        )
     return f"of a kind that is not read ({', '.join(texture.item('extensions')) or 'it names no image'})"
 
 
 def _transform(item: Item) -> Array:
-    """Multiply translation, rotation and scale, as KHR_texture_transform does."""
+    """(3, 3): translation, rotation and scale of KHR_texture_transform, multiplied."""
     angle = item.number("rotation", 0.0)
     across, down = item.numbers("scale", [1.0, 1.0])
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -206,19 +200,19 @@ def _transform(item: Item) -> Array:
 
 
 def pack_tiles(tiles: list[Picture]) -> tuple[Picture, list[tuple[int, int, int, int]]]:
-    """Lay tiles (H, W, 4) on shelves, the largest halved until all fit.
+    """Place tiles (H, W, 4) on shelves; the largest are halved until all fit.
 
     Returns
     -------
     (H, W, 4) uint8
         Sides are powers of two, at most :data:`MAX_TEXTURE_PX`.
     list of (x, y, width, height)
-        Place of each, px, without its gutter.
+        Place of each tile, px, without its gutter.
 
     Raises
     ------
     DataError
-        If they are so many that not even a pixel of each fits.
+        If not even one pixel of each fits.
     """
     sizes = list(tiles)
     while True:
@@ -248,7 +242,7 @@ def _power(size: int) -> int:
 
 
 def _shelves(tiles: list[Picture], width: int) -> tuple[list[tuple[int, int, int, int]], int]:
-    """Places (x, y, width, height) of tiles on shelves of one width, px, tallest first, and the height of all."""
+    """Places (x, y, width, height) of tiles on shelves of one width, px, tallest first, and the total height."""
     places: list[tuple[int, int, int, int]] = [(0, 0, 0, 0)] * len(tiles)
     x = y = shelf = 0
     for index in sorted(range(len(tiles)), key=lambda index: (-tiles[index].shape[0], index)):

@@ -1,8 +1,8 @@
 """VRM 0.x and 1.0: expressions that bind morph targets, and the humanoid's bones of the face.
 
 VRM 0.x: ``extensions.VRM.blendShapeMaster.blendShapeGroups``, weights 0 to 100, bound to meshes. VRM 1.0:
-``extensions.VRMC_vrm.expressions``, weights 0 to 1, bound to nodes. Names are given as the file spells them, the
-presets' by their preset.
+``extensions.VRMC_vrm.expressions``, weights 0 to 1, bound to nodes. An expression has the name in the file; a preset
+has the name of the preset.
 """
 
 from dataclasses import dataclass
@@ -12,65 +12,58 @@ from fapengine.files.gltf.json_cursor import Item
 
 BONES = {"head": "head", "jaw": "jaw", "leftEye": "left eye", "rightEye": "right eye"}
 UNKNOWN = "unknown"
-"""The preset of VRM 0.x's own expressions."""
+"""Preset of expressions that VRM 0.x does not define."""
 
 
 @dataclass(frozen=True, slots=True)
 class Binding:
-    """One target's share of an expression."""
+    """Weight of a morph target in an expression."""
 
     mesh: int
     target: int
     weight: float
 
 
-def bindings(gltf: Gltf, nodes: list[Item]) -> dict[str, list[Binding]]:
-    """Targets of each expression; none for a file that is no VRM.
+def bindings(gltf: Gltf) -> dict[str, list[Binding]]:
+    """Morph targets of each expression; empty for a file that is not a VRM.
 
     Raises
     ------
     DataError
-        If an expression binds what is not there.
+        If an expression binds a target that does not exist.
     """
-    meshes = gltf.rows["meshes"]
     extensions = gltf.root.item("extensions")
     bound: dict[str, list[Binding]] = {}
     for group in extensions.item("VRM").item("blendShapeMaster").items("blendShapeGroups"):
         preset = group.string("presetName", UNKNOWN)
         name = group.string("name", "") if preset.lower() == UNKNOWN else preset
-        bound[name] = [
-            _bind(meshes, bind, bind.index("mesh", len(meshes)), bind.number("weight", 100.0) / 100.0)
-            for bind in group.items("binds")
-        ]
+        bound[name] = [_bind(gltf, bind, bind, bind.number("weight", 100.0) / 100.0) for bind in group.items("binds")]
     expressions = extensions.item("VRMC_vrm").item("expressions")
     for kind in ("preset", "custom"):
         group = expressions.item(kind)
         for name in group:
             bound[name] = [
-                _bind(meshes, bind, _mesh_of(bind, nodes, len(meshes)), bind.number("weight", 1.0))
+                _bind(gltf, bind, gltf.row(bind, "node", "nodes"), bind.number("weight", 1.0))
                 for bind in group.item(name).items("morphTargetBinds")
             ]
     return bound
 
 
-def humanoid(gltf: Gltf, count: int) -> dict[str, int]:
+def humanoid(gltf: Gltf) -> dict[str, int]:
     """Node of each bone of the face that a VRM names."""
     extensions = gltf.root.item("extensions")
     bound = {}
     for bone in extensions.item("VRM").item("humanoid").items("humanBones"):
         if limb := BONES.get(bone.string("bone", "")):
-            bound[limb] = bone.index("node", count)
+            bound[limb] = gltf.index(bone, "node", "nodes")
     bones = extensions.item("VRMC_vrm").item("humanoid").item("humanBones")
-    for name, limb in BONES.items():
-        if name in bones:
-            bound[limb] = bones.item(name).index("node", count)
-    return bound
+    return bound | {
+        limb: gltf.index(bones.item(name), "node", "nodes") for name, limb in BONES.items() if name in bones
+    }
 
 
-def _mesh_of(bind: Item, nodes: list[Item], count: int) -> int:
-    return nodes[bind.index("node", len(nodes))].index("mesh", count)
-
-
-def _bind(meshes: list[Item], bind: Item, mesh: int, weight: float) -> Binding:
-    most = max((len(item.items("targets")) for item in meshes[mesh].items("primitives")), default=0)
+def _bind(gltf: Gltf, bind: Item, owner: Item, weight: float) -> Binding:
+    """Bind a target of the mesh that ``owner`` refers to."""
+    mesh = gltf.index(owner, "mesh", "meshes")
+    most = max((len(item.items("targets")) for item in gltf.rows["meshes"][mesh].items("primitives")), default=0)
     return Binding(mesh, bind.index("index", max(most, 1)), weight)

@@ -1,8 +1,9 @@
-"""VRM animations (``VRMC_vrm_animation`` 1.0): a motion for any VRM avatar, without one.
+"""VRM animations (``VRMC_vrm_animation`` 1.0): motion for any VRM avatar, in a file of its own.
 
-An expression's weight is the x of a node's place; the gaze is the turn of a node at the eyes; bones are nodes of a rest
-pose without turns. Presets are VRM's; ``arkit`` writes ARKit's 52 as custom expressions, which avatars with "Perfect
-Sync" have. https://github.com/vrm-c/vrm-specification/tree/master/specification/VRMC_vrm_animation-1.0
+An expression's weight is the x of a node's translation, the gaze is the rotation of a node at the eyes, and bones are
+nodes whose rest pose has no rotations. Presets are VRM's; ``arkit`` writes ARKit's 52 shapes as custom expressions,
+which avatars with "Perfect Sync" have.
+https://github.com/vrm-c/vrm-specification/tree/master/specification/VRMC_vrm_animation-1.0
 """
 
 import numpy as np
@@ -11,31 +12,29 @@ from numpy.typing import NDArray
 from fapengine.files.gltf.clip import FaceMotion
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
-from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets
+from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets, gaze_of
 
 Array = NDArray[np.float64]
 
 EXTENSION, SPECIFICATION = "VRMC_vrm_animation", "1.0"
 BONES = (("hips", 0.9), ("spine", 1.0), ("chest", 1.2), ("neck", 1.4), ("head", 1.5))
-"""Bones from the hips up, and their height above the ground, m."""
+"""Bones from the hips upwards, and their height above the ground, m."""
 EYES_M = (0.0, 0.07, 0.08)
-"""Place of the eyes above and before the joint of the head."""
+"""Position of the eyes relative to the joint of the head."""
 PRESETS, CUSTOM = "vrm1", "arkit"
 SETS = (PRESETS, CUSTOM)
 
 
 def format_vrma(motion: FaceMotion, *, shapes: str = PRESETS, keys: str = STRAIGHT) -> bytes:
-    """Write a motion.
+    """Write a motion as a VRM animation (GLB).
 
     Parameters
     ----------
     motion : FaceMotion
     shapes : str
-        ``"vrm1"``: the presets, looks left to the gaze; ``"arkit"``: ARKit's 52 as custom expressions.
+        ``"vrm1"``: the presets except looks, which the gaze gives; ``"arkit"``: ARKit's 52 as custom expressions.
     keys : str
         ``"linear"`` or ``"cubic"``.
     """
@@ -49,15 +48,19 @@ def format_vrma(motion: FaceMotion, *, shapes: str = PRESETS, keys: str = STRAIG
     gaze = writer.row("nodes", {"name": "lookAt", "translation": list(EYES_M)})
     writer.document["nodes"][head]["children"] = [gaze]
     shown = [0]
-    curves.add_turns(head, quaternions_of(motion.turns["head"]))
-    curves.add_turns(gaze, quaternions_of(gaze_of(motion.faps)))
+    curves.add(head, "rotation", quaternions_of(motion.turns["head"]))
+    curves.add(gaze, "rotation", quaternions_of(_gaze(motion.faps)))
     expressions: Row = {}
-    for name, weights in _weights(motion.faps, shapes).items():
+    if shapes == CUSTOM:
+        named = zip(ARKIT_NAMES, approximate_arkit(motion.faps).T, strict=True)
+    else:
+        named = zip(VRM1_NAMES[:SHOWN], approximate_presets(motion.faps).T[:SHOWN], strict=True)
+    for name, weights in named:
         if weights.any():
             node_number = writer.row("nodes", {"name": name})
             shown.append(node_number)
             expressions[name] = {"node": node_number}
-            curves.add_places(node_number, weights[:, None] * [1.0, 0.0, 0.0])
+            curves.add(node_number, "translation", weights[:, None] * [1.0, 0.0, 0.0])
     writer.document["scenes"] = [{"nodes": shown}]
     writer.document["scene"] = 0
     writer.row("animations", curves.row(motion.name))
@@ -72,17 +75,8 @@ def format_vrma(motion: FaceMotion, *, shapes: str = PRESETS, keys: str = STRAIG
     return writer.glb()
 
 
-def _weights(faps: Array, shapes: str) -> dict[str, Array]:
-    if shapes == CUSTOM:
-        return dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
-    return dict(zip(VRM1_NAMES[:SHOWN], approximate_presets(faps).T[:SHOWN], strict=True))
-
-
-def gaze_of(faps: Array) -> Array:
-    """(T, 3, 3): turn of both eyes together, the mean of theirs, from FAPs (T, 68)."""
-    yaw, pitch = (
-        faps[:, [fap.column(number) for number in numbers]].mean(axis=1) * AU_RAD for numbers in ((23, 24), (25, 26))
-    )
+def _gaze(faps: Array) -> Array:
+    """(T, 3, 3): mean rotation of both eyes, from FAPs (T, 68)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_euler("YX", np.stack([yaw, pitch], axis=1)).as_matrix())
+    return np.asarray(Rotation.from_euler("YX", np.stack(gaze_of(faps), axis=1)).as_matrix())

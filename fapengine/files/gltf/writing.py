@@ -1,4 +1,4 @@
-"""glTF as it is written: rows and numbers that are put behind what a document has, and the container around both."""
+"""Writing glTF: rows and values appended to a document, animation curves, and the GLB container."""
 
 import json
 import struct
@@ -18,16 +18,14 @@ VERTICES, INDICES = 34962, 34963
 
 
 class Writer:
-    """A document that grows at its ends; what it had stays where it is.
-
-    Stateful.
+    """A glTF document that grows at its ends; existing rows and bytes stay in place. Stateful.
 
     Parameters
     ----------
     document : dict
         Changed in place.
     binary : bytes
-        Content of its first buffer, whose URI is none.
+        Content of its first buffer, which has no URI.
     """
 
     def __init__(self, document: Row, binary: bytes = b"") -> None:
@@ -42,23 +40,23 @@ class Writer:
         return len(rows) - 1
 
     def view(self, data: bytes, **more: int) -> int:
-        """Add bytes, at a multiple of four."""
+        """Append bytes, aligned to four."""
         self.binary += bytes(-len(self.binary) % 4)
         row = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data)} | more
         self.binary += data
         return self.row("bufferViews", row)
 
     def accessor(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
-        """Add numbers, (N,) or (N, components); the same numbers once more are the same row.
+        """Add values, (N,) or (N, components); equal values share one accessor.
 
         Parameters
         ----------
         values : array_like
-            Of one of glTF's types: 8 to 32 bits, float32.
+            Integers of 8 to 32 bits, or float32.
         target : int, optional
-            What the view is bound to.
+            Target of the buffer view.
         bounds : bool
-            Whether to state least and greatest, as for positions and times.
+            Whether to state minimum and maximum, as glTF requires for positions and times.
         """
         array = np.ascontiguousarray(values)
         width = array.shape[1] if array.ndim == 2 else 1
@@ -70,7 +68,7 @@ class Writer:
         return self._written[data, named]
 
     def sparse(self, values: ArrayLike) -> int:
-        """Add (N, components) float32 of which most are 0."""
+        """Add (N, components) float32 that are mostly 0."""
         array = np.ascontiguousarray(values, np.float32)
         moved = np.flatnonzero((array != 0).any(axis=1))
         row = _shape(array, array.shape[1]) | _bounds(array)
@@ -84,7 +82,7 @@ class Writer:
         return self.row("accessors", row)
 
     def glb(self, *others: tuple[int, bytes]) -> bytes:
-        """Put document, binary and any other chunks, (kind, content), into a container."""
+        """Return the GLB of document, binary and any other chunks, (kind, content)."""
         if self.binary:
             buffers = self.document.setdefault("buffers", [])
             if not buffers:
@@ -116,10 +114,12 @@ Array = NDArray[np.float64]
 
 WEIGHT_TOLERANCE, TURN_TOLERANCE = 0.01, 0.002
 """Largest error of cubic curves: of a weight, and of a quaternion's components (0.23 degrees)."""
+TOLERANCES = {"weights": WEIGHT_TOLERANCE, "rotation": TURN_TOLERANCE, "translation": WEIGHT_TOLERANCE}
+"""Tolerance by the animated property of a node."""
 
 
 def quaternions_of(matrices: Array) -> Array:
-    """(T, 4) x y z w of rotations (T, 3, 3); of the two that mean a turn, the one near to that of the frame before."""
+    """(T, 4) x y z w of rotations (T, 3, 3); of both signs, the one nearer to the previous frame."""
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(matrices).as_quat()
@@ -129,7 +129,7 @@ def quaternions_of(matrices: Array) -> Array:
 
 
 class Curves:
-    """Samplers and channels of one animation. Stateful."""
+    """Samplers and channels of one animation; ``count`` is the number of keys. Stateful."""
 
     def __init__(self, writer: Writer, rate_hz: float, keys: str) -> None:
         self._writer, self._rate_hz, self._keys = writer, rate_hz, keys
@@ -138,27 +138,15 @@ class Curves:
         self.channels: list[Row] = []
         self.count = 0
 
-    def add_weights(self, node: int, weights: Array | None) -> None:
-        """Add the weights of a node's morph targets, (T, targets), if any move."""
-        if weights is not None:
-            self._add(node, "weights", weights, WEIGHT_TOLERANCE)
-
-    def add_turns(self, node: int, quaternions: Array) -> None:
-        """Add the turns of a node, (T, 4)."""
-        self._add(node, "rotation", quaternions, TURN_TOLERANCE)
-
-    def add_places(self, node: int, places: Array) -> None:
-        """Add the places of a node, (T, 3)."""
-        self._add(node, "translation", places, WEIGHT_TOLERANCE)
-
     def row(self, name: str) -> Row:
         """Return the animation's row."""
         return {"name": name, "samplers": self.samplers, "channels": self.channels}
 
-    def _add(self, node: int, path: str, values: Array, tolerance: float) -> None:
+    def add(self, node: int, path: str, values: Array) -> None:
+        """Animate a property of a node: ``weights`` (T, targets), ``rotation`` (T, 4) or ``translation`` (T, 3)."""
         key = values.tobytes(), path
         if key not in self._made:  # meshes of one face have the same weights
-            curve = key_curve(values, self._rate_hz, self._keys, tolerance)
+            curve = key_curve(values, self._rate_hz, self._keys, TOLERANCES[path])
             self.count += len(curve.times_s)
             self._made[key] = len(self.samplers)
             self.samplers.append(self._sampler(curve, path))
@@ -167,7 +155,7 @@ class Curves:
     def _sampler(self, curve: KeyedCurve, path: str) -> Row:
         times = self._writer.accessor(curve.times_s.astype(np.float32), bounds=True)
         out = curve.values
-        if curve.slopes is not None:  # at each key the slope before, the value and the slope behind
+        if curve.slopes is not None:  # at each key the slope before, the value and the slope after
             out = np.stack([curve.slopes, curve.values, curve.slopes], axis=1)
         flat = out.reshape(-1) if path == "weights" else out.reshape(-1, curve.values.shape[1])
         row = {"input": times, "output": self._writer.accessor(flat.astype(np.float32))}

@@ -70,7 +70,7 @@ def test_strips_fans_and_no_indices() -> None:
     del builder.doc["meshes"][0]["primitives"][0]["indices"]
     assert read(builder.glb()).triangles.tolist() == [[0, 1, 2]]
     builder.doc["meshes"][0]["primitives"][0]["mode"] = 1
-    with pytest.raises(DataError, match="got no triangle"):
+    with pytest.raises(DataError, match="contains no triangle"):
         read(builder.glb())
 
 
@@ -332,7 +332,7 @@ def change(path: str, value: Any):
 
 WRONG = [
     (plain, "asset.version", "1.0", r"asset.version: got '1.0', expected 2.x"),
-    (plain, "extensionsRequired", ["ACME_origami"], "ACME_origami, which is not understood"),
+    (plain, "extensionsRequired", ["ACME_origami"], "ACME_origami, which is not supported"),
     (plain, "meshes.0.primitives.0.extensions", {"KHR_draco_mesh_compression": {}}, r"bufferView: got None.*draco"),
     (plain, "bufferViews.0.extensions", {"EXT_meshopt_compression": {}}, r"count: got None.*bufferViews\[0\]"),
     (plain, "scene", 4, r"scene: got 4, expected a whole number, 0..0"),
@@ -344,15 +344,14 @@ WRONG = [
     (plain, "nodes.0.rotation", [0, 0, 0, 0], "a quaternion that is not 0"),
     (plain, "nodes.0.scale", [1, 1], "expected 3 numbers"),
     (plain, "nodes.0.matrix", [1e300] * 16, "16 finite numbers"),
-    (plain, "nodes.0.rotation", [1e-160, 0, 0, 0], r"got a transform beyond 1e\+30.*at nodes.0."),
     (plain, "nodes.0.name", "\ud800", "is not JSON.*surrogates not allowed"),
     (plain, "nodes", {"0": 1}, "expected an array of objects"),
     (plain, "meshes.0", 5, "expected an array of objects"),
     (plain, "meshes.0.extras.targetNames", ["a", 5], "expected an array of strings"),
     (plain, "meshes.0.primitives.0.attributes", [], "expected an object"),
     (plain, "meshes.0.primitives.0.mode", True, "mode: got True"),
-    (plain, "meshes.0.primitives.0.attributes.POSITION", 2, r"POSITION: got 1 components"),
-    (plain, "meshes.0.primitives.0.targets.0.POSITION", 2, r"target: got shape \(6, 1\)"),
+    (plain, "meshes.0.primitives.0.attributes.POSITION", 2, r"POSITION: got shape .6, 1., expected .any, 3."),
+    (plain, "meshes.0.primitives.0.targets.0.POSITION", 2, r"POSITION: got shape \(6, 1\), expected \(4, 3\)"),
     (plain, "meshes.0.primitives.0.indices", 0, "expected unsigned scalars"),
     (plain, "accessors.2.componentType", 5124, "componentType: got 5124"),
     (plain, "accessors.1.count", 3, "indices: got 3, expected 0..2"),
@@ -370,16 +369,16 @@ WRONG = [
     (plain, "bufferViews.1.byteStride", 4, "byteStride: got 4, expected at least 12"),
     (plain, "bufferViews.1.buffer", 3, "buffer: got 3"),
     (skinned, "skins.0.joints", [], "expected nodes of the scene"),
-    (skinned, "skins.0.inverseBindMatrices", 0, "expected .2, 16."),
+    (skinned, "skins.0.inverseBindMatrices", 0, "expected .any, 16."),
     (skinned, "scenes.0.nodes", [0], "expected nodes of the scene"),
-    (skinned, "meshes.0.primitives.0.attributes.WEIGHTS_0", 0, "JOINTS_0, WEIGHTS_0: got shapes"),
-    (skinned, "meshes.0.primitives.0.attributes.JOINTS_0", 4, "no indices"),
+    (skinned, "meshes.0.primitives.0.attributes.WEIGHTS_0", 0, "WEIGHTS_0: got shape"),
+    (skinned, "meshes.0.primitives.0.attributes.JOINTS_0", 4, "not indices"),
     (skinned, "skins.0.joints", [1], "JOINTS: got 1, expected 0..0"),
     (lambda: vrm(0), "extensions.VRM.blendShapeMaster.blendShapeGroups.0.binds.0.index", 2, "index: got 2"),
     (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.node", 1, "mesh: got None"),
     (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.weight", "1", "a finite number"),
     (lambda: vrm(1), "extensions.VRMC_vrm.expressions.preset.a.morphTargetBinds.0.weight", 10**400, "a finite number"),
-    (lambda: textured(CORNERS), "meshes.0.primitives.0.attributes.TEXCOORD_0", 0, "TEXCOORD: got shape"),
+    (lambda: textured(CORNERS), "meshes.0.primitives.0.attributes.TEXCOORD_0", 0, "TEXCOORD_0: got shape"),
     (lambda: textured(CORNERS), "meshes.0.primitives.0.attributes.COLOR_0", 2, "COLOR_0: got shape"),
     (lambda: textured(CORNERS), "images.0.bufferView", 0, "image: got no PNG or JPEG or WEBP"),
     (lambda: textured(CORNERS), "images.0", {"uri": "data:image/png,hello"}, "expected base64 data"),
@@ -412,8 +411,6 @@ def test_what_a_file_may_leave_out() -> None:
     )
     with pytest.raises(DataError, match=r"indices: got 3, expected 0\.\.-1"):
         read(empty.glb())
-    with pytest.raises(DataError, match=r"got accessors\[9\], expected an index 0..2"):
-        parse_gltf(plain().glb(), nothing).accessor(9)
 
 
 def test_an_image_larger_than_the_whole_is_made_smaller() -> None:
@@ -524,7 +521,7 @@ def test_numbers_that_are_none() -> None:
     weightless = skinned()
     attributes = weightless.doc["meshes"][0]["primitives"][0]["attributes"]
     attributes["WEIGHTS_0"] = weightless.accessor(np.zeros((4, 4)))
-    with pytest.raises(DataError, match="hangs on nothing"):
+    with pytest.raises(DataError, match="negative weights or none"):
         read(weightless.glb())
     with pytest.raises(DataError, match="is not JSON"):
         read(b'{"asset": {"version": NaN}}')
@@ -562,7 +559,7 @@ def test_every_cut_is_noticed() -> None:
             read(whole[:length])
     with pytest.raises(DataError, match="version 9"):
         read(whole[:4] + b"\x09" + whole[5:])
-    with pytest.raises(DataError, match="no JSON chunk"):
+    with pytest.raises(DataError, match="contains no JSON chunk"):
         read(whole[:16] + b"ELSE" + whole[20:])
     with pytest.raises(TruncatedError, match="GLB chunk"):
         read(whole[:12] + b"\xff\xff\xff" + whole[15:])

@@ -313,7 +313,7 @@ def test_files_that_a_document_names_go_into_the_result() -> None:
 def test_a_scene_without_a_face_is_refused() -> None:
     builder = Builder()
     builder.node(mesh=mesh(builder, ["lid", "box"]))
-    with pytest.raises(DataError, match="no shape named as ARKit's"):
+    with pytest.raises(DataError, match="no shape named as in ARKit"):
         add_clip(builder.glb(), nothing, motion())
 
 
