@@ -13,9 +13,9 @@ from itertools import groupby
 from pathlib import Path
 from shutil import which
 
-from fapengine.speech.formats.entries import track_of
+from fapengine.speech.formats.entries import Entry, track_of
 from fapengine.speech.formats.registry import parse_timings
-from fapengine.speech.phone_track import Entry, PhoneTrack
+from fapengine.speech.phone_track import PhoneTrack
 from tests.unit.recognition.speech import Spoken
 
 HERE = Path(__file__).resolve().parent

@@ -192,7 +192,8 @@ MUTATIONS = (
         ("tests/unit/server/test_server_ingress.py",),
     ),
     Mutation(
-        "scaled pauses", "fapengine/speech/formats/synthesizers.py", "length_s * pauses", "length_s",
+        "scaled pauses", "fapengine/speech/formats/synthesizers.py",
+        '"vowel_length", scale=pauses', '"vowel_length"',
         "VOICEVOX multiplies pauses by pauseLengthScale",
         ("tests/unit/speech/test_formats.py::test_pauses_of_voicevox_are_scaled",),
     ),

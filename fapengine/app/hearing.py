@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
-from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.formats.documents import decode_text
 from fapengine.speech.formats.writing import WRITERS, check_writable, format_phone_json
 from fapengine.speech.phone_track import Phone, PhoneTrack
 

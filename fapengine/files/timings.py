@@ -46,7 +46,7 @@ def load_timings(
     data = read_bytes(path)
     try:
         return parse_timings(
-            data, file_format=file_format, ending=path.suffix, wishes=ParseOptions(tier, alphabet, columns)
+            data, file_format=file_format, ending=path.suffix, options=ParseOptions(tier, alphabet, columns)
         )
     except DataError as error:
         raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

@@ -1,7 +1,7 @@
 """Timed labels and phones: ``PhoneTrack``, the type between every timing format and the animation.
 
-``Entry`` is a label as a file gives it. ``Reading`` says how the labels of a file were understood, so that no guess is
-silent. :func:`find_unknown` lists the labels that no alphabet explains.
+``Reading`` reports how the labels of a file were understood, so that no guess is silent. :func:`find_unknown` lists the
+labels that no alphabet explains.
 """
 
 from dataclasses import dataclass, replace
@@ -48,18 +48,6 @@ class Reading:
         how = " (guessed)" if self.guessed else ""
         also = f"; {' and '.join(self.others)} would fit as well; alphabet=NAME says which" if self.others else ""
         return f"labels read as {self.alphabet}{how}{also}"
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One timed label as a file gives it."""
-
-    start_s: float
-    end_s: float
-    label: str
-    where: str
-    """Line or key, for messages."""
-    word: str = ""
 
 
 SILENCE = "_"

@@ -1,4 +1,4 @@
-"""Edge: a streaming voice over the network; a text in, pieces of sound with times out as they come."""
+"""A voice service over the network: a text in, pieces of audio with times out as they come."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from fapengine.errors import ResourceError, UsageError
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import pronounce
 from fapengine.voices.protocol import Speech
-from fapengine.voices.service_pieces import MAX_S, Gathered, Piece
-from fapengine.voices.services import SERVICES, Service
+from fapengine.voices.services import MAX_S, SERVICES, Gathered, Piece, Service
 
 if TYPE_CHECKING:
     import aiohttp
@@ -22,13 +21,13 @@ else:
     aiohttp = Late("aiohttp", "aiohttp", "voices of services")
 
 CONNECT_S, SILENT_S = 10.0, 20.0
-"""Time in s for a connection, and without any message, after which it is given up."""
+"""Limits in s for connecting, and for the time without any message."""
 MAX_MESSAGE = 16 << 20
 """Bytes of a message."""
 
 
 async def stream(service: Service, text: str) -> AsyncIterator[Piece]:
-    """Speak a text, and give the pieces as they come.
+    """Speak a text; yield the pieces as they come.
 
     Parameters
     ----------
@@ -68,8 +67,8 @@ async def _posted(
     """Post, and read the answer line by line."""
     async with session.post(service.url, data=requests[0], headers=service.headers) as answer:
         if answer.status != 200:
-            said = (await answer.content.read(300)).decode("utf-8", "replace")
-            raise ResourceError(f"voice: {service.url}: status {answer.status}: {said}")
+            reason = (await answer.content.read(300)).decode("utf-8", "replace")
+            raise ResourceError(f"voice: {service.url}: status {answer.status}: {reason}")
         line = b""
         async for data in answer.content.iter_any():
             *whole, line = (line + data).split(b"\n")
@@ -85,7 +84,7 @@ async def _posted(
 
 @dataclass(frozen=True, slots=True)
 class ServiceVoice:
-    """A voice of a service, as :class:`~fapengine.voices.protocol.Voice`: it gives whole utterances."""
+    """A voice of a service, as :class:`~fapengine.voices.protocol.Voice`: it returns whole utterances."""
 
     service: str
     """Name in :data:`~fapengine.voices.services.SERVICES`."""
@@ -97,27 +96,27 @@ class ServiceVoice:
     base: str = ""
     """Address instead of the service's own."""
     most_s: float = MAX_S
-    """Length of sound in s of one text; more is refused."""
+    """Longest audio of one text, s; more is refused."""
 
     @classmethod
     def named(cls, name: str, environment: dict[str, str] | None = None, *, most_s: float = MAX_S) -> ServiceVoice:
-        """Make a voice of ``SERVICE:VOICE``, with the key out of ``SERVICE_API_KEY``."""
+        """Make a voice of ``SERVICE:VOICE``, with the key from ``SERVICE_API_KEY``."""
         service, _, voice = name.partition(":")
         if service not in SERVICES or not voice:
             raise UsageError(f"voice: got {name!r:.60}, expected SERVICE:VOICE, one of {', '.join(SERVICES)}")
         variable = f"{service.upper()}_API_KEY"
         key = (os.environ if environment is None else environment).get(variable, "")
         if not key:
-            raise UsageError(f"voice: {service} wants a key; expected it in {variable}")
+            raise UsageError(f"voice: {service} requires a key in the environment variable {variable}")
         return cls(service, voice, key, most_s=min(most_s, MAX_S))
 
     def open(self) -> Service:
-        """Make what speaks one text."""
+        """Make the service that speaks one text."""
         kind = SERVICES[self.service]
         return kind(self.voice, self.key, base=self.base) if self.base else kind(self.voice, self.key)
 
     def speak(self, text: str) -> Speech:
-        """Speak a text; waits for all of it."""
+        """Speak a text, and wait for all of it."""
 
         async def gather() -> Gathered:
             gathered = Gathered(self.most_s)

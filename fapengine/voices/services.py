@@ -1,4 +1,4 @@
-"""Messages of streaming voices, both ways: texts in, requests out; answers in, pieces of sound with times out.
+"""Messages of voice services: requests for a text, and answers as pieces of audio with times; whole utterances.
 
 Nothing here opens a connection: :mod:`.service_client` does, or the user's own code. Messages as of 2026-11:
 
@@ -16,39 +16,119 @@ Fish, ``tts/live``
     MessagePack: ``{"event": "audio", "audio", "chunk_audio_offset_sec", "alignment": {"segments": [{"text", "start",
     "end"}]}}`` and ``{"event": "finish", "reason"}``; times of a segment from its chunk's offset.
 Azure, Speech SDK
-    no messages but callbacks: ``viseme_received`` (offset in ticks of 100 ns, id 0 to 21) and ``synthesizing``.
+    callbacks: ``viseme_received`` (offset in ticks of 100 ns, id 0 to 21) and ``synthesizing``.
 
-Sources: the services' documentation and SDKs; none of them was reached from here.
+Sources: the services' documentation and SDKs; none of the services was called. Times and labels are read as in
+:mod:`fapengine.speech.formats.services`.
 """
 
 import base64
 import binascii
 import json
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 from urllib.parse import quote
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError, ResourceError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.speech.alphabets.convert import to_ipa
-from fapengine.speech.formats.documents import Node, same_length
-from fapengine.speech.formats.entries import Entry
-from fapengine.speech.formats.services import words_of
-from fapengine.voices.service_pieces import Piece, check_text, entry, pcm
+from fapengine.speech.formats.documents import Node
+from fapengine.speech.formats.entries import Entry, track_of, until_next, with_words
+from fapengine.speech.formats.services import (
+    TICKS_HZ,
+    characters_of,
+    fish_words,
+    inworld_phones,
+    inworld_words,
+    timed,
+    words_of,
+)
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.voices.protocol import Speech
 
 RATE_HZ = 24_000
-TICKS_HZ = 1e7
-"""Ticks of Azure's offsets a second."""
+MAX_S = 3600.0
+"""Longest audio of one utterance; more is refused."""
 WAV_HEAD_BYTES = 44
 
 
-class Service(Protocol):
-    """A voice service: what to send, and how to read what comes.
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Audio, and the words and phones that became known with it."""
 
-    Stateful: one utterance.
-    """
+    samples: NDArray[np.int16]
+    """(N,) int16, mono; the next samples, possibly none."""
+    rate_hz: int
+    words: tuple[Entry, ...] = ()
+    """Times in s from the first sample of the utterance."""
+    phones: tuple[Entry, ...] = ()
+    """IPA; times likewise."""
+
+
+@dataclass(slots=True)
+class Gathered:
+    """The pieces of one utterance. Stateful."""
+
+    most_s: float = MAX_S
+    """Longest audio in s; more is refused."""
+    sound: list[NDArray[np.int16]] = field(default_factory=list)
+    words: list[Entry] = field(default_factory=list)
+    phones: list[Entry] = field(default_factory=list)
+    rate_hz: int = 0
+    _samples: int = 0
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the audio so far."""
+        return self._samples / self.rate_hz if self.rate_hz else 0.0
+
+    def add(self, piece: Piece) -> None:
+        """Add a piece."""
+        if self.rate_hz not in (0, piece.rate_hz):
+            raise DataError(f"sound: got {piece.rate_hz} Hz after {self.rate_hz} Hz, expected one rate")
+        self.rate_hz = piece.rate_hz
+        self.sound.append(piece.samples)
+        self._samples += len(piece.samples)
+        if self.duration_s > self.most_s:
+            raise DataError(f"sound: got more than {self.most_s:g} s in one utterance")
+        self.words += piece.words
+        self.phones += piece.phones
+
+    def speech(self, pronounce: Callable[[PhoneTrack], PhoneTrack]) -> Speech:
+        """Make the whole utterance.
+
+        Parameters
+        ----------
+        pronounce : callable
+            Turns written words with times into phones; used if the service gave no phones.
+        """
+        if not self._samples:
+            raise DataError("voice: sent no sound")
+        if self.phones:
+            track = track_of(with_words(_ordered(self.phones), _ordered(self.words)), "voice", alphabet="ipa")
+        elif self.words:
+            track = pronounce(track_of(_ordered(self.words), "voice", level="word", spelled=True))
+        else:
+            raise DataError("voice: got sound without times of words or phones")
+        end_s = self.duration_s
+        phones = [phone for phone in track.phones if phone.start_s < end_s]
+        if phones and phones[-1].end_s < end_s:
+            phones.append(Phone(SILENCE, phones[-1].end_s, end_s))
+        whole = PhoneTrack.of(phones, level=track.level, reading=track.reading)
+        return Speech(samples=np.concatenate(self.sound), sample_rate_hz=self.rate_hz, phones=whole)
+
+
+def _ordered(entries: Sequence[Entry]) -> list[Entry]:
+    return sorted(entries, key=lambda entry: entry.start_s)
+
+
+class Service(Protocol):
+    """One utterance of a voice service: its requests, and a reader of the answers. Stateful."""
 
     over: bool
     """True once the last message was read."""
@@ -74,10 +154,7 @@ class Service(Protocol):
 
 @dataclass(slots=True)
 class _OneUtterance:
-    """Shared by all services: the voice, the key, and sound that may be cut within a sample.
-
-    Stateful.
-    """
+    """Shared by all services: the voice, the key, and audio that may be cut within a sample. Stateful."""
 
     voice: str
     key: str
@@ -85,17 +162,16 @@ class _OneUtterance:
     _carried: bytes = field(default=b"", kw_only=True)
 
     def _sound(self, data: bytes) -> NDArray[np.int16]:
-        """Read raw 16-bit sound, (N,) int16; an odd byte waits for the next."""
-        samples, self._carried = pcm(data, self._carried)
-        return samples
+        """Read raw little-endian 16-bit audio, (N,) int16; an odd byte waits for the next."""
+        whole = self._carried + data
+        even = len(whole) // 2 * 2
+        self._carried = whole[even:]
+        return np.frombuffer(whole[:even], "<i2").astype(np.int16)
 
 
 @dataclass(slots=True)
 class ElevenLabs(_OneUtterance):
-    """ElevenLabs over WebSocket.
-
-    Stateful.
-    """
+    """ElevenLabs over WebSocket. Stateful."""
 
     model: str = "eleven_flash_v2_5"
     base: str = "wss://api.elevenlabs.io"
@@ -115,7 +191,7 @@ class ElevenLabs(_OneUtterance):
         return {"xi-api-key": self.key}
 
     def requests(self, text: str) -> list[str | bytes]:
-        """Begin, speak, end."""
+        """Return the messages that begin, speak and end."""
         messages = ({"text": " "}, {"text": f"{check_text(text)} ", "flush": True}, {"text": ""})
         return [json.dumps(message) for message in messages]
 
@@ -128,43 +204,19 @@ class ElevenLabs(_OneUtterance):
         samples = self._sound(_base64(node["audio"]) if node.has("audio") else b"")
         self._samples += len(samples)
         characters = self._waiting
-        for name in ("normalizedAlignment", "alignment"):
-            if node.has(name):
-                characters = characters + _characters(node[name], before_s)
-                break
+        if node.has("normalizedAlignment") or node.has("alignment"):
+            aligned = node.first("normalizedAlignment", "alignment")
+            characters = [*characters, *_checked(characters_of(aligned), before_s)]
         self.over = self.over or (node.has("isFinal") and node["isFinal"].value is True)
-        ends = len(characters) if self.over else _last_break(characters)
+        blanks = [index for index, each in enumerate(characters, start=1) if each.label.isspace()]
+        ends = len(characters) if self.over else max(blanks, default=0)
         self._waiting = characters[ends:]
         return Piece(samples, RATE_HZ, words=tuple(words_of(characters[:ends])))
 
 
-def _characters(node: Node, before_s: float) -> list[Entry]:
-    starts, lengths, texts = (
-        node["charStartTimesMs"].numbers(),
-        node["charDurationsMs"].numbers(),
-        node["chars"].texts(),
-    )
-    same_length(starts, lengths, texts, where=node.where)
-    return [
-        entry(before_s + start / 1000, before_s + (start + length) / 1000, text, node.where)
-        for start, length, text in zip(starts, lengths, texts, strict=True)
-    ]
-
-
-def _last_break(characters: list[Entry]) -> int:
-    """Count the characters up to the last that ends a word."""
-    for index in range(len(characters) - 1, -1, -1):
-        if characters[index].label.isspace():
-            return index + 1
-    return 0
-
-
 @dataclass(slots=True)
 class Cartesia(_OneUtterance):
-    """Cartesia over WebSocket.
-
-    Stateful.
-    """
+    """Cartesia over WebSocket. Stateful."""
 
     model: str = "sonic-3"
     base: str = "wss://api.cartesia.ai"
@@ -202,23 +254,16 @@ class Cartesia(_OneUtterance):
             raise ResourceError(f"Cartesia: {node.first('error', 'message').text()[:200]}")
         self.over = self.over or kind == "done"
         samples = self._sound(_base64(node["data"]) if kind == "chunk" else b"")
-        words = _timed(node["word_timestamps"], "words") if node.has("word_timestamps") else ()
-        phones = _timed(node["phoneme_timestamps"], "phonemes") if node.has("phoneme_timestamps") else ()
+        words, phones = (
+            _checked(timed(node[key], texts)) if node.has(key) else ()
+            for key, texts in (("word_timestamps", "words"), ("phoneme_timestamps", "phonemes"))
+        )
         return Piece(samples, RATE_HZ, words, phones)
-
-
-def _timed(node: Node, texts: str, start: str = "start", end: str = "end") -> tuple[Entry, ...]:
-    starts, ends, labels = node[start].numbers(), node[end].numbers(), node[texts].texts()
-    same_length(starts, ends, labels, where=node.where)
-    return tuple(entry(*row, node.where) for row in zip(starts, ends, labels, strict=True) if row[2].strip())
 
 
 @dataclass(slots=True)
 class Inworld(_OneUtterance):
-    """Inworld over HTTP, a line of JSON an answer.
-
-    Stateful.
-    """
+    """Inworld over HTTP, a line of JSON an answer. Stateful."""
 
     model: str = "inworld-tts-1.5-max"
     base: str = "https://api.inworld.ai"
@@ -247,31 +292,16 @@ class Inworld(_OneUtterance):
             raise ResourceError(f"Inworld: {node['error'].first('message', 'code').value!s:.200}")
         result = node["result"]
         data = _base64(result["audioContent"]) if result.has("audioContent") else b""
-        samples = self._sound(_without_wav_head(data))
-        words: tuple[Entry, ...] = ()
-        phones: list[Entry] = []
-        if result.has("timestampInfo") and result["timestampInfo"].has("wordAlignment"):
-            aligned = result["timestampInfo"]["wordAlignment"]
-            words = _timed(aligned, "words", "wordStartTimeSeconds", "wordEndTimeSeconds")
-            for detail in aligned["phoneticDetails"].items() if aligned.has("phoneticDetails") else ():
-                for phone in detail["phones"].items():
-                    start_s = phone["startTimeSeconds"].number()
-                    end_s = start_s + phone["durationSeconds"].number()
-                    phones.append(entry(start_s, end_s, phone["phoneSymbol"].text(), phone.where))
-        return Piece(samples, RATE_HZ, words, tuple(phones))
-
-
-def _without_wav_head(data: bytes) -> bytes:
-    """Remove the header of a piece of LINEAR16."""
-    return data[WAV_HEAD_BYTES:] if data[:4] == b"RIFF" else data
+        samples = self._sound(data[WAV_HEAD_BYTES:] if data[:4] == b"RIFF" else data)
+        if not (result.has("timestampInfo") and result["timestampInfo"].has("wordAlignment")):
+            return Piece(samples, RATE_HZ)
+        aligned = result["timestampInfo"]["wordAlignment"]
+        return Piece(samples, RATE_HZ, _checked(inworld_words(aligned)), _checked(inworld_phones(aligned)))
 
 
 @dataclass(slots=True)
 class Fish(_OneUtterance):
-    """Fish Audio over WebSocket, in MessagePack.
-
-    Stateful.
-    """
+    """Fish Audio over WebSocket, in MessagePack. Stateful."""
 
     model: str = "s1"
     base: str = "wss://api.fish.audio"
@@ -287,29 +317,21 @@ class Fish(_OneUtterance):
         return {"Authorization": f"Bearer {self.key}", "model": self.model}
 
     def requests(self, text: str) -> list[str | bytes]:
-        """Begin, speak, end."""
-        request = {
-            "text": "",
-            "reference_id": self.voice,
-            "format": "pcm",
-            "sample_rate": RATE_HZ,
-            "latency": "balanced",
-        }
+        """Return the messages that begin, speak and end."""
+        audio = {"format": "pcm", "sample_rate": RATE_HZ, "latency": "balanced"}
+        request = {"text": "", "reference_id": self.voice, **audio}
         events: tuple[dict[str, Any], ...] = (
             {"event": "start", "request": request}, {"event": "text", "text": f"{check_text(text)} "},
             {"event": "flush"}, {"event": "stop"},
         )  # fmt: skip
-        pack = _msgpack()
-        return [pack.encode(event) for event in events]
+        return [msgspec.msgpack.encode(event) for event in events]
 
     def feed(self, message: str | bytes) -> Piece:
         """Read one event."""
-        pack = _msgpack()
         try:
-            value = pack.decode(message.encode() if isinstance(message, str) else message)
-        except Exception as error:  # the library's own kinds
+            node = Node(msgspec.msgpack.decode(message.encode() if isinstance(message, str) else message))
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
             raise DataError(f"Fish: no MessagePack here ({error})") from error
-        node = Node(value)
         kind = node["event"].text()
         if kind == "finish":
             self.over = True
@@ -319,26 +341,14 @@ class Fish(_OneUtterance):
         if not isinstance(data, bytes):
             raise DataError(f"Fish: got {ascii(data)[:40]}, expected bytes of sound", where="audio")
         samples = self._sound(data)
-        words: list[Entry] = []
-        if node.has("alignment") and node["alignment"].has("segments"):
-            offset_s = node["chunk_audio_offset_sec"].number() if node.has("chunk_audio_offset_sec") else 0.0
-            for segment in node["alignment"]["segments"].items():
-                start_s, end_s = segment["start"].number(), segment["end"].number()
-                words.append(entry(offset_s + start_s, offset_s + end_s, segment["text"].text().strip(), segment.where))
+        has_words = node.has("alignment") and node["alignment"].has("segments")
+        words = _checked(fish_words(node)) if has_words else ()
         return Piece(samples, RATE_HZ, tuple(word for word in words if any(map(str.isalnum, word.label))))
-
-
-def _msgpack() -> Any:
-    import msgspec
-
-    return msgspec.msgpack
 
 
 @dataclass(slots=True)
 class AzureEvents:
-    """Azure's Speech SDK: give its callbacks' values to :meth:`viseme` and :meth:`sound`.
-
-    Stateful.
+    """Azure's Speech SDK: pass the values of its callbacks to :meth:`viseme` and :meth:`sound`. Stateful.
 
     Examples
     --------
@@ -351,34 +361,46 @@ class AzureEvents:
     """
 
     rate_hz: int
-    _carried: bytes = b""
-    _sound: list[np.ndarray[tuple[int], np.dtype[np.int16]]] = field(default_factory=list)
-    _onsets: list[tuple[float, int]] = field(default_factory=list)
+    _data: bytes = b""
+    _onsets: list[tuple[float, str, str]] = field(default_factory=list)
 
     def viseme(self, audio_offset: int, viseme_id: int) -> None:
-        """Take a ``viseme_received`` event."""
+        """Add a ``viseme_received`` event."""
         start_s = audio_offset / TICKS_HZ
         if not 0 <= viseme_id <= 21 or (self._onsets and start_s < self._onsets[-1][0]):
             raise DataError(f"Azure: got viseme {viseme_id} at {start_s} s, expected 0 to 21 in the order of time")
-        self._onsets.append((start_s, viseme_id))
+        self._onsets.append((start_s, to_ipa(str(viseme_id), "azure-visemes")[0], "viseme"))
 
     def sound(self, data: bytes) -> None:
-        """Take sound, 16-bit and raw."""
-        samples, self._carried = pcm(data, self._carried)
-        self._sound.append(samples)
+        """Add raw 16-bit audio."""
+        self._data += data
 
     def piece(self, *, end: bool = False) -> Piece:
         """Return what came since the last call; a viseme lasts until the next one, the last one 0.1 s."""
-        sound, self._sound = self._sound, []
-        onsets = self._onsets
-        ends = [start_s for start_s, _ in onsets[1:]] + ([onsets[-1][0] + 0.1] if onsets and end else [])
-        self._onsets = onsets[len(ends) :]
-        phones = [
-            entry(start_s, end_s, to_ipa(str(viseme), "azure-visemes")[0], "viseme")
-            for (start_s, viseme), end_s in zip(onsets, ends, strict=False)
-        ]
-        joined = np.concatenate(sound) if sound else np.zeros(0, np.int16)
-        return Piece(joined, self.rate_hz, phones=tuple(phones))
+        even = len(self._data) // 2 * 2
+        samples, self._data = np.frombuffer(self._data[:even], "<i2").astype(np.int16), self._data[even:]
+        phones = until_next(self._onsets)[: None if end else -1]
+        self._onsets = self._onsets[len(phones) :]
+        return Piece(samples, self.rate_hz, phones=_checked(phones))
+
+
+def _checked(entries: Iterable[Entry], shift_s: float = 0.0) -> tuple[Entry, ...]:
+    """Check the times of a service, moved by ``shift_s``."""
+    found: list[Entry] = []
+    for each in entries:
+        start_s, end_s = each.start_s + shift_s, each.end_s + shift_s
+        if not (math.isfinite(start_s) and math.isfinite(end_s) and -1.0 <= start_s <= end_s <= MAX_S):
+            message = f"{each.label!r:.40}: got times {start_s} to {end_s}, expected 0 to {MAX_S:.0f} s"
+            raise DataError(message, where=each.where)
+        found.append(replace(each, start_s=max(start_s, 0.0), end_s=max(end_s, 0.0)))
+    return tuple(found)
+
+
+def check_text(text: str) -> str:
+    """Refuse a text without anything to speak."""
+    if not any(letter.isalnum() for letter in text):
+        raise UsageError(f"text: {text!r:.40} contains nothing to speak")
+    return text
 
 
 def _json(message: str | bytes, what: str) -> Node:
@@ -399,4 +421,4 @@ def _base64(node: Node) -> bytes:
 SERVICES: dict[str, type[ElevenLabs] | type[Cartesia] | type[Inworld] | type[Fish]] = {
     "elevenlabs": ElevenLabs, "cartesia": Cartesia, "inworld": Inworld, "fish": Fish,
 }  # fmt: skip
-"""Services that :mod:`.service_client` can reach, by the name before the voice: ``cartesia:VOICE``."""
+"""Services of :mod:`.service_client`, by the name before the voice: ``cartesia:VOICE``."""

@@ -97,7 +97,7 @@ def _timings() -> Iterable[Reader]:
         wishes = ParseOptions(columns="fps=24" if kind == "moho" else None)
 
         def timings(data: bytes, kind: str = kind, wishes: ParseOptions = wishes) -> object:
-            return parse_timings(data, file_format=kind, wishes=wishes)
+            return parse_timings(data, file_format=kind, options=wishes)
 
         yield Reader(f"timings, {name}", timings, (text.encode(),))
     yield Reader("timings, any", parse_timings, tuple(text.encode() for text in SAMPLES.values()))

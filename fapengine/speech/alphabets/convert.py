@@ -15,6 +15,7 @@ import unicodedata
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
+from fapengine.speech.alphabets.phone_set import split_longest
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 
 # fmt: off
@@ -37,7 +38,7 @@ _POSITION = re.compile(r"(?<=.)_[BIES]$")
 
 
 def without_position(label: str) -> str:
-    """Take Kaldi's place in the word off a label.
+    """Remove Kaldi's position in the word from a label.
 
     Examples
     --------
@@ -48,7 +49,7 @@ def without_position(label: str) -> str:
 
 
 def from_arpabet(label: str) -> str | None:
-    """IPA of an ARPAbet label, stress digit and position allowed; None if it is none.
+    """IPA of an ARPAbet label, with or without stress digit and position; None for any other label.
 
     Examples
     --------
@@ -80,37 +81,15 @@ MARKS: dict[str, str] = {  # what follows a letter and changes it
     "_G": "ˠ", "_?\\": "ˤ", "_e": "̴", "_r": "̝", "_o": "̞", "~": "̃", "_~": "̃", "_n": "ⁿ", "_l": "ˡ", "_}": "̚", "_A": "̘",
     "_q": "̙", "_X": "̆", "`": "˞", ":": "ː", ":\\": "ˑ", "_<": "",
 }
+UNSEEN = ("_T", "_H", "_M", "_L", "_B", "_F", "_R", "_/", "_\\", "<F>", "<R>", "-\\", "_", "-", ".", "||", "|", "^",
+          "!")
 # fmt: on
-UNSEEN = (
-    "_T",
-    "_H",
-    "_M",
-    "_L",
-    "_B",
-    "_F",
-    "_R",
-    "_/",
-    "_\\",
-    "<F>",
-    "<R>",
-    "-\\",
-    "_",
-    "-",
-    ".",
-    "||",
-    "|",
-    "^",
-    "!",
-)
-"""Tones, breaks and joins: nothing of them is seen."""
+"""Tones, breaks and joins, which are invisible."""
 _PIECES = {**XSAMPA_LETTERS, **MARKS, **dict.fromkeys(UNSEEN, ""), '"': "", "%": ""}
-_MAX_LETTERS = max(map(len, _PIECES))
 
 
 def from_xsampa(label: str) -> str | None:
-    r"""IPA of an X-SAMPA label; None if it is none.
-
-    Letters of the IPA that ASCII lacks are no X-SAMPA.
+    r"""IPA of an X-SAMPA label; None for any other label, also for IPA outside ASCII.
 
     Examples
     --------
@@ -121,15 +100,10 @@ def from_xsampa(label: str) -> str | None:
     >>> from_xsampa("s_m") == "s\u033b"
     True
     """
-    out, letters, rest = "", 0, label
-    while rest:
-        width = next((n for n in range(min(_MAX_LETTERS, len(rest)), 0, -1) if rest[:n] in _PIECES), 0)
-        if not width:
-            return None
-        out += _PIECES[rest[:width]]
-        letters += rest[:width] in XSAMPA_LETTERS
-        rest = rest[width:]
-    return unicodedata.normalize("NFC", out) if letters else None
+    pieces = split_longest(label, _PIECES)
+    if pieces is None or XSAMPA_LETTERS.keys().isdisjoint(pieces):
+        return None
+    return unicodedata.normalize("NFC", "".join(_PIECES[piece] for piece in pieces))
 
 
 SILENCES = frozenset(
@@ -148,11 +122,11 @@ _SILENT_WORDS = frozenset({"", "_", "sil", "sp", "h#", "#", "..."})
 _BRACKETED = re.compile(r"[<\[({].*[>\])}]")
 
 ALPHABETS = ("ipa", "arpabet", "x-sampa", *PHONE_SETS)
-"""Names that :func:`to_ipa` takes."""
+"""Names that :func:`to_ipa` accepts."""
 
 
 def is_silence(label: str, *, spelled: bool = False) -> bool:
-    """Whether a label stands for silence; of spelled words only what is no word does, for "silence" is one.
+    """Whether a label means silence; among written words only what is not a word, for "silence" is one.
 
     Examples
     --------

@@ -62,11 +62,8 @@ def is_one_phone(label: str) -> bool:
     vowels = [sound.vowel for sound in sounds]
     if letters[0] in "jwɥ":
         return all(vowels[1:]) and len(vowels) <= 3
-    return (letters[-1] in "ɹɻɫ" and all(vowels[:-1]) and len(vowels) <= 3) or letters in (
-        ("ə", "l"),
-        ("ə", "n"),
-        ("ə", "m"),
-    )
+    ends_in_r = letters[-1] in "ɹɻɫ" and all(vowels[:-1]) and len(vowels) <= 3
+    return ends_in_r or "".join(letters) in ("əl", "ən", "əm")
 
 
 def explains(alphabet: str, label: str) -> bool:
@@ -84,10 +81,12 @@ def explains(alphabet: str, label: str) -> bool:
 
 
 def guess(labels: Iterable[str]) -> Guess:
-    """Find the alphabet that has most of the different labels, silences aside.
+    """Find the alphabet that has most of the different labels, without silences; ties go to ARPAbet, then IPA.
 
     Examples
     --------
+    >>> [guess(labels).alphabet for labels in (["AY1", "T"], ["b", "ɹ", "aɪ"], ["b", "{", "t"])]
+    ['arpabet', 'ipa', 'x-sampa']
     >>> [guess(labels.split()).alphabet for labels in ("SH IY DCL D", "hh_B ah0_E", "k o N ch i")]
     ['arpabet', 'arpabet', 'openjtalk']
     >>> guess(["m", "ao"]).others, guess(["The", "birch", "canoe"]).words
@@ -106,14 +105,14 @@ def guess(labels: Iterable[str]) -> Guess:
     ]
     count = max(len(explained[name]) for name in candidates)
     best, *ties = (name for name in candidates if len(explained[name]) == count)
+    part = count / len(distinct)
+    if part < MIN_EXPLAINED:
+        return Guess(best, part, (), words=sum(map(len, distinct)) / len(distinct) > WORD_LETTERS)
     others: list[str] = []
     for name in ties:
         if not any(_same(other, name, distinct) for other in (best, *others)):
             others.append(name)
-    part = count / len(distinct)
-    if part >= MIN_EXPLAINED:
-        return Guess(best, part, tuple(others), words=False)
-    return Guess(best, part, (), words=sum(map(len, distinct)) / len(distinct) > WORD_LETTERS)
+    return Guess(best, part, tuple(others), words=False)
 
 
 def _explained(labels: Sequence[str], *, capitals: bool) -> dict[str, list[str]]:
@@ -142,17 +141,6 @@ def _same(one: str, other: str, labels: Sequence[str]) -> bool:
         ipa.letters(alphabets.to_ipa(label, one)[0]) == ipa.letters(alphabets.to_ipa(label, other)[0])
         for label in labels
     )
-
-
-def guess_alphabet(labels: Iterable[str]) -> str:
-    """Name the alphabet that has most of the labels; ties go to ARPAbet, then IPA.
-
-    Examples
-    --------
-    >>> guess_alphabet(["B", "R", "AY1", "T"]), guess_alphabet(["b", "ɹ", "aɪ"]), guess_alphabet(["b", "{", "t"])
-    ('arpabet', 'ipa', 'x-sampa')
-    """
-    return guess(labels).alphabet
 
 
 def is_doubtful(label: str, alphabet: str, *, guessed: bool) -> bool:

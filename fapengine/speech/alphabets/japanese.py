@@ -1,13 +1,19 @@
 """Japanese: kana mora by mora, and the phone labels of VOICEVOX, Open JTalk and Julius.
 
 Pronunciation after Okada, Handbook of the IPA (1999). Katakana and hiragana, full and half width, with every small
-vowel. What a moraic nasal or っ becomes is decided beside its neighbours (:mod:`fapengine.speech.neighbours`).
+vowel. The moraic nasal takes the place of the stop after it, and so does っ: before p b m the lips are shut.
 """
 
+import re
 import unicodedata
+from collections.abc import Sequence
+from dataclasses import replace
 
 from fapengine.speech.alphabets.phone_set import PhoneSet, joined
-from fapengine.speech.neighbours import assimilated
+from fapengine.speech.phone_track import Phone
+
+JAPANESE = ("kana", "voicevox", "openjtalk", "misaki")
+"""Names of the sets that write a moraic nasal as ɴ and っ as ʔ."""
 
 # fmt: off
 _ROWS = {  # consonant: the five morae with a i u e o; a space where there is none
@@ -73,9 +79,8 @@ def plain_kana(label: str) -> str:
     out = ""
     for letter in kana.replace("〜", "ー").replace("~", "ー"):
         if letter in "ゝヽゞヾ" and out:
-            out += unicodedata.normalize("NFC", out[-1] + "\u3099") if letter in "ゞヾ" else out[-1]
-        else:
-            out += letter
+            letter = unicodedata.normalize("NFC", out[-1] + "\u3099") if letter in "ゞヾ" else out[-1]
+        out += letter
     return out
 
 
@@ -91,17 +96,42 @@ def from_kana(label: str) -> str | None:
     return None if out is None else assimilated(out)
 
 
-def _both_scripts() -> dict[str, str]:
-    katakana = {kana: sound for kana, sound in _MORAE.items() if kana not in _SILENT or sound}
-    hiragana = {
-        "".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヶ" else c for c in kana): sound for kana, sound in katakana.items()
-    }
-    return katakana | hiragana | {"、": "", "。": "", "？": "", "！": "", "・": ""}
+def assimilated(label: str, following: str = "") -> str:
+    """Close the lips on a moraic nasal and on っ before p b m, inside a label and at its end.
+
+    Examples
+    --------
+    >>> assimilated("ɕiɴbɯɴ"), assimilated("ɴ", "mi"), assimilated("kiʔpɯ"), assimilated("ʔ", "ta")
+    ('ɕimbɯɴ', 'm', 'kippɯ', 'ʔ')
+    """
+    return re.sub("ʔ(?=p)", "p", re.sub("ɴ(?=[pbm])", "m", label + following))[: len(label)]
 
 
+def in_japanese(phones: Sequence[Phone]) -> list[Phone]:
+    """Assimilate moraic nasals and っ to the next phone; a separate long mark lengthens the phone before it.
+
+    Examples
+    --------
+    >>> said = [Phone("ka", 0, 1), Phone("ː", 1, 2), Phone("ɴ", 2, 3), Phone("pa", 3, 4)]
+    >>> [(phone.label, phone.end_s) for phone in in_japanese(said)]
+    [('kaː', 2), ('m', 3), ('pa', 4)]
+    """
+    changed: list[Phone] = []
+    for phone, following in zip(phones, [*(each.label for each in phones[1:]), ""], strict=False):
+        before = changed[-1] if changed else None
+        if phone.label == "ː" and before and not before.is_silence:
+            changed[-1] = replace(before, label=before.label + "ː", end_s=phone.end_s)
+        else:
+            changed.append(replace(phone, label=assimilated(phone.label, following)))
+    return changed
+
+
+_HIRAGANA = {
+    "".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヶ" else c for c in kana): sound for kana, sound in _MORAE.items()
+}
 KANA = PhoneSet(
     "kana", "Katakana and hiragana; pronunciation after Okada, Handbook of the IPA (1999)", "JIS X 0208 and 0201",
-    table=_both_scripts(), read=from_kana,
+    table={k: v for k, v in (_MORAE | _HIRAGANA).items() if v or k in "、。？！・"}, read=from_kana,
 )  # fmt: skip
 # fmt: off
 _LABELS = {

@@ -1,6 +1,6 @@
 """``PhoneSet``: what the labels of one speech tool mean in IPA, as data."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 
@@ -18,12 +18,12 @@ class PhoneSet:
     joins: bool = False
     """True where a label may be several spellings of the table in a row, the longest first."""
     ignored: str = ""
-    """Characters that change nothing that is seen: tones, diacritics."""
+    """Characters without a visible effect: tones, diacritics."""
     read: Callable[[str], str | None] | None = None
-    """Function from a label to IPA, for spellings that a table alone cannot hold; None for what it does not know."""
+    """Function from a label to IPA, for spellings beyond a table; it returns None for an unknown label."""
 
     def to_ipa(self, label: str) -> str | None:
-        """IPA of a label, empty for silence; None if it is none of this set."""
+        """IPA of a label, empty for silence; None for a label outside this set."""
         if label in self.table:
             return self.table[label]
         if self.read is not None:
@@ -42,12 +42,18 @@ def joined(text: str, table: Mapping[str, str], ignored: str = "") -> str | None
     >>> joined("tS_a", {"tS": "tʃ", "t": "t", "a": "a"}, "_"), joined("tx", {"t": "t"})
     ('tʃa', None)
     """
-    longest = max(map(len, table))
-    out, rest = "", text
-    while rest:
-        width = next((n for n in range(min(longest, len(rest)), 0, -1) if rest[:n] in table), 0)
-        if not width and rest[0] not in ignored:
+    pieces = split_longest(text, table, ignored)
+    return None if pieces is None else "".join(table.get(piece, "") for piece in pieces)
+
+
+def split_longest(text: str, known: Collection[str], ignored: str = "") -> list[str] | None:
+    """Split a text into known pieces, the longest first, and ignored characters; None if that is impossible."""
+    longest = max(map(len, known))
+    pieces: list[str] = []
+    while text:
+        width = next((n for n in range(min(longest, len(text)), 0, -1) if text[:n] in known), 0)
+        if not width and text[0] not in ignored:
             return None
-        out += table.get(rest[:width], "")
-        rest = rest[max(width, 1) :]
-    return out
+        pieces.append(text[: max(width, 1)])
+        text = text[len(pieces[-1]) :]
+    return pieces

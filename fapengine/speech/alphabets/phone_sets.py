@@ -110,24 +110,8 @@ RHUBARB = PhoneSet(
     "rhubarb-shapes", "Rhubarb Lip Sync, README: mouth shapes A to H and X", "1.14",
     table={"A": "p", "B": "s", "C": "ɛ", "D": "ɑ", "E": "ɔ", "F": "u", "G": "f", "H": "l", "X": ""},
 )
-# fmt: on
 
-PHONE_SETS: dict[str, PhoneSet] = {
-    each.name: each
-    for each in (
-        ESPEAK,
-        MISAKI,
-        MFA,
-        MRPA,
-        PINYIN,
-        KANA,
-        VOICEVOX,
-        OPENJTALK,
-        POLLY,
-        AZURE,
-        OCULUS,
-        INWORLD,
-        PRESTON_BLAIR,
-        RHUBARB,
-    )
-}
+PHONE_SETS: dict[str, PhoneSet] = {each.name: each for each in (
+    ESPEAK, MISAKI, MFA, MRPA, PINYIN, KANA, VOICEVOX, OPENJTALK, POLLY, AZURE, OCULUS, INWORLD, PRESTON_BLAIR, RHUBARB,
+)}
+# fmt: on

@@ -1,29 +1,28 @@
 """Timings of animation programs: Papagayo, Moho, Rhubarb Lip Sync.
 
-Papagayo ``.pgo`` (version 1): name, sound, frames a second, length, then voices of phrases of words of ``frame mouth``.
-Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; few say, by ``FPS 24``, how many frames make a
-second. Rhubarb 1.14: JSON and XML (its TSV is in :mod:`.corpora`); the start of a cue ends the one before, because cues
-of ports of Rhubarb overlap.
+Papagayo ``.pgo`` (version 1): name, audio file, frame rate, length, then voices of phrases of words of ``frame mouth``.
+Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; a few give the frame rate, by ``FPS 24``. Rhubarb
+1.14: JSON and XML (its TSV is in :mod:`.corpora`); the start of a cue ends the one before, because cues of ports of
+Rhubarb overlap.
 """
 
-import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.speech.formats.documents import parse_document
-from fapengine.speech.formats.entries import Entry, track_of, until_next
-from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.formats.documents import decode_text, number_of, parse_document
+from fapengine.speech.formats.entries import Entry, track_of, until_next, without_overlaps
+from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.phone_track import PhoneTrack
 
 
 @dataclass(slots=True)
 class _Lines:
-    """Lines of the file, one after the other. Stateful."""
+    """The lines of a file, in order. Stateful."""
 
     lines: list[str]
-    at: int = field(default=0)
+    at: int = 0
 
     def take(self, wanted: str) -> str:
         if self.at >= len(self.lines):
@@ -56,11 +55,7 @@ def parse_papagayo(data: bytes, *, tier: str | None = None, alphabet: str | None
     if len(voices) > 1 and tier not in voices:
         raise DataError(f"Papagayo: got the voices {sorted(voices)}, expected one; name one with tier=NAME")
     onsets = voices[tier] if tier in voices else next(iter(voices.values()), [])
-    entries = [
-        Entry(entry.start_s, entry.end_s, entry.label, entry.where, word)
-        for entry, (*_, word) in zip(until_next([row[:3] for row in onsets], end_s), onsets, strict=True)
-    ]
-    return track_of(entries, "Papagayo", alphabet=alphabet or "preston-blair", level="viseme")
+    return track_of(until_next(onsets, end_s), "Papagayo", alphabet=alphabet or "preston-blair", level="viseme")
 
 
 def _voice(lines: _Lines, rate_hz: int) -> list[tuple[float, str, str, str]]:
@@ -84,8 +79,9 @@ def _mouth(lines: _Lines, rate_hz: float) -> tuple[float, str, str]:
     return max(0, int(frame) - 1) / rate_hz, label.strip(), where  # frames count from 1
 
 
-def parse_moho(data: bytes, *, rate_hz: float | None, alphabet: str | None = None) -> PhoneTrack:
-    """Read a Moho switch file."""
+def parse_moho(data: bytes, *, alphabet: str | None = None, columns: str | None = None) -> PhoneTrack:
+    """Read a Moho switch file; ``columns`` gives the frame rate as ``fps=24``."""
+    rate_hz = parse_columns(columns).rate_hz
     lines = _Lines(decode_text(data, "Moho").rstrip().splitlines())
     if lines.take("its first line") != "MohoSwitch1":
         raise DataError("Moho: expected a file that begins with MohoSwitch1", where="line 1")
@@ -101,7 +97,7 @@ def parse_moho(data: bytes, *, rate_hz: float | None, alphabet: str | None = Non
 def parse_rhubarb_json(data: bytes) -> PhoneTrack:
     """Read ``{"mouthCues": [{"start", "end", "value"}]}``."""
     cues = parse_document(data, "Rhubarb JSON")["mouthCues"]
-    return _track([Entry(c["start"].number(), c["end"].number(), c["value"].text(), c.where) for c in cues.items()])
+    return _cues([Entry(c["start"].number(), c["end"].number(), c["value"].text(), c.where) for c in cues.items()])
 
 
 def parse_rhubarb_xml(data: bytes) -> PhoneTrack:
@@ -115,25 +111,11 @@ def parse_rhubarb_xml(data: bytes) -> PhoneTrack:
     entries: list[Entry] = []
     for number, cue in enumerate(root.iter("mouthCue"), start=1):
         where = f"mouthCue {number}"
-        start_s, end_s = (_attribute(cue, name, where) for name in ("start", "end"))
+        start_s, end_s = (number_of(cue.get(name, ""), name, where) for name in ("start", "end"))
         entries.append(Entry(start_s, end_s, (cue.text or "").strip(), where))
-    return _track(entries)
+    return _cues(entries)
 
 
-def _attribute(cue: ElementTree.Element, name: str, where: str) -> float:
-    try:
-        value = float(cue.get(name, ""))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DataError(f"{name}: got {cue.get(name)!r}, expected a number of seconds", where=where)
-    return value
-
-
-def _track(cues: list[Entry]) -> PhoneTrack:
-    cues = sorted(cues, key=lambda cue: cue.start_s)
-    cut: list[Entry] = []
-    for index, cue in enumerate(cues):
-        end_s = min([cue.end_s, *(later.start_s for later in cues[index + 1 : index + 2])])
-        cut.append(Entry(cue.start_s, end_s, cue.label, cue.where))
-    return track_of(cut, "Rhubarb", alphabet="rhubarb-shapes", level="viseme")
+def _cues(cues: list[Entry]) -> PhoneTrack:
+    cues = without_overlaps(sorted(cues, key=lambda cue: cue.start_s))
+    return track_of(cues, "Rhubarb", alphabet="rhubarb-shapes", level="viseme")

@@ -1,4 +1,4 @@
-"""Timings of aligners and corpora: formats with one label a line, and the JSON of the Montreal Forced Aligner.
+"""Timings of aligners and corpora: one label a line, the aligners' JSON, and Rhubarb's TSV.
 
 ============ ============================== ==========================================================
 format       line                           source
@@ -15,58 +15,59 @@ CTM          ``recording channel start``    NIST; Kaldi, NeMo; seconds; words or
 TIMIT        ``start end label``            NIST, 1990, ``.PHN`` and ``.WRD``; samples at 16 kHz
 ============ ============================== ==========================================================
 
-MFA 3 as JSON: tiers of ``[begin, end, label]`` in seconds, as praatio writes them.
+JSON: MFA 3 writes tiers of ``[begin, end, label]`` in seconds, as praatio does. Gentle (lowerquality/gentle) writes
+``words`` with ``start``, ``end`` and ``phones`` of Kaldi's ARPAbet with durations; a word whose ``case`` is not
+``success`` has no times. PocketSphinx 5 writes lines of begin ``b``, duration ``d``, text ``t`` and parts ``w``: words,
+which contain phones on request. aeneas writes ``fragments`` with ``begin``, ``end`` (texts) and ``lines``.
 """
 
 import csv
-import math
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.speech.alphabets.guess import guess
-from fapengine.speech.formats.documents import Node, parse_document
-from fapengine.speech.formats.entries import Entry, track_of, until_next, with_words
-from fapengine.speech.formats.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier, decode_text
-from fapengine.speech.formats.word_lists import timed_words
+from fapengine.speech.formats.documents import Node, decode_text, number_of, parse_document, walk
+from fapengine.speech.formats.entries import Entry, in_sequence, track_of, until_next, with_words, without_overlaps
+from fapengine.speech.formats.table import parse_columns
+from fapengine.speech.formats.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
+from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
-HTK_HZ = 1e7
-"""Units of 100 ns."""
-GRID_HZ = 25_000
+HTK_HZ, GRID_HZ, TIMIT_HZ = 1e7, 25_000, 16_000
 MAX_SAMPLES = 1_000_000
 """Largest whole number that is too small for HTK's units: 0.1 s."""
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
+_ONE_WORD = "one word a line"
 
 
-def number_at(text: str, line: int) -> float:
-    """Return the finite number in a field."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DataError(f"time: got {text[:40]!r}, expected a number", where=f"line {line}")
-    return value
-
-
-def rows_of(data: bytes, what: str, fields: int) -> list[tuple[int, list[str]]]:
-    """Split into lines that hold something, with their numbers; each has at least so many fields."""
-    rows = [(n, line.split(None, fields)) for n, line in enumerate(decode_text(data, what).splitlines(), 1)]
-    rows = [(number, row) for number, row in rows if row]
-    for number, row in rows:
-        if len(row) < fields:
-            raise DataError(f"{what}: got {' '.join(row)[:40]!r}, expected {fields} fields", where=f"line {number}")
+def rows_of(data: bytes, what: str, fields: int) -> list[tuple[str, list[str]]]:
+    """Split into the lines with content and their places; each line has at least ``fields`` fields."""
+    rows: list[tuple[str, list[str]]] = []
+    for number, line in enumerate(decode_text(data, what).splitlines(), start=1):
+        row, where = line.split(None, fields), f"line {number}"
+        if row and len(row) < fields:
+            raise DataError(f"{what}: got {' '.join(row)[:40]!r}, expected {fields} fields", where=where)
+        rows += [(where, row)] if row else []
     return rows
 
 
-def _lab_track(entries: list[Entry], what: str, alphabet: str | None) -> PhoneTrack:
-    if alphabet is None and guess(entry.label for entry in entries).words:
-        return track_of(entries, what, level="word", spelled=True)
-    return track_of(entries, what, alphabet=alphabet)
+def _three_columns(data: bytes, what: str, rate_hz: float) -> list[Entry]:
+    """Lines of start, end and label; times in units of ``1 / rate_hz``."""
+    return [
+        Entry(number_of(start, "time", where) / rate_hz, number_of(end, "time", where) / rate_hz, label, where)
+        for where, (start, end, label, *_) in rows_of(data, what, 3)
+    ]
 
 
-def parse_htk(data: bytes, *, alphabet: str | None = None, rate_hz: float | None = None) -> PhoneTrack:
-    """Read an HTK label file; of a full-context label ``a^b-c+d=e`` the phone is c.
+def _from_ends(ends: Sequence[tuple[float, str, str]]) -> list[Entry]:
+    """Entries from (end in s, label, where); each begins where the one before ends."""
+    starts_s = [0.0, *(end_s for end_s, _, _ in ends)]
+    return [Entry(start_s, *end) for start_s, end in zip(starts_s, ends, strict=False)]
+
+
+def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None = None) -> PhoneTrack:
+    """Read an HTK label file; the phone of a full-context label ``a^b-c+d=e`` is c.
 
     Parameters
     ----------
@@ -74,28 +75,27 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, rate_hz: float | None
         The file. Point labels, which begin where they end, last until the next.
     alphabet : str, optional
         Of the labels; by default guessed.
-    rate_hz : float, optional
-        Rate of the samples that whole numbers count; by default they are units of 100 ns.
+    columns : str, optional
+        ``hz=`` and the rate of the samples that whole numbers count; by default they are units of 100 ns.
     """
-    entries: list[Entry] = []
+    rate_hz = parse_columns(columns).rate_hz
     rows = rows_of(data, ".lab", 3)
     whole = not any("." in row[0] + row[1] for _, row in rows)
-    longest = max((number_at(row[1], number) for number, row in rows), default=0.0)
+    longest = max((number_of(row[1], "time", where) for where, row in rows), default=0.0)
     if whole and rate_hz is None and len(rows) > 1 and 1000 < longest < MAX_SAMPLES:
         raise DataError(
             f".lab: got whole numbers up to {longest:g}, {1000 * longest / HTK_HZ:.0f} ms in HTK's units of 100 ns;"
             " are they samples? say their rate with columns='hz=16000'"
         )
-    for number, row in rows:
-        rate_hz = rate_hz if whole and rate_hz else HTK_HZ if whole else 1.0
-        start_s, end_s = (number_at(text, number) / rate_hz for text in row[:2])
-        context = _FULL_CONTEXT.match(row[2])
-        entries.append(Entry(start_s, end_s, context[1] if context else row[2], f"line {number}"))
+    entries = [
+        replace(entry, label=context[1] if (context := _FULL_CONTEXT.match(entry.label)) else entry.label)
+        for entry in _three_columns(data, ".lab", (rate_hz or HTK_HZ) if whole else 1.0)
+    ]
     if len(entries) > 1 and all(entry.start_s == entry.end_s for entry in entries):
         entries = until_next([(entry.start_s, entry.label, entry.where) for entry in entries])
     if all(re.fullmatch(r"f\d{6}", entry.label) for entry in entries):
         raise DataError(".lab: got the numbers of fragments (aeneas), expected labels; write JSON from aeneas instead")
-    return _lab_track(entries, ".lab", alphabet)
+    return labelled_track(entries, ".lab", alphabet)
 
 
 def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
@@ -105,37 +105,25 @@ def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     if not pieces:
         raise DataError("xlabel: the line with # alone, above the labels, is missing")
     blank = "\n" * header.count("\n") + text[len(header) + 1 :]
-    entries: list[Entry] = []
-    now_s = 0.0
-    for number, row in rows_of(blank.encode("utf-8", "replace"), ".lab", 3):
-        end_s = number_at(row[0], number)
-        entries.append(Entry(now_s, end_s, row[2].split(";")[0].strip() or "_", f"line {number}"))
-        now_s = end_s
-    return _lab_track(entries, ".lab", alphabet)
+    ends = [
+        (number_of(row[0], "time", where), row[2].split(";")[0].strip() or "_", where)
+        for where, row in rows_of(blank.encode("utf-8", "replace"), ".lab", 3)
+    ]
+    return labelled_track(_from_ends(ends), ".lab", alphabet)
 
 
 def parse_align(data: bytes) -> PhoneTrack:
     """Read a GRID alignment: words, in samples at 25 kHz."""
-    entries = [
-        Entry(number_at(row[0], number) / GRID_HZ, number_at(row[1], number) / GRID_HZ, row[2], f"line {number}")
-        for number, row in rows_of(data, ".align", 3)
-    ]
-    return track_of(entries, ".align", level="word", spelled=True)
+    return track_of(_three_columns(data, ".align", GRID_HZ), ".align", level="word", spelled=True)
 
 
 def parse_flite(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read what ``flite -psdur`` prints: ``phone:end`` with blanks between."""
-    entries: list[Entry] = []
-    now_s = 0.0
+    ends = []
     for count, piece in enumerate(decode_text(data, "flite").split(), start=1):
         label, _, end = piece.rpartition(":")
-        try:
-            end_s = float(end)
-        except ValueError:
-            end_s = math.nan
-        entries.append(Entry(now_s, end_s, label or "_", f"piece {count}"))
-        now_s = end_s
-    return _lab_track(entries, "flite", alphabet)
+        ends.append((number_of(end, "time", f"piece {count}"), label or "_", f"piece {count}"))
+    return labelled_track(_from_ends(ends), "flite", alphabet)
 
 
 def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
@@ -148,69 +136,51 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
     wanted = ("Begin", "End", "Label", "Type", "Speaker")
     if not rows or any(name not in rows[0] for name in wanted):
         raise DataError(f"MFA CSV: got {lines[:1]}, expected the header {','.join(wanted)}", where="line 1")
-    texts = [(number, {name: row[name] or "" for name in wanted}) for number, row in enumerate(rows, start=2)]
-    speakers = sorted({row["Speaker"] for _, row in texts})
-    if len(speakers) > 1 and tier not in speakers:
-        raise DataError(f"MFA CSV: got the speakers {speakers}, expected one; name one with tier=NAME")
-    spoken = [(n, row) for n, row in texts if len(speakers) == 1 or row["Speaker"] == tier]
-    timed = {
-        kind: [
-            Entry(number_at(row["Begin"], n), number_at(row["End"], n), row["Label"], f"line {n}")
-            for n, row in spoken
-            if row["Type"] == kind
-        ]
-        for kind in ("phones", "words")
-    }
+    texts = [(f"line {n}", {name: row[name] or "" for name in wanted}) for n, row in enumerate(rows, start=2)]
+    speaker = _only({row["Speaker"] for _, row in texts}, tier, "MFA CSV", "speakers")
+    timed: dict[str, list[Entry]] = {"phones": [], "words": []}
+    for where, row in texts:
+        if row["Speaker"] == speaker and row["Type"] in timed:
+            start_s, end_s = (number_of(row[name], "time", where) for name in ("Begin", "End"))
+            timed[row["Type"]].append(Entry(start_s, end_s, row["Label"], where))
     return track_of(with_words(timed["phones"], timed["words"]), "MFA CSV", alphabet=alphabet)
 
 
+def _only(names: set[str], wanted: str | None, what: str, kind: str) -> str:
+    """Return the wanted name, or the only one."""
+    if len(names) > 1 and wanted not in names:
+        raise DataError(f"{what}: got the {kind} {sorted(names)[:8]}, expected one; name one with tier=NAME")
+    return wanted if len(names) > 1 and wanted else next(iter(names), "")
+
+
 def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:
-    """Read Rhubarb's TSV: starts and mouth shapes; the last line only says where the recording ends."""
-    onsets = [(number_at(row[0], number), row[1], f"line {number}") for number, row in rows_of(data, "Rhubarb TSV", 2)]
+    """Read Rhubarb's TSV: starts and mouth shapes; the last line gives the end of the recording."""
+    onsets = [(number_of(row[0], "time", where), row[1], where) for where, row in rows_of(data, "Rhubarb TSV", 2)]
     if len(onsets) < 2:
         raise DataError("Rhubarb TSV: got fewer than two lines, expected a shape and the end")
     entries = until_next(onsets[:-1], onsets[-1][0])
     return track_of(entries, "Rhubarb TSV", alphabet="rhubarb-shapes", level="viseme")
 
 
-TIMIT_HZ = 16_000
-
-
 def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
     """Read a CTM; ``tier`` names the recording, if there are several."""
-    said = re.sub("^;;.*$", "", decode_text(data, "CTM"), flags=re.MULTILINE)
-    rows = rows_of(said.encode(), "CTM", 5)
-    recordings = sorted({row[0] for _, row in rows})
-    if len(recordings) > 1 and tier not in recordings:
-        raise DataError(f"CTM: got the recordings {recordings[:8]}, expected one; name one with tier=NAME")
-    spoken = [(number, row) for number, row in rows if len(recordings) == 1 or row[0] == tier]
+    text = re.sub("^;;.*$", "", decode_text(data, "CTM"), flags=re.MULTILINE)
+    rows = rows_of(text.encode(), "CTM", 5)
+    recording = _only({row[0] for _, row in rows}, tier, "CTM", "recordings")
     entries: list[Entry] = []
-    for number, row in spoken:
-        if len(row) < 5:
-            raise DataError(
-                f"CTM: got {row}, expected recording, channel, start, length, label", where=f"line {number}"
-            )
-        start_s = number_at(row[2], number)
-        label = next(iter(row[4].split()), "")
-        if not label:
-            raise DataError("CTM: label is missing after the times", where=f"line {number}")
-        entries.append(Entry(start_s, start_s + number_at(row[3], number), label, f"line {number}"))
+    for where, row in rows:
+        if row[0] == recording:
+            start_s, length_s = (number_of(text, "time", where) for text in row[2:4])
+            entries.append(Entry(start_s, start_s + length_s, row[4], where))
     if entries and all(re.fullmatch(r"\d+", entry.label) for entry in entries):
         raise UnsupportedError("CTM: got numbers of phones, expected labels; map them with phones.txt (int2sym.pl)")
-    if alphabet is None and guess(entry.label for entry in entries).words:
-        return track_of(timed_words(entries, "CTM", "one word a line"), "CTM", level="word", spelled=True)
-    return track_of(entries, "CTM", alphabet=alphabet)
+    return labelled_track(entries, "CTM", alphabet, hint=_ONE_WORD)
 
 
 def parse_timit(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read the phones or words of a TIMIT sentence."""
-    entries = [
-        Entry(number_at(row[0], number) / TIMIT_HZ, number_at(row[1], number) / TIMIT_HZ, row[2], f"line {number}")
-        for number, row in rows_of(data, "TIMIT", 3)
-    ]
-    if alphabet is None and guess(entry.label for entry in entries).words:
-        return track_of(timed_words(entries, "TIMIT", "one word a line"), "TIMIT", level="word", spelled=True)
-    return track_of(entries, "TIMIT", alphabet=alphabet or "arpabet")
+    entries = _three_columns(data, "TIMIT", TIMIT_HZ)
+    return labelled_track(entries, "TIMIT", alphabet, default="arpabet", hint=_ONE_WORD)
 
 
 def parse_mfa_json(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
@@ -219,15 +189,15 @@ def parse_mfa_json(data: bytes, *, tier: str | None = None, alphabet: str | None
     if not isinstance(tiers.value, dict):
         raise DataError(f"tiers: got {ascii(tiers.value)[:40]}, expected an object of tiers", where="tiers")
     names = tuple(Tier(str(name), ()) for name in tiers.value)
-    phones = _entries(tiers, choose_tier(names, tier, PHONE_TIERS, "phones").name)
+    phones = _tier(tiers, choose_tier(names, tier, PHONE_TIERS, "phones").name)
     try:
-        words = _entries(tiers, choose_tier(names, None, WORD_TIERS, "words").name)
+        words = _tier(tiers, choose_tier(names, None, WORD_TIERS, "words").name)
     except DataError:
         words = []
     return track_of(with_words(phones, words), "MFA JSON", alphabet=alphabet)
 
 
-def _entries(tiers: Node, name: str) -> list[Entry]:
+def _tier(tiers: Node, name: str) -> list[Entry]:
     entries: list[Entry] = []
     for row in tiers[name]["entries"].items():
         cells = list(row.items())
@@ -235,3 +205,63 @@ def _entries(tiers: Node, name: str) -> list[Entry]:
             raise DataError(f"entry: got {len(cells)} values, expected begin, end, label", where=row.where)
         entries.append(Entry(cells[0].number(), cells[1].number(), cells[2].text(), row.where))
     return entries
+
+
+def is_gentle(first: Node) -> bool:
+    """Return whether a document is Gentle's."""
+    return any(word.has("case") or word.has("alignedWord") for word in list(walk(first, "words[]"))[:3])
+
+
+def parse_gentle(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones, or the words if no word has phones."""
+    phones: list[Entry] = []
+    words: list[Entry | tuple[str, str]] = []
+    for word in parse_document(data, "Gentle")["words"].items():
+        text = word.first("word", "alignedWord").text()
+        if not word.has("start", "end"):
+            words.append((text, word.where))
+            continue
+        words.append(Entry(word["start"].number(), word["end"].number(), text, word.where))
+        lengths = [
+            (phone["phone"].text(), phone["duration"].number(), phone.where, text) for phone in walk(word, "phones[]")
+        ]
+        phones += in_sequence(lengths, word["start"].number())
+    if phones and len({phone.word for phone in phones}) >= sum(isinstance(word, Entry) for word in words) / 2:
+        return track_of(without_overlaps(phones), "Gentle", alphabet=alphabet or "arpabet")
+    return words_track(words, "Gentle", "was the text the one that is spoken?")
+
+
+def parse_pocketsphinx(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones, or the words if there are no phones."""
+    phones: list[Entry] = []
+    words: list[Entry] = []
+    for word in (word for line in parse_document(data, "PocketSphinx").entries() for word in walk(line, "w[]")):
+        text = re.sub(r"\(\d+\)$", "", word["t"].text())  # go(2) is another pronunciation of go
+        words.append(_begin_and_length(word, text))
+        spoken = "" if text.startswith("<") else text
+        phones += [_begin_and_length(phone, phone["t"].text(), spoken) for phone in walk(word, "w[]")]
+    if phones:
+        return track_of(without_overlaps(phones), "PocketSphinx", alphabet=alphabet or "arpabet")
+    spoken_words = [word for word in words if not word.label.startswith(("<", "["))]
+    return words_track(spoken_words, "PocketSphinx", "align a text")
+
+
+def _begin_and_length(node: Node, label: str, word: str = "") -> Entry:
+    start_s = node["b"].number()
+    return Entry(start_s, start_s + node["d"].number(), label, node.where, word)
+
+
+def parse_aeneas(data: bytes) -> PhoneTrack:
+    """Read the innermost fragments, which must be words."""
+    words: list[Entry] = []
+
+    def add(fragments: Node) -> None:
+        for fragment in fragments.items():
+            if fragment.has("children") and fragment["children"].value:
+                add(fragment["children"])
+            else:
+                text = " ".join(fragment["lines"].texts())
+                words.append(Entry(fragment["begin"].number(), fragment["end"].number(), text, fragment.where))
+
+    add(parse_document(data, "aeneas")["fragments"])
+    return words_track(words, "aeneas", "align word by word: is_text_type=mplain, and its third level")

@@ -1,4 +1,4 @@
-"""What a file looks like: tests of its content, by which its format is found."""
+"""Tests of a file's content, which find its format."""
 
 import re
 from collections.abc import Callable
@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 from fapengine.errors import DataError
 from fapengine.speech.alphabets.guess import MIN_EXPLAINED, guess
-from fapengine.speech.formats import documents, services
-from fapengine.speech.formats.documents import Node
+from fapengine.speech.formats import services
+from fapengine.speech.formats.documents import Node, decode_text, parse_document, walk
 from fapengine.speech.formats.synthesizers import LIST_KEYS
 from fapengine.speech.formats.table import header_of, is_row
-from fapengine.speech.formats.textgrid import decode_text
-from fapengine.speech.formats.word_lists import CUE, walk
+from fapengine.speech.formats.word_lists import CUE, WordList, is_word_list
 
 _ROWS = 50
 _EVENTS = 200
@@ -19,13 +18,13 @@ _EVENTS = 200
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What is looked at to find a format."""
+    """The part of a file that the tests look at."""
 
     head: bytes
     rows: tuple[str, ...]
     """First lines that are not blank."""
     document: Node | None
-    """The content, if it is JSON or JSON lines."""
+    """The content if it is JSON or JSON lines; null for broken JSON."""
 
     def first(self) -> Node:
         """First value of a list, or the value itself."""
@@ -35,13 +34,13 @@ class Sample:
         return Node(values[0] if isinstance(values, list) and values else values)
 
     def every_row(self, pattern: str) -> bool:
-        """Whether every row looks so, and there is one."""
+        """Return whether there are rows, and all match a pattern."""
         return self.document is None and bool(self.rows) and all(re.fullmatch(pattern, row) for row in self.rows)
 
 
 NUMBER = r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?"
 MAX_PHO_LABEL = 8
-"""Letters of a phone's name in a .pho file; recordings have longer names."""
+"""Longest name of a phone in a .pho file; recordings have longer names."""
 GRID_WORDS = frozenset((
     *"abcdefghijklmnopqrstuvxyz", "bin", "lay", "place", "set", "blue", "green", "red", "white", "at", "by", "in",
     "with", "zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "again", "now", "please",
@@ -53,12 +52,12 @@ MAX_GRID_SAMPLES = 1_000_000
 
 
 def is_three_columns(sample: Sample) -> bool:
-    """Whether each row is two numbers and a label."""
+    """Return whether each row is two numbers and a label."""
     return sample.every_row(rf"\s*{NUMBER}\s+{NUMBER}\s+\S.*")
 
 
 def _sampled_labels(sample: Sample) -> list[str]:
-    """Labels of three columns whose times are samples; empty if this is something else."""
+    """Labels of three columns with times in samples; empty for other files."""
     if not is_three_columns(sample) or any("." in "".join(row.split()[:2]) for row in sample.rows):
         return []
     if max(float(row.split()[1]) for row in sample.rows) >= MAX_GRID_SAMPLES:
@@ -67,13 +66,13 @@ def _sampled_labels(sample: Sample) -> list[str]:
 
 
 def is_grid(sample: Sample) -> bool:
-    """Whether words are timed in samples, as in GRID, and in TIMIT at another rate."""
+    """Return whether words are timed in samples, as in GRID, and in TIMIT at another rate."""
     labels = _sampled_labels(sample)
     return bool(labels) and (guess(labels).words or GRID_WORDS.issuperset(label.lower() for label in labels))
 
 
 def is_timit(sample: Sample) -> bool:
-    """Whether phones of TIMIT, or words that GRID does not have, are timed in samples."""
+    """Return whether phones of TIMIT, or words that GRID does not have, are timed in samples."""
     labels = _sampled_labels(sample)
     if not labels or GRID_WORDS.issuperset(label.lower() for label in labels):
         return False
@@ -82,7 +81,7 @@ def is_timit(sample: Sample) -> bool:
 
 
 def is_ctm(sample: Sample) -> bool:
-    """Whether each row is a recording, a channel, start, length and label."""
+    """Return whether each row is a recording, a channel, start, length and label."""
     if not sample.every_row(rf"(;;.*|\S+\s+\S+\s+{NUMBER}\s+{NUMBER}\s+\S.*)"):
         return False
     rows = [row.split() for row in sample.rows if not row.startswith(";;")]
@@ -91,7 +90,7 @@ def is_ctm(sample: Sample) -> bool:
 
 
 def is_pho(sample: Sample) -> bool:
-    """Whether each row is a phone, milliseconds, and pairs of per cent and hertz."""
+    """Return whether each row is a phone, milliseconds, and pairs of per cent and hertz."""
     if not sample.every_row(rf"\s*(;.*|\S+\s+{NUMBER}(\s.*)?)"):
         return False
     for row in sample.rows:
@@ -103,13 +102,10 @@ def is_pho(sample: Sample) -> bool:
 
 
 def any_event_has(*keys: str) -> Callable[[Sample], bool]:
-    """Test for any of some keys of one of the first objects: streams begin with sound or with what they were asked."""
-
-    def test(sample: Sample) -> bool:
-        events = sample.document.entries()[:_EVENTS] if sample.document is not None else []
-        return any(event.has(key) for event in events for key in keys)
-
-    return test
+    """Test for any of some keys in the first objects: streams begin with audio, or repeat the request."""
+    return lambda sample: any(
+        event.has(key) for event in (sample.document or Node(None)).entries()[:_EVENTS] for key in keys
+    )
 
 
 def has_list(*keys: str) -> Callable[[Sample], bool]:
@@ -117,8 +113,13 @@ def has_list(*keys: str) -> Callable[[Sample], bool]:
     return lambda sample: any(list(walk(sample.first(), f"{key}[]")) for key in keys)
 
 
+def has_words(kind: WordList) -> Callable[[Sample], bool]:
+    """Test for a document of one tool's, with words or phrases."""
+    return lambda sample: is_word_list(kind, sample.document)
+
+
 def is_subtitles(sample: Sample) -> bool:
-    """Whether there are cues with times."""
+    """Return whether there are cues with times."""
     return sample.document is None and any(CUE.fullmatch(row) for row in sample.rows)
 
 
@@ -128,12 +129,12 @@ def starts_with(text: str) -> Callable[[Sample], bool]:
 
 
 def is_utau(sample: Sample) -> bool:
-    """Whether there are sections of a song."""
+    """Return whether there are sections of a song."""
     return any(re.match(r"\[#(SETTING|\d{4})|ustx_version:", row) for row in sample.rows)
 
 
 def is_table(sample: Sample) -> bool:
-    """Whether there is a list with columns of usual names."""
+    """Return whether there is a list with columns of usual names."""
     if sample.document is None:
         return bool(header_of(sample.rows))
     node = sample.document
@@ -149,63 +150,57 @@ def has(*keys: str) -> Callable[[Sample], bool]:
 
 
 def is_piper(sample: Sample) -> bool:
-    """Whether phones of Piper have lengths."""
+    """Return whether phones of Piper have lengths."""
     node = sample.first()
     if node.has("last"):
         node = node["last"]
-    return any(node.has(key) and _listed(node[key], "phoneme") for key in LIST_KEYS) or (
+    return any(list(walk(node, f"{key}[0].phoneme")) for key in LIST_KEYS) or (
         node.has("phoneme") and (node.has("seconds") or node.has("num_samples"))
     )
 
 
-def _listed(node: Node, key: str) -> bool:
-    return isinstance(node.value, list) and any(Node(item).has(key) for item in node.value[:1])
-
-
 def is_kokoro(sample: Sample) -> bool:
-    """Whether tokens of Kokoro have times or durations."""
+    """Return whether tokens of Kokoro have times or durations."""
     node = sample.first()
-    tokens = node["tokens"].value if node.has("tokens") else sample.document.value if sample.document else None
-    timed = isinstance(tokens, list) and any(Node(item).has("start_ts") for item in tokens[:20])
-    return node.has("pred_dur") or timed
+    tokens = node["tokens"] if node.has("tokens") else sample.document or Node(None)
+    return node.has("pred_dur") or any(list(walk(tokens, f"[{n}].start_ts")) for n in range(20))
 
 
 def is_espeak(sample: Sample) -> bool:
-    """Whether there are events of espeak-ng."""
+    """Return whether there are events of espeak-ng."""
     node = sample.first()
-    event = next(node["events"].items()) if node.has("events") and _listed(node["events"], "type") else node
+    event = next(walk(node, "events[0]"), node)
     return event.has("type") and any(event.has(key) for key in ("sample", "audio_position_ms", "audio_position"))
 
 
 def is_elevenlabs(sample: Sample) -> bool:
-    """Whether there are characters or words as ElevenLabs times them."""
+    """Return whether there are characters or words as ElevenLabs times them."""
     node = sample.first()
-    words = list(walk(node, "words[]"))[:1]
-    spoken = any(word.has("text") and not word.has("confidence") for word in words)
+    spoken = any(word.has("text") and not word.has("confidence") for word in walk(node, "words[0]"))
     return spoken or any(node.has(key) for key in (*services.ALIGNMENTS, *services.CHARACTERS))
 
 
 def is_headtts(sample: Sample) -> bool:
-    """Whether there are visemes of HeadTTS."""
+    """Return whether there are visemes of HeadTTS."""
     node = sample.first()
     return (node["data"] if node.has("data") else node).has("visemes", "vtimes")
 
 
 def is_textgrid(sample: Sample) -> bool:
-    """Whether this is an object of Praat."""
+    """Return whether this is an object of Praat."""
     head = sample.head.replace(b"\0", b"")
     return b"ooTextFile" in head or b"TextGrid" in head or b"ooBinaryFile" in head
 
 
 def is_xlabel(sample: Sample) -> bool:
-    """Whether labels stand below a line with # alone."""
+    """Return whether labels stand below a line with # alone."""
     rows = sample.rows
     labels = any(re.match(rf"\s*{NUMBER}\s+-?\d+\s", row) for row in rows)
     return sample.document is None and any(row.strip() == "#" for row in rows) and labels
 
 
 def sample_of(data: bytes) -> Sample:
-    """Take from a file what is looked at."""
+    """Read the part of a file that the tests look at."""
     try:
         text = decode_text(data, "file")
     except DataError:
@@ -213,7 +208,7 @@ def sample_of(data: bytes) -> Sample:
     document = None
     if text.lstrip()[:1] in ("{", "[") or text.startswith(("data:", "event:")):
         try:
-            document = documents.parse_document(data, "file")
+            document = parse_document(data, "file")
         except DataError:
             document = Node(None)
     rows = tuple(row for row in text[:20_000].splitlines()[:_ROWS] if row.strip())

@@ -1,4 +1,7 @@
-"""JSON read strictly: every value knows where it stands, and every surprise is a :class:`DataError` that says so."""
+"""Text, numbers and JSON of a file, read strictly: every error is a :class:`DataError` that says where.
+
+:class:`Node` is a JSON value with its place; :func:`walk` follows a path into it.
+"""
 
 import json
 import math
@@ -7,11 +10,40 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, TruncatedError
-from fapengine.speech.formats.textgrid import decode_text
 
 MAX_BYTES = 64 << 20
 """An hour of speech is a few megabytes."""
 _NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", re.ASCII)
+
+
+def decode_text(data: bytes, what: str) -> str:
+    """Decode UTF-8, or UTF-16 with a byte-order mark."""
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark",
+            where=f"byte {error.start}",
+        ) from error
+
+
+def number_of(text: str, what: str, where: str, low: float = -1e300, high: float = 1e300) -> float:
+    """Read a finite number, ``low`` to ``high``, from a text field.
+
+    Examples
+    --------
+    >>> number_of("1e3", "length", "line 1")
+    1000.0
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        limits = "" if low == -1e300 else f" from {low:g} to {high:g}"
+        raise DataError(f"{what}: got {text[:40]!r}, expected a number{limits}", where=where)
+    return value
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,17 +52,26 @@ class Node:
 
     value: object
     where: str = ""
+    """Place in the document, for messages; empty for the top."""
 
     def has(self, *keys: str) -> bool:
         """Whether this is an object with all these keys, none of them null."""
         return isinstance(self.value, dict) and all(self.value.get(key) is not None for key in keys)
 
     def first(self, *keys: str) -> "Node":
-        """Return the first of these keys that is there; tools spell one thing in several ways."""
+        """Return the value of the first of these keys that exists; tools name one thing in several ways."""
         for key in keys:
             if self.has(key):
                 return self[key]
         raise DataError(f"{keys[0]!r} is missing", where=self.where or "the top")
+
+    def number_or(self, key: str, default: float) -> float:
+        """Return the number of a key, or a default for a missing or null one."""
+        return self[key].number() if self.has(key) else default
+
+    def text_or(self, key: str, default: str = "") -> str:
+        """Return the text of a key, or a default for a missing or null one."""
+        return self[key].text() if self.has(key) else default
 
     def __getitem__(self, key: str) -> "Node":
         if not isinstance(self.value, dict) or key not in self.value:
@@ -39,7 +80,7 @@ class Node:
         return Node(self.value[key], f"{self.where}.{key}" if self.where else key)
 
     def items(self) -> Iterator["Node"]:
-        """Go through a list."""
+        """Iterate over a list."""
         if not isinstance(self.value, list):
             raise DataError(f"got {self._shown()}, expected a list", where=self.where or "the top")
         for index, value in enumerate(self.value):
@@ -50,7 +91,7 @@ class Node:
         return list(self.items()) if isinstance(self.value, list) else [self]
 
     def number(self) -> float:
-        """Return a finite number, which may be spelled as a text."""
+        """Return a finite number; a text that holds one counts."""
         spelled = isinstance(self.value, str) and len(self.value) < 40 and _NUMBER.fullmatch(self.value.strip())
         if (isinstance(self.value, (int, float)) and not isinstance(self.value, bool)) or spelled:
             try:
@@ -107,9 +148,35 @@ def _line(number: int, line: str, what: str) -> object:
         raise DataError(f"{what}: no JSON value in this line", where=f"line {number}") from error
 
 
-def same_length(*lists: list[float] | list[str], where: str) -> None:
-    """Check that parallel lists are equally long."""
+def rows_of_lists(node: Node, texts: str, starts: str = "start", ends: str = "end") -> list[tuple[float, float, str]]:
+    """Read parallel lists, named by their keys, as rows (start, end, text)."""
+    lists = node[starts].numbers(), node[ends].numbers(), node[texts].texts()
     if len({len(each) for each in lists}) > 1:
         raise DataError(
-            f"lists: got lengths {[len(each) for each in lists]}, expected the same", where=where or "the top"
+            f"lists: got lengths {[len(each) for each in lists]}, expected the same", where=node.where or "the top"
         )
+    return list(zip(*lists, strict=True))
+
+
+def walk(node: Node, path: str) -> Iterator[Node]:
+    """Follow a path; a missing key yields nothing.
+
+    Examples
+    --------
+    >>> [item.value for item in walk(Node({"a": [{"b": 1}, {"b": 2}, {}]}), "a[].b")]
+    [1, 2]
+    """
+    first, _, rest = path.partition(".")
+    name, bracket, index = first.partition("[")
+    if name:
+        if not node.has(name):
+            return
+        node = node[name]
+    found = [node]
+    if bracket:
+        if not isinstance(node.value, list):
+            return
+        number = index.rstrip("]")
+        found = [item for at, item in enumerate(node.items()) if not number or at == int(number)]
+    for item in found:
+        yield from walk(item, rest) if rest else [item]

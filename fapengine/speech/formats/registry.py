@@ -1,34 +1,24 @@
-"""The table of timing formats, and finding the format of a file from its content."""
+"""The table of timing formats; a file's format is found from its content."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 
 from fapengine.errors import DataError, UsageError
-from fapengine.speech.formats import animation, corpora, detection, services, singing, spoken_words
-from fapengine.speech.formats.corpora import parse_mfa_csv, parse_mfa_json
-from fapengine.speech.formats.services import parse_polly
-from fapengine.speech.formats.synthesizers import (
-    LISTS,
-    parse_espeak_events,
-    parse_headtts,
-    parse_kokoro,
-    parse_pho,
-    parse_phone_list,
-    parse_piper,
-    parse_voicevox,
-)
-from fapengine.speech.formats.table import parse_columns, parse_table
+from fapengine.speech.formats import animation, corpora, detection, services, singing, synthesizers
+from fapengine.speech.formats.detection import NUMBER, Sample, has
+from fapengine.speech.formats.table import parse_table
 from fapengine.speech.formats.textgrid import parse_textgrid
-from fapengine.speech.formats.word_lists import WORD_LISTS, WordList, is_word_list, parse_subtitles, parse_word_list
+from fapengine.speech.formats.word_lists import WORD_LISTS, parse_subtitles, parse_word_list
 from fapengine.speech.phone_track import PhoneTrack
 
 
 @dataclass(frozen=True, slots=True)
 class ParseOptions:
-    """What the caller may say about a file that does not say it itself."""
+    """Options for a file that does not contain them."""
 
     tier: str | None = None
-    """Tier, or speaker of MFA's CSV."""
+    """Tier, speaker, recording, voice or channel."""
     alphabet: str | None = None
     """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`."""
     columns: str | None = None
@@ -43,118 +33,93 @@ class Format:
     """Name by which the format is chosen."""
     tool: str
     """Programs that write it."""
-    parse: Callable[[bytes, ParseOptions], PhoneTrack]
-    fits: Callable[[detection.Sample], bool]
+    parse: Callable[..., PhoneTrack]
+    """Function of the file's bytes, with the options of ``takes`` as keywords."""
+    fits: Callable[[Sample], bool]
     endings: tuple[str, ...] = ()
-    """Endings of file names that decide where the content does not."""
+    """Endings of file names, which decide if the content does not."""
     takes: tuple[str, ...] = ()
-    """Names of the options in :class:`ParseOptions` that mean something for it."""
+    """Options of :class:`ParseOptions` that it uses."""
     rivals: tuple[str, ...] = ()
-    """Formats that some content fits as well, and means something else by it: then the user must say which."""
+    """Formats that read other times from the same content: then the user must choose."""
 
 
-def _word_list(kind: WordList) -> Format:
-    return Format(
-        kind.name,
-        kind.tool,
-        lambda data, wishes: parse_word_list(data, kind=kind, tier=wishes.tier),
-        lambda sample: is_word_list(kind, sample.document),
-        (),
-        ("tier",) if kind.name == "deepgram" else (),
-        ("elevenlabs",) if kind.name == "assemblyai" else (),
-    )
-
-
+_ALPHABET, _TIER_ALPHABET, _ALPHABET_COLUMNS = ("alphabet",), ("tier", "alphabet"), ("alphabet", "columns")
 # fmt: off
 FORMATS: dict[str, Format] = {each.name: each for each in (
-    Format("textgrid", "Praat, MFA", lambda d, w: parse_textgrid(d, tier=w.tier, alphabet=w.alphabet),
-           detection.is_textgrid, (".textgrid",), ("tier", "alphabet")),
-    Format("mfa-json", "Montreal Forced Aligner", lambda d, w: parse_mfa_json(d, tier=w.tier, alphabet=w.alphabet),
-           detection.has("tiers"), (), ("tier", "alphabet")),
-    Format("mfa-csv", "Montreal Forced Aligner",
-           lambda d, w: parse_mfa_csv(d, tier=w.tier, alphabet=w.alphabet),
-           lambda s: bool(s.rows) and s.rows[0].strip() == "Begin,End,Label,Type,Speaker", (), ("tier", "alphabet")),
-    Format("gentle", "Gentle", lambda d, w: spoken_words.parse_gentle(d, alphabet=w.alphabet),
-           lambda s: spoken_words.is_gentle(s.first()), (), ("alphabet",)),
-    Format("pocketsphinx", "PocketSphinx 5, pocketsphinx align",
-           lambda d, w: spoken_words.parse_pocketsphinx(d, alphabet=w.alphabet), detection.has("b", "d", "w"), (),
-           ("alphabet",)),
-    Format("aeneas", "aeneas", lambda d, w: spoken_words.parse_aeneas(d), detection.has("fragments")),
-    Format("inworld", "Inworld TTS", lambda d, w: spoken_words.parse_inworld(d, alphabet=w.alphabet),
-           lambda s: s.document is not None and spoken_words.is_inworld(s.document), (), ("alphabet",)),
-    Format("fish", "Fish Audio", lambda d, w: spoken_words.parse_fish(d),
-           lambda s: s.document is not None and spoken_words.is_fish(s.document)),
-    Format("diffsinger", "DiffSinger", lambda d, w: singing.parse_diffsinger(d, alphabet=w.alphabet),
-           detection.has("ph_seq"), (".ds",), ("alphabet",)),
-    Format("phone-list", "PocketSphinx, others", lambda d, w: parse_phone_list(d, alphabet=w.alphabet),
-           detection.has_list(*LISTS), (), ("alphabet",)),
-    *map(_word_list, WORD_LISTS),
-    Format("espeak-json", "espeak-ng", lambda d, w: parse_espeak_events(d, alphabet=w.alphabet),
-           detection.is_espeak, (), ("alphabet",)),
-    Format("polly", "Amazon Polly speech marks", lambda d, w: parse_polly(d), detection.has("time", "type", "value")),
-    Format("azure", "Azure Speech visemes", lambda d, w: services.parse_azure(d),
-           lambda s: services.is_event(s.first())),
-    Format("elevenlabs", "ElevenLabs alignments", lambda d, w: services.parse_elevenlabs(d), detection.is_elevenlabs),
-    Format("cartesia", "Cartesia timestamps", lambda d, w: services.parse_cartesia(d),
-           detection.any_event_has(*services.TIMESTAMPS)),
-    Format("voicevox", "VOICEVOX audio queries", lambda d, w: parse_voicevox(d), detection.has("accent_phrases")),
-    Format("kokoro", "Kokoro tokens", lambda d, w: parse_kokoro(d), detection.is_kokoro),
-    Format("headtts", "HeadTTS visemes", lambda d, w: parse_headtts(d), detection.is_headtts),
-    Format("piper", "Piper phoneme alignments", lambda d, w: parse_piper(d), detection.is_piper),
-    Format("rhubarb-json", "Rhubarb Lip Sync", lambda d, w: animation.parse_rhubarb_json(d),
-           detection.has("mouthCues")),
-    Format("rhubarb-xml", "Rhubarb Lip Sync", lambda d, w: animation.parse_rhubarb_xml(d),
-           lambda s: b"<rhubarbResult" in s.head),
-    Format("rhubarb-tsv", "Rhubarb Lip Sync", lambda d, w: corpora.parse_rhubarb_tsv(d),
-           lambda s: s.every_row(rf"{detection.NUMBER}\t[A-HX]\s*")),
-    Format("subtitles", "SRT and WebVTT with words: edge-tts, Whisper, YouTube", lambda d, w: parse_subtitles(d),
+    Format("textgrid", "Praat, MFA", parse_textgrid, detection.is_textgrid, (".textgrid",), _TIER_ALPHABET),
+    Format("mfa-json", "Montreal Forced Aligner", corpora.parse_mfa_json, has("tiers"), (), _TIER_ALPHABET),
+    Format("mfa-csv", "Montreal Forced Aligner", corpora.parse_mfa_csv,
+           detection.starts_with("Begin,End,Label,Type,Speaker"), (), _TIER_ALPHABET),
+    Format("gentle", "Gentle", corpora.parse_gentle, lambda s: corpora.is_gentle(s.first()), (), _ALPHABET),
+    Format("pocketsphinx", "PocketSphinx 5, pocketsphinx align", corpora.parse_pocketsphinx, has("b", "d", "w"), (),
+           _ALPHABET),
+    Format("aeneas", "aeneas", corpora.parse_aeneas, has("fragments")),
+    Format("inworld", "Inworld TTS", services.parse_inworld,
+           lambda s: s.document is not None and any(services.inworld_infos(s.document)), (), _ALPHABET),
+    Format("fish", "Fish Audio", services.parse_fish,
+           lambda s: s.document is not None and services.is_fish(s.document)),
+    Format("diffsinger", "DiffSinger", singing.parse_diffsinger, has("ph_seq"), (".ds",), _ALPHABET),
+    Format("phone-list", "PocketSphinx, others", synthesizers.parse_phone_list, detection.has_list(*synthesizers.LISTS),
+           (), _ALPHABET),
+    *(Format(kind.name, kind.tool, partial(parse_word_list, kind=kind), detection.has_words(kind), (),
+             ("tier",) if kind.name == "deepgram" else (), ("elevenlabs",) if kind.name == "assemblyai" else ())
+      for kind in WORD_LISTS),
+    Format("espeak-json", "espeak-ng", synthesizers.parse_espeak_events, detection.is_espeak, (), _ALPHABET),
+    Format("polly", "Amazon Polly speech marks", services.parse_polly, has("time", "type", "value")),
+    Format("azure", "Azure Speech visemes", services.parse_azure, lambda s: services.is_event(s.first())),
+    Format("elevenlabs", "ElevenLabs alignments", services.parse_elevenlabs, detection.is_elevenlabs),
+    Format("cartesia", "Cartesia timestamps", services.parse_cartesia, detection.any_event_has(*services.TIMESTAMPS)),
+    Format("voicevox", "VOICEVOX audio queries", synthesizers.parse_voicevox, has("accent_phrases")),
+    Format("kokoro", "Kokoro tokens", synthesizers.parse_kokoro, detection.is_kokoro),
+    Format("headtts", "HeadTTS visemes", synthesizers.parse_headtts, detection.is_headtts),
+    Format("piper", "Piper phoneme alignments", synthesizers.parse_piper, detection.is_piper),
+    Format("rhubarb-json", "Rhubarb Lip Sync", animation.parse_rhubarb_json, has("mouthCues")),
+    Format("rhubarb-xml", "Rhubarb Lip Sync", animation.parse_rhubarb_xml, lambda s: b"<rhubarbResult" in s.head),
+    Format("rhubarb-tsv", "Rhubarb Lip Sync", corpora.parse_rhubarb_tsv,
+           lambda s: s.every_row(rf"{NUMBER}\t[A-HX]\s*")),
+    Format("subtitles", "SRT and WebVTT with words: edge-tts, Whisper, YouTube", parse_subtitles,
            detection.is_subtitles, (".srt", ".vtt")),
-    Format("papagayo", "Papagayo", lambda d, w: animation.parse_papagayo(d, tier=w.tier, alphabet=w.alphabet),
-           detection.starts_with("lipsync version 1"), (".pgo",), ("tier", "alphabet")),
-    Format("moho", "Moho switch layers",
-           lambda d, w: animation.parse_moho(d, rate_hz=parse_columns(w.columns or "").rate_hz, alphabet=w.alphabet),
-           detection.starts_with("MohoSwitch1"), (), ("alphabet", "columns")),
-    Format("utau", "UTAU, OpenUtau", lambda d, w: singing.parse_utau(d, alphabet=w.alphabet), detection.is_utau,
-           (".ust", ".ustx"), ("alphabet",)),
-    Format("timit", "TIMIT .PHN and .WRD", lambda d, w: corpora.parse_timit(d, alphabet=w.alphabet),
-           detection.is_timit, (".phn", ".wrd"), ("alphabet",), ("align",)),
-    Format("align", "GRID corpus", lambda d, w: corpora.parse_align(d), detection.is_grid, (".align",), (), ("timit",)),
-    Format("xlabel", "Festival, MARY", lambda d, w: corpora.parse_xlabel(d, alphabet=w.alphabet),
-           detection.is_xlabel, (), ("alphabet",)),
-    Format("htk", "HTK, Merlin, Julius, Audacity labels", lambda d, w: corpora.parse_htk(
-               d, alphabet=w.alphabet, rate_hz=parse_columns(w.columns or "").rate_hz),
-           detection.is_three_columns, (".lab",), ("alphabet", "columns")),
-    Format("ctm", "CTM: Kaldi, NeMo", lambda d, w: corpora.parse_ctm(d, tier=w.tier, alphabet=w.alphabet),
-           detection.is_ctm, (".ctm",), ("tier", "alphabet")),
-    Format("flite", "flite -psdur", lambda d, w: corpora.parse_flite(d, alphabet=w.alphabet),
-           lambda s: s.every_row(rf"(\S+:{detection.NUMBER}\s*)+"), (), ("alphabet",)),
-    Format("pho", "MBROLA, espeak-ng --pho", lambda d, w: parse_pho(d, alphabet=w.alphabet or "x-sampa"),
-           detection.is_pho, (".pho",), ("alphabet",)),
-    Format("table", "CSV, TSV and JSON lists", lambda d, w: parse_table(d, columns=w.columns, alphabet=w.alphabet),
-           detection.is_table, (".csv", ".tsv"), ("alphabet", "columns")),
+    Format("papagayo", "Papagayo", animation.parse_papagayo, detection.starts_with("lipsync version 1"), (".pgo",),
+           _TIER_ALPHABET),
+    Format("moho", "Moho switch layers", animation.parse_moho, detection.starts_with("MohoSwitch1"), (),
+           _ALPHABET_COLUMNS),
+    Format("utau", "UTAU, OpenUtau", singing.parse_utau, detection.is_utau, (".ust", ".ustx"), _ALPHABET),
+    Format("timit", "TIMIT .PHN and .WRD", corpora.parse_timit, detection.is_timit, (".phn", ".wrd"), _ALPHABET,
+           ("align",)),
+    Format("align", "GRID corpus", corpora.parse_align, detection.is_grid, (".align",), (), ("timit",)),
+    Format("xlabel", "Festival, MARY", corpora.parse_xlabel, detection.is_xlabel, (), _ALPHABET),
+    Format("htk", "HTK, Merlin, Julius, Audacity labels", corpora.parse_htk, detection.is_three_columns, (".lab",),
+           _ALPHABET_COLUMNS),
+    Format("ctm", "CTM: Kaldi, NeMo", corpora.parse_ctm, detection.is_ctm, (".ctm",), _TIER_ALPHABET),
+    Format("flite", "flite -psdur", corpora.parse_flite, lambda s: s.every_row(rf"(\S+:{NUMBER}\s*)+"), (), _ALPHABET),
+    Format("pho", "MBROLA, espeak-ng --pho", synthesizers.parse_pho, detection.is_pho, (".pho",), _ALPHABET),
+    Format("table", "CSV, TSV and JSON lists", parse_table, detection.is_table, (".csv", ".tsv"), _ALPHABET_COLUMNS),
 )}
 """All formats; where the content fits several, the first."""
 # fmt: on
+
+
 def guess_format(data: bytes, *, ending: str = "") -> Format | None:
-    """Find the format from the content, else from the ending of the name; None if neither tells."""
+    """Find the format from the content, else from the ending of the name; None for an unknown format."""
     found = _fitting(data, ending)
     return found[0] if found else None
 
 
 def _fitting(data: bytes, ending: str) -> list[Format]:
-    """Return the format, and behind it those that mean something else by the same content."""
+    """Return the format, followed by its rivals."""
     sample = detection.sample_of(data)
     named = [each for each in FORMATS.values() if ending.lower() in each.endings]
     best = next((each for each in FORMATS.values() if each.fits(sample)), None)
     if best is None:
         return named[:1]
     rivals = [FORMATS[name] for name in best.rivals if FORMATS[name].fits(sample)]
-    said = [each for each in (best, *rivals) if each in named]
-    return said if len(said) == 1 else [best, *rivals]
+    decided = [each for each in (best, *rivals) if each in named]
+    return decided if len(decided) == 1 else [best, *rivals]
 
 
 def parse_timings(
-    data: bytes, *, file_format: str | None = None, ending: str = "", wishes: ParseOptions | None = None
+    data: bytes, *, file_format: str | None = None, ending: str = "", options: ParseOptions | None = None
 ) -> PhoneTrack:
     """Read timed phones, visemes or words in any format of :data:`FORMATS`.
 
@@ -166,23 +131,23 @@ def parse_timings(
         Name of the format; by default found from the content, else from ``ending``.
     ending : str
         Ending of the file's name, such as ``".lab"``.
-    wishes : ParseOptions, optional
+    options : ParseOptions, optional
         Tier, alphabet, columns.
     """
-    wishes = wishes or ParseOptions()
+    options = options or ParseOptions()
     if file_format is not None and file_format not in FORMATS:
         raise UsageError(f"file_format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
     fitting = [FORMATS[file_format]] if file_format else _fitting(data, ending)
     if not fitting:
         raise DataError(
-            f"timings: got {data[:24]!r}.., which is no format that is known; file_format=NAME says which:"
+            f"timings: got {data[:24]!r}.., expected a known format; choose one with file_format=NAME:"
             f" {', '.join(FORMATS)}"
         )
     if len(fitting) > 1:
         readings = " and ".join(f"{each.name} ({each.tool})" for each in fitting)
-        raise DataError(f"timings: {readings} mean different times by this content; file_format=NAME says which it is")
+        raise DataError(f"timings: {readings} read different times from this content; choose with file_format=NAME")
     chosen = fitting[0]
-    for wish in ("tier", "alphabet", "columns"):
-        if getattr(wishes, wish) is not None and wish not in chosen.takes:
-            raise UsageError(f"{wish}: got {getattr(wishes, wish)!r}, but the format {chosen.name} has no choice of it")
-    return chosen.parse(data, wishes)
+    for name, value in asdict(options).items():
+        if value is not None and name not in chosen.takes:
+            raise UsageError(f"{name}: got {value!r}, but the format {chosen.name} has no such option")
+    return chosen.parse(data, **{name: getattr(options, name) for name in chosen.takes})

@@ -1,4 +1,4 @@
-"""Timings of text-to-speech services: Azure, Amazon Polly, ElevenLabs, Cartesia.
+"""Timings of text-to-speech services: Azure, Amazon Polly, ElevenLabs, Cartesia, Inworld, Fish Audio.
 
 Azure Speech viseme events (SDK ``VisemeReceived``): onset in ticks of 100 ns and one of 22 ids, as JSON (lines).
 
@@ -7,31 +7,35 @@ Amazon Polly speech marks: JSON lines ``{"time": ms, "type", "value"}``; each la
 ElevenLabs (2026-07): REST ``characters`` with starts and ends in seconds; WebSocket and agents ``chars`` with starts
 and lengths in ms, counted from the beginning of each chunk; forced alignment ``words`` of ``text``, ``start``, ``end``.
 Cartesia Sonic (2026): ``phoneme_timestamps`` in IPA and ``word_timestamps``. Characters are joined into words, because
-a character has no sound of its own until the word is pronounced.
+a character has no pronunciation of its own until the word is pronounced.
+Inworld TTS 1.5: ``timestampInfo.wordAlignment``, parallel lists, with ``phoneticDetails`` of IPA and visemes.
+Fish Audio: events with ``alignment.segments``, snapshots that replace each other, and the offset of their chunk.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.speech.formats.documents import Node, parse_document, same_length
-from fapengine.speech.formats.entries import OVERLAP_S, Entry, track_of, until_next, with_words
+from fapengine.speech.formats.documents import Node, parse_document, rows_of_lists, walk
+from fapengine.speech.formats.entries import OVERLAP_S, Entry, track_of, until_next, with_words, without_overlaps
+from fapengine.speech.formats.word_lists import words_track
 from fapengine.speech.phone_track import PhoneTrack
 
 TICKS_HZ = 1e7
+"""Ticks of Azure's offsets per second."""
 OFFSETS = ("audio_offset", "AudioOffset", "audioOffset", "privAudioOffset", "Offset", "offset")
 IDS = ("viseme_id", "VisemeId", "visemeId", "privVisemeId")
 """Spellings of the Python, C#, JavaScript SDKs and of the REST batch result."""
 
 
 def is_event(node: Node) -> bool:
-    """Whether a value looks like an event of Azure, visemes or blend shapes."""
-    return any(node.has(key) for key in IDS) or node.has("BlendShapes")
+    """Return whether a value looks like an event of Azure, visemes or blend shapes."""
+    return any(node.has(key) for key in (*IDS, "BlendShapes"))
 
 
 def parse_azure(data: bytes) -> PhoneTrack:
     """Read the viseme events; each lasts until the next."""
-    document = parse_document(data, "Azure visemes")
-    events = document.entries()
+    events = parse_document(data, "Azure visemes").entries()
     if any(event.has("BlendShapes") for event in events):
         raise UnsupportedError(
             "Azure: got blend-shape frames (55 weights at 60 Hz), expected viseme events; frames are a motion, not"
@@ -44,7 +48,7 @@ def parse_azure(data: bytes) -> PhoneTrack:
 
 
 def parse_polly(data: bytes) -> PhoneTrack:
-    """Read viseme marks, with the words around them if asked for; of words alone, the words."""
+    """Read the viseme marks, with the words around them if they were requested; without visemes, the words."""
     onsets: dict[str, list[tuple[float, str, str]]] = {"viseme": [], "word": []}
     for mark in parse_document(data, "Polly speech marks").entries():
         kind = mark["type"].text()
@@ -55,18 +59,18 @@ def parse_polly(data: bytes) -> PhoneTrack:
     visemes, words = until_next(onsets["viseme"]), until_next(onsets["word"])
     if not visemes:
         return track_of(words, "Polly speech marks", level="word", spelled=True)
-    if words:  # the last word goes on to the end
-        last = words[-1]
-        words[-1] = Entry(last.start_s, max(last.end_s, visemes[-1].end_s), last.label, last.where)
+    if words:  # the last word lasts to the end
+        words[-1] = replace(words[-1], end_s=max(words[-1].end_s, visemes[-1].end_s))
     return track_of(with_words(visemes, words), "Polly speech marks", alphabet="polly-visemes", level="viseme")
 
 
 ALIGNMENTS = ("normalized_alignment", "normalizedAlignment", "alignment")
 """The spoken text first: in it, numbers are written out."""
 CHARACTERS = ("characters", "chars")
-STARTS_S, ENDS_S = "character_start_times_seconds", "character_end_times_seconds"
+SECONDS = ("character_start_times_seconds", "character_end_times_seconds")
 STARTS_MS, LENGTHS_MS = ("charStartTimesMs", "char_start_times_ms"), ("charDurationsMs", "char_durations_ms")
-TIMESTAMPS = ("phoneme_timestamps", "word_timestamps")
+TIMESTAMPS = {"phoneme_timestamps": "phonemes", "word_timestamps": "words"}
+"""Cartesia's keys of timings, and of the texts within."""
 
 
 def parse_elevenlabs(data: bytes) -> PhoneTrack:
@@ -79,36 +83,36 @@ def parse_elevenlabs(data: bytes) -> PhoneTrack:
         words = [
             Entry(word["start"].number(), word["end"].number(), word["text"].text(), word.where)
             for word in document["words"].items()
+            if word["text"].text().strip()
         ]
-        spoken = [word for word in words if word.label.strip()]
-        return track_of(spoken, "ElevenLabs", level="word", spelled=True)
+        return track_of(words, "ElevenLabs", level="word", spelled=True)
     characters: list[Entry] = []
     for chunk in document.entries():
         inner = chunk.first(*ALIGNMENTS) if any(chunk.has(key) for key in ALIGNMENTS) else chunk
         if any(inner.has(key) for key in CHARACTERS):  # the last chunk of a stream has none
-            characters += _chunk(inner, characters[-1].end_s if characters else 0.0)
+            added = characters_of(inner)
+            before_s = characters[-1].end_s if characters else 0.0
+            shift_s = before_s if added and added[0].start_s < before_s - OVERLAP_S else 0.0
+            characters += [replace(each, start_s=each.start_s + shift_s, end_s=each.end_s + shift_s) for each in added]
     return track_of(words_of(characters), "ElevenLabs", level="character", spelled=True)
 
 
-def _chunk(node: Node, before_s: float) -> list[Entry]:
-    texts = node.first(*CHARACTERS).texts()
-    if node.has(STARTS_S):
-        starts_s, ends_s = node[STARTS_S].numbers(), node[ENDS_S].numbers()
+def characters_of(node: Node) -> list[Entry]:
+    """Characters of one alignment of ElevenLabs, timed in seconds or in milliseconds."""
+    key = next((key for key in CHARACTERS if node.has(key)), CHARACTERS[0])
+    if node.has(SECONDS[0]):
+        rows = rows_of_lists(node, key, *SECONDS)
     else:
-        starts_s = [ms / 1000 for ms in node.first(*STARTS_MS).numbers()]
-        lengths = node.first(*LENGTHS_MS).numbers()
-        same_length(starts_s, lengths, where=node.where)
-        ends_s = [start_s + ms / 1000 for start_s, ms in zip(starts_s, lengths, strict=True)]
-    same_length(starts_s, ends_s, texts, where=node.where)
-    shift_s = before_s if starts_s and starts_s[0] < before_s - OVERLAP_S else 0.0
-    return [
-        Entry(start_s + shift_s, end_s + shift_s, text, f"{node.where}[{index}]")
-        for index, (start_s, end_s, text) in enumerate(zip(starts_s, ends_s, texts, strict=True))
-    ]
+        starts, lengths = (next((key for key in keys if node.has(key)), keys[0]) for keys in (STARTS_MS, LENGTHS_MS))
+        rows = [
+            (start_ms / 1000, start_ms / 1000 + length_ms / 1000, text)
+            for start_ms, length_ms, text in rows_of_lists(node, key, starts, lengths)
+        ]
+    return [Entry(*row, f"{node.where}[{index}]") for index, row in enumerate(rows)]
 
 
 def words_of(characters: list[Entry]) -> list[Entry]:
-    """Join characters into words; what is neither letter, digit, apostrophe nor hyphen parts them.
+    """Join characters into words; anything but letters, digits, apostrophes and hyphens separates them.
 
     Examples
     --------
@@ -128,19 +132,93 @@ def words_of(characters: list[Entry]) -> list[Entry]:
     return words
 
 
+def timed(node: Node, texts: str, starts: str = "start", ends: str = "end") -> list[Entry]:
+    """Entries from parallel lists of starts and ends in s and texts, named by their keys."""
+    return [Entry(*row, node.where) for row in rows_of_lists(node, texts, starts, ends)]
+
+
 def parse_cartesia(data: bytes) -> PhoneTrack:
-    """Read the messages of a context: phones with the words around them; of words alone, the words."""
-    by_level: dict[str, list[Entry]] = {"phonemes": [], "words": []}
+    """Read the messages of a context: phones with the words around them; without phones, the words."""
+    found: dict[str, list[Entry]] = {"phonemes": [], "words": []}
     for message in parse_document(data, "Cartesia").entries():
-        for key, inner in zip(TIMESTAMPS, by_level, strict=True):
+        for key, texts in TIMESTAMPS.items():
             if message.has(key):
-                stamps = message[key]
-                texts, starts_s = stamps[inner].texts(), stamps["start"].numbers()
-                ends_s = stamps["end"].numbers()
-                same_length(starts_s, ends_s, texts, where=stamps.where)
-                by_level[inner] += [Entry(*row, stamps.where) for row in zip(starts_s, ends_s, texts, strict=True)]
-    if by_level["phonemes"]:
-        return track_of(with_words(by_level["phonemes"], by_level["words"]), "Cartesia", alphabet="ipa")
-    if not by_level["words"]:
+                found[texts] += timed(message[key], texts)
+    if found["phonemes"]:
+        return track_of(with_words(found["phonemes"], found["words"]), "Cartesia", alphabet="ipa")
+    if not found["words"]:
         raise DataError(f"Cartesia: contains no message with {' or '.join(TIMESTAMPS)}")
-    return track_of(by_level["words"], "Cartesia", level="word", spelled=True)
+    return track_of(found["words"], "Cartesia", level="word", spelled=True)
+
+
+INWORLD = ("timestampInfo", "result.timestampInfo", "[].timestampInfo", "[].result.timestampInfo")
+
+
+def inworld_infos(document: Node) -> Iterator[Node]:
+    """Find the timings in an answer of Inworld's, whole or streamed."""
+    listed = isinstance(document.value, list)
+    for path in INWORLD:
+        if listed == path.startswith("[]"):
+            yield from walk(document, path)
+
+
+def inworld_words(info: Node) -> list[Entry]:
+    """Words of a ``wordAlignment``."""
+    return timed(info, "words", "wordStartTimeSeconds", "wordEndTimeSeconds")
+
+
+def inworld_phones(alignment: Node) -> list[Entry]:
+    """Phones of a ``wordAlignment``, each with its word; visemes where there are no phones."""
+    words = alignment["words"].texts()
+    phones: list[Entry] = []
+    for detail in walk(alignment, "phoneticDetails[]"):
+        index = int(detail.number_or("wordIndex", -1))
+        word = words[index].strip() if 0 <= index < len(words) else ""
+        for phone in detail["phones"].items():
+            start_s = phone["startTimeSeconds"].number()
+            label = phone.first("phoneSymbol", "visemeSymbol").text()
+            phones.append(Entry(start_s, start_s + phone["durationSeconds"].number(), label, phone.where, word))
+    return phones
+
+
+def parse_inworld(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
+    """Read the phones; without phones the visemes, without both the words."""
+    phones: list[Entry] = []
+    words: list[Entry] = []
+    visemes = False
+    for info in inworld_infos(parse_document(data, "Inworld")):
+        if not info.has("wordAlignment"):
+            raise DataError("Inworld: wordAlignment is missing; ask for timestampType WORD", where=info.where)
+        alignment = info["wordAlignment"]
+        words += inworld_words(alignment)
+        phones += inworld_phones(alignment)
+        visemes |= any(not phone.has("phoneSymbol") for phone in walk(alignment, "phoneticDetails[].phones[]"))
+    if phones and visemes:
+        return track_of(without_overlaps(phones), "Inworld", alphabet="inworld-visemes", level="viseme")
+    if phones:
+        return track_of(without_overlaps(phones), "Inworld", alphabet=alphabet)
+    return words_track(words, "Inworld", "ask for WORD")
+
+
+def is_fish(document: Node) -> bool:
+    """Return whether a document is a stream, or one answer, of Fish Audio with timestamps."""
+    return any(list(walk(event, "alignment.segments[]")) for event in document.entries()[:200])
+
+
+def fish_words(event: Node) -> list[Entry]:
+    """Words of one event of Fish Audio, from the offset of its chunk."""
+    offset_s = event.number_or("chunk_audio_offset_sec", 0.0)
+    return [
+        Entry(offset_s + row["start"].number(), offset_s + row["end"].number(), row["text"].text().strip(), row.where)
+        for row in event["alignment"]["segments"].items()
+    ]
+
+
+def parse_fish(data: bytes) -> PhoneTrack:
+    """Read the last alignment of every chunk."""
+    chunks: dict[float, list[Entry]] = {}
+    for event in parse_document(data, "Fish Audio").entries():
+        if event.has("alignment"):
+            chunks[event.number_or("chunk_seq", 0.0)] = fish_words(event)
+    words = [word for number in sorted(chunks) for word in chunks[number]]
+    return words_track(words, "Fish Audio", "ask for words")

@@ -10,7 +10,7 @@ Phone lists, as many small tools write them in JSON (wrappers of PocketSphinx, p
 VOICEVOX audio query (engine 0.14 and later): morae with the lengths of consonant and vowel, in seconds.
 
 espeak-ng events as JSON, in the shape of ``espeak_EVENT`` (speak_lib.h, API revision 12), type by name or by number.
-PHONEME marks the onset of a phone, in mnemonics of espeak-ng or in IPA. Pauses are ``_`` and ``_:``, in IPA the empty
+PHONEME is the onset of a phone, in mnemonics of espeak-ng or in IPA. Pauses are ``_`` and ``_:``, in IPA the empty
 text. A WORD event names a place in the text, if the file has the text.
 
 Kokoro 0.9 (``KPipeline``): ``tokens`` have ``text``, ``phonemes`` (Misaki), ``start_ts``, ``end_ts`` in seconds: words
@@ -20,50 +20,40 @@ visemes in ms.
 
 Piper 1.3 phoneme alignments: IPA code points, each with its length. Shapes: ``{"phoneme", "seconds"}`` (Piper's HTTP
 server, GET /info, ``last.alignments``), ``PhonemeAlignment`` of ``piper.voice`` (``phoneme``, ``num_samples``, with
-``sample_rate`` beside the list). A code point that only marks (stress, length, tie) belongs to its neighbour; blanks,
+``sample_rate`` next to the list). A code point for a modifier (stress, length, tie) belongs to its neighbour; blanks,
 punctuation, ``^`` and ``$`` are pauses.
 """
 
 import unicodedata
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from fapengine.errors import DataError
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.phone_sets import ESPEAK
-from fapengine.speech.formats.documents import Node, parse_document, same_length
-from fapengine.speech.formats.entries import Entry, shared_out, track_of, until_next
-from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.formats.documents import Node, decode_text, number_of, parse_document, rows_of_lists
+from fapengine.speech.formats.entries import Entry, in_sequence, shared_out, track_of, until_next, without_overlaps
 from fapengine.speech.phone_track import PhoneTrack
 
 MAX_PHONE_MS = 600_000.0
 """Ten minutes: longer is a mistake, not a phone."""
 
 
-def parse_pho(data: bytes, *, alphabet: str = "x-sampa") -> PhoneTrack:
+def parse_pho(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read a ``.pho`` file."""
-    entries: list[Entry] = []
-    now_s = 0.0
+    lengths: list[tuple[str, float, str]] = []
     for number, line in enumerate(decode_text(data, ".pho").splitlines(), start=1):
-        fields = line.split(";", 1)[0].split()
-        if not fields:
-            continue
-        where = f"line {number}"
-        if len(fields) < 2:
+        fields, where = line.split(";", 1)[0].split(), f"line {number}"
+        if len(fields) == 1:
             raise DataError(f".pho: got {line.strip()[:40]!r}, expected a phone and its milliseconds", where=where)
-        try:
-            numbers = [float(field) for field in fields[1:]]
-        except ValueError as error:
-            raise DataError(
-                f".pho: got {line.strip()[:40]!r}, expected numbers behind the phone", where=where
-            ) from error
-        if not 0 <= numbers[0] <= MAX_PHONE_MS:
-            raise DataError(f"duration: must be 0 to {MAX_PHONE_MS:g}, got {fields[1]} ms", where=where)
-        end_s = now_s + numbers[0] / 1000
-        entries.append(Entry(now_s, end_s, fields[0], where))
-        now_s = end_s
-    if not entries:
+        if fields:
+            length_ms = number_of(fields[1], "duration in ms", where, 0, MAX_PHONE_MS)
+            for field in fields[2:]:
+                number_of(field, "per cent or Hz", where)
+            lengths.append((fields[0], length_ms / 1000, where))
+    if not lengths:
         raise DataError(".pho: contains no phone; lines look like 'b 65'")
-    return track_of(entries, ".pho", alphabet=alphabet)
+    return track_of(in_sequence(lengths), ".pho", alphabet=alphabet or "x-sampa")
 
 
 LISTS = ("phones", "phonemes")
@@ -73,56 +63,46 @@ _BORDERS = frozenset({"<sos/eos>", "<sos>", "<eos>", "<s>", "</s>", "<blank>", "
 
 def parse_phone_list(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read the list."""
-    entries = [_entry(item) for item in parse_document(data, "list of phones").first(*LISTS).items()]
+    entries: list[Entry] = []
+    for item in parse_document(data, "list of phones").first(*LISTS).items():
+        label = item.first(*LABELS).text()
+        if item.has("start"):
+            start_s, end_s = item["start"].number(), item["end"].number()
+        else:
+            start_s = item["offset"].number() / 1000
+            end_s = start_s + item["duration"].number() / 1000
+        entries.append(Entry(start_s, end_s, "_" if label in _BORDERS else label, item.where, item.text_or("word")))
     return track_of(entries, "list of phones", alphabet=alphabet)
-
-
-def _entry(item: Node) -> Entry:
-    label = item.first(*LABELS).text()
-    if item.has("start"):
-        start_s, end_s = item["start"].number(), item["end"].number()
-    else:
-        start_s = item["offset"].number() / 1000
-        end_s = start_s + item["duration"].number() / 1000
-    word = item["word"].text() if item.has("word") else ""
-    return Entry(start_s, end_s, "_" if label in _BORDERS else label, item.where, word)
 
 
 def parse_voicevox(data: bytes) -> PhoneTrack:
     """Read a query; all lengths are divided by ``speedScale``, pauses multiplied by ``pauseLengthScale``."""
     query = parse_document(data, "VOICEVOX")
-    speed = _scale(query, "speedScale")
-    pauses = _scale(query, "pauseLengthScale")
-    pieces = [_piece(query, "prePhonemeLength", "pau")] if query.has("prePhonemeLength") else []
+    speed, pauses = _scale(query, "speedScale"), _scale(query, "pauseLengthScale")
+    pieces: list[tuple[str, float, str, str]] = []
+
+    def add(node: Node, key: str, label: str = "pau", text: str = "", scale: float = 1.0) -> None:
+        pieces.append((label, node[key].number() * scale / speed, node[key].where, text))
+
+    if query.has("prePhonemeLength"):
+        add(query, "prePhonemeLength")
     for phrase in query["accent_phrases"].items():
         for mora in phrase["moras"].items():
-            text = mora["text"].text() if mora.has("text") else ""
+            text = mora.text_or("text")
             if mora.has("consonant"):
-                pieces.append(_piece(mora, "consonant_length", mora["consonant"].text(), text))
-            pieces.append(_piece(mora, "vowel_length", mora["vowel"].text(), text))
-        if phrase.has("pause_mora"):
-            label, length_s, where, text = _piece(phrase["pause_mora"], "vowel_length", "pau")
-            if query.has("pauseLength"):
-                length_s = query["pauseLength"].number()
-            pieces.append((label, length_s * pauses, where, text))
+                add(mora, "consonant_length", mora["consonant"].text(), text)
+            add(mora, "vowel_length", mora["vowel"].text(), text)
+        if phrase.has("pause_mora") and query.has("pauseLength"):
+            add(query, "pauseLength", scale=pauses)
+        elif phrase.has("pause_mora"):
+            add(phrase["pause_mora"], "vowel_length", scale=pauses)
     if query.has("postPhonemeLength"):
-        pieces.append(_piece(query, "postPhonemeLength", "pau"))
-    entries: list[Entry] = []
-    now_s = 0.0
-    for label, length_s, where, text in pieces:
-        if length_s < 0:
-            raise DataError(f"length: must be 0 or more, got {length_s:g} s", where=where)
-        entries.append(Entry(now_s, now_s + length_s / speed, label, where, text))
-        now_s += length_s / speed
-    return track_of(entries, "VOICEVOX", alphabet="voicevox")
-
-
-def _piece(node: Node, key: str, label: str, text: str = "") -> tuple[str, float, str, str]:
-    return label, node[key].number(), node[key].where, text
+        add(query, "postPhonemeLength")
+    return track_of(in_sequence(pieces), "VOICEVOX", alphabet="voicevox")
 
 
 def _scale(query: Node, key: str) -> float:
-    scale = query[key].number() if query.has(key) else 1.0
+    scale = query.number_or(key, 1.0)
     if not 0.01 <= scale <= 100:
         raise DataError(f"{key}: must be 0.01 to 100, got {scale:g}", where=key)
     return scale
@@ -131,42 +111,33 @@ def _scale(query: Node, key: str) -> float:
 _TYPES = {1: "WORD", 2: "SENTENCE", 5: "END", 6: "MSG_TERMINATED", 7: "PHONEME"}
 DEFAULT_RATE_HZ = 22050.0
 _ADDITIONS = frozenset({"ʲ", "ʰ", "ː", ";"})
-"""Events that only add to the phone before."""
+"""Events that modify the phone before them."""
 
 
 def parse_espeak_events(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
-    """Read the events; mnemonics or IPA is guessed unless ``alphabet`` says it."""
+    """Read the events; without ``alphabet``, guess between mnemonics and IPA."""
     document = parse_document(data, "espeak-ng events")
     events = document["events"] if document.has("events") else document
-    rate_hz = document["samplerate"].number() if document.has("samplerate") else DEFAULT_RATE_HZ
+    rate_hz = document.number_or("samplerate", DEFAULT_RATE_HZ)
     if rate_hz <= 0:
         raise DataError(f"samplerate: must be above 0, got {rate_hz:g}", where="samplerate")
-    text = document["text"].text() if document.has("text") else ""
-    onsets: list[tuple[float, str, str]] = []
-    words: list[str] = []
-    word = ""
+    text, word = document.text_or("text"), ""
+    onsets: list[tuple[float, str, str, str]] = []
     end_s: float | None = document["samples"].number() / rate_hz if document.has("samples") else None
     for event in events.items():
-        kind = _kind(event["type"])
+        kind = event["type"].value
+        kind = kind if isinstance(kind, str) else _TYPES.get(int(event["type"].number()), "")
         if kind == "WORD" and event.has("text_position", "length"):
             start, length = (int(event[key].number()) for key in ("text_position", "length"))
             word = text[start - 1 : start - 1 + length] if start > 0 else ""
         elif kind == "PHONEME":
             label = event["phoneme"].text()
             if label not in _ADDITIONS:
-                onsets.append((_time_s(event, rate_hz), label, event.where))
-                words.append(word)
+                onsets.append((_time_s(event, rate_hz), label, event.where, word))
         elif kind == "END" and end_s is None:
             end_s = _time_s(event, rate_hz)
-    timed = [
-        Entry(entry.start_s, entry.end_s, entry.label, entry.where, spoken)
-        for entry, spoken in zip(until_next(onsets, end_s), words, strict=True)
-    ]
-    return track_of(timed, "espeak-ng events", alphabet=alphabet or _guess([label for _, label, _ in onsets]))
-
-
-def _kind(node: Node) -> str:
-    return node.text() if isinstance(node.value, str) else _TYPES.get(int(node.number()), "")
+    alphabet = alphabet or _guess([label for _, label, _, _ in onsets])
+    return track_of(until_next(onsets, end_s), "espeak-ng events", alphabet=alphabet)
 
 
 def _time_s(event: Node, rate_hz: float) -> float:
@@ -176,11 +147,10 @@ def _time_s(event: Node, rate_hz: float) -> float:
 
 
 def _guess(labels: list[str]) -> str:
-    """IPA if more labels are IPA than mnemonics; of what both know, the longer marks decide."""
+    """IPA if more labels are IPA than mnemonics; a colon for length is a mnemonic's."""
     spoken = [label for label in labels if label.strip("_:!|")]
-    phones = ESPEAK
     as_ipa = sum(bool(ipa.letters(label)) and ":" not in label for label in spoken)
-    mnemonic = sum(phones.to_ipa(label) is not None for label in spoken)
+    mnemonic = sum(ESPEAK.to_ipa(label) is not None for label in spoken)
     return "ipa" if as_ipa > mnemonic else "espeak"
 
 
@@ -203,14 +173,13 @@ def parse_kokoro(data: bytes) -> PhoneTrack:
     for token in (document["tokens"] if document.has("tokens") else document).items():
         if not token.has("start_ts", "end_ts"):
             continue  # punctuation
-        word = token.first("text", "word").text()
-        phones = _split(token["phonemes"].text() if token.has("phonemes") else "")
+        word, phones = token.first("text", "word").text(), _split(token.text_or("phonemes"))
         entries += shared_out(token["start_ts"].number(), token["end_ts"].number(), phones, token.where, word)
     return track_of(entries, "Kokoro", alphabet="misaki", level="word")
 
 
 def kokoro_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
-    """Put letters one behind the other, each (Misaki or IPA, length in s, where), and join those that only mark."""
+    """Entries of consecutive symbols (Misaki or IPA, length in s, where); modifiers join the phone before them."""
     entries: list[Entry] = []
     stress = ""
     for letter, length_s, where in lengths:
@@ -218,7 +187,7 @@ def kokoro_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
         end_s = last.end_s + length_s
         if letter in ipa.STRESS or letter in _MARKS.strip() or (letter == " " and last.label != "_"):
             stress = letter if letter in ipa.STRESS else stress
-            entries[-1:] = [Entry(last.start_s, end_s, last.label, last.where)]
+            entries[-1:] = [replace(last, end_s=end_s)]
         else:
             entries.append(Entry(last.end_s, end_s, letter if letter == "_" else stress + letter, where))
             stress = ""
@@ -226,44 +195,44 @@ def kokoro_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
 
 
 def _split(phonemes: str) -> list[str]:
-    """Split Misaki text into phones, marks with the letter they belong to."""
-    ipa_labels: list[str] = []
+    """Split Misaki text into phones, each with its stress mark; other modifiers are dropped."""
+    phones: list[str] = []
     stress = ""
     for letter in phonemes:
         if letter in ipa.STRESS:
             stress = letter
         elif letter not in _MARKS and letter.isalpha():
-            ipa_labels.append(stress + letter)
+            phones.append(stress + letter)
             stress = ""
-    return ipa_labels
+    return phones
 
 
 def parse_headtts(data: bytes) -> PhoneTrack:
     """Read ``visemes``, ``vtimes``, ``vdurations``; HeadTTS overlaps them by 20 ms: a start ends the one before."""
     document = parse_document(data, "HeadTTS")
-    inner = document["data"] if document.has("data") else document
-    labels = inner["visemes"].texts()
-    starts, lengths = inner["vtimes"].numbers(), inner["vdurations"].numbers()
-    same_length(starts, lengths, labels, where="vtimes, vdurations, visemes")
-    starts = [max(start, 0.0) for start in starts]  # 10 ms early, so that the first may begin before 0
     entries: list[Entry] = []
-    for index, (start, length, label) in enumerate(zip(starts, lengths, labels, strict=True)):
-        end = min([start + length, *starts[index + 1 : index + 2]])
-        entries.append(Entry(start / 1000, end / 1000, label, f"visemes[{index}]"))
-    return track_of(entries, "HeadTTS", alphabet="oculus-visemes", level="viseme")
+    rows = rows_of_lists(document["data"] if document.has("data") else document, "visemes", "vtimes", "vdurations")
+    for index, (start_ms, length_ms, label) in enumerate(rows):
+        start_ms = max(start_ms, 0.0)  # 10 ms early, so that the first may begin before 0
+        entries.append(Entry(start_ms / 1000, (start_ms + length_ms) / 1000, label, f"visemes[{index}]"))
+    return track_of(without_overlaps(entries), "HeadTTS", alphabet="oculus-visemes", level="viseme")
 
 
 LIST_KEYS = ("phoneme_alignments", "alignments")
 
 
 def parse_piper(data: bytes) -> PhoneTrack:
-    """Read the alignments of one or several sentences, one behind the other."""
-    chunks = _chunks(parse_document(data, "Piper alignments"))
+    """Read the alignments of one or several sentences, in sequence."""
+    document = parse_document(data, "Piper alignments")
+    document = document["last"] if document.has("last") else document
+    chunks = document.entries()
+    if not (chunks and any(chunks[0].has(key) for key in LIST_KEYS)):
+        chunks = [document]
     return track_of(piper_entries(_lengths(chunks)), "Piper alignments", alphabet="ipa")
 
 
 def piper_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
-    """Put code points one behind the other, each (label, length in s, where), and join those that only mark."""
+    """Entries of consecutive code points (label, length in s, where); modifiers join the phone before them."""
     entries: list[Entry] = []
     now_s = 0.0
     stress = ""
@@ -271,7 +240,9 @@ def piper_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
         stress_mark, kind = label in ipa.STRESS, unicodedata.category(label[:1] or " ")
         if stress_mark or (entries and kind in ("Mn", "Lm", "Sk", "Cf")):
             stress = label if stress_mark else stress
-            _lengthen(entries, now_s + length_s, "" if stress_mark else label)
+            last = entries[-1] if entries else Entry(0.0, 0.0, "_", "the first mark")
+            added = "" if stress_mark or last.label == "_" else label
+            entries[-1:] = [replace(last, end_s=now_s + length_s, label=last.label + added)]
         else:
             silent = not label or kind[0] in "PZSC"
             entries.append(Entry(now_s, now_s + length_s, "_" if silent else stress + label, where))
@@ -282,18 +253,9 @@ def piper_entries(lengths: Iterable[tuple[str, float, str]]) -> list[Entry]:
 
 def _lengths(chunks: Iterable[Node]) -> Iterator[tuple[str, float, str]]:
     for chunk in chunks:
-        rate_hz = chunk["sample_rate"].number() if chunk.has("sample_rate") else 0.0
+        rate_hz = chunk.number_or("sample_rate", 0.0)
         for item in (chunk.first(*LIST_KEYS) if not isinstance(chunk.value, list) else chunk).items():
             yield item["phoneme"].text(), _length_s(item, rate_hz), item.where
-
-
-def _chunks(document: Node) -> list[Node]:
-    if document.has("last"):
-        document = document["last"]
-    if not isinstance(document.value, list):
-        return [document]
-    chunks = document.entries()
-    return chunks if chunks and any(chunks[0].has(key) for key in LIST_KEYS) else [document]
 
 
 def _length_s(item: Node, rate_hz: float) -> float:
@@ -306,12 +268,3 @@ def _length_s(item: Node, rate_hz: float) -> float:
     if length_s < 0:
         raise DataError(f"length: must be 0 or more, got {length_s:g} s", where=item.where)
     return length_s
-
-
-def _lengthen(entries: list[Entry], end_s: float, mark: str) -> None:
-    """Let the last entry last on; before the first phone there is none, and the time is a pause."""
-    if entries:
-        last = entries[-1]
-        entries[-1] = Entry(last.start_s, end_s, last.label + mark if last.label != "_" else "_", last.where)
-    else:
-        entries.append(Entry(0.0, end_s, "_", "the first mark"))

@@ -1,9 +1,8 @@
 """Lists that no tool has a name for: CSV, TSV and JSON, with columns found by their usual names or declared.
 
-``start=begin,end=stop,label=sound,unit=ms`` says which column is what; what is not said is found by its name. Columns
-of a list without a header are declared by their numbers, from 1. A column that says its unit (``start_ms``) settles
-it. Where all times are whole numbers and nothing says the unit, seconds and milliseconds are both possible, and the
-file is refused until somebody says.
+``start=begin,end=stop,label=sound,unit=ms`` declares columns; the others are found by their names. Columns of a list
+without a header are declared by their numbers, from 1. A unit in a column's name (``start_ms``) counts. Where all times
+are whole numbers and no unit is given, seconds and milliseconds are both possible, so the file is refused.
 """
 
 import csv
@@ -12,11 +11,9 @@ import re
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, UsageError
-from fapengine.speech.alphabets.guess import guess
-from fapengine.speech.formats.documents import Node, parse_document
-from fapengine.speech.formats.entries import Entry, track_of
-from fapengine.speech.formats.textgrid import decode_text
-from fapengine.speech.formats.word_lists import timed_words
+from fapengine.speech.formats.documents import Node, decode_text, parse_document
+from fapengine.speech.formats.entries import Entry
+from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -38,17 +35,17 @@ _WORDS = frozenset({"word", "text", "token"})
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What somebody says about a list."""
+    """Declared columns and unit of a list."""
 
     names: dict[str, str]
     """Name of the column by what it is: start, end, length, label, word."""
     unit_s: float | None = None
     """Length of the unit of times in s; None to find out."""
     rate_hz: float | None = None
-    """Frames or samples a second."""
+    """Frames or samples per second."""
 
 
-def parse_columns(text: str) -> Columns:
+def parse_columns(text: str | None) -> Columns:
     """Read ``start=begin,label=sound,unit=ms`` or ``fps=24``.
 
     Examples
@@ -58,7 +55,7 @@ def parse_columns(text: str) -> Columns:
     """
     names: dict[str, str] = {}
     unit_s = rate_hz = None
-    for piece in filter(None, (piece.strip() for piece in text.split(","))):
+    for piece in filter(None, (piece.strip() for piece in (text or "").split(","))):
         key, equals, value = (part.strip() for part in piece.partition("="))
         if key in NAMES and equals and value:
             names[key] = value
@@ -80,8 +77,7 @@ def header_of(rows: tuple[str, ...]) -> list[str]:
     if not rows:
         return []
     names = next(csv.reader([rows[0]], delimiter=_delimiter(rows[0])), [])
-    found = _found(names, Columns({}))
-    return names if "start" in found and "label" in found and ("end" in found or "length" in found) else []
+    return names if _is_whole(_found(names, Columns({}))) else []
 
 
 def _delimiter(row: str) -> str:
@@ -106,20 +102,22 @@ def is_row(node: Node) -> bool:
     """Whether a JSON object is a row with start, end or length, and label, by usual names."""
     if not isinstance(node.value, dict):
         return False
-    found = _found([str(key) for key in node.value], Columns({}))
-    return "start" in found and "label" in found and ("end" in found or "length" in found)
+    return _is_whole(_found([str(key) for key in node.value], Columns({})))
+
+
+def _is_whole(found: dict[str, str]) -> bool:
+    return {"start", "label"} <= found.keys() and not found.keys().isdisjoint(("end", "length"))
 
 
 def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None = None) -> PhoneTrack:
-    """Read a list; words if its label column is called word or text and holds words."""
-    said = parse_columns(columns or "")
+    """Read a list; words if its label column is named word or text, or if its labels look like words."""
+    said = parse_columns(columns)
     text = decode_text(data, "table")
     is_json = text.lstrip()[:1] in ("{", "[")
     numbered = bool(said.names) and all(name.isdigit() for name in said.names.values())
     rows, places = _json_rows(data) if is_json else _csv_rows(text, numbered)
     found = _found(list(rows[0]) if rows else [], said)
-    lacking = [what for what in ("start", "label") if what not in found]
-    if lacking or not ("end" in found or "length" in found):
+    if not _is_whole(found):
         raise DataError(
             f"table: got the columns {list(rows[0])[:12] if rows else []}, expected start, end and label;"
             " name them with columns='start=NAME,end=NAME,label=NAME'"
@@ -132,10 +130,9 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
         end_s = _time(row, found[ends], where) * unit_s + (0.0 if ends == "end" else start_s)
         word = row.get(found.get("word", ""), "")
         entries.append(Entry(start_s, end_s, row.get(found["label"], ""), where, word))
-    named_words = _UNIT_AT_THE_END.sub("", found["label"]).lower() in _WORDS
-    if alphabet is None and (named_words or guess(entry.label for entry in entries).words):
-        return track_of(timed_words(entries, "table", "one word a row"), "table", level="word", spelled=True)
-    return track_of(entries, "table", alphabet=alphabet)
+    if alphabet is None and _UNIT_AT_THE_END.sub("", found["label"]).lower() in _WORDS:
+        return words_track(entries, "table", "one word a row")
+    return labelled_track(entries, "table", alphabet, hint="one word a row")
 
 
 def _csv_rows(text: str, numbered: bool) -> tuple[list[dict[str, str]], list[str]]:

@@ -3,17 +3,18 @@
 Praat reads a text file as free-standing numbers, quoted texts and ``<flags>`` and skips everything else, so that
 ``xmin = 0`` and ``0`` mean the same and one reader serves both forms ("TextGrid file formats", Praat manual).
 
-The binary form has big-endian numbers, and texts after their length. Praat does not document it; this is what Praat
-writes (compared with the same grid saved as text).
+The binary form has the same values: big-endian numbers, and texts after their length. Praat does not document it; this
+is what Praat writes (compared with the same grid saved as text).
 """
 
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
+from fapengine.speech.formats.documents import decode_text
 from fapengine.speech.formats.entries import Entry, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -31,64 +32,42 @@ START = b"ooBinaryFile"
 
 
 class _Bytes:
-    """The bytes from the front to the back. Stateful."""
+    """The values of a binary file, in order. Stateful."""
 
-    def __init__(self, data: bytes) -> None:
-        self._data, self.at = data, 0
+    def __init__(self, data: bytes, at: int) -> None:
+        self._data, self._at = data, at
+
+    def where(self) -> str:
+        return f"byte {self._at}"
 
     def take(self, count: int) -> bytes:
-        if count < 0 or self.at + count > len(self._data):
-            raise TruncatedError("TextGrid: the file ends inside a value", where=f"byte {self.at}")
-        self.at += count
-        return self._data[self.at - count : self.at]
+        if count < 0 or self._at + count > len(self._data):
+            raise TruncatedError("TextGrid: the file ends inside a value", where=self.where())
+        self._at += count
+        return self._data[self._at - count : self._at]
 
-    def number(self, form: str) -> float:
-        return float(struct.unpack(f">{form}", self.take(struct.calcsize(form)))[0])
+    def number(self) -> float:
+        return float(struct.unpack(">d", self.take(8))[0])
 
-    def count(self) -> int:
-        value = int(self.number("i"))
+    def count(self, what: str) -> int:
+        value = int.from_bytes(self.take(4), signed=True)
         if not 0 <= value <= len(self._data):
-            raise DataError(f"count: got {value}, expected one the file can hold", where=f"byte {self.at - 4}")
+            raise DataError(f"{what}: got {value}, expected a count the file can hold", where=f"byte {self._at - 4}")
         return value
 
-    def name(self) -> str:
-        """Text with one byte of length: the name of a class."""
+    def has_tiers(self) -> bool:
+        return self.take(1) != b"\0"
+
+    def kind(self) -> str:
+        """Name of a class, with one byte of length."""
         return self.take(self.take(1)[0]).decode("latin-1")
 
     def text(self) -> str:
         """Text with two bytes of length; a length of -1 means that UTF-16 follows."""
-        length = int(self.number("h"))
+        length = int.from_bytes(self.take(2), signed=True)
         if length >= 0:
             return self.take(length).decode("latin-1")
-        return self.take(2 * int(self.number("H"))).decode("utf-16-be", "replace")
-
-
-def parse_binary_tiers(data: bytes) -> tuple[Tier, ...]:
-    """Read every interval tier; point tiers are passed over."""
-    source = _Bytes(data)
-    source.take(len(START))
-    kind = source.name()
-    if kind != "TextGrid":
-        raise DataError(f"Praat: got a binary {kind[:40]!r}, expected a TextGrid", where="byte 12")
-    source.take(16)  # the grid's times
-    if source.take(1) == b"\0":
-        return ()
-    tiers: list[Tier] = []
-    for _ in range(source.count()):
-        kind, name = source.name(), source.text()
-        source.take(16)  # the tier's times
-        count = source.count()
-        if kind == "IntervalTier":
-            rows = tuple((source.number("d"), source.number("d"), source.text()) for _ in range(count))
-            tiers.append(Tier(name, rows))
-        elif kind == "TextTier":
-            for _ in range(count):
-                source.take(8), source.text()
-        else:
-            raise DataError(
-                f"tier class: got {kind[:40]!r}, expected IntervalTier or TextTier", where=f"byte {source.at}"
-            )
-    return tuple(tiers)
+        return self.take(2 * int.from_bytes(self.take(2))).decode("utf-16-be", "replace")
 
 
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "phonetic", "segments", "segment", "mau", "segs")
@@ -97,23 +76,8 @@ WORD_TIERS = ("words", "word", "ort-mau", "ort")
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|<[a-z]+>|![^\n]*|"|[^\s"]+')
 
 
-def decode_text(data: bytes, what: str) -> str:
-    """Decode UTF-8, or UTF-16 with a byte-order mark."""
-    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    try:
-        return data.decode(encoding)
-    except UnicodeDecodeError as error:
-        raise DataError(
-            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark",
-            where=f"byte {error.start}",
-        ) from error
-
-
 class _Tokens:
-    """The numbers and texts of the file, in order, with their lines.
-
-    Stateful.
-    """
+    """The values of a text file, in order, with their lines. Stateful."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -142,17 +106,19 @@ class _Tokens:
     def text(self) -> str:
         return self._next("text")
 
+    kind = text
+
     def number(self) -> float:
         value = float(self._next("number"))
         if value == value + 1:  # so large that a second is lost in it, or infinite
             raise DataError(f"number: got {value:g}, expected a time or a count", where=self.where())
         return value
 
-    def flag(self) -> str:
-        return self._next("flag")
+    def has_tiers(self) -> bool:
+        return self._next("flag") == "<exists>"
 
     def ended(self) -> bool:
-        """Tell whether nothing but comments follows."""
+        """Return whether nothing but comments follows."""
         rest = re.compile(r"(?:\s|![^\n]*)*").match(self._text, self._end)
         return rest is not None and rest.end() == len(self._text)
 
@@ -164,9 +130,13 @@ class _Tokens:
 
 
 def parse_tiers(data: bytes) -> tuple[Tier, ...]:
-    """Read every interval tier; point tiers are passed over."""
+    """Read every interval tier; point tiers are skipped."""
     if data.startswith(START):
-        return parse_binary_tiers(data)
+        source = _Bytes(data, len(START))
+        kind = source.kind()
+        if kind != "TextGrid":
+            raise DataError(f"Praat: got a binary {kind[:40]!r}, expected a TextGrid", where=f"byte {len(START)}")
+        return _grid(source)
     tokens = _Tokens(_praat_text(data))
     kind = tokens.text()
     if kind == "Praat chronological TextGrid text file":
@@ -180,7 +150,7 @@ def parse_tiers(data: bytes) -> tuple[Tier, ...]:
 
 
 def _praat_text(data: bytes) -> str:
-    """Decode; Praat wrote Latin-1 before Unicode, and still reads so what is no UTF-8."""
+    """Decode; Praat wrote Latin-1 before Unicode, and still reads it where a file is not UTF-8."""
     try:
         return decode_text(data, "TextGrid")
     except DataError:
@@ -190,36 +160,38 @@ def _praat_text(data: bytes) -> str:
 
 
 def _collection(tokens: _Tokens) -> tuple[Tier, ...]:
-    """Read several objects in one file; tiers get the name of their grid before theirs."""
+    """Read several objects in one file; the name of each grid goes before the names of its tiers."""
     tiers: list[Tier] = []
     count = tokens.count("number of objects")
     for _ in range(count):
-        kind, name = tokens.text(), tokens.text()
+        kind, name = tokens.kind(), tokens.text()
         if kind != "TextGrid":
             raise UnsupportedError(
                 f"Praat: got a collection with a {kind[:40]}, expected TextGrids alone", where=tokens.where()
             )
-        tiers += [Tier(f"{name} - {tier.name}" if count > 1 else tier.name, tier.intervals) for tier in _grid(tokens)]
+        tiers += [replace(tier, name=f"{name} - {tier.name}" if count > 1 else tier.name) for tier in _grid(tokens)]
     return tuple(tiers)
 
 
-def _grid(tokens: _Tokens) -> tuple[Tier, ...]:
-    tokens.number(), tokens.number()
-    if tokens.flag() != "<exists>":
-        return ()
+def _grid(source: _Tokens | _Bytes) -> tuple[Tier, ...]:
+    source.number(), source.number()  # the grid's times
     tiers: list[Tier] = []
-    for _ in range(tokens.count("number of tiers")):
-        tier_class, name = tokens.text(), tokens.text()
-        tokens.number(), tokens.number()
-        count = tokens.count(f"size of tier {name!r}")
-        if tier_class == "IntervalTier":
-            tiers.append(Tier(name, tuple((tokens.number(), tokens.number(), tokens.text()) for _ in range(count))))
-        elif tier_class == "TextTier":
-            for _ in range(count):
-                tokens.number(), tokens.text()
+    for _ in range(source.count("number of tiers") if source.has_tiers() else 0):
+        kind, name = source.kind(), source.text()
+        _check_class(kind, source)
+        source.number(), source.number()  # the tier's times
+        count = source.count(f"size of tier {name!r}")
+        if kind == "IntervalTier":
+            tiers.append(Tier(name, tuple((source.number(), source.number(), source.text()) for _ in range(count))))
         else:
-            raise DataError(f"tier class: got {tier_class!r}, expected IntervalTier or TextTier", where=tokens.where())
+            for _ in range(count):
+                source.number(), source.text()
     return tuple(tiers)
+
+
+def _check_class(kind: str, source: _Tokens | _Bytes) -> None:
+    if kind not in ("IntervalTier", "TextTier"):
+        raise DataError(f"tier class: got {kind[:40]!r}, expected IntervalTier or TextTier", where=source.where())
 
 
 def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
@@ -228,11 +200,10 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
     classes: list[str] = []
     names: list[str] = []
     for _ in range(tokens.count("number of tiers")):
-        classes.append(tokens.text())
+        classes.append(tokens.kind())
         names.append(tokens.text())
         tokens.number(), tokens.number()
-        if classes[-1] not in ("IntervalTier", "TextTier"):
-            raise DataError(f"tier class: got {classes[-1]!r}, expected IntervalTier or TextTier", where=tokens.where())
+        _check_class(classes[-1], tokens)
     rows_by_tier: list[list[tuple[float, float, str]]] = [[] for _ in classes]
     while not tokens.ended():
         tier = tokens.count("tier number")
@@ -250,12 +221,12 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
 
 
 def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
-    """Find a tier by name, or by the usual names, or because it is the only one."""
+    """Find a tier by its name, else by the usual names, else the only one."""
     names = [tier.name for tier in tiers]
     if wanted is not None:
         fitting = [tier for tier in tiers if tier.name.lower() == wanted.lower()]
     else:
-        fitting = [tier for tier in tiers if re.split(r"\s*-\s+", tier.name.lower())[-1].strip() in usual]
+        fitting = [tier for tier in tiers if _last_part(tier.name) in usual]
         fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
     if len(fitting) != 1:
         sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
@@ -273,7 +244,7 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
     data : bytes
         The file.
     tier : str, optional
-        Name of the phone tier; by default the one that is called phones, phonemes, segments, MAU...
+        Name of the phone tier; by default the one named phones, phonemes, segments, MAU...
     alphabet : str, optional
         One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed from all labels.
     """
@@ -316,15 +287,19 @@ def _chosen(tiers: tuple[Tier, ...], wanted: str | None) -> Tier:
 
 
 def kind_of(name: str) -> str:
-    """Tell what a tier of this name holds: phones, words, or "" where the name does not tell.
+    """Content of a tier by its name: phones, words, or "" for other names.
 
     Examples
     --------
     >>> kind_of("Words"), kind_of("A - phones"), kind_of("notes")
     ('words', 'phones', '')
     """
-    plain = re.split(r"\s*-\s+", name.lower())[-1].strip()
+    plain = _last_part(name)
     return "phones" if plain in PHONE_TIERS else "words" if plain in WORD_TIERS else ""
+
+
+def _last_part(name: str) -> str:
+    return re.split(r"\s*-\s+", name.lower())[-1].strip()
 
 
 def _entries(tier: Tier) -> list[Entry]:

@@ -12,13 +12,13 @@ Whisper with one word a line), times inside a cue (WebVTT, ``<00:00:01.120>``), 
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fapengine.errors import DataError
-from fapengine.speech.formats.documents import Node, parse_document
-from fapengine.speech.formats.entries import Entry, shared_out, track_of
-from fapengine.speech.formats.textgrid import decode_text
+from fapengine.speech.alphabets.guess import guess
+from fapengine.speech.formats.documents import Node, decode_text, parse_document, walk
+from fapengine.speech.formats.entries import Entry, shared_out, track_of, without_overlaps
 from fapengine.speech.phone_track import PhoneTrack
 
 TICK_S = 1e-7
@@ -27,31 +27,31 @@ MIN_WORD_S = 0.05
 """Shortest time in s that a word without times is given between its neighbours."""
 _EDGES = ' \t\r\n.,!?;:…"“”„«»‹›()[]{}¿¡–—-*♪'
 _SPECIAL = re.compile(r"\[_.*\]|<.*>|\[[A-Z_ ]+\]")
-"""Tokens that are no text: [_BEG_], <end>, [BLANK_AUDIO]."""
+"""Tokens that are not text: [_BEG_], <end>, [BLANK_AUDIO]."""
 
 
 @dataclass(frozen=True, slots=True)
 class WordList:
-    """Where one tool keeps its timed words."""
+    """Shape of one tool's list of timed words."""
 
     name: str
     tool: str
     rows: tuple[str, ...]
-    """Paths of the list, the best first: keys with points between, ``[]`` for each item of a list."""
+    """Paths of the list, the best first, as for :func:`.documents.walk`."""
     label: tuple[str, ...]
-    """Keys of the text, the best first; a point leads further in, a number into a list."""
+    """Paths of the text within a row, the best first, as for :func:`value_of`."""
     start: tuple[str, ...] = ("start",)
     end: tuple[str, ...] = ("end",)
     length: tuple[str, ...] = ()
-    """Keys of the duration, where there is no end."""
+    """Keys of the duration, used if there is no end."""
     unit_s: float = 1.0
     """Length in s of the unit of times."""
     pieces: bool = False
     """True where the texts are pieces of words; one that begins with a blank begins a word."""
     only: tuple[str, str] | None = None
-    """Key and value of the rows that are words, where others stand between."""
+    """Key and value of the rows that are words, in a list of mixed rows."""
     phrases: tuple[str, ...] = ()
-    """Paths of a list of phrases that the tool writes where it was not asked for words."""
+    """Paths of a list of phrases that the tool writes unless it was asked for words."""
     never: tuple[str, ...] = ()
     """Keys that no row has."""
     hint: str = "ask the tool for word timestamps"
@@ -88,30 +88,6 @@ WORD_LISTS: tuple[WordList, ...] = (
              only=("type", "WordBoundary"), hint="ask for words: boundary='WordBoundary'"),
 )
 # fmt: on
-
-
-def walk(node: Node, path: str) -> Iterator[Node]:
-    """Go down a path; what is not there yields nothing.
-
-    Examples
-    --------
-    >>> [item.value for item in walk(Node({"a": [{"b": 1}, {"b": 2}, {}]}), "a[].b")]
-    [1, 2]
-    """
-    first, _, rest = path.partition(".")
-    name, bracket, index = first.partition("[")
-    if name:
-        if not node.has(name):
-            return
-        node = node[name]
-    found = [node]
-    if bracket:
-        if not isinstance(node.value, list):
-            return
-        number = index.rstrip("]")
-        found = [item for at, item in enumerate(node.items()) if not number or at == int(number)]
-    for item in found:
-        yield from walk(item, rest) if rest else [item]
 
 
 def value_of(row: Node, keys: Sequence[str]) -> Node | None:
@@ -164,22 +140,18 @@ def seconds(node: Node) -> float:
 
 
 def rows_of(document: Node, kind: WordList) -> list[Node]:
-    """Find the rows of a tool's list of words; empty if this is no document of the tool."""
+    """Find the rows of a tool's list of words; empty for documents of other tools."""
     for path in kind.rows:
-        rows = list(walk(document, path if _listed(document, path) else path.removeprefix("[].")))
+        rows = list(walk(document, path if isinstance(document.value, list) else path.removeprefix("[].")))
         words = [row for row in rows if value_of(row, kind.label) is not None and _is_word(row, kind)]
         timed = [row for row in words[:40] if value_of(row, (*kind.end, *kind.length)) is not None]
-        if timed and not any(row.has(key) for row in timed[:1] for key in kind.never):
+        if timed and not any(timed[0].has(key) for key in kind.never):
             return words
     return []
 
 
-def _listed(document: Node, path: str) -> bool:
-    return isinstance(document.value, list) and path.startswith("[]")
-
-
 def is_word_list(kind: WordList, document: Node | None) -> bool:
-    """Whether a document is one of this tool's, with words or with phrases alone."""
+    """Return whether a document is one of this tool's, with words or with phrases only."""
     if document is None:
         return False
     if rows_of(document, kind):
@@ -188,12 +160,12 @@ def is_word_list(kind: WordList, document: Node | None) -> bool:
     return any(value_of(row, ("text",)) is not None and _times(row, kind) is not None for row in phrases)
 
 
-def words_without_blanks(label: str) -> str:
-    """Take punctuation off the edges of a word; the point of an abbreviation with points inside stays.
+def _plain_word(label: str) -> str:
+    """Remove punctuation around a word, except the last point of an abbreviation with points inside.
 
     Examples
     --------
-    >>> [words_without_blanks(word) for word in (" Hello,", "“we'll”", "a.m.", "—", "3.5%")]
+    >>> [_plain_word(word) for word in (" Hello,", "“we'll”", "a.m.", "—", "3.5%")]
     ['Hello', "we'll", 'a.m.', '', '3.5%']
     """
     plain = label.strip(_EDGES)
@@ -225,8 +197,8 @@ def joined_pieces(entries: Sequence[Entry]) -> list[Entry]:
     return words
 
 
-def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str) -> list[Entry]:
-    """Make words that follow each other: punctuation off, untimed ones placed, overlaps cut at the next start.
+def timed_words(entries: Sequence[Entry] | Sequence[Entry | tuple[str, str]], what: str, hint: str) -> list[Entry]:
+    """Words in sequence: without punctuation and overlaps, with times for the untimed ones.
 
     Parameters
     ----------
@@ -239,7 +211,7 @@ def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str
     waiting: list[tuple[str, str]] = []
     for entry in entries:
         label, where = (entry.label, entry.where) if isinstance(entry, Entry) else entry
-        plain = words_without_blanks(label)
+        plain = _plain_word(label)
         if not plain:
             continue
         if re.search(r"\s", plain):
@@ -253,14 +225,30 @@ def timed_words(entries: Sequence[Entry | tuple[str, str]], what: str, hint: str
     if not any(isinstance(entry, Entry) for entry in entries):
         raise DataError(f"{what}: contains no timed word; {hint}")
     words += _placed(waiting, words, None)
-    for index in range(len(words) - 1):
-        if words[index].start_s <= words[index + 1].start_s < words[index].end_s:
-            words[index] = replace(words[index], end_s=words[index + 1].start_s)
-    return words
+    return without_overlaps(words)
+
+
+def words_track(entries: Sequence[Entry] | Sequence[Entry | tuple[str, str]], what: str, hint: str) -> PhoneTrack:
+    """Make a track of words, as of :func:`timed_words`."""
+    return track_of(timed_words(entries, what, hint), what, level="word", spelled=True)
+
+
+def labelled_track(
+    entries: Sequence[Entry], what: str, alphabet: str | None, *, default: str | None = None, hint: str = ""
+) -> PhoneTrack:
+    """Make a track of labels that may be phones or words.
+
+    They are words if no alphabet is given and they look like words. With a ``hint``, words are treated as by
+    :func:`timed_words`. ``default`` is the alphabet of phones without ``alphabet``; by default it is guessed.
+    """
+    if alphabet is None and guess(entry.label for entry in entries).words:
+        words = timed_words(entries, what, hint) if hint else entries
+        return track_of(words, what, level="word", spelled=True)
+    return track_of(entries, what, alphabet=alphabet or default)
 
 
 def _placed(waiting: list[tuple[str, str]], words: list[Entry], until_s: float | None) -> list[Entry]:
-    """Place words without times before ``until_s``; where there is no room, they are said with the word before."""
+    """Place words without times before ``until_s``; without room, they join the word before."""
     if not waiting:
         return []
     from_s = words[-1].end_s if words else 0.0
@@ -294,8 +282,7 @@ def parse_word_list(data: bytes, *, kind: WordList, tier: str | None = None) -> 
         entries.append((text, row.where) if times is None else Entry(*times, text, row.where))
     if kind.pieces:
         entries = [*joined_pieces([entry for entry in entries if isinstance(entry, Entry)])]
-    words = timed_words(entries, kind.name, kind.hint)
-    return track_of(words, kind.name, level="word", spelled=True)
+    return words_track(entries, kind.name, kind.hint)
 
 
 def _one_channel(document: Node, tier: str | None, kind: WordList) -> Node:
@@ -312,11 +299,11 @@ def _one_channel(document: Node, tier: str | None, kind: WordList) -> Node:
 
 _CLOCK = r"(?:(\d+):)?(\d{1,2}):(\d{1,2})[.,](\d{1,3})"
 CUE = re.compile(rf"\s*{_CLOCK}\s*-->\s*{_CLOCK}(\s.*)?")
-"""Times of a cue: hours may lack, comma or point before the milliseconds."""
+"""Times of a cue: hours are optional, a comma or a point goes before the milliseconds."""
 _INSIDE = re.compile(rf"<{_CLOCK}>")
 _TAG = re.compile(r"</?[a-zA-Z][^>]*>|\{\\[^}]*\}")
 _UNDERLINED = re.compile(r"<u>(.*?)</u>", re.DOTALL)
-HINT = "words need times of their own: one word a cue, or <00:00:01.120> before each word"
+_HINT = "words need times of their own: one word a cue, or <00:00:01.120> before each word"
 
 
 def _clock_s(groups: tuple[str | None, ...]) -> float:
@@ -337,7 +324,7 @@ def parse_subtitles(data: bytes) -> PhoneTrack:
         words += [Entry(c.start_s, c.end_s, m[1], c.where) for c in cues for m in _UNDERLINED.finditer(c.label)]
     else:
         words += [Entry(cue.start_s, cue.end_s, _TAG.sub("", cue.label), cue.where) for cue in cues]
-    return track_of(timed_words(words, "subtitles", HINT), "subtitles", level="word", spelled=True)
+    return words_track(words, "subtitles", _HINT)
 
 
 def _cues(lines: list[str]) -> list[Entry]:

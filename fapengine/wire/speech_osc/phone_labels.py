@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.speech.alphabets import convert as alphabets
-from fapengine.speech.alphabets.guess import guess_alphabet
+from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.wire.speech_osc.schema import LABEL_BYTES, PRIMARY_STRESS, SECONDARY_STRESS, WirePhone
@@ -113,7 +113,7 @@ def guess_set(labels: Sequence[str]) -> str:
     >>> guess_set(["b", "aɪ"]), guess_set(["HH", "EH1"]), guess_set(["{", "t"])
     ('ipa', 'arpabet', 'x-sampa')
     """
-    return guess_alphabet(labels)
+    return guess(labels).alphabet
 
 
 def to_engine_phone(phone: WirePhone, phone_set: str) -> Phone:

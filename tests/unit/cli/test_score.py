@@ -101,7 +101,7 @@ def test_timings_are_read_as_is_said(talk: Path) -> None:
     again = json.loads(run("score", talk / "talk.fap", "--phones", unnamed, "--format", "htk", "--json"))
     assert again == first
     unnamed.write_text("what is this?\n", encoding="utf-8")
-    with pytest.raises(DataError, match="--format NAME says which"):
+    with pytest.raises(DataError, match="choose one with --format NAME"):
         run("score", talk / "talk.fap", "--phones", unnamed)
     with pytest.raises(UsageError, match=r"--tier: requires --phones"):
         run("score", talk / "talk.fap", "--tier", "phones")

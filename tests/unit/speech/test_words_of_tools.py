@@ -8,11 +8,11 @@ import pytest
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.timings import load_timings
-from fapengine.speech.formats.documents import Node
+from fapengine.speech.formats.documents import Node, walk
 from fapengine.speech.formats.entries import Entry
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
-from fapengine.speech.formats.word_lists import timed_words, walk
+from fapengine.speech.formats.word_lists import timed_words
 from fapengine.speech.phone_track import PhoneTrack
 
 from .samples import SAMPLES, SHORT_TEXTGRID, lines
@@ -24,7 +24,7 @@ def told(track: PhoneTrack) -> list[tuple[str, float, float]]:
 
 def read(text: str | bytes, name: str | None = None, ending: str = "", **wishes: str) -> PhoneTrack:
     data = text.encode() if isinstance(text, str) else text
-    return parse_timings(data, file_format=name, ending=ending, wishes=ParseOptions(**wishes))
+    return parse_timings(data, file_format=name, ending=ending, options=ParseOptions(**wishes))
 
 
 def test_words_without_times_take_the_time_between_or_go_with_the_word_before() -> None:
@@ -58,7 +58,7 @@ def test_overlaps_of_recognisers_are_cut_and_falling_starts_refused() -> None:
         ([{"offset": 0, "ph_seq": "m a", "note_dur": "1"}], "DiffSinger: ph_dur is missing"),
         ([{"offset": 0, "ph_seq": "m a", "ph_dur": "1"}], "ph_dur: got 1 durations, expected 2"),
         ([{"offset": 0, "ph_seq": "m", "ph_dur": "x"}], "ph_dur: got 'x'"),
-        ([{"type": "SentenceBoundary", "offset": 0, "duration": 9, "text": "my oh"}], "no format that is known"),
+        ([{"type": "SentenceBoundary", "offset": 0, "duration": 9, "text": "my oh"}], "expected a known format"),
     ],
 )  # fmt: skip
 def test_phrases_are_refused_with_the_way_out(document: object, message: str) -> None:
@@ -155,7 +155,7 @@ def test_lists_that_are_none(text: str, columns: str, message: str) -> None:
         ("moho", "MohoSwitch1\n1 MBP\n", r"columns='fps=24'"),
         ("moho", "x", "begins with MohoSwitch1"),
         ("utau", "[#0000]\nLength=x\nLyric=ま\n", "Length: got 'x'"),
-        ("utau", "[#SETTING]\nTempo=0\n[#0000]\nLength=1\n", "Tempo: got 0"),
+        ("utau", "[#SETTING]\nTempo=0\n[#0000]\nLength=1\n", "Tempo: got '0'"),
         ("utau", "ustx_version: '0.6'\n", "project of OpenUtau"),
         ("htk", "0.0\t0.5\tf000001\n0.5\t1.0\tf000002\n", "numbers of fragments"),
         ("timit", "0 x b\n", "got 'x', expected a number.*line 1"),
@@ -175,7 +175,7 @@ def test_papagayo_with_two_voices() -> None:
 
 
 def test_kaldi_frames_are_no_phones_of_mbrola() -> None:
-    with pytest.raises(DataError, match="no format that is known"):
+    with pytest.raises(DataError, match="expected a known format"):
         read("utterance_1 1 1 1 1 3 3 3 7 7 7 7 7 2 2\n")
     assert read("m 100 0 120 50 130\na 100\n").phones[0].label == "m"
 
@@ -233,7 +233,7 @@ def test_binary_textgrids() -> None:
             read(grid[:cut], "textgrid")
     with pytest.raises(DataError, match="tier class: got 'PitchTier'"):
         read(binary_grid(("PitchTier", "x", [])))
-    with pytest.raises(DataError, match="count: got"):
+    with pytest.raises(DataError, match="number of tiers: got"):
         read(grid[:38] + b"\x7f" + grid[39:])
 
 

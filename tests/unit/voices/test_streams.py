@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.voices.choice import SERVICE_NAMES, VoiceChoice
 from fapengine.voices.service_client import ServiceVoice, stream
-from fapengine.voices.service_pieces import Gathered
-from fapengine.voices.services import SERVICES, AzureEvents, ElevenLabs, Service
+from fapengine.voices.services import SERVICES, AzureEvents, ElevenLabs, Gathered, Service
 
 SOUND = (9000 * np.sin(np.arange(24_000) / 9)).astype(np.int16)
 HALVES = SOUND[:12_000].tobytes(), SOUND[12_000:].tobytes()
