@@ -46,10 +46,10 @@ from bench.render_goals import (
 from bench.render_page import write_page
 from bench.talking import talking_face
 from fapengine.files.moving import write_moving
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.render.context import create_context
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing
 from fapengine.render.renderer import FaceRenderer

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 
 from design.data_files import FOLDER, asked_path, save_table
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.eyes import CENTRE
 from fapengine.mesh.default_head.faces import STEP_MM
@@ -32,7 +33,6 @@ from fapengine.mesh.default_head.mesh_builder import Rings
 from fapengine.mesh.default_head.points import locate
 from fapengine.mesh.default_head.style import LEVELS, MODES, HeadStyle
 from fapengine.mesh.face_mesh import Material
-from fapengine.mesh.vertex_fields import vertex_normals
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Smooth steps and bumps with continuous curvature (C2), and a low-pass filter without delay."""
+"""Smooth steps and bumps with continuous curvature (C2), Gaussian spots, and a low-pass filter without delay."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,26 @@ def bump(
     """
     t = np.asarray(x, dtype=np.float64)
     height: NDArray[np.float64] = smoothstep((t - start + rise) / rise) * smoothstep((stop + fall - t) / fall)
+    return height
+
+
+def spot(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    centre: tuple[float, float],
+    size: tuple[float, float],
+    power: float = 2.0,
+) -> NDArray[np.float64]:
+    """Gaussian over a plane, (...): 1 at the centre, 1 / e at a distance of ``size`` along either axis.
+
+    Examples
+    --------
+    >>> spot(np.array([3.0, 5.0]), np.array([1.0, 1.0]), (3.0, 1.0), (2.0, 4.0)).round(4).tolist()
+    [1.0, 0.3679]
+    """
+    height: NDArray[np.float64] = np.exp(
+        -(np.abs((x - centre[0]) / size[0]) ** power) - np.abs((y - centre[1]) / size[1]) ** power
+    )
     return height
 
 

@@ -1,14 +1,19 @@
-"""Triangle surfaces: normals, closest points, ray intersections, and smooth continuation of values over a mesh.
+"""Triangle surfaces: normals, closest points, ray intersections, ambient light, averages and smooth continuation.
 
-Candidates come from a kd-tree over the triangles' centres; among them the answer is exact. On meshes whose triangles
-are of similar size, as scans are, the nearest triangle is among the eight nearest centres.
+Candidates for the closest triangle come from a kd-tree over the triangles' centres; among them the answer is exact. On
+meshes whose triangles are of similar size, as scans are, the nearest triangle is among the eight nearest centres.
 """
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 CANDIDATES = 8
 TINY = 1e-30
@@ -45,7 +50,7 @@ class Surface:
         self._corners = corners
         self._tree = cKDTree(corners.mean(axis=1))
         self.normals = vertex_normals(self.vertices_mm, self.triangles)
-        """(V, 3): unit length; zero where no triangle is."""
+        """(V, 3): unit length."""
         self._rim = _rim_vertices(self.triangles, count)
 
     def closest(self, points_mm: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
@@ -64,8 +69,7 @@ class Surface:
             The point is on the edge of a hole or of the whole surface, so it is probably not the true counterpart.
         """
         triangle, weight, places = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
-        normals: NDArray[np.float64] = np.einsum("nc,nca->na", weight, self.normals[triangle])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True) + TINY
+        normals = unit_vectors(np.einsum("nc,nca->na", weight, self.normals[triangle]), TINY)
         on_rim: NDArray[np.bool_] = np.all((weight < 1e-9) | self._rim[triangle], axis=1)
         return places, normals, on_rim
 
@@ -94,8 +98,7 @@ class Surface:
         met : (N,) bool
         """
         points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
-        along = frozen(directions, "directions", (len(points), 3), np.float64)
-        along = along / (np.linalg.norm(along, axis=1, keepdims=True) + TINY)
+        along = unit_vectors(frozen(directions, "directions", (len(points), 3), np.float64), TINY)
         foot = self.closest(points)[0]
         # The nearest place guides the candidates: on a smooth surface the line meets it close by.
         guess = points + along * ((foot - points) * along).sum(axis=1, keepdims=True)
@@ -122,8 +125,20 @@ class Surface:
         return np.asarray(self._tree.query(points, k=count)[1], dtype=np.intp).reshape(len(points), count)
 
 
-def vertex_normals(vertices: NDArray[np.float64], triangles: ArrayLike) -> NDArray[np.float64]:
-    """(..., V, 3) vertices -> unit normals, weighted by triangle area; zero for vertices without a triangle."""
+def edges_of(triangles: ArrayLike) -> NDArray[np.int64]:
+    """(3 F, 2): the edges of all triangles, (F, 3); two triangles that share an edge give it once each."""
+    corners = np.asarray(triangles)
+    return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+
+
+def unit_vectors(vectors: NDArray[np.floating], least: float = 0.0) -> NDArray[np.float64]:
+    """(..., 3): vectors scaled to length 1; those shorter than ``least`` become shorter."""
+    unit: NDArray[np.float64] = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), least)
+    return unit
+
+
+def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> NDArray[np.float64]:
+    """(..., V, 3) vertices -> unit normals, weighted by triangle area; (0, 0, 1) for vertices without a triangle."""
     from scipy.sparse import csr_array
 
     corner = np.asarray(triangles)
@@ -135,13 +150,13 @@ def vertex_normals(vertices: NDArray[np.float64], triangles: ArrayLike) -> NDArr
     )
     summed = np.asarray(uses @ flat.reshape(len(corner), -1), dtype=np.float64)
     total = np.moveaxis(summed.reshape(count, *flat.shape[1:]), 0, -2)
-    unit: NDArray[np.float64] = total / (np.linalg.norm(total, axis=-1, keepdims=True) + TINY)
+    length = np.linalg.norm(total, axis=-1, keepdims=True)
+    unit: NDArray[np.float64] = np.where(length > 1e-12, total / np.maximum(length, TINY), [0.0, 0.0, 1.0])
     return unit
 
 
 def _rim_vertices(triangles: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    unique, uses = np.unique(edges, axis=0, return_counts=True)
+    unique, uses = np.unique(np.sort(edges_of(triangles), axis=1), axis=0, return_counts=True)
     rim = np.zeros(count, dtype=bool)
     rim[unique[uses == 1]] = True
     return rim
@@ -193,6 +208,54 @@ def _line_distance(
     return np.where(hit, (v * q).sum(-1) / safe, np.inf)
 
 
+def ambient_light(
+    points_mm: NDArray[np.float64], normals: NDArray[np.float64], *, directions: int = 60, cell_mm: float = 5.0
+) -> NDArray[np.float64]:
+    """(V,): fraction of ambient light that reaches each vertex, from depth maps in many directions.
+
+    For each direction the vertices are sorted into the cells of a map; a vertex more than two cells behind the nearest
+    one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere.
+    """
+    index = np.arange(directions) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * index / directions), np.pi * (1 + 5**0.5) * index
+    rays = np.stack([np.cos(azimuth) * np.sin(polar), np.cos(polar), np.sin(azimuth) * np.sin(polar)], axis=-1)
+    light, total = np.zeros(len(points_mm)), np.zeros(len(points_mm))
+    for ray in rays:
+        side = unit_vectors(np.cross(ray, [0.3, 0.8, 0.52]))
+        cells = np.floor(np.stack([points_mm @ side, points_mm @ np.cross(ray, side)]) / cell_mm).astype(np.int64)
+        cells -= cells.min(axis=1, keepdims=True)
+        key = cells[0] * (cells[1].max() + 1) + cells[1]
+        depth = points_mm @ ray
+        nearest = np.full(key.max() + 1, -np.inf)
+        np.maximum.at(nearest, key, depth)
+        cosine = np.clip(normals @ ray, 0.0, None)
+        light += cosine * (depth > nearest[key] - 2.0 * cell_mm)
+        total += cosine
+    return light / np.maximum(total, 1e-9)
+
+
+def _links(triangles: ArrayLike, count: int) -> "csr_array[np.float64]":
+    """(V, V): number of triangles at the edge between two vertices."""
+    from scipy.sparse import csr_array
+
+    edges = edges_of(triangles)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+
+
+def average_over_mesh(
+    values: NDArray[np.float64], triangles: ArrayLike, rounds: int, weight: float | NDArray[np.float64] = 0.5
+) -> NDArray[np.float64]:
+    """(V, ...): values that move towards the mean of their neighbours in each round, by ``weight``, one or (V,)."""
+    links = _links(triangles, len(values))
+    degree: NDArray[np.float64] = links.sum(axis=1)
+    share = np.broadcast_to(weight * (degree > 0), len(values))[:, None]
+    average = values.reshape(len(values), -1)
+    for _ in range(rounds):
+        average = average + share * (links @ average / np.maximum(degree, 1)[:, None] - average)
+    return average.reshape(values.shape)
+
+
 def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np.int64]) -> NDArray[np.float64]:
     """Extend values of known vertices, (V, C), over a mesh with least bending (graph bilaplacian).
 
@@ -203,7 +266,7 @@ def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np
     UsageError
         If no vertex is known.
     """
-    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu
 
     field = frozen(values, "values", ("V", "C"), np.float64)
@@ -212,11 +275,9 @@ def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np
         raise UsageError("known: contains no vertex")
     if mask.all():
         return field.copy()
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    both = np.concatenate([edges, edges[:, ::-1]])
-    links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(len(field), len(field)))
+    links = _links(triangles, len(field))
     links.data[:] = 1.0
-    degree: NDArray[np.float64] = np.asarray(links.sum(axis=1)).ravel()
+    degree: NDArray[np.float64] = links.sum(axis=1)
     laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
     # A trace of pull to the mean keeps parts without a known vertex solvable.
     mean = field[mask].mean(axis=0)

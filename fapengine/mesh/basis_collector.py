@@ -1,6 +1,9 @@
 """Collecting a deformation basis channel by channel."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fapengine._arrays import Array, Indices
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
@@ -18,40 +21,55 @@ class BasisCollector:
     def __init__(self, vertex_count: int) -> None:
         self._count = vertex_count
         self._channels: list[Channel] = []
-        self._entries: list[tuple[Indices, int, Array, Array]] = []
+        self._entries: list[tuple[Indices, int, Array]] = []
 
     def add(self, channel: Channel, vertices: Indices, displacement_mm: Array) -> None:
         """Add displacements, (N, 3) mm per FAPU, of vertices (N,) to a channel."""
         kept = np.abs(displacement_mm).max(axis=1) * 1000 > NEGLIGIBLE_MM
-        self._add(channel, vertices[kept], displacement_mm[kept], np.zeros(kept.sum()))
+        self._add(channel, vertices[kept], np.pad(displacement_mm[kept], ((0, 0), (0, 1))))
 
-    def add_still(self, channel: Channel, vertices: Indices) -> None:
-        """Add entries without displacement for vertices (N,), whose normals turn by more than their bone's rotation."""
-        self._add(channel, vertices, np.zeros((len(vertices), 3)), np.zeros(len(vertices)))
+    def add_shade(self, channel: Channel, vertices: Indices, shade: Array | float = 0.0) -> None:
+        """Add entries without displacement for vertices (N,): the change of the shade per FAPU, (N,) or one for all.
 
-    def add_shade(self, channel: Channel, vertices: Indices, shade: Array) -> None:
-        """Add the change of the shade per FAPU, (N,), of vertices (N,): an entry of the folds."""
-        self._add(channel, vertices, np.zeros((len(vertices), 3)), shade)
+        With 0 they are for vertices whose normals turn by more than their bone's rotation.
+        """
+        rows = np.zeros((len(vertices), 4))
+        rows[:, 3] = shade
+        self._add(channel, vertices, rows)
 
-    def _add(self, channel: Channel, vertices: Indices, displacement_mm: Array, shade: Array) -> None:
+    def _add(self, channel: Channel, vertices: Indices, rows: Array) -> None:
         if channel not in self._channels:
             self._channels.append(channel)
-        self._entries.append((vertices, self._channels.index(channel), displacement_mm, shade))
+        self._entries.append((vertices, self._channels.index(channel), rows + 0.0))  # -0 becomes 0
 
     def gathered(self) -> tuple[DeformationBasis, Array]:
-        """Return the basis, sorted by vertex, and the change of the shade of each entry, (N,)."""
-        vertices = np.concatenate([entry[0] for entry in self._entries])
-        channels = np.concatenate([np.full(len(entry[0]), entry[1]) for entry in self._entries])
-        moves = np.concatenate([entry[2] for entry in self._entries])
-        # What was added twice, of the same channel to the same vertex, becomes one entry.
-        keys, entry = np.unique(vertices * len(self._channels) + channels, return_inverse=True)
-        summed = np.stack([np.bincount(entry, moves[:, axis], len(keys)) for axis in range(3)], axis=-1)
-        shades: Array = np.bincount(entry, np.concatenate([each[3] for each in self._entries]), len(keys)).astype(float)
-        owners = keys // len(self._channels)
-        basis = DeformationBasis(
-            channels=tuple(self._channels),
-            offsets=np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=self._count))]),
-            entry_channels=keys % len(self._channels),
-            entry_mm=summed.astype(np.float32),
-        )
-        return basis, shades
+        """Return the basis, and the change of the shade of each entry, (N,)."""
+        basis, rows = gather(self._count, self._channels, self._entries)
+        return basis, rows[:, 3]
+
+
+def gather(
+    vertex_count: int,
+    channels: Sequence[Channel],
+    entries: Sequence[tuple[Indices, int, Array]],
+    mix: NDArray[np.float32] | None = None,
+) -> tuple[DeformationBasis, Array]:
+    """Make a basis, sorted by vertex, from vertices (N,), their channel or row of ``mix``, and rows (N, 3 or more).
+
+    A row is a displacement, mm, and further values. Rows of the same vertex and channel are added up. Returns the
+    basis, and the row of each of its entries.
+    """
+    width = len(channels) if mix is None else len(mix)
+    columns = np.repeat([column for _, column, _ in entries], [len(vertices) for vertices, _, _ in entries])
+    keys = width * np.concatenate([vertices for vertices, _, _ in entries]) + columns
+    order = np.argsort(keys, kind="stable")
+    keys, first = np.unique(keys[order], return_index=True)
+    rows = np.add.reduceat(np.concatenate([rows for _, _, rows in entries])[order], first, axis=0)
+    basis = DeformationBasis(
+        channels=tuple(channels),
+        offsets=np.concatenate([[0], np.cumsum(np.bincount(keys // width, minlength=vertex_count))]),
+        entry_channels=keys % width,
+        entry_mm=rows[:, :3].astype(np.float32),
+        mix=mix,
+    )
+    return basis, rows

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fapengine._arrays import Array
+from fapengine.geometry.smooth import spot
 
 TONES = np.array(
     [[0.80, 0.55, 0.44], [0.70, 0.435, 0.315], [0.50, 0.27, 0.165], [0.26, 0.12, 0.068], [0.10, 0.05, 0.03]]
@@ -54,9 +55,8 @@ BLOOD = np.array([0.35, 1.0, 0.9])
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
-    x = (np.abs(points[..., 0]) - centre[0]) / size[0]
-    y = (points[..., 1] - centre[1]) / size[1]
-    return (np.exp(-(x**2) - y**2) * (points[..., 2] > 30))[..., None]
+    """(..., 1): a spot on either side of the face, 1 in its middle."""
+    return (spot(np.abs(points[..., 0]), points[..., 1], centre, size) * (points[..., 2] > 30))[..., None]
 
 
 def _of_tone(table: Array, tone: float) -> Array:

@@ -114,14 +114,9 @@ def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:
     basis = mesh.basis
     weights = channel_weights(basis, faps)
     transforms = bone_transforms(mesh, faps)
-    vertex = np.repeat(np.arange(len(mesh.vertices_mm)), np.diff(basis.offsets))
-    moved = np.broadcast_to(mesh.vertices_mm.astype(np.float64), (*weights.shape[:-1], *mesh.vertices_mm.shape)).copy()
-    flat = moved.reshape(-1, *mesh.vertices_mm.shape)
-    flat_weights = weights.reshape(len(flat), weights.shape[-1])  # of which a head of bones alone has none
-    for frame, weight in zip(flat, flat_weights, strict=True):
-        entries = weight[basis.entry_channels, None] * basis.entry_mm
-        for axis in range(3):
-            frame[:, axis] += np.bincount(vertex, entries[:, axis], len(frame))
+    frames = weights.shape[:-1]
+    moves = [basis.displacement(weights[frame]) for frame in np.ndindex(frames)]
+    moved = mesh.vertices_mm.astype(np.float64) + np.reshape(moves, (*frames, *mesh.vertices_mm.shape))
     moved = _follow(moved, transforms[..., mesh.bone, :, :], mesh.bone_weight)
     return _follow(moved, transforms[..., None, HEAD, :, :], mesh.head_weight)
 

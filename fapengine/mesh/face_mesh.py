@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import Array, frozen
+from fapengine._arrays import Array, Indices, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -107,6 +107,16 @@ class DeformationBasis:
     def width(self) -> int:
         """Number of weights of a frame."""
         return len(self.channels) if self.mix is None else len(self.mix)
+
+    @property
+    def entry_vertices(self) -> Indices:
+        """(N,): vertex of each entry."""
+        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+
+    def displacement(self, weights: Array) -> Array:
+        """(V, 3) mm: displacement of every vertex for weights (W,)."""
+        moves, count = weights[self.entry_channels, None] * self.entry_mm, len(self.offsets) - 1
+        return np.stack([np.bincount(self.entry_vertices, column, count) for column in moves.T], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

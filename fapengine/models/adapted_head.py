@@ -25,14 +25,13 @@ from scipy.spatial import cKDTree
 
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.smooth import smoothstep
-from fapengine.geometry.surface import Surface
+from fapengine.geometry.surface import Surface, vertex_normals
 from fapengine.mesh.default_head.eyes import Eye, moved_eye
 from fapengine.mesh.default_head.head import build_reshaped
 from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.models.generic_mesh import adapt_mesh, lip_nodes, spline_contour
 
 Array = NDArray[np.float64]

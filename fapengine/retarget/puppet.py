@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
 from fapengine.retarget.oculus import oculus_map

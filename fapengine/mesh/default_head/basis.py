@@ -13,6 +13,7 @@ skin follows the jaw's rotation. Lids turn about the eye in piecewise-linear ste
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -73,13 +74,13 @@ def build_basis(
     :mod:`.faces`. ``age`` is the style's.
     """
     collector = BasisCollector(len(points))
-    skin = np.unique(
-        np.concatenate(
-            [head.grid.ravel(), head.mouth.indices[head.mouth.level >= 1].ravel()]
-            + [eye.lids.indices.ravel() for eye in head.eyes]
-            + [brow.ravel() for brow in head.brows]
-        )
-    )
+    of_skin = [
+        head.grid,
+        head.mouth.indices[head.mouth.level >= 1],
+        *(eye.lids.indices for eye in head.eyes),
+        *head.brows,
+    ]
+    skin = np.unique(np.concatenate([part.ravel() for part in of_skin]))
 
     def linear(number: int, vertices: Indices, weight: Array) -> None:
         """One FAP, its weight scaled to be 1 at the feature point."""
@@ -108,14 +109,14 @@ def build_basis(
     for side, eye in enumerate(head.eyes):
         _lids(points, eye, side, feature_points, fapu, collector)
         below = eye.lids.indices[eye.lids.level > 1][:, ~eye.lids.upper]
-        collector.add_still(Channel(LIFT_CHEEK + side, -np.inf, np.inf), below.ravel())  # for .cheeks
+        collector.add_shade(Channel(LIFT_CHEEK + side, -np.inf, np.inf), below.ravel())  # for .skin
     _tongue(points, head, feature_points, linear, collector)
     for number, teeth in teeth_by_light(points, head):  # whose light it changes
-        collector.add_still(Channel(number, -np.inf, np.inf), teeth)
+        collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
     # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
-    collector.add_still(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
+    collector.add_shade(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
     for number, chosen, share in fold_shares(template[skin], fapu, age):
         collector.add_shade(Channel(number, -np.inf, np.inf), skin[chosen], share)
     return jaw_weight, *collector.gathered()
@@ -135,12 +136,8 @@ def _along(t: Array, at: float) -> Array:
     share = np.clip((across - HALF_WAY) / (1 - HALF_WAY), 0, 1)
     to_corner = share + ROUND_TO_CORNER * share * (share - 1)
     if at == 0:
-        weight: Array = 1 - to_side
-    elif abs(at) == 1:
-        weight = np.where(end, to_corner, 0.0)
-    else:
-        weight = np.where(end, to_side - to_corner, 0.0)
-    return weight
+        return 1 - to_side
+    return np.where(end, to_corner if abs(at) == 1 else to_side - to_corner, 0.0)
 
 
 def _lips(head: HeadParts, linear: Linear) -> None:
@@ -161,21 +158,14 @@ def _lips(head: HeadParts, linear: Linear) -> None:
         linear(number, vertices, weight.ravel()[unique])
 
     on_upper, on_lower = upper & ~corner, ~upper
-    for ring, (middle_up, middle_low, left_up, right_up, left_low, right_low) in (
-        (inner, (4, 5, 8, 9, 10, 11)),
-        (outer, (51, 52, 55, 56, 57, 58)),
-    ):
-        add(middle_up, ring * _along(t, 0) * on_upper)
-        add(middle_low, ring * _along(t, 0) * on_lower)
-        add(left_up, ring * _along(t, HALF_WAY) * on_upper)
-        add(right_up, ring * _along(t, -HALF_WAY) * on_upper)
-        add(left_low, ring * _along(t, HALF_WAY) * on_lower)
-        add(right_low, ring * _along(t, -HALF_WAY) * on_lower)
-    for ring, numbers in ((inner, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
-        for number, end in zip(numbers, (1, -1, 1, -1), strict=True):
-            stretch = number in (6, 7, 53, 54)
+    knots = [(at, lip) for lip in (on_upper, on_lower) for at in (HALF_WAY, -HALF_WAY)]
+    for ring, numbers in ((inner, (4, 5, 8, 9, 10, 11)), (outer, (51, 52, 55, 56, 57, 58))):
+        for number, (at, lip) in zip(numbers, [(0.0, on_upper), (0.0, on_lower), *knots], strict=True):
+            add(number, ring * _along(t, at) * lip)
+    for ring, corners in ((inner, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
+        for number, end in zip(corners, (1, -1, 1, -1), strict=True):
             # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
-            shape = np.clip(end * t, 0, 1) ** 1.2 if stretch else _along(t, end)
+            shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end)
             add(number, ring * shape)
     forward = (1 - t**2) ** 1.5
     add(17, both * forward * on_upper)
@@ -253,9 +243,7 @@ def _lids(
     rings = eye.lids
     neutral = points[rings.indices]
     margin = rings.indices[np.flatnonzero(rings.level == 1.0)[0]]
-    inner_rings = np.concatenate(
-        [rings.indices[1:].ravel(), eye.lashes.ravel()]
-    )  # the border belongs to the grid and never moves
+    moving = np.concatenate([rings.indices[1:].ravel(), eye.lashes.ravel()])  # the border is the grid's and stays
     for number, knot_lists, mine, direction in (
         (19 + side, (UPPER_LID_KNOTS, WIDE_KNOTS), rings.upper, -1.0),
         (21 + side, (LOWER_LID_KNOTS, WIDE_KNOTS), ~rings.upper, 1.0),
@@ -263,20 +251,19 @@ def _lids(
         point = feature_points[fap.spec(number).point]
         own = int(np.flatnonzero(margin == point)[0])
         y, z = points[point, 1:] - eye.centre[1:]
-        start = np.arctan2(y, z)
+        neutral_rad = np.arctan2(y, z)
         for knots in knot_lists:
             poses = []
             for value in knots:
                 moved = y + direction * value * fapu.unit(fap.FapUnit.IRISD)
                 angle = np.arcsin(np.clip(moved / np.hypot(y, z), -1, 1))
-                closing = (angle - start) / (eye.closed[own] - eye.angles[own])
+                closing = (angle - neutral_rad) / (eye.closed[own] - eye.angles[own])
                 turn = np.where(mine, closing * (eye.closed - eye.angles), 0.0)
                 lids = lid_displacement(neutral, eye, turn)[1:].reshape(-1, 3)
                 lashes = turned(points[eye.lashes], eye.centre, turn[eye.lash_roots][:, None]).reshape(-1, 3)
                 poses.append(np.concatenate([lids, lashes]))
-            for index in range(len(knots) - 1):
-                per_unit = (poses[index + 1] - poses[index]) / abs(knots[index + 1] - knots[index])
-                collector.add(Channel(number, knots[index], knots[index + 1]), inner_rings, per_unit)
+            for (start, before), (stop, after) in pairwise(zip(knots, poses, strict=True)):
+                collector.add(Channel(number, start, stop), moving, (after - before) / abs(stop - start))
 
 
 def teeth_by_light(points: Array, head: HeadParts) -> list[tuple[int, Indices]]:

@@ -1,12 +1,12 @@
-"""The measured face that the template is fitted to, and how faces differ from person to person.
+"""The measured face that the template is fitted to, how faces differ from person to person, and the scalp under hair.
 
 Theory of operation
 -------------------
-The template (:mod:`.surface` with lips, lids and nose) is a surface over two coordinates, its *places*: the angle
-around the head and the height. ``design/learn_faces.py`` fits it to the mean of scanned faces and stores, on a grid of
-places, the displacement of the mean face and of :data:`.style.MODES` principal components (weight 1 is one standard
-deviation). Faces are made symmetric. The eyes stay in place, so lids slide over their balls on every face; everything
-else follows the person, and parts on or under the skin follow the skin.
+The template (:mod:`.surface` with lips and lids) is a surface over two coordinates, its *places*: the angle around the
+head and the height. ``design/learn_faces.py`` fits it to the mean of scanned faces and stores, on a grid of places, the
+displacement of the mean face and of :data:`.style.MODES` principal components (weight 1 is one standard deviation).
+Faces are made symmetric. The eyes stay in place, so lids slide over their balls on every face; everything else follows
+the person, and parts on or under the skin follow the skin.
 
 The table, ``faces.npz``, comes from the mean and the identity modes of ICT-FaceKit (MIT licence, University of Southern
 California, Institute for Creative Technologies), which come from scans of people; NOTICE has its licence.
@@ -17,16 +17,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, read_table
-from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
+from fapengine.mesh.default_head import surface
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.default_head.surface import NAPE_MM
-from fapengine.mesh.default_head.surface import position as template_position
 
 STEP_MM = 0.01
 """Unit of the displacements in a table, which are int16."""
+HAIRLINE_DEG = (0, 18, 34, 46, 56, 64, 70, 76, 84, 96, 108, 120, 140, 180)
+HAIRLINE_MM = (92, 94, 91, 79, 62, 48, 28, 16, 34, 44, 20, -28, -46, -50)
+"""Height of the hairline, by angle from the front."""
 
 
 class FaceTable(NamedTuple):
@@ -48,26 +51,22 @@ def face_table() -> FaceTable:
     return FaceTable(angles, table["heights_mm"], STEP_MM * table["mean"], STEP_MM * table["modes"])
 
 
-def _both_sides(angles: Array, table: Array) -> tuple[Array, Array]:
-    """Extend a table beyond front and back with its mirror image."""
+def _spline(angles: Array, heights: Array, table: Array) -> list[RectBivariateSpline]:
+    """One spline for each axis of a table, (A, Y, 3), continued beyond front and back by its mirror image."""
     mirrored = table * [-1.0, 1.0, 1.0]
-    whole = np.concatenate([-angles[4:0:-1], angles, 2 * np.pi - angles[-2:-5:-1]])
-    return whole, np.concatenate([mirrored[4:0:-1], table, mirrored[-2:-5:-1]])
+    around = np.concatenate([-angles[4:0:-1], angles, 2 * np.pi - angles[-2:-5:-1]])
+    whole = np.concatenate([mirrored[4:0:-1], table, mirrored[-2:-5:-1]])
+    return [RectBivariateSpline(around, heights, whole[..., axis]) for axis in range(3)]
 
 
 @lru_cache(maxsize=4)
-def _splines(identity: tuple[float, ...]) -> tuple[RectBivariateSpline, ...]:
+def _splines(identity: tuple[float, ...]) -> list[RectBivariateSpline]:
     angles, heights, mean, modes = face_table()
-    total = mean
     if identity:
         person = np.tensordot(identity, modes[: len(identity)], axes=1)
-        around, person = _both_sides(angles[::2], person)
-        total = mean + np.stack(
-            [RectBivariateSpline(around, heights[::2], person[..., axis])(angles, heights) for axis in range(3)],
-            axis=-1,
-        )
-    around, total = _both_sides(angles, total)
-    return tuple(RectBivariateSpline(around, heights, total[..., axis]) for axis in range(3))
+        coarse = _spline(angles[::2], heights[::2], person)
+        mean = mean + np.stack([spline(angles, heights) for spline in coarse], axis=-1)
+    return _spline(angles, heights, mean)
 
 
 def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
@@ -82,23 +81,40 @@ def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
     """
     angle, height = np.moveaxis(np.asarray(place, dtype=np.float64), -1, 0)
     heights = face_table().heights
-    lowest = heights[0] + NAPE_MM * smoothstep((np.abs(angle) - np.pi / 4) / (np.pi / 4))
-    known = np.clip(height, lowest, heights[-1])
-    move: Array = np.stack([spline.ev(np.abs(angle), known) for spline in _splines(identity)], axis=-1)
+    known = np.minimum(surface.above_nape(angle, height, heights[0]), heights[-1])
+    move = np.stack([spline.ev(np.abs(angle), known) for spline in _splines(identity)], axis=-1)
     move[..., 0] *= np.sign(angle)
     return move
 
 
 def position(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """(..., 3) mm: skin of a person at a place of the template, without lips and lids."""
-    a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    return template_position(a, h, style) + displacement(np.stack([a, h], axis=-1), style.weights)
+    place = np.stack(np.broadcast_arrays(angle, y), axis=-1)
+    return surface.position(angle, y, style) + displacement(place, style.weights)
 
 
 def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     """(..., 3): outward unit normal of :func:`position`."""
-    a, h = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    across = position(a + 1e-3, h, style) - position(a - 1e-3, h, style)
-    along = position(a, h + 0.5, style) - position(a, h - 0.5, style)
-    n = np.cross(across, along)
-    return n / np.linalg.norm(n, axis=-1, keepdims=True)
+    return surface.normal(angle, y, style, position)
+
+
+def hairline(angle: Array) -> Array:
+    """Height of the hairline, (...) mm, by angle from the front, (...) rad."""
+    return PchipInterpolator(HAIRLINE_DEG, HAIRLINE_MM)(np.rad2deg(np.abs(angle)))
+
+
+class Scalp:
+    """The bare head of a person as a point cloud for projections."""
+
+    def __init__(self, style: HeadStyle) -> None:
+        angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
+        self.points, self.normals = position(angle, y, style).reshape(-1, 3), normal(angle, y, style).reshape(-1, 3)
+        self._tree = cKDTree(self.points)
+
+    def under(self, points: Array) -> tuple[Array, Array]:
+        """Project points, (N, 3) mm, onto the scalp: the feet and their normals, (N, 3) each."""
+        distance, near = (np.asarray(result) for result in self._tree.query(points, k=6))
+        weight = (1 / (distance + 0.5) ** 2)[..., None]
+        normals = unit_vectors((self.normals[near] * weight).sum(axis=1))
+        foot = (self.points[near] * weight).sum(axis=1) / weight.sum(axis=1)
+        return points - ((points - foot) * normals).sum(axis=1, keepdims=True) * normals, normals

@@ -12,11 +12,11 @@ import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
-from fapengine.mesh.default_head.faces import normal, position
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
-from fapengine.mesh.default_head.scalp import GOLDEN, Scalp, hairline
+from fapengine.mesh.default_head.faces import Scalp, hairline, normal, position
+from fapengine.mesh.default_head.mesh_builder import GOLDEN, MeshBuilder, golden, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.default_head.tresses import ENDS_MM, build_tresses
@@ -28,8 +28,8 @@ CAP_SHADE, LIKE_CAP = 0.85, 0.75
 EVEN_LIGHT_HAIR = 2.4
 """Fraction of the range of shades that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones.
 """
-CAP_TOP_MM, RISES, RISES_SHORT = 144.0, 0.22, 0.24
-"""Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness."""
+CAP_TOP_MM, RISES, USUAL_RISE = 144.0, {"short": 0.24}, 0.22
+"""Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness, by haircut."""
 ROOT, HARD_ROOT = 0.3, 0.55
 """Fraction of skin colour where the cap begins: with single hairs along its edge, and without."""
 LEAN_RAD, RELIEF_MM = 0.55, 0.5
@@ -74,7 +74,7 @@ def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices
 def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     """Add single hairs that begin before and behind the hairline, so that hair has no edge; (N,) indices."""
     number = np.arange(round(EDGE_HAIRS * min(detail, 1.4) ** 1.5))
-    place, wild, other = (2 * ((number * GOLDEN * factor) % 1) - 1 for factor in (1.0, 5.77, 3.1))
+    place, wild, other = (2 * golden(number, factor) - 1 for factor in (1.0, 5.77, 3.1))
     angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most stand over the face
     degrees = np.rad2deg(np.abs(angle))
     # On the forehead few begin far before the line; at the nape they hang over it.
@@ -86,12 +86,10 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     for step in range(EDGE_POINTS):
         foot, out = scalp.under(at)
         along = _combed(foot, out)
-        along += (0.45 * other)[:, None] * np.cross(along, out)
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        along = unit_vectors(along + (0.45 * other)[:, None] * np.cross(along, out))
         spine.append(foot + (_over(foot, style.haircut) + 0.2 + 0.17 * step)[:, None] * out)
         at = foot + (length / (EDGE_POINTS - 1))[:, None] * along
-    aside = np.cross(along, out)
-    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    aside = unit_vectors(np.cross(along, out))
     tint = CAP_SHADE * palette.hair * (0.95 + 0.35 * wild)[:, None]
     half_width = np.linspace(0.17, 0.04, EDGE_POINTS)
     return builder.strands(np.stack(spine, axis=1), half_width, aside, albedo=tint).ravel()
@@ -100,8 +98,7 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
 def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
     """Distance of the cap from the scalp, mm, by height and angle."""
     line = hairline(angle)
-    rises = RISES_SHORT if haircut == "short" else RISES
-    inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / rises)
+    inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / RISES.get(haircut, USUAL_RISE))
     return 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
 
 
@@ -115,7 +112,7 @@ def _strips(columns: int) -> Array:
     place, places = 0.5, []
     for number in range(columns):
         places.append(place)
-        wild = (number * GOLDEN) % 1
+        wild = float(golden(number))
         back = place > 0.62 or (place > 0.38 and wild > 0.5)
         place += (0.22 + 0.14 * wild) * (-1 if back else 1)
     return np.array(places)
@@ -127,9 +124,8 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     line = hairline(angle)
     y = line + np.clip(share, -1, 1)[:, None] * (CAP_TOP_MM - line)
     combed = style.haircut == "short"
-    wide = (
-        angle - combed * LEAN_RAD * np.sin(angle) * np.clip(share, 0, 1)[:, None]
-    )  # columns lean back on their way down
+    # Columns lean back on their way down.
+    wide = angle - combed * LEAN_RAD * np.sin(angle) * np.clip(share, 0, 1)[:, None]
     base, out = position(wide, y, style), normal(wide, y, style)
     thick = np.where(share[:, None] < 0, -2.0, _cap_height(y, wide, style.haircut))
     thick = thick + combed * RELIEF_MM * np.clip(4 * share, 0, 1)[:, None] * np.sin(2.4 * np.arange(len(angle)))
@@ -167,8 +163,7 @@ def _combed(points: Array, normals: Array) -> Array:
         ],
         axis=-1,
     )
-    direction -= (direction * normals).sum(axis=1, keepdims=True) * normals
-    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-6)
+    return unit_vectors(direction - (direction * normals).sum(axis=1, keepdims=True) * normals, 1e-6)
 
 
 def _roots(scalp: Scalp, count: int) -> Array:
@@ -185,9 +180,8 @@ def _roots(scalp: Scalp, count: int) -> Array:
 
 
 def _clear_of_ears(points: Array) -> Array:
-    """(N,): 1 where a lock may go on, 0 above an ear, through which it would hang."""
-    above_ear = smoothstep((66.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
-    return 1 - above_ear
+    """(N,): 1 where a lock may continue, 0 above an ear, through which it would hang."""
+    return 1 - smoothstep((66.0 - points[:, 1]) / 12.0) * smoothstep((44.0 - np.abs(points[:, 2] + 4.0)) / 10.0)
 
 
 def _front_roots(style: HeadStyle) -> Array:
@@ -201,7 +195,7 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     at = np.concatenate([_roots(scalp, round(LOCKS * np.clip(detail, 0.6, 1.6))), _front_roots(style)])
     at = at[_clear_of_ears(at) > 0.5]  # above an ear there is no way to go
     number = np.arange(len(at))
-    vary, other = 2 * ((number * GOLDEN) % 1) - 1, 2 * ((number * GOLDEN * 5.77) % 1) - 1
+    vary, other = 2 * golden(number) - 1, 2 * golden(number, 5.77) - 1
     top = smoothstep((at[:, 1] - 70.0) / 45.0)
     length = (44.0 + 36.0 * top) * (1 + 0.2 * vary)
     front = smoothstep((at[:, 2] - 58.0) / 22.0) * (1 - smoothstep((at[:, 1] - 104.0) / 22.0))
@@ -250,15 +244,15 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     # What is opaque ends before the tips, where hairs alone go on: a tip narrower than a pixel would flicker.
     middle = _shortened(points[framing, :, 1], OPAQUE_TO)
     points[framing] = middle[:, :, None] + slender * (points[framing] - points[framing, :, 1:2])
-    strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
-    uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * ((number * GOLDEN * 1.7) % 1)[:, None, None])
+    strip = 0.09 + 0.82 * golden(number, 3.1)[:, None, None] + np.array([-0.085, 0.0, 0.085])
+    uv = strand_uv(strip, 0.05 + 0.5 * shares[:, None] + 0.4 * golden(number, 1.7)[:, None, None])
     body = builder.add(points[:, :-1], albedo=albedo[:, :-1], material=Material.HAIR, uv=uv[:, :-1])
     tips = builder.add(points[:, -1, 1], albedo=albedo[:, -1, 1], material=Material.HAIR, uv=uv[:, -1, 1])
     for left in (0, 1):
         a, b = body[:, :-1, left], body[:, :-1, left + 1]
         c, d = body[:, 1:, left + 1], body[:, 1:, left]
-        builder.loose(np.stack([a, b, c], axis=-1).reshape(-1, 3))
-        builder.loose(np.stack([a, c, d], axis=-1).reshape(-1, 3))
+        builder.loose(np.stack([a, b, c], axis=-1))
+        builder.loose(np.stack([a, c, d], axis=-1))
         builder.loose(np.stack([body[:, -1, left], body[:, -1, left + 1], tips], axis=-1))
     hairs = _build_hairs(builder, whole, framing, palette)
     return np.concatenate([body.ravel(), tips, hairs])
@@ -282,8 +276,7 @@ def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: P
     spines, asides, tints = [], [], []
     for lock in chosen:
         left, middle, right = (locks[lock, rows, side] for side in (0, 1, 2))
-        out = np.cross(right[0] - left[0], middle[-1] - middle[0])
-        out /= np.linalg.norm(out)
+        out = unit_vectors(np.cross(right[0] - left[0], middle[-1] - middle[0]))
         for number, share in enumerate(across):
             wild = np.sin(7.1 * number + 3.7 * lock)
             edge = right if share > 0 else left
@@ -291,10 +284,8 @@ def _build_hairs(builder: MeshBuilder, locks: Array, chosen: Indices, palette: P
             tip = spine[-1] + (0.9 + 0.4 * wild) * (locks[lock, last, 1] - middle[-1])
             tip += 0.35 * share * (edge[-1] - middle[-1]) * np.sign(share)
             spine = np.concatenate([spine, tip[None]])
-            along = spine[-1] - spine[0]
-            aside = np.cross(along, [0.0, 0.0, 1.0])
             spines.append(spine)
-            asides.append(aside / max(float(np.linalg.norm(aside)), 1e-6))
+            asides.append(unit_vectors(np.cross(spine[-1] - spine[0], [0.0, 0.0, 1.0]), 1e-6))
             tints.append((0.75 + 0.5 * abs(wild)) * palette.hair)
     if not spines:
         return np.zeros(0, dtype=np.int64)

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
-from fapengine._arrays import Array, Indices, Mask
+from fapengine._arrays import Array, Indices
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import ambient_light, average_over_mesh, unit_vectors, vertex_normals
 from fapengine.mesh.colours import EYE_COLOURS
-from fapengine.mesh.default_head import faces, nose, parts
+from fapengine.mesh.default_head import faces, parts
 from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
 from fapengine.mesh.default_head.eyes import build_lids
@@ -25,12 +26,10 @@ from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glasses
 from fapengine.mesh.default_head.points import HeadParts, locate
-from fapengine.mesh.default_head.scalp import hairline
 from fapengine.mesh.default_head.skin import even_out
 from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import position, radius
+from fapengine.mesh.default_head.surface import nostril, position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
-from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
@@ -69,28 +68,11 @@ def _spaced(start: float, stretches: tuple[tuple[float, int], ...], detail: floa
     return PchipInterpolator(counts, ends)(np.arange(counts[-1] + 1))
 
 
-def _columns(detail: float) -> Array:
-    positive = np.deg2rad(_spaced(0.0, COLUMNS, detail))
-    return np.concatenate([-positive[:0:-1], positive])
-
-
-def _rows(detail: float) -> Array:
-    return _spaced(-128.0, ROWS, detail)
-
-
-def _blocks(rows: Array, columns: Array) -> tuple[Block, Block, Block]:
-    def row(height: float) -> int:
-        return int(np.abs(rows - height).argmin())
-
-    def column(angle_deg: float) -> int:
-        return int(np.abs(columns - np.deg2rad(angle_deg)).argmin())
-
-    mouth = Block(bottom=row(-62.0), top=row(-16.5), corner=row(MOUTH_LINE_Y), left=column(-25.5), right=column(25.5))
-    eyes = [
-        Block(bottom=row(17.5), top=row(51.0), corner=row(33.0), left=column(left), right=column(right))
-        for left, right in ((6.6, 35.0), (-35.0, -6.6))
-    ]
-    return mouth, eyes[0], eyes[1]
+def _block(rows: Array, columns: Array, heights: tuple[float, float, float], angles_deg: tuple[float, float]) -> Block:
+    """Find the block whose bottom, corner and top, and left and right, are nearest to these."""
+    bottom, corner, top = (int(np.abs(rows - height).argmin()) for height in heights)
+    left, right = (int(np.abs(columns - angle).argmin()) for angle in np.deg2rad(angles_deg))
+    return Block(bottom=bottom, top=top, corner=corner, left=left, right=right)
 
 
 def build_head(style: HeadStyle | None = None, *, level: str = "normal") -> FaceMesh:
@@ -142,21 +124,14 @@ def build_reshaped(style: HeadStyle, reshape: Reshape) -> FaceMesh:
 def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts]:
     """Build the template: all vertices before the measured face displaces them."""
     builder, detail, finer = MeshBuilder(), level.skin, level.hair
-    grid, crown, (mouth_block, *eye_blocks) = _build_skin(builder, style, detail)
-
-    def border(block: Block) -> Indices:
-        rows, columns = block.border()
-        return grid[rows, columns]
-
-    mouth = build_mouth(builder, border(mouth_block), mouth_block, style, detail)
-    left, right = (
-        build_lids(builder, border(block), block, style, side, level)
-        for block, side in zip(eye_blocks, (1.0, -1.0), strict=True)
-    )
+    grid, crown, (mouth_block, left, right) = _build_skin(builder, style, detail)
     head = HeadParts(
         grid=grid,
-        mouth=mouth,
-        eyes=(left, right),
+        mouth=build_mouth(builder, mouth_block.border(grid), mouth_block, style, detail),
+        eyes=(
+            build_lids(builder, left.border(grid), left, style, 1.0, level),
+            build_lids(builder, right.border(grid), right, style, -1.0, level),
+        ),
         brows=(build_brow(builder, style, 1.0, finer), build_brow(builder, style, -1.0, finer)),
         ears=(build_ear(builder, style, 1.0, detail), build_ear(builder, style, -1.0, detail)),
         upper_teeth=parts.build_teeth(builder, detail, upper=True),
@@ -172,25 +147,32 @@ def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts
     return builder, head
 
 
-def _build_skin(
-    builder: MeshBuilder, style: HeadStyle, detail: float
-) -> tuple[Indices, int, tuple[Block, Block, Block]]:
-    rows, columns = _rows(detail), _columns(detail)
+def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[Indices, int, list[Block]]:
+    """Add the skin; returns its grid, the vertex that closes it at the top, and the blocks of mouth and eyes."""
+    half = np.deg2rad(_spaced(0.0, COLUMNS, detail))
+    rows, columns = _spaced(-128.0, ROWS, detail), np.concatenate([-half[:0:-1], half])
     palette = palette_of(style)
     y, angle = np.meshgrid(rows, columns, indexing="ij")
     points = position(angle, y, style)
     # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
     head_weight = np.maximum(smoothstep((y + 126.0) / 56.0), smoothstep((points[..., 2] - 55.0) / 25.0))
-    albedo = palette.skin(points) * _nostril_shade(angle, y, style)
+    inside = nostril(radius(angle, y, style) * np.sin(angle), y, style.nose_width) * (np.cos(angle) > 0.5)
+    # Nostrils are dark, and reddish rather than grey.
+    albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.86, 0.93, 0.95]))
     grid = builder.add(
         points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)
     )
-    blocks = _blocks(rows, columns)
+    blocks = [
+        _block(rows, columns, (-62.0, MOUTH_LINE_Y, -16.5), (-25.5, 25.5)),
+        _block(rows, columns, (17.5, 33.0, 51.0), (6.6, 35.0)),
+        _block(rows, columns, (17.5, 33.0, 51.0), (-35.0, -6.6)),
+    ]
     keep = np.ones((len(rows) - 1, len(columns) - 1), dtype=bool)
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
-    if style.hair:
-        keep &= ~_under_hair(y, angle)
+    if style.hair:  # cells completely covered by hair need not be drawn
+        covered = y > faces.hairline(angle) + 14.0
+        keep &= ~(covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:])
     builder.quads(grid, keep=keep)  # closed by two columns in one place, where the painting ends
     crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
     if not style.hair:
@@ -198,32 +180,16 @@ def _build_skin(
     return grid, crown, blocks
 
 
-def _under_hair(y: Array, angle: Array) -> Mask:
-    """(rows - 1, columns - 1): grid cells completely covered by hair, which need not be drawn."""
-    covered = y > hairline(angle) + 14.0
-    return covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:]
-
-
-def _nostril_shade(angle: Array, y: Array, style: HeadStyle) -> Array:
-    """(..., 3): nostrils are dark, and reddish rather than grey."""
-    x = radius(angle, y, style) * np.sin(angle)
-    inside = nose.nostril(x, y, style.nose_width) * (np.cos(angle) > 0.5)
-    return 1 - inside[..., None] * np.array([0.86, 0.93, 0.95])
-
-
 def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
     """Smooth the skin where the rings around mouth and eyes meet the grid."""
     rounds = max(1, round(2 * detail**2))
-    weight = np.zeros(len(points))
+    weight, near = np.zeros(len(points)), np.zeros(len(points))
     weight[head.grid] = 1.0
     for rings, edge in ((head.mouth, 1.15), *((eye.lids, 1.5) for eye in head.eyes)):
         weight[rings.indices] = smoothstep((rings.level[:, None] - edge) / 0.25)
-    near = np.zeros(len(points))
-    for rings in (head.mouth, *(eye.lids for eye in head.eyes)):
         near[rings.indices] = 1.0
-    near = np.clip(3.0 * smooth_over_mesh(near, triangles, rounds), 0, 1)
-    blend = weight * near
-    softened = np.stack([smooth_over_mesh(points[:, axis], triangles, rounds) for axis in range(3)], axis=-1)
+    blend = weight * np.clip(3.0 * average_over_mesh(near, triangles, rounds), 0, 1)
+    softened = average_over_mesh(points, triangles, rounds)
     # Quads are cut along one diagonal, which pulls to one side: keep what both halves of the face agree on.
     mirror = np.array([-1.0, 1.0, 1.0])
     skin = np.flatnonzero(weight)
@@ -261,16 +227,11 @@ def _light_lids(
 
     An open lid is folded away in the dark; a closed one is on the ball in the light.
     """
-    closing = np.array([channel.fap in UPPER_LIDS and channel.stop > channel.start for channel in basis.channels])
-    length = np.array(
-        [channel.stop - channel.start if mine else 0.0 for channel, mine in zip(basis.channels, closing, strict=True)]
-    )
-    owner = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
-    shut = points.copy()
-    moves = length[basis.entry_channels, None] * basis.entry_mm
-    for axis in range(3):
-        shut[:, axis] += np.bincount(owner, moves[:, axis], len(points))
-    lit = smooth_over_mesh(bake_occlusion(shut, vertex_normals(shut, triangles)), triangles, 2)
+    length = np.array([max(each.stop - each.start, 0.0) if each.fap in UPPER_LIDS else 0.0 for each in basis.channels])
+    closing = length > 0
+    owner = basis.entry_vertices
+    shut = points + basis.displacement(length)
+    lit = average_over_mesh(ambient_light(shut, vertex_normals(shut, triangles)), triangles, 2)
     folded = np.concatenate([eye.lids.indices[eye.lids.level < LID_FOLDS_AT].ravel() for eye in head.eyes])
     of_lid = closing[basis.entry_channels] & np.isin(owner, folded)
     lids = np.zeros(len(points), dtype=bool)
@@ -292,7 +253,7 @@ def _light_mouth(
     forward, and upper teeth, otherwise in the shadow of their lip, are lit when a smile lifts it.
     """
     fap = np.array([channel.fap for channel in basis.channels])[basis.entry_channels]
-    owner = np.repeat(np.arange(len(rest)), np.diff(basis.offsets))
+    owner = basis.entry_vertices
     of_tongue = (fap == THRUST_TONGUE) & np.isin(owner, head.tongue)
     shades[of_tongue] = TONGUE_LIGHT_PER_MM * basis.entry_mm[of_tongue, 2]
     rest[owner[of_tongue]] = -1.0
@@ -331,9 +292,8 @@ def _finish(
         points, head = reshape(points, triangles, head, feature_points)
     normals = vertex_normals(points, triangles)
     seam = head.grid[:, [0, -1]]
-    shared = normals[seam].sum(axis=1, keepdims=True)
-    normals[seam] = shared / np.maximum(np.linalg.norm(shared, axis=-1, keepdims=True), 1e-9)
-    occlusion = smooth_over_mesh(bake_occlusion(points, normals), triangles, 2)
+    normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
+    occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)
     _cast_shadows(points, occlusion, head, bool(style.hair))
     # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
@@ -341,9 +301,8 @@ def _finish(
     occlusion[head.upper_teeth[parts.CROWNS]] = SHADED_TEETH
     centres = {"3.5": head.eyes[0].centre, "3.6": head.eyes[1].centre}
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
-    jaw_weight, basis, shades = build_basis(
-        points, template, builder.column("place"), head, feature_points, fapu, style.age
-    )
+    places = builder.column("place")
+    jaw_weight, basis, shades = build_basis(points, template, places, head, feature_points, fapu, style.age)
     basis = even_out(basis, points, triangles, head, feature_points, level.skin)
     on_jaw = jaw_weight > 0
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
@@ -356,8 +315,7 @@ def _finish(
     used[triangles] = True
     used[list(feature_points.values())] = True
     number = np.cumsum(used) - 1
-    vertex_of_entry = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
-    kept = used[vertex_of_entry]
+    kept = used[basis.entry_vertices]
     return FaceMesh(
         vertices_mm=points[used].astype(np.float32),
         normals=normals[used].astype(np.float32),

@@ -19,8 +19,7 @@ STRAND_MARGIN_MM = 0.6
 """Margin of a strand's ribbon on either side of its hair, so that edge pixels are on the ribbon down to about 2 pixels
 per mm.
 """
-
-
+GOLDEN = 0.6180339887498949
 NOWHERE = (np.nan, np.nan)
 """Place of a vertex that is not on the skin."""
 
@@ -65,8 +64,8 @@ class MeshBuilder:
             ("uv", uv, (2,)),
             ("place", place, (2,)),
         ):
-            spread = np.broadcast_to(np.asarray(value), (*shape, *tail)).reshape(size, *tail)
-            self._fields.setdefault(name, []).append(np.array(spread))
+            spread = np.array(np.broadcast_to(value, (*shape, *tail)).reshape(size, *tail))
+            self._fields.setdefault(name, []).append(spread)
         indices = self.count + np.arange(size).reshape(shape)
         self.count += size
         return indices
@@ -80,17 +79,10 @@ class MeshBuilder:
         if closed:
             grid = np.concatenate([grid, grid[:, :1]], axis=1)
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-        cells = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
-        if keep is not None:
-            cells = cells[keep]
-        triangles = cells.reshape(-1, 3)
-        self._triangles.append(
-            triangles[
-                (triangles[:, 0] != triangles[:, 1])
-                & (triangles[:, 1] != triangles[:, 2])
-                & (triangles[:, 0] != triangles[:, 2])
-            ]
-        )
+        cells = np.stack([a, b, c, a, c, d], axis=-1)
+        first, second, third = (cells if keep is None else cells[keep]).reshape(-1, 3).T
+        is_whole = (first != second) & (second != third) & (first != third)
+        self.loose(np.stack([first, second, third], axis=-1)[is_whole])
 
     def strands(
         self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike, place: ArrayLike = NOWHERE
@@ -118,17 +110,17 @@ class MeshBuilder:
         where = np.broadcast_to(place, (count, steps, 2))[:, :, None]
         grid = self.add(edges, albedo=colour, material=Material.STRAND, uv=uv, place=where)
         left, right = grid[..., 0], grid[..., 1]
-        self.loose(np.stack([left[:, :-1], right[:, :-1], right[:, 1:]], axis=-1).reshape(-1, 3))
-        self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1).reshape(-1, 3))
+        self.loose(np.stack([left[:, :-1], right[:, :-1], right[:, 1:]], axis=-1))
+        self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1))
         return grid.reshape(count, -1)
 
     def fan(self, ring: Indices, centre: int) -> None:
         """Close a ring, (N,) indices, with a centre vertex; the outside is where the ring runs counter-clockwise."""
-        self._triangles.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
+        self.loose(np.stack([ring, np.roll(ring, -1), np.full(len(ring), centre)], axis=-1))
 
     def loose(self, triangles: Indices) -> None:
-        """Add triangles, (F, 3), counter-clockwise from outside."""
-        self._triangles.append(triangles)
+        """Add triangles, (..., 3), counter-clockwise from outside."""
+        self._triangles.append(triangles.reshape(-1, 3))
 
     def column(self, name: str) -> NDArray[Any]:
         """Values of one field so far, (V, ...)."""
@@ -152,35 +144,25 @@ class Block:
     right: int
     """Columns of the grid, rising with x."""
 
-    def border(self) -> tuple[Indices, Indices]:
-        """Rows and columns of the border's vertices, (N,) each, in ring order."""
-        up = np.arange(self.corner, self.top)
-        across = np.arange(self.right, self.left, -1)
-        down = np.arange(self.top, self.bottom, -1)
-        back = np.arange(self.left, self.right)
-        rise = np.arange(self.bottom, self.corner)
-        rows = np.concatenate([up, np.full(len(across), self.top), down, np.full(len(back), self.bottom), rise])
-        columns = np.concatenate(
-            [np.full(len(up), self.right), across, np.full(len(down), self.left), back, np.full(len(rise), self.right)]
-        )
-        return rows, columns
-
-    @property
-    def upper_count(self) -> int:
-        """Segments of the upper side, corner to corner."""
-        return 2 * (self.top - self.corner) + (self.right - self.left)
-
-    @property
-    def lower_count(self) -> int:
-        """Segments of the lower side."""
-        return 2 * (self.corner - self.bottom) + (self.right - self.left)
+    def border(self, grid: Indices) -> Indices:
+        """(N,): vertices of a grid, (rows, columns), at the border, in ring order."""
+        bottom, top, left, right = self.bottom, self.top, self.left, self.right
+        sides = [
+            grid[self.corner : top, right],
+            grid[top, right:left:-1],
+            grid[top:bottom:-1, left],
+            grid[bottom, left:right],
+            grid[bottom : self.corner, right],
+        ]
+        return np.concatenate(sides)
 
     def along(self) -> tuple[Array, Mask]:
         """(N,) position along the opening, 1 at the first corner to -1 at the other; (N,) upper side or corner."""
-        upper = np.arange(self.upper_count + 1) / self.upper_count
-        lower = np.arange(1, self.lower_count) / self.lower_count
-        t = np.concatenate([_spread(upper), -_spread(lower)])
-        return t, np.arange(len(t)) <= self.upper_count
+        upper, lower = (
+            2 * height + (self.right - self.left) for height in (self.top - self.corner, self.corner - self.bottom)
+        )
+        t = np.concatenate([_spread(np.arange(upper + 1) / upper), -_spread(np.arange(1, lower) / lower)])
+        return t, np.arange(len(t)) <= upper
 
 
 def _spread(share: Array) -> Array:
@@ -188,12 +170,16 @@ def _spread(share: Array) -> Array:
     return 0.45 * np.cos(np.pi * share) + 0.55 * (1 - 2 * share)
 
 
+def golden(number: ArrayLike, factor: float = 1.0) -> Array:
+    """(N,): fractions 0..1 of multiples of the golden ratio, which vary numbered things evenly without randomness."""
+    return (np.asarray(number) * GOLDEN * factor) % 1
+
+
 def resampled(table: ArrayLike, detail: float) -> Array:
     """(M, ...) from (N, ...): about ``detail`` times as many rows; the first and the last are kept."""
     rows = np.asarray(table, dtype=np.float64)
-    flat = rows.reshape(len(rows), -1)
     places = np.linspace(0, len(rows) - 1, max(2, round((len(rows) - 1) * detail) + 1))
-    columns = [np.interp(places, np.arange(len(rows)), column) for column in flat.T]
+    columns = [np.interp(places, np.arange(len(rows)), column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(len(places), *rows.shape[1:])
 
 

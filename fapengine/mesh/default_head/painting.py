@@ -13,10 +13,10 @@ from scipy.ndimage import gaussian_filter
 from fapengine._arrays import Array, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
-from fapengine.mesh.default_head import atlas, eyes, mouth, nose, parts
-from fapengine.mesh.default_head.scalp import hairline
+from fapengine.mesh.default_head import atlas, eyes, mouth, parts
+from fapengine.mesh.default_head.faces import hairline
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.default_head.surface import radius
+from fapengine.mesh.default_head.surface import nostril, radius
 
 PIGMENT = np.array([0.55, 0.9, 1.2])
 COARSE = 4
@@ -87,7 +87,7 @@ def _skin(style: HeadStyle) -> Array:
         here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         light[here] *= part(x[here], y[here], front[here], style)
     light *= _hairs(x, y, angle, front, style)
-    hole = nose.nostril(x, y, style.nose_width) * front
+    hole = nostril(x, y, style.nose_width) * front
     light *= 1 - 0.5 * hole[..., None]
     return light
 

@@ -11,11 +11,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from fapengine._arrays import Array, Indices
-from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.smooth import smoothstep, spot
+from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh import colours
 from fapengine.mesh.colours import BLOOD
 from fapengine.mesh.default_head import faces
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
@@ -26,9 +27,7 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
     x = half_width * np.sin(share * np.pi / 2 * 0.98)
     z = front_z - depth * np.abs(share) ** 2.2
     tangent = np.gradient(np.stack([x, z], axis=-1), axis=0)
-    outward = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
-    outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
-    return np.stack([x, z], axis=-1), outward
+    return np.stack([x, z], axis=-1), unit_vectors(np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1))
 
 
 CROWNS = slice(3, 10)
@@ -120,11 +119,8 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     return np.append(grid.ravel(), tip)
 
 
-def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
-    """Add collar and shoulders, (N,) indices, which do not follow the head's rotation.
-
-    The collar fits around the neck of this head.
-    """
+def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> None:
+    """Add collar and shoulders, which do not follow the head's rotation; the collar fits around this head's neck."""
     around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
     # fmt: off
     rows = (  # height, half width, half depth, drop at the front; distance from the neck, share of the shoulders
@@ -138,17 +134,10 @@ def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indice
     table = resampled(rows, max(1.0, detail))[:, :, None]
     table[0, 4] -= 6.0 * max(0.0, 1.0 - detail)  # a coarse neck is narrower between its columns
     y = table[:, 0] - table[:, 3] * np.maximum(np.cos(around), 0)
-    shoulders = np.stack(
-        [
-            table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9,
-            y,
-            -8.0 + table[:, 2] * np.cos(around),
-        ],
-        axis=-1,
-    )
+    x, z = table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9, -8.0 + table[:, 2] * np.cos(around)
+    shoulders = np.stack([x, y, z], axis=-1)
     angle = np.broadcast_to(around, y.shape)
-    outwards = faces.normal(angle, y, style) * [1.0, 0.0, 1.0]
-    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+    outwards = unit_vectors(faces.normal(angle, y, style) * [1.0, 0.0, 1.0])
     collar = faces.position(angle, y, style) + table[:, 4][..., None] * outwards
     points = collar + table[:, 5][..., None] * (shoulders - collar)
     folds = 1 + 0.04 * np.sin(around * 9 + table[:, 0] * 0.08)
@@ -156,14 +145,12 @@ def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indice
     albedo = colours.CLOTH * (folds * band)[..., None]
     grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
     builder.quads(grid[::-1], closed=True)
-    return grid
 
 
 BROW_MIDDLE = np.array([[10.5, 54.6], [20.0, 57.4], [32.0, 60.2], [43.0, 59.2], [53.5, 53.4]])
 """Centre line of the left brow, (x, y) mm, from the nose outwards (feature points 4.1, 4.3, 4.5)."""
 BROW_HALF_WIDTH = np.array([3.0, 3.7, 3.2, 2.2, 0.5])
 BROW_HAIRS = 140
-GOLDEN = 0.6180339887498949
 
 
 def brow_line(share: Array, thickness: float) -> tuple[Array, Array]:
@@ -180,8 +167,7 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
 
     number = np.arange(round(BROW_HAIRS * np.clip(detail, 0.5, 1.6)))
     at = (number + 0.5) / len(number)
-    spread = 2 * ((number * GOLDEN) % 1) - 1
-    wild = 2 * ((number * GOLDEN * 7.31) % 1) - 1
+    spread, wild = 2 * golden(number) - 1, 2 * golden(number, 7.31) - 1
     middle, half = brow_line(at, style.brow_thickness)
     root = middle + (0.85 * spread * half)[:, None] * np.array([0.15, 1.0])
     # Hairs rise near the nose, then lie along the brow; those above its middle turn down, those below up.
@@ -194,7 +180,7 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
     spine = (position(angle, y, style) + np.array([0.30, 0.80])[:, None] * normal(angle, y, style)) * [side, 1, 1]
     aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
-    tint = dark * (0.85 + 0.35 * ((number * GOLDEN * 3.7) % 1))[:, None]
+    tint = dark * (0.85 + 0.35 * golden(number, 3.7))[:, None]
     place = np.stack([side * angle, y], axis=-1)
     return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
 
@@ -207,8 +193,16 @@ EAR_HALF_LENGTH, EAR_HALF_WIDTH = 29.5, 16.5
 EAR_JOIN_MM = 9.5
 """Depth of the front of an ear inside the head."""
 EAR_INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
-EAR_EDGE = ((1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0))
+EAR_EDGE = np.array([(1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0)])
 """Around the edge: share, height."""
+EAR_BUMPS = (
+    (-2.0, (-0.02, 0.40), (0.24, 0.14)),  # triangular fossa
+    (4.6, (-0.70, -0.16), (0.17, 0.15)),  # tragus
+    (2.4, (0.12, -0.52), (0.18, 0.10)),  # antitragus
+    (2.6, (-0.42, 0.10), (0.22, 0.085)),  # root of the helix
+    (2.0, (-0.05, -0.80), (0.4, 0.16)),  # lobe
+)
+"""Height, mm, centre and size, relative to the ear's, back and up."""
 
 
 def _ridge(share: Array, at: float, width: float) -> Array:
@@ -224,11 +218,8 @@ def _relief(share: Array, up: Array, back: Array) -> Array:
     relief = 3.9 * helix * _ridge(share, 0.91, 0.075) - 3.0 * helix * _ridge(share, 0.755, 0.075)
     relief += 2.6 * antihelix * _ridge(share, 0.58, 0.10)
     relief -= 6.5 * np.exp(-((((u + 0.16) / 0.36) ** 2 + ((v + 0.14) / 0.36) ** 2) ** 1.6))  # concha
-    relief -= 2.0 * np.exp(-(((u + 0.02) / 0.24) ** 2) - ((v - 0.40) / 0.14) ** 2)  # triangular fossa
-    relief += 4.6 * np.exp(-(((u + 0.70) / 0.17) ** 2) - ((v + 0.16) / 0.15) ** 2)  # tragus
-    relief += 2.4 * np.exp(-(((u - 0.12) / 0.18) ** 2) - ((v + 0.52) / 0.10) ** 2)  # antitragus
-    relief += 2.6 * np.exp(-(((u + 0.42) / 0.22) ** 2) - ((v - 0.10) / 0.085) ** 2)  # root of the helix
-    relief += 2.0 * np.exp(-(((u + 0.05) / 0.4) ** 2) - ((v + 0.80) / 0.16) ** 2)  # lobe
+    for bulge_mm, centre, size in EAR_BUMPS:
+        relief += bulge_mm * spot(u, v, centre, size)
     return relief
 
 
@@ -236,30 +227,20 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     """Add one ear; returns its indices, (R, S): rings by segments."""
     around = np.linspace(0, 2 * np.pi, max(20, round(28 * detail)), endpoint=False)
     up, back = np.cos(around), np.sin(around)
-    inside = np.array(EAR_INSIDE) if detail >= 1 else np.array(EAR_INSIDE)[[0, 2, 3, 4, 6, 8, 9]]
-    if detail > 1:
-        places = np.linspace(0, len(inside) - 1, round((len(inside) - 1) * detail) + 1)
-        inside = np.interp(places, np.arange(len(inside)), inside)
+    inside = resampled(EAR_INSIDE, detail) if detail >= 1 else np.array(EAR_INSIDE)[[0, 2, 3, 4, 6, 8, 9]]
     outline = 1 + 0.08 * up * np.abs(up) + 0.10 * back * up - 0.05 * smoothstep((-up - 0.35) / 0.6) * np.abs(back)
-    share = np.concatenate([inside, [edge for edge, _ in EAR_EDGE]])[:, None]
+    share = np.concatenate([inside, EAR_EDGE[:, 0]])[:, None]
     height = _relief(share, up, back)
-    height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None]
-    height[len(inside) :] += np.array([drop for _, drop in EAR_EDGE])[:, None]
+    height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None] + EAR_EDGE[:, 1:]
     shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
     # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
     joined = smoothstep((-back - 0.25) / 0.6) * smoothstep((up + 0.95) / 0.3) * smoothstep((0.8 - up) / 0.5)
     shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.45) / 0.45)
     narrow = 1 - 0.20 * smoothstep((-up * share - 0.05) / 0.75)
     full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)
-    local = np.stack(
-        [
-            EAR_HALF_LENGTH * outline * up * share,
-            EAR_HALF_WIDTH * outline * narrow * full * back * share,
-            height + shell,
-        ],
-        axis=-1,
-    )
-    points = EAR_MIDDLE + local @ np.stack([EAR_UP, EAR_BACK, np.cross(EAR_BACK, EAR_UP)])
+    long, wide = EAR_HALF_LENGTH * outline * up * share, EAR_HALF_WIDTH * outline * narrow * full * back * share
+    axes = np.stack([EAR_UP, EAR_BACK, np.cross(EAR_BACK, EAR_UP)])
+    points = EAR_MIDDLE + np.stack([long, wide, height + shell], axis=-1) @ axes
     points = (points + faces.displacement(EAR_ROOT, style.weights)) * [side, 1, 1]
     palette = palette_of(style)
     albedo = palette.skin(points)
@@ -284,16 +265,15 @@ EAR_Z_MM, EAR_Y_MM = 2.0, 36.0
 """Place where a temple rests on the ear and bends."""
 
 
-def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
-    """Add glasses; returns their indices, (N,). They follow only the head."""
+def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> None:
+    """Add glasses, which follow only the head."""
     around = np.linspace(0, 2 * np.pi, max(24, round(36 * detail)), endpoint=False)
     cosine, sine = np.cos(around), np.sin(around)
-    rounded = np.stack([cosine, sine], axis=-1) * (np.abs(cosine) ** RIM_SQUARENESS + np.abs(sine) ** RIM_SQUARENESS)[
-        :, None
-    ] ** (-1 / RIM_SQUARENESS)
-    flat = RIM_MIDDLE + rounded * RIM_HALF * [1.0, 1.0]
+    length = (np.abs(cosine) ** RIM_SQUARENESS + np.abs(sine) ** RIM_SQUARENESS) ** (-1 / RIM_SQUARENESS)
+    flat = RIM_MIDDLE + np.stack([cosine, sine], axis=-1) * length[:, None] * RIM_HALF
     flat[:, 0] -= 0.06 * (flat[:, 1] - RIM_MIDDLE[1]) * (flat[:, 0] < RIM_MIDDLE[0])  # wider apart below, for the nose
-    front = float(np.max(_depth(flat, style) + WRAP_PER_MM * flat[:, 0] ** 2)) + CLEAR_MM
+    depth = faces.position(angle_of(flat[:, 0], flat[:, 1], style), flat[:, 1], style)[:, 2]
+    front = float(np.max(depth + WRAP_PER_MM * flat[:, 0] ** 2)) + CLEAR_MM
 
     def before(where: Array) -> Array:
         return np.concatenate([where, (front - WRAP_PER_MM * where[:, :1] ** 2)], axis=1)
@@ -304,19 +284,11 @@ def build_glasses(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indi
     bridge = before(np.stack([inner[0] * across, inner[1] + 2.2 * (1 - across**2)], axis=-1))
     temple = _temple(rim[np.abs(around - 0.3).argmin()], style, max(8, round(10 * detail)))
     mirror = np.array([-1.0, 1.0, 1.0])
-    parts = [
-        _tube(builder, rim, 1.15, closed=True),
-        _tube(builder, (rim * mirror)[::-1], 1.15, closed=True),
-        _tube(builder, bridge, 1.15),
-        _tube(builder, temple, 1.2),
-        _tube(builder, temple * mirror, 1.2),
-    ]
-    return np.concatenate(parts)
-
-
-def _depth(flat: Array, style: HeadStyle) -> Array:
-    """(N,) mm: z of the face at points seen from the front."""
-    return faces.position(angle_of(flat[:, 0], flat[:, 1], style), flat[:, 1], style)[:, 2]
+    _tube(builder, rim, 1.15, closed=True)
+    _tube(builder, (rim * mirror)[::-1], 1.15, closed=True)
+    _tube(builder, bridge, 1.15)
+    _tube(builder, temple, 1.2)
+    _tube(builder, temple * mirror, 1.2)
 
 
 def _temple(start: Array, style: HeadStyle, count: int) -> Array:
@@ -329,16 +301,12 @@ def _temple(start: Array, style: HeadStyle, count: int) -> Array:
     return np.stack([x, y, z], axis=-1)
 
 
-def _tube(builder: MeshBuilder, path: Array, radius_mm: float, *, closed: bool = False) -> Indices:
-    """Add a six-sided tube around a path, (N, 3) mm; returns its indices."""
-    along = np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0) if closed else np.gradient(path, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    aside = np.cross(along, np.where(np.abs(along[:, 2:]) > 0.8, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
-    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+def _tube(builder: MeshBuilder, path: Array, radius_mm: float, *, closed: bool = False) -> None:
+    """Add a six-sided tube around a path, (N, 3) mm."""
+    along = unit_vectors(np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0) if closed else np.gradient(path, axis=0))
+    aside = unit_vectors(np.cross(along, np.where(np.abs(along[:, 2:]) > 0.8, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])))
     over = np.cross(aside, along)
     turn = np.linspace(0, 2 * np.pi, 6, endpoint=False)[:, None, None]
     rings = path + radius_mm * (np.cos(turn) * aside + np.sin(turn) * over)
     grid = builder.add(rings, albedo=FRAME, material=Material.CLOTH)
-    rows = np.concatenate([grid, grid[:1]])
-    builder.quads(rows, closed=closed)
-    return grid.ravel()
+    builder.quads(np.concatenate([grid, grid[:1]]), closed=closed)

@@ -27,6 +27,7 @@ from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, Indices, read_table
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import average_over_mesh
 from fapengine.mesh.default_head.faces import STEP_MM
 from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.face_mesh import DeformationBasis
@@ -147,7 +148,7 @@ def _put_right(
 ) -> DeformationBasis:
     """Restore the motion of points on the cheeks along their own FAPs' directions; ``owners`` are vertices by FAP."""
     entries = evened.entry_mm.copy()
-    owner = np.repeat(np.arange(len(points)), np.diff(basis.offsets))
+    owner = basis.entry_vertices
     for number, vertex in owners.items():
         direction = np.array(fap.HEAD_AXES[fap.spec(number).positive], dtype=np.float64)
         of_point = slice(basis.offsets[vertex], basis.offsets[vertex + 1])
@@ -162,32 +163,12 @@ def _put_right(
 def _averaged(
     basis: DeformationBasis, triangles: Indices, free: Array, faps: Iterable[int], rounds: int
 ) -> DeformationBasis:
-    """Average over neighbours at vertices with entries, weighted by ``free``, (V,) 0..1."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    edges = edges[(free[edges] > 0).any(axis=1)]
-    near, ends = np.unique(edges, return_inverse=True)
-    first, second = ends.reshape(edges.shape).T
-    degree = np.maximum(np.bincount(ends.ravel(), minlength=len(near)), 1)[:, None]
-    share = 0.5 * free[near][:, None]
-    owner = np.repeat(np.arange(len(free)), np.diff(basis.offsets))
-    place = np.searchsorted(near, owner)
-    here = near[np.minimum(place, len(near) - 1)] == owner
+    """Average the displacements of some FAPs over neighbours, where there are entries, weighted by ``free``, (V,)."""
+    chosen = np.array([number for number, channel in enumerate(basis.channels) if channel.fap in faps])
+    mine = np.isin(basis.entry_channels, chosen)
+    at = basis.entry_vertices[mine], np.searchsorted(chosen, basis.entry_channels[mine])
+    moves = np.zeros((len(free), len(chosen), 3))
+    moves[at] = basis.entry_mm[mine]
     entries = basis.entry_mm.copy()
-    for number, channel in enumerate(basis.channels):
-        if channel.fap not in faps:
-            continue
-        mine = np.flatnonzero(here & (basis.entry_channels == number))
-        moves = np.zeros((len(near), 3))
-        moves[place[mine]] = entries[mine]
-        for _ in range(rounds):
-            around = np.stack(
-                [
-                    np.bincount(first, moves[second, axis], len(near))
-                    + np.bincount(second, moves[first, axis], len(near))
-                    for axis in range(3)
-                ],
-                axis=-1,
-            )
-            moves += share * (around / degree - moves)
-        entries[mine] = moves[place[mine]]
+    entries[mine] = average_over_mesh(moves, triangles, rounds, 0.5 * free)[at]
     return replace(basis, entry_mm=entries)

@@ -16,11 +16,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import strand_uv
-from fapengine.mesh.default_head.faces import normal, position
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.scalp import GOLDEN, Scalp, hairline
+from fapengine.mesh.default_head.faces import Scalp, hairline, normal, position
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.face_mesh import Material
@@ -59,16 +59,13 @@ def _ways(u: Array, over: Array, style: HeadStyle) -> tuple[Array, Array]:
     begins = np.deg2rad(np.interp(u, (0.0, CROWN_U), (FOREHEAD_DEG, CROWN_DEG)))
     start = np.stack([0.02 + 0 * u, np.sin(begins), np.cos(begins)], axis=-1)
     round_about = np.deg2rad(TEMPLE_DEG + (NAPE_DEG - TEMPLE_DEG) * u)
-    end = position(round_about, HANGS_BELOW_MM, style) - CENTRE
-    end /= np.linalg.norm(end, axis=-1, keepdims=True)
+    end = unit_vectors(position(round_about, HANGS_BELOW_MM, style) - CENTRE)
     bend = np.stack(
         [end[:, 0], start[:, 1] + 0.28 * (1 - u) ** 3, 0.5 * (start[:, 2] + end[:, 2]) + 0.14 * (1 - u) ** 3], -1
     )
     s = over[:, None, None]
-    towards = (1 - s) ** 2 * start + 2 * s * (1 - s) * bend + s**2 * end
-    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
-    scalp = Scalp(style)
-    points, normals = scalp.under((CENTRE + 90.0 * towards).reshape(-1, 3))
+    towards = unit_vectors((1 - s) ** 2 * start + 2 * s * (1 - s) * bend + s**2 * end)
+    points, normals = Scalp(style).under((CENTRE + 90.0 * towards).reshape(-1, 3))
     points, normals = points.reshape(towards.shape), normals.reshape(towards.shape)
     points[2:] = gaussian_filter1d(points, 1.0, axis=0, mode="nearest")[2:]
     normals = gaussian_filter1d(normals, 1.5, axis=0, mode="nearest")
@@ -91,11 +88,8 @@ def _sheet(style: HeadStyle, u: Array, v: Array) -> tuple[Array, Array]:
     drop = np.clip((v - OVER_HEAD) / (1 - OVER_HEAD), 0, 1)[:, None]
     end = ENDS_MM[style.haircut]
     hung = points[..., 1] + drop * (end - HANGS_BELOW_MM)
-    side = out * [1.0, 0.0, 1.0]
-    side = side / np.linalg.norm(side, axis=-1, keepdims=True)
     below = smoothstep((HANGS_BELOW_MM + 26.0 - hung) / 40.0)[..., None]
-    out = out + below * (side - out)
-    out /= np.linalg.norm(out, axis=-1, keepdims=True)
+    out = unit_vectors(out + below * (unit_vectors(out * [1.0, 0.0, 1.0]) - out))
     edge = smoothstep((u + 0.02) / 0.10)
     rise = 2.6 + (1.0 + 6.6 * smoothstep((v + 0.02) / 0.30))[:, None] * edge
     degrees = TEMPLE_DEG + (NAPE_DEG - TEMPLE_DEG) * u
@@ -155,7 +149,7 @@ def build_tresses(builder: MeshBuilder, style: HeadStyle, palette: Palette, deta
 def _build_locks(builder: MeshBuilder, half: _Half, locks: int) -> Indices:
     side, ragged = half.side, half.ragged
     number = np.arange(locks) + (0.0 if side > 0 else 0.37)
-    vary, other = 2 * ((number * GOLDEN) % 1) - 1, 2 * ((number * GOLDEN * 5.77) % 1) - 1
+    vary, other = 2 * golden(number) - 1, 2 * golden(number, 5.77) - 1
     width = 1.0 + 0.40 * vary
     edges = np.concatenate([[0.0], np.cumsum(width)]) / width.sum()
     wide, middle = np.diff(edges)[:, None], 0.5 * (edges[:-1] + edges[1:])[:, None]
@@ -171,7 +165,7 @@ def _build_locks(builder: MeshBuilder, half: _Half, locks: int) -> Indices:
     points[..., 1] += 28.0 * (ACROSS - 0.5) ** 2 * smoothstep((shares - 0.9) / 0.1)  # ends are round
     tint = 0.70 + 0.30 * smoothstep(shares / 0.14) + 0.30 * np.exp(-(((shares - 0.27) / 0.12) ** 2))
     tint = tint * SHADE * (1 + 0.10 * other[:, None])
-    strip = 0.09 + 0.82 * ((number * GOLDEN * 3.1) % 1)[:, None] + 0.17 * (ACROSS - 0.5)
+    strip = 0.09 + 0.82 * golden(number, 3.1)[:, None] + 0.17 * (ACROSS - 0.5)
     uv = strand_uv(strip, 0.05 + 0.9 * shares)
     albedo = half.palette.hair * tint[..., None]
     albedo[0] += 0.5 * (0.6 * half.palette.base - albedo[0])
@@ -193,9 +187,7 @@ def _build_hairs(builder: MeshBuilder, half: _Half, points: Array, outwards: Arr
         spines.append(np.concatenate([spine, beyond[None]]).transpose(1, 0, 2))
         asides.append(half.side * (points[rows[0], :, 0] - points[rows[0], :, 4]))
         tints.append((0.74 + 0.15 * wild)[:, None] * half.palette.hair)
-    aside = np.concatenate(asides)
-    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
-    half_width = np.array([0.3, 0.5, 0.45, 0.1])
+    half_width, aside = np.array([0.3, 0.5, 0.45, 0.1]), unit_vectors(np.concatenate(asides))
     return builder.strands(np.concatenate(spines), half_width, aside, albedo=np.concatenate(tints)).ravel()
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from fapengine._arrays import Array
 from fapengine.errors import DataError
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
-from fapengine.mesh.vertex_fields import vertex_normals
 
 LEFT, RIGHT, JAW = "left lid", "right lid", "jaw"
 ROLES = (LEFT, RIGHT, JAW)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fapengine._arrays import Array, Indices
+from fapengine.mesh.basis_collector import gather
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
 from fapengine.mesh.rig import lids
 from fapengine.mesh.rig.parts import Eyes, find_tongue
@@ -126,8 +127,7 @@ class RowCollector:
     def __init__(self, vertex_count: int) -> None:
         self._count = vertex_count
         self.channels: list[Channel] = []
-        self._entries: list[tuple[Indices, Array]] = []
-        self._weights: list[dict[int, float]] = []
+        self._rows: list[tuple[Indices, Array, dict[int, float]]] = []
 
     def channel(self, channel: Channel) -> int:
         """Find or add a channel; returns its index."""
@@ -140,36 +140,17 @@ class RowCollector:
         kept = np.abs(moves).max(axis=1, initial=0.0) > NEGLIGIBLE_MM
         weights = {channel: weight for channel, weight in weights.items() if weight}
         if kept.any() and weights:
-            self._entries.append((vertices[kept], moves[kept] / ROW_FAPU))
-            self._weights.append(weights)
+            self._rows.append((vertices[kept], moves[kept] / ROW_FAPU, weights))
 
     def basis(self) -> DeformationBasis:
-        """Return the basis, sorted by vertex; of more than :data:`MAX_ROWS` rows those that move most are kept."""
-        if len(self._entries) > MAX_ROWS:
-            self._leave_out_weakest()
-        mix = np.zeros((len(self._weights), len(self.channels)))
-        for row, weights in enumerate(self._weights):
-            mix[row, list(weights)] = list(weights.values())
-        vertices = np.concatenate([np.zeros(0, np.int64), *(entry[0] for entry in self._entries)])
-        rows = np.repeat(np.arange(len(self._entries)), [len(entry[0]) for entry in self._entries])
-        moves = np.concatenate([np.zeros((0, 3)), *(entry[1] for entry in self._entries)])
-        order = np.argsort(vertices, kind="stable")
-        return DeformationBasis(
-            channels=tuple(self.channels),
-            offsets=np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=self._count))]).astype(np.int32),
-            entry_channels=rows[order].astype(np.int32),
-            entry_mm=moves[order].astype(np.float32),
-            mix=mix.astype(np.float32),
-        )
-
-    def _leave_out_weakest(self) -> None:
-        reach = [
-            float(np.abs(moves).max()) * max(map(abs, weights.values()))
-            for (_, moves), weights in zip(self._entries, self._weights, strict=True)
-        ]
-        kept = sorted(np.argsort(reach)[-MAX_ROWS:].tolist())
-        self._entries = [self._entries[row] for row in kept]
-        self._weights = [self._weights[row] for row in kept]
+        """Return the basis; of more than :data:`MAX_ROWS` rows those that move most are kept."""
+        reach = [float(np.abs(moves).max()) * max(map(abs, weights.values())) for _, moves, weights in self._rows]
+        kept = [self._rows[row] for row in sorted(np.argsort(reach)[-MAX_ROWS:].tolist())]
+        mix = np.zeros((len(kept), len(self.channels)), np.float32)
+        for row, (_, _, weights) in zip(mix, kept, strict=True):
+            row[list(weights)] = list(weights.values())
+        entries = [(vertices, row, moves) for row, (vertices, moves, _) in enumerate(kept)]
+        return gather(self._count, self.channels, entries, mix)[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -19,11 +19,11 @@ from scipy.spatial import cKDTree
 from fapengine._arrays import Array, Indices, Mask
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import fit_rigid
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT, ROLES, face_axes
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.placed_mesh import find_parts
-from fapengine.mesh.vertex_fields import vertex_normals
 
 MAX_SEAM_GAP_MM = 4.0
 """Largest distance between the two sides of a seam."""

@@ -12,22 +12,21 @@ its bones: the head's joint is the pivot, up is the scene's y, the face looks wh
 if they have bones; lips and brows do not.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
-from fapengine.mesh.colours import TEETH, Palette
-from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Material
+from fapengine.geometry.surface import unit_vectors
+from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh
 from fapengine.mesh.rig import surfaces
 from fapengine.mesh.rig.blendshape_basis import Rig, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
-from fapengine.mesh.rig.bones import Bones, bind_bones
-from fapengine.mesh.rig.parts import find_eyes
-from fapengine.mesh.rig.placed_mesh import KEPT_BELOW_CHIN_MM, KEPT_BESIDE_MM, PlacedMesh, find_parts, place_mesh
+from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
+from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes
+from fapengine.mesh.rig.placed_mesh import PlacedMesh, cut_out, place_mesh
 from fapengine.mesh.rig.point_fields import fit_point_fields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -82,34 +81,34 @@ def import_head(
     DataError
         As :func:`fapengine.mesh.rig.placed_mesh.place_mesh`; or if a blendshape does not exist.
     """
-    chosen = _chosen(mesh, blendshapes, own_faps or {})
+    own_faps = own_faps or {}
+    chosen = {name: None for name in blendshapes if name not in own_faps} | dict(own_faps)
+    unknown = [name for name in chosen if name not in mesh.blendshapes]
+    if unknown:
+        raise DataError(f"blendshapes: got {unknown[:3]}, expected some of {', '.join(list(mesh.blendshapes)[:12])}")
     placed = place_mesh(mesh, points, standard)
     rig = _make_rig(placed, chosen)
     fapu, notes = _measure(placed, standard)
     basis, moved = build_basis(rig, fapu)
     bones = bind_bones(placed, rig.fields, rig.eyes, rig.carried_mm, rig.opens_jaw, standard)
     reached = set(moved) | bones.reached(rig.eyes, rig.opens_jaw)
+    blank = surfaces.blank_eyes(placed, rig.eyes)
+    return _head(_make_mesh(placed, rig.eyes, blank, bones, fapu, basis), placed, reached, notes, chosen)
+
+
+def _head(
+    mesh: FaceMesh, placed: PlacedMesh, reached: Collection[int], notes: Sequence[str], used: Collection[str]
+) -> ImportedHead:
     return ImportedHead(
-        mesh=_make_mesh(rig, bones, fapu, basis),
+        mesh=mesh,
         moved=tuple(sorted(reached)),
         missing=tuple(row.number for row in fap.FAPS if row.number > 2 and row.number not in reached),
         scale=placed.scale,
-        notes=(*mesh.notes, *notes),
-        used=tuple(chosen),
-        unused=tuple(name for name in mesh.blendshapes if name not in chosen),
+        notes=(*placed.source.notes, *notes),
+        used=tuple(used),
+        unused=tuple(name for name in placed.source.blendshapes if name not in used),
         placed=placed,
     )
-
-
-def _chosen(
-    mesh: BlendshapeMesh, names: Sequence[str], own_faps: Mapping[str, Mapping[int, float]]
-) -> dict[str, Mapping[int, float] | None]:
-    """Blendshapes to use, and the FAPs of those that mean some by themselves."""
-    chosen = {name: None for name in names if name not in own_faps} | dict(own_faps)
-    unknown = [name for name in chosen if name not in mesh.blendshapes]
-    if unknown:
-        raise DataError(f"blendshapes: got {unknown[:3]}, expected some of {', '.join(list(mesh.blendshapes)[:12])}")
-    return chosen
 
 
 def _make_rig(mesh: PlacedMesh, chosen: Mapping[str, Mapping[int, float] | None]) -> Rig:
@@ -141,19 +140,19 @@ def _measure(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Fapu, list[str]]:
         return measured, [f"FAPU: {error}; the standard face's, with this mouth's width"]
 
 
-def _make_mesh(rig: Rig, bones: Bones, fapu: Fapu, basis: DeformationBasis) -> FaceMesh:
-    """Assemble the mesh for the renderer."""
-    placed = rig.mesh
+def _make_mesh(
+    placed: PlacedMesh, eyes: Eyes, blank: Eyes, bones: Bones, fapu: Fapu, basis: DeformationBasis
+) -> FaceMesh:
+    """Assemble the mesh for the renderer; ``blank`` eyes get an iris drawn."""
     normals = surfaces.smooth_normals(placed)
-    blank = surfaces.blank_eyes(placed, rig.eyes)
-    material = surfaces.choose_materials(placed, rig.eyes, blank)
+    material = surfaces.choose_materials(placed, eyes, blank)
     return FaceMesh(
         vertices_mm=placed.vertices_mm.astype(np.float32),
         normals=normals.astype(np.float32),
         uv=surfaces.texture_coordinates(placed, blank).astype(np.float32),
         albedo=surfaces.choose_colours(placed, material),
         material=material,
-        occlusion=surfaces.ambient_light(placed, normals, material),
+        occlusion=surfaces.baked_light(placed, normals, material),
         bone=bones.bone,
         bone_weight=bones.weight.astype(np.float32),
         head_weight=bones.head_weight.astype(np.float32),
@@ -168,9 +167,9 @@ def _make_mesh(rig: Rig, bones: Bones, fapu: Fapu, basis: DeformationBasis) -> F
     )
 
 
-HEAD, JAW, EYES = "head", "jaw", ("left eye", "right eye")
-HEAD_FAPS, JAW_FAPS = (48, 49, 50), (3, 14, 15)
-EYE_FAPS = {"left eye": (23, 25, 27), "right eye": (24, 26, 28)}
+HEAD = "head"
+BONES = {"jaw": Bone.JAW, "left eye": Bone.LEFT_EYE, "right eye": Bone.RIGHT_EYE}
+"""Bones below the head's, by name."""
 MIN_WEIGHT = 0.5
 """Weight from which a vertex belongs to a bone."""
 CHIN = "2.1"
@@ -193,50 +192,33 @@ def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
     if not can_follow_bones(mesh):
         raise DataError("bones: got no head that carries vertices, expected one")
     placed = _place(mesh, standard)
-    moving = {name: mesh.bones[name].weight[placed.kept] for name in (JAW, *EYES) if name in mesh.bones}
-    moving = {name: weight for name, weight in moving.items() if (weight > MIN_WEIGHT).any()}
-    bone, weight = _bones(moving, len(placed.kept))
-    material = surfaces.choose_materials(placed, {}, {})
-    material[np.isin(bone, (Bone.LEFT_EYE, Bone.RIGHT_EYE))] = Material.BALL
-    normals = surfaces.smooth_normals(placed)
-    pivots = {name: placed.to_head_space(mesh.bones[name].joint) for name in moving}
-    numbers = {*HEAD_FAPS, *(JAW_FAPS if JAW in moving else ())}
-    numbers |= {number for eye in EYES if eye in moving for number in EYE_FAPS[eye]}
-    head = FaceMesh(
-        vertices_mm=placed.vertices_mm.astype(np.float32),
-        normals=normals.astype(np.float32),
-        uv=surfaces.texture_coordinates(placed, {}).astype(np.float32),
-        albedo=_colours(placed, material),
-        material=material,
-        occlusion=surfaces.ambient_light(placed, normals, material),
+    bone, weight = np.zeros(len(placed.kept), np.uint8), np.zeros(len(placed.kept))
+    pivots = dict(zip(BONES.values(), (standard.jaw_pivot_mm, *standard.eye_pivots_mm), strict=True))
+    moving = {name: mesh.bones[name].weight[placed.kept] for name in BONES if name in mesh.bones}
+    moving = {name: share for name, share in moving.items() if (share > MIN_WEIGHT).any()}
+    for name, share in moving.items():
+        pivots[BONES[name]] = placed.to_head_space(mesh.bones[name].joint)
+        more = share > weight  # each vertex follows the bone with the largest weight
+        bone[more], weight[more] = BONES[name], share[more]
+    bones = Bones(
         bone=bone,
-        bone_weight=weight.astype(np.float32),
-        head_weight=mesh.bones[HEAD].weight[placed.kept].astype(np.float32),
-        triangles=placed.triangles.astype(np.int32),
-        feature_points=placed.points,
-        jaw_pivot_mm=pivots.get(JAW, standard.jaw_pivot_mm),
+        weight=np.clip(weight, 0.0, 1.0),
+        head_weight=mesh.bones[HEAD].weight[placed.kept],
+        jaw_pivot_mm=pivots[Bone.JAW],
         head_pivot_mm=placed.to_head_space(mesh.bones[HEAD].joint),
-        eye_pivots_mm=np.stack([pivots.get(eye, standard.eye_pivots_mm[row]) for row, eye in enumerate(EYES)]),
-        fapu=standard.fapu,
-        basis=DeformationBasis(
-            channels=(),
-            offsets=np.zeros(len(placed.kept) + 1, np.int32),
-            entry_channels=np.zeros(0, np.int32),
-            entry_mm=np.zeros((0, 3), np.float32),
-        ),
-        texture=mesh.texture,
+        eye_pivots_mm=np.stack([pivots[Bone.LEFT_EYE], pivots[Bone.RIGHT_EYE]]),
+    )
+    eyes = {pupil: Eyeball(np.flatnonzero(bone == kind), pivots[kind]) for pupil, kind, _ in EYE_SIDES}
+    basis = DeformationBasis(
+        channels=(),
+        offsets=np.zeros(len(placed.kept) + 1, np.int32),
+        entry_channels=np.zeros(0, np.int32),
+        entry_mm=np.zeros((0, 3), np.float32),
     )
     moves = ", ".join([HEAD, *moving])
-    return ImportedHead(
-        mesh=head,
-        moved=tuple(sorted(numbers)),
-        missing=tuple(row.number for row in fap.FAPS if row.number > 2 and row.number not in numbers),
-        scale=placed.scale,
-        notes=(*mesh.notes, f"no blendshape has a name that is known: bones alone move it ({moves}), lips stay"),
-        used=(),
-        unused=tuple(mesh.blendshapes),
-        placed=placed,
-    )
+    note = f"no blendshape has a name that is known: bones alone move it ({moves}), lips stay"
+    head = _make_mesh(placed, eyes, {}, bones, standard.fapu, basis)
+    return _head(head, placed, bones.reached(eyes, jaw_opens=False), [note], ())
 
 
 def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
@@ -248,46 +230,16 @@ def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
     axes = _axes(mesh)
     wanted = float(standard.vertices_mm[standard.head_weight > MIN_WEIGHT, 1].max() - standard.head_pivot_mm[1])
     scale = wanted / height
-    vertices = scale * (mesh.vertices - joint) @ axes.T + standard.head_pivot_mm
     chin = standard.point_mm(CHIN)
-    inside = (vertices[:, 1] > chin[1] - KEPT_BELOW_CHIN_MM) & (np.abs(vertices[:, 0]) < KEPT_BESIDE_MM)
-    kept, corners = np.unique(mesh.triangles[inside[mesh.triangles].all(axis=1)], return_inverse=True)
-    triangles = corners.reshape(-1, 3).astype(np.int64)
-    node, part = find_parts(vertices[kept], triangles)
-    nearest = int(np.linalg.norm(vertices[kept] - chin, axis=1).argmin())
-    return PlacedMesh(
-        source=mesh, vertices_mm=vertices[kept], triangles=triangles, kept=kept.astype(np.int64),
-        points={CHIN: nearest}, scale=scale, rotation=axes, node=node, part=part,
-    )  # fmt: skip
+    placed = cut_out(mesh, scale * (mesh.vertices - joint) @ axes.T + standard.head_pivot_mm, {}, chin, scale, axes)
+    return replace(placed, points={CHIN: int(np.linalg.norm(placed.vertices_mm - chin, axis=1).argmin())})
 
 
 def _axes(mesh: BlendshapeMesh) -> Array:
     """(3, 3): rows are the subject's left, up and ahead."""
     left = np.array([1.0, 0.0, 0.0])
-    if all(eye in mesh.bones for eye in EYES):
-        across = (mesh.bones[EYES[0]].joint - mesh.bones[EYES[1]].joint) * (1.0, 0.0, 1.0)
-        if np.linalg.norm(across) > 0:
-            left = across / np.linalg.norm(across)
+    if "left eye" in mesh.bones and "right eye" in mesh.bones:
+        across = (mesh.bones["left eye"].joint - mesh.bones["right eye"].joint) * (1.0, 0.0, 1.0)
+        if across.any():
+            left = unit_vectors(across)
     return np.stack([left, UP, np.cross(left, UP)])
-
-
-def _bones(moving: Mapping[str, Array], count: int) -> tuple[NDArray[np.uint8], Array]:
-    """(V,) bone and (V,) weight: each vertex follows the bone with the largest weight."""
-    bone, weight = np.zeros(count, np.uint8), np.zeros(count)
-    kinds = {JAW: Bone.JAW, EYES[0]: Bone.LEFT_EYE, EYES[1]: Bone.RIGHT_EYE}
-    for name, share in moving.items():
-        more = share > weight
-        bone[more], weight[more] = kinds[name], share[more]
-    return bone, np.clip(weight, 0.0, 1.0)
-
-
-def _colours(placed: PlacedMesh, material: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(V, 3) linear RGB: colours of the file; else by the names of surfaces, else of skin."""
-    source = placed.source
-    albedo = None if source.albedo is None else source.albedo[placed.kept]
-    if albedo is not None and (source.texture is not None or np.ptp(albedo, axis=0).max(initial=0.0) > 0):
-        return np.asarray(np.clip(albedo, 0, 1), np.float32)
-    painted = np.array(Palette.of().skin(placed.vertices_mm))
-    for kind, colour in {**surfaces.PAINTS, Material.TEETH: TEETH}.items():
-        painted[material == kind] = colour
-    return np.asarray(np.clip(painted, 0, 1), np.float32)

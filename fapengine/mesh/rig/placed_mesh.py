@@ -8,15 +8,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fapengine._arrays import Array, Indices
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
-from fapengine.mesh.vertex_fields import vertex_normals
 
 NEEDED_POINTS = ("8.1", "8.2", "8.3", "8.4", "2.1")
 """Feature points that every face needs: the outer lips and the chin."""
@@ -96,24 +97,37 @@ def place_mesh(mesh: BlendshapeMesh, points: Mapping[str, int], standard: FaceMe
     """
     check_points(points, mesh)
     placed, scale, rotation = _fit(mesh.vertices, points, standard)
-    chin = placed[points["2.1"]]
+    return cut_out(mesh, placed, points, placed[points["2.1"]], scale, rotation)
+
+
+def cut_out(
+    mesh: BlendshapeMesh,
+    placed: Array,
+    points: Mapping[str, int],
+    chin: NDArray[np.floating],
+    scale: float,
+    rotation: Array,
+) -> PlacedMesh:
+    """Keep what is near the chin, (3,) mm, of a mesh whose vertices are at ``placed``, (V, 3) mm.
+
+    Raises
+    ------
+    DataError
+        If a needed point is far from the face.
+    """
     inside = (placed[:, 1] > chin[1] - KEPT_BELOW_CHIN_MM) & (np.abs(placed[:, 0] - chin[0]) < KEPT_BESIDE_MM)
     kept, corners = np.unique(mesh.triangles[inside[mesh.triangles].all(axis=1)], return_inverse=True)
-    lost = sorted(set(points) - {name for name, _ in _inside(points, kept)})
+    index = {vertex: number for number, vertex in enumerate(kept.tolist())}
+    lost = sorted(name for name, vertex in points.items() if vertex not in index)
     if set(lost) & set(NEEDED_POINTS):
         raise DataError(f"feature points: got {', '.join(lost)} far from the face")
     vertices, triangles = placed[kept], corners.reshape(-1, 3).astype(np.int64)
     node, part = find_parts(vertices, triangles)
+    inner = {name: index[vertex] for name, vertex in points.items() if vertex in index}
     return PlacedMesh(
         source=mesh, vertices_mm=vertices, triangles=triangles, kept=kept.astype(np.int64),
-        points=dict(_inside(points, kept)), scale=scale, rotation=rotation, node=node, part=part,
+        points=inner, scale=scale, rotation=rotation, node=node, part=part,
     )  # fmt: skip
-
-
-def _inside(points: Mapping[str, int], kept: Indices) -> list[tuple[str, int]]:
-    """Points among the kept vertices, and their index there."""
-    index = {vertex: number for number, vertex in enumerate(kept.tolist())}
-    return [(name, index[vertex]) for name, vertex in points.items() if vertex in index]
 
 
 def check_points(points: Mapping[str, int], mesh: BlendshapeMesh) -> None:

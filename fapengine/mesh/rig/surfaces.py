@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from fapengine._arrays import Array, Indices
+from fapengine.geometry.surface import ambient_light, average_over_mesh, vertex_normals
 from fapengine.mesh import colours
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.parts import Eyeball, Eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-from fapengine.mesh.vertex_fields import bake_occlusion, smooth_over_mesh, vertex_normals
 
 LIP_OUTLINE = ("8.3", "8.5", "8.1", "8.6", "8.4", "8.8", "8.2", "8.7")
 LIP_DEPTH_MM = 6.0
@@ -45,9 +45,9 @@ def smooth_normals(mesh: PlacedMesh) -> Array:
     return vertex_normals(mesh.vertices_mm[first], mesh.node[mesh.triangles])[mesh.node]
 
 
-def ambient_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
+def baked_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
     """(V,): fraction of ambient light that arrives, 0..1."""
-    light = smooth_over_mesh(bake_occlusion(mesh.vertices_mm, normals), mesh.triangles, 2)
+    light = average_over_mesh(ambient_light(mesh.vertices_mm, normals), mesh.triangles, 2)
     inside = np.isin(material, (Material.TEETH, Material.TONGUE, Material.GUM))
     light = np.clip(light, 0.0, 1.0)
     return np.asarray(np.where(inside, np.maximum(light, MIN_MOUTH_LIGHT), light), np.float32)
@@ -108,15 +108,17 @@ def choose_colours(mesh: PlacedMesh, material: NDArray[np.uint8]) -> NDArray[np.
     source = mesh.source
     if source.albedo is not None and (source.texture is not None or _is_painted(mesh)):
         return np.asarray(np.clip(source.albedo[mesh.kept], 0, 1), np.float32)
-    vertices, skin = mesh.vertices_mm, mesh.skin
+    vertices, knows_lips = mesh.vertices_mm, "8.1" in mesh.points
+    skin = mesh.skin if knows_lips else np.flatnonzero(~np.isin(material, (*PAINTS, Material.TEETH)))
     painted = np.broadcast_to(colours.TEETH, vertices.shape).copy()
     for kind, colour in PAINTS.items():
         painted[material == kind] = colour
     painted[skin] = colours.Palette.of().skin(vertices[skin])
-    lips = np.zeros(len(vertices))
-    lips[_lips(mesh.vertices_mm, skin, mesh.positions)] = 1.0
-    share = smooth_over_mesh(lips, mesh.triangles, 2)[:, None]
-    painted = np.where(share > 0, painted + share * (colours.LIP - painted), painted)
+    if knows_lips:
+        lips = np.zeros(len(vertices))
+        lips[_lips(vertices, skin, mesh.positions)] = 1.0
+        share = average_over_mesh(lips, mesh.triangles, 2)[:, None]
+        painted = np.where(share > 0, painted + share * (colours.LIP - painted), painted)
     return np.asarray(np.clip(painted, 0, 1), np.float32)
 
 

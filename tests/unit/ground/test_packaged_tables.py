@@ -30,8 +30,8 @@ def copy(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_there_are_four() -> None:
-    assert len(TABLES) == 4
+def test_there_are_five() -> None:
+    assert len(TABLES) == 5
 
 
 @pytest.mark.parametrize(("folder", "name"), TABLES)

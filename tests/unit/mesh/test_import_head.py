@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, Material
@@ -16,7 +17,6 @@ from fapengine.mesh.rig.blendshape_basis import MAX_ROWS, RowCollector
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import choose_blendshapes, plain, viseme

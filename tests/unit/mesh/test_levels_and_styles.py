@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
 from fapengine.mesh.default_head import atlas, painting
+from fapengine.mesh.default_head.faces import Scalp, hairline
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.scalp import Scalp, hairline
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.deform import deform

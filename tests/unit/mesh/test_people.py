@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS
-from fapengine.mesh.default_head.faces import displacement
+from fapengine.mesh.default_head.faces import Scalp, displacement
 from fapengine.mesh.default_head.head import build_head, build_parts
-from fapengine.mesh.default_head.scalp import Scalp
 from fapengine.mesh.default_head.style import (
     HAIRCUTS,
     LEVELS,

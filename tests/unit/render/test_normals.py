@@ -5,10 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine._resources import profile_files
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.render.packing import normal_deltas

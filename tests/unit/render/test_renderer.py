@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError, UsageError
+from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.vertex_fields import vertex_normals
 from fapengine.mpeg4 import fap
 from fapengine.render import context as context_module
 from fapengine.render import programs
