@@ -115,7 +115,8 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
         if name != sheet:
             find_kind(name).write(track, name, options)
     kind.write(track, path, options)
-    report.files += [(path, kind.name), *((name, find_kind(name).name) for name in companions if name != sheet)]
+    files = [name for name in (path, *companions) if name != sheet and not is_standard(name)]
+    report.files += [(name, find_kind(name).name) for name in files]
     if has_sound and _is_among(wav, inputs) and RHUBARB not in kind.shapes:
         report.files.append((wav, "sound, as it was"))
     if kept:

@@ -96,7 +96,7 @@ def hear_with_bar(
 ) -> "Hearing":
     """Recognize a file with a progress bar; see :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
-    from fapengine.cli._progress import progress
+    from fapengine.cli._printing import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:

@@ -1,6 +1,5 @@
 """``fapengine say --live``: a window or a terminal line, and the printed result."""
 
-import json
 from pathlib import Path
 
 from rich.console import Console
@@ -8,6 +7,7 @@ from rich.console import Console
 from fapengine.app.face import has_display
 from fapengine.app.manner import Manner
 from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, listen_live, say_live
+from fapengine.cli._printing import print_result, print_rows
 from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.errors import ResourceError
 from fapengine.render.drawing import Drawing
@@ -73,29 +73,19 @@ def _note(text: str) -> None:
 
 
 def print_live(result: dict[str, object], *, as_json: bool) -> None:
-    """Print the frame counts and the offset between face and sound."""
+    """Print the frame counts and the offset between face and sound, or what was recognized."""
     if as_json:
-        print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        print_result(result, as_json=True)
         return
-    console = Console(highlight=False)
-    console.print(f"[bold]{'sound':>8}[/]  {result['device']}", soft_wrap=True)
+    if "microphone" in result:
+        heard = f"{result['heard_s']:.1f} s, {result['phones']} phones and pauses, shown {result['delay_s']:g} s later"
+        rows = [("heard", result["microphone"], "bold"), ("sound", heard, "bold")]
+    else:
+        rows = [("sound", result["device"], "bold")]
     frames = f"{result['frames']} frames at {result['rate_hz']:g} Hz, {result['skipped']} skipped"
-    console.print(f"[bold]{'face':>8}[/]  {frames}")
-    off_ms = result["off_ms"]
+    rows.append(("face", frames, "bold"))
+    off_ms = result.get("off_ms")
     if isinstance(off_ms, dict) and off_ms:
         apart = ", ".join(f"{off_ms[key]:.1f} ms ({name})" for key, name in PERCENTILES.items())
-        console.print(f"[bold]{'apart':>8}[/]  {apart}", soft_wrap=True)
-
-
-def print_heard(result: dict[str, object], *, as_json: bool) -> None:
-    """Print what was recognized and shown."""
-    if as_json:
-        print(json.dumps(result, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
-        return
-    console = Console(highlight=False)
-    console.print(f"[bold]{'heard':>8}[/]  {result['microphone']}", soft_wrap=True)
-    heard = f"{result['heard_s']:.1f} s, {result['phones']} phones and pauses, shown {result['delay_s']:g} s later"
-    console.print(f"[bold]{'sound':>8}[/]  {heard}")
-    console.print(
-        f"[bold]{'face':>8}[/]  {result['frames']} frames at {result['rate_hz']:g} Hz, {result['skipped']} skipped"
-    )
+        rows.append(("apart", apart, "bold"))
+    print_rows(rows)

@@ -31,13 +31,9 @@ def align(
     With a transcript (--text, --transcript), half of the phones are within 10 ms of their true times. Without one, one
     in ten of p, b and m is missed. Correct a TextGrid by hand in Praat, then use it with `fapengine animate`.
     """
-    import json
-
-    from rich.console import Console
-    from rich.markup import escape
-
     from fapengine.app.hearing import write_phones
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
+    from fapengine.cli._printing import print_result, print_rows
     from fapengine.speech.formats.writing import check_writable
 
     check_writable(output.suffix)
@@ -45,7 +41,6 @@ def align(
     writing.check([path for _, path in tracks], [sound, text, recognizer])
     words = transcript_of(text, transcript)
     results = []
-    console = Console(highlight=False)
     for number, path in tracks:
         hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, recognizer=recognizer)
         write_phones(hearing, path)
@@ -57,12 +52,8 @@ def align(
                 {"start_s": each.start_s, "end_s": each.end_s, "words": list(each.words)} for each in hearing.mismatches
             ],
         })  # fmt: skip
-        if as_json:
-            continue
-        console.print(f"[bold]{'phones':>14}[/]  {escape(str(path))}", soft_wrap=True)
-        console.print(f"{'speech':>14}  {hearing.phones.duration_s:.2f} s, {spoken} phones", soft_wrap=True)
-        for note in hearing.notes:
-            console.print(f"[yellow]{'heard':>14}[/]  {escape(note)}", soft_wrap=True)
+        if not as_json:
+            rows = [("phones", path, "bold"), ("speech", f"{hearing.phones.duration_s:.2f} s, {spoken} phones")]
+            print_rows([*rows, *(("heard", note, "yellow") for note in hearing.notes)])
     if as_json:
-        told = results[0] if len(results) == 1 else results
-        print(json.dumps(told, indent=2, ensure_ascii=False))  # noqa: T201  the answer itself
+        print_result(results[0] if len(results) == 1 else results, as_json=True)

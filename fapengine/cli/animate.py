@@ -57,7 +57,7 @@ def animate(
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of, refuse_unknown
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
-    from fapengine.cli._progress import working
+    from fapengine.cli._printing import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output

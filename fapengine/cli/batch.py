@@ -1,11 +1,16 @@
 """``fapengine batch``: process a corpus, on one machine or many."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fapengine.cli import options as shared
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fapengine.batch.journal import Done
 
 
 def batch(
@@ -64,7 +69,6 @@ def batch(
     same options. All errors in the manifest are reported before any work starts. A row that fails is listed in the
     report (index.csv, index.html), and the exit code is 2.
     """
-    import json
     import os
     from dataclasses import asdict
 
@@ -74,7 +78,7 @@ def batch(
     from fapengine.batch.rows import Options
     from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
     from fapengine.batch.work import Job
-    from fapengine.cli._progress import progress
+    from fapengine.cli._printing import print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.outputs import check_outputs
 
@@ -82,12 +86,9 @@ def batch(
     is_run = folder.is_dir()
     if status or verify:
         state = state_of(folder, verify=verify)
-        if as_json:
-            typer.echo(json.dumps(asdict(state), indent=2, ensure_ascii=False))
-        else:
-            _tell(manifest, state.rows, state.done, [f"{one.id}: {one.error}" for one in state.failed], state.left)
-            for name in state.damaged:
-                typer.echo(f"{name}: the file or its input has changed")
+        lines = _lines(manifest, state.rows, state.done, state.failed, state.left)
+        lines += [f"{name}: the file or its input has changed" for name in state.damaged]
+        print_result(asdict(state), *lines, as_json=as_json)
         if state.failed or state.damaged:
             raise typer.Exit(2)
         return
@@ -122,25 +123,20 @@ def batch(
         done = run(plan, engine, max(cores, 1), journal, on_rows=advance)
     write_report(output, rows, load_journals(output) if shard else done)
     failed = [done[row.id] for row in mine if row.id in done and done[row.id].error]
-    if as_json:
-        told = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
-        typer.echo(json.dumps({**told, "failed": {one.id: one.error for one in failed}}, indent=2, ensure_ascii=False))
-    else:
-        _tell(str(output), len(mine), len(done) - len(failed), [f"{one.id}: {one.error}" for one in failed], 0)
+    facts: dict[str, object] = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
+    facts["failed"] = {one.id: one.error for one in failed}
+    print_result(facts, *_lines(str(output), len(mine), len(done) - len(failed), failed, 0), as_json=as_json)
     if failed:
         raise typer.Exit(2)
 
 
-MAX_TOLD = 10
+MAX_LISTED = 10
 
 
-def _tell(where: str, rows: int, done: int, failed: list[str], left: int) -> None:
-    more = f", {left} left" if left else ""
-    typer.echo(f"{where}: {rows} rows: {done} done, {len(failed)} failed{more}")
-    for line in failed[:MAX_TOLD]:
-        typer.echo(f"  {line}", err=True)
-    if len(failed) > MAX_TOLD:
-        typer.echo(f"  and {len(failed) - MAX_TOLD} more: index.csv", err=True)
+def _lines(where: str, rows: int, done: int, failed: "Sequence[Done]", left: int) -> list[str]:
+    lines = [f"{where}: {rows} rows: {done} done, {len(failed)} failed{f', {left} left' if left else ''}"]
+    lines += [f"  {one.id}: {one.error}" for one in failed[:MAX_LISTED]]
+    return lines + ([f"  and {len(failed) - MAX_LISTED} more: index.csv"] if len(failed) > MAX_LISTED else [])
 
 
 def _share(shard: str | None) -> tuple[int, int]:

@@ -89,7 +89,7 @@ def capture(
     """
     from fapengine.app.capture import CAMERA, CAMERA_S, CaptureJob, run_capture
     from fapengine.app.score import is_film
-    from fapengine.cli._progress import progress, working
+    from fapengine.cli._printing import print_result, progress, working
     from fapengine.errors import UsageError
     from fapengine.files.video import count_pictures
     from fapengine.render.drawing import parse_size
@@ -117,15 +117,10 @@ def capture(
         with working("recording the camera" if camera else "reading"):
             found = run_capture(job)
     track = found.track
-    if as_json:
-        import json
-
-        facts = {"frames": len(track), "rate_hz": track.rate_hz, "source": found.kind, "seen": round(found.seen, 4)}
-        typer.echo(json.dumps(facts | {"output": str(output)}))
-        return
-    typer.echo(f"{output}: {len(track)} frames at {track.rate_hz:g} Hz; face found in {100 * found.seen:.0f} % of them")
-    if overlay is not None:
-        typer.echo(f"overlay: {overlay}")
+    facts = {"frames": len(track), "rate_hz": track.rate_hz, "source": found.kind, "seen": round(found.seen, 4)}
+    lines = [f"{output}: {len(track)} frames at {track.rate_hz:g} Hz; face found in {100 * found.seen:.0f} % of them"]
+    lines += [f"overlay: {overlay}"] if overlay is not None else []
+    print_result(facts | {"output": str(output)}, *lines, as_json=as_json)
 
 
 def _live(
@@ -153,19 +148,18 @@ def _live(
 
 
 def _print_live(done: dict[str, object], output: Path | None, *, as_json: bool) -> None:
-    if as_json:
-        import json
+    from fapengine.cli._printing import print_result
 
-        typer.echo(json.dumps(done | ({} if output is None else {"output": str(output)})))
-        return
     delays = done["delay_ms"]
     assert isinstance(delays, dict)
-    typer.echo(
+    lines = [
         f"{done['pictures']} images, {done['late']} skipped for newer ones, face found in {done['seen']:.0%} of them;"
-        f" latency {delays['p50']:.0f} ms"
-    )
-    typer.echo(f"{done['frames']} frames at {done['rate_hz']:g} Hz, {done['skipped']} skipped")
-    if not done["known"]:
-        typer.echo("no face was visible long enough to find its neutral pose; 1.5 s are needed", err=True)
+        f" latency {delays['p50']:.0f} ms",
+        f"{done['frames']} frames at {done['rate_hz']:g} Hz, {done['skipped']} skipped",
+    ]
     if output is not None:
-        typer.echo(f"{output}")
+        done["output"] = str(output)
+        lines.append(str(output))
+    print_result(done, *lines, as_json=as_json)
+    if not (done["known"] or as_json):
+        typer.echo("no face was visible long enough to find its neutral pose; 1.5 s are needed", err=True)

@@ -45,7 +45,7 @@ def convert(
     """
     from fapengine.app.dense_film import is_take
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
-    from fapengine.cli._result import print_result
+    from fapengine.cli._printing import print_result
     from fapengine.files.motion import load_motion
     from fapengine.files.paths import is_standard, standard_output
 

@@ -29,8 +29,7 @@ def decode(
     """
     from dataclasses import asdict, replace
 
-    from fapengine.cli._progress import working
-    from fapengine.cli._result import print_result
+    from fapengine.cli._printing import print_result, working
     from fapengine.codec.interpolate import fill_track
     from fapengine.files.fba import load_fba
     from fapengine.files.motion import save_fap

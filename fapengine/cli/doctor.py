@@ -30,6 +30,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
     Opens the sound card briefly, without playing sound. Exits with 3 if faces cannot be rendered.
     """
     from fapengine.cli import _doctor_live as live
+    from fapengine.cli._printing import print_result
     from fapengine.server.config import OSC_PORT, WEB_PORT
     from fapengine.wire.vmc import MARIONETTE_PORT
 
@@ -55,9 +56,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         _check("laboratory", 'pip install "fapengine[lab]"', lambda: live.extra("matplotlib", "trimesh")),
     ]
     if as_json:
-        import json
-
-        typer.echo(json.dumps([asdict(finding) for finding in findings], indent=2, ensure_ascii=False))
+        print_result([asdict(finding) for finding in findings], as_json=True)
     else:
         _print_table(findings)
     if any(finding.part in ESSENTIAL and not finding.works for finding in findings):

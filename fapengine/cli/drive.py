@@ -46,7 +46,10 @@ def drive(
     Each chosen marker moves every other marker by one weight, and the surface between them by cubic interpolation. The
     first frame of the recording is the neutral position.
     """
+    from dataclasses import asdict
+
     from fapengine.app.drive_grid import DriveJob, run_drive
+    from fapengine.cli._printing import print_result
 
     writing.check([path for path in (output, film) if path is not None], [grid, take, drawing.background])
     chosen: tuple[str, ...] | int | None = None
@@ -60,20 +63,14 @@ def drive(
         ),
         drawing.value(),
     )  # fmt: skip
-    if as_json:
-        import json
-        from dataclasses import asdict
-
-        typer.echo(json.dumps(asdict(report)))
-        return
-    typer.echo(f"{len(report.markers)} markers drive the face ({report.reason}): {', '.join(report.markers)}")
-    typer.echo(
+    lines = [
+        f"{len(report.markers)} markers drive the face ({report.reason}): {', '.join(report.markers)}",
         f"learned from {report.learned_frames} frames; {report.driven_frames} driven,"
-        f" {report.points} points of the surface"
-    )
+        f" {report.points} points of the surface",
+    ]
     if report.mean_mm is not None:
-        typer.echo(
+        lines.append(
             f"driven markers: mean {report.mean_mm:.3f} mm, 95 % within {report.p95_mm:.2f}, largest"
             f" {report.largest_mm:.2f}, worst {report.worst}; a still face {report.still_mm:.3f}"
         )
-    typer.echo(f"{output}" + (f", {film}" if film else ""))
+    print_result(asdict(report), *lines, f"{output}" + (f", {film}" if film else ""), as_json=as_json)

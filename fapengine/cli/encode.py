@@ -44,8 +44,7 @@ def encode(
 
     An MP4 file holds sound and face track together. `decode`, `inspect` and `render` read it.
     """
-    from fapengine.cli._progress import working
-    from fapengine.cli._result import print_result
+    from fapengine.cli._printing import print_result, working
     from fapengine.codec.encoder import EncoderOptions
     from fapengine.codec.encoder import encode as encode_track
     from fapengine.codec.epf import encode_orders

@@ -52,6 +52,7 @@ def fit(
     else is set in session.toml.
     """
     from fapengine.app.fit import OWNED, FitJob, check_folder, describe
+    from fapengine.cli._printing import print_result, spell_nearness
     from fapengine.files.outputs import files_in
     from fapengine.laboratory.fit import FitOptions
 
@@ -64,16 +65,13 @@ def fit(
         faps=faps, adapt=adapt,
     )  # fmt: skip
     fitted, nearness = _run(job)
-    if as_json:
-        import json
-
-        typer.echo(json.dumps(describe(fitted, nearness) | {"output": str(output)}))
-    else:
-        _print(output, fitted, report=report)
-        if nearness is not None:
-            from fapengine.cli._nearness import spell_nearness
-
-            typer.echo(f"{output / 'head'}: built-in head fitted to the dense face; {spell_nearness(nearness)}")
+    lines = _lines(output, fitted, report=report)
+    if nearness is not None:
+        lines.append(f"{output / 'head'}: built-in head fitted to the dense face; {spell_nearness(nearness)}")
+    if not as_json:
+        for text in fitted.warnings:
+            typer.echo(f"warning: {text}", err=True)
+    print_result(describe(fitted, nearness) | {"output": str(output)}, *lines, as_json=as_json)
 
 
 def _run(job: "FitJob") -> "tuple[Fitted, Nearness | None]":
@@ -96,14 +94,10 @@ def _run(job: "FitJob") -> "tuple[Fitted, Nearness | None]":
         )
 
 
-def _print(output: Path, fitted: "Fitted", *, report: bool) -> None:
-    for text in fitted.warnings:
-        typer.echo(f"warning: {text}", err=True)
+def _lines(output: Path, fitted: "Fitted", *, report: bool) -> list[str]:
     lines = [text for key, text in fitted.profile.origin.items() if key in ("takes", "variance", "held_out")]
     if fitted.selection is not None:
         markers = ", ".join(fitted.selection.prepared.labels[index] for index in fitted.selection.swapped.primary)
         lines.append(f"{fitted.selection.k} markers drive the others: {markers}")
-    typer.echo("\n".join(lines))
-    typer.echo(f"{output}: {len(fitted.profile.phones)} phones, {len(fitted.profile.expressions)} expressions")
-    if report:
-        typer.echo(f"report: {output / 'report.html'}")
+    lines.append(f"{output}: {len(fitted.profile.phones)} phones, {len(fitted.profile.expressions)} expressions")
+    return lines + ([f"report: {output / 'report.html'}"] if report else [])

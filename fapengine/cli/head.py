@@ -42,7 +42,7 @@ def import_head(
         "--licence",
         help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'.",
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Make a head from a mesh, for --head of say, animate, render and serve.
@@ -62,10 +62,9 @@ def import_head(
 
     A dense face keeps its modes: recorded takes drive it (fapengine render TAKE --head heads/s03), and so do FAPs.
     """
-    import json
     from dataclasses import asdict, replace
 
-    from fapengine.cli._nearness import spell_nearness
+    from fapengine.cli._printing import print_result, spell_nearness
     from fapengine.errors import UsageError
     from fapengine.files.heads.adapt_file import adapt_head_file
     from fapengine.files.heads.dense import is_profile, load_dense_head
@@ -84,28 +83,25 @@ def import_head(
     else:
         imported, info = import_head_file(mesh, points, mapping)
     save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
-    if as_json:
-        near = {"nearness": asdict(nearness)} if nearness else {}
-        typer.echo(json.dumps(_describe(imported, info, output) | near, indent=2))
-        return
-    for note in imported.notes:
-        typer.echo(f"note: {note}", err=True)
     shapes = f", {len(info.used)} shapes" if info.used else ""
-    typer.echo(
+    lines = [
         f"{output}: {len(imported.mesh.vertices_mm)} vertices,"
         f" {len(imported.mesh.feature_points)} feature points{shapes}, {len(imported.moved)} of 66 FAPs move it;"
         f" one unit of the file is {imported.scale:.4g} mm of the standard face"
-    )
+    ]
     if rig is not None:
-        typer.echo(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
+        lines.append(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
     if nearness is not None:
-        typer.echo(spell_nearness(nearness))
-    if info.lacking and info.used:
-        typer.echo(f"missing ARKit shapes: {', '.join(info.lacking)}")
+        lines.append(spell_nearness(nearness))
+    lines += _missing_shapes(info)
     if imported.unused:
-        typer.echo(f"unused shapes: {', '.join(imported.unused)}")
+        lines.append(f"unused shapes: {', '.join(imported.unused)}")
     if imported.missing:
-        typer.echo(f"FAPs without motion: {_spell(imported.missing)}")
+        lines.append(f"FAPs without motion: {_spell(imported.missing)}")
+    for note in () if as_json else imported.notes:
+        typer.echo(f"note: {note}", err=True)
+    facts = _describe(imported, info, output) | ({"nearness": asdict(nearness)} if nearness else {})
+    print_result(facts, *lines, as_json=as_json)
 
 
 def _describe(imported: "ImportedHead", info: "HeadInfo", output: Path) -> dict[str, object]:
@@ -123,6 +119,10 @@ def _describe(imported: "ImportedHead", info: "HeadInfo", output: Path) -> dict[
         "faps": {"moving": list(imported.moved), "still": list(imported.missing)},
         "notes": list(imported.notes),
     }
+
+
+def _missing_shapes(info: "HeadInfo") -> list[str]:
+    return [f"missing ARKit shapes: {', '.join(info.lacking)}"] if info.used and info.lacking else []
 
 
 def _spell(numbers: tuple[int, ...]) -> str:
@@ -148,7 +148,7 @@ def export(
     import.
     """
     from fapengine.app.scene_files import export_head
-    from fapengine.cli._result import print_result
+    from fapengine.cli._printing import print_result
     from fapengine.files.heads.load import load_head_info
 
     writing.check([output], [name])
@@ -164,32 +164,24 @@ def export(
 def check(
     name: str = typer.Argument("default", help="Head folder, or default."),
     output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Image to write (.png)."),
-    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Render every FAP, phone and expression of a head, and list FAPs without effect and missing shapes.
 
     fapengine head check heads/mine -o out/mine.png
     """
-    import json
-
     from fapengine.app.head_check import draw_check
+    from fapengine.cli._printing import print_result
     from fapengine.files.heads.load import load_head, load_head_info
     from fapengine.mesh.deform import still_faps
 
     writing.check([output], [name])
     mesh, info = load_head(name), load_head_info(name)
     count, still = draw_check(mesh, output, title=name), still_faps(mesh)
-    if as_json:
-        report = {
-            "head": name, "source": info.source, "licence": info.licence, "picture": str(output),
-            "pictures": count, "still_faps": list(still), "shapes": list(info.used),
-            "lacking_shapes": list(info.lacking),
-        }  # fmt: skip
-        typer.echo(json.dumps(report, indent=2))
-        return
-    typer.echo(f"{output}: {count} images")
-    if still:
-        typer.echo(f"FAPs without motion: {_spell(still)}")
-    if info.used and info.lacking:
-        typer.echo(f"missing ARKit shapes: {', '.join(info.lacking)}")
+    facts = {
+        "head": name, "source": info.source, "licence": info.licence, "picture": str(output), "pictures": count,
+        "still_faps": list(still), "shapes": list(info.used), "lacking_shapes": list(info.lacking),
+    }  # fmt: skip
+    without = [f"FAPs without motion: {_spell(still)}"] if still else []
+    print_result(facts, f"{output}: {count} images", *without, *_missing_shapes(info), as_json=as_json)

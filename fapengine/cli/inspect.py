@@ -35,10 +35,9 @@ def inspect(
     fapengine inspect take.c3d
     fapengine inspect grid_s1_en --plot faces.png --sliders components.html
     """
-    import json
-
     from fapengine.app.inspection.kinds import find_kind
     from fapengine.app.inspection.report import Source
+    from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
     from fapengine.files.paths import write_bytes
     from fapengine.files.pictures import save_png
@@ -53,7 +52,7 @@ def inspect(
     if plot is not None:
         save_png(plot, report.draw(path))
     if as_json:
-        typer.echo(json.dumps(report.facts, ensure_ascii=False))
+        print_result(report.facts, as_json=True)
     else:
         _print(report, everything=everything)
 

@@ -25,7 +25,10 @@ def reduce(
     fapengine reduce take.c3d --bound 0.5mm -o via.npz
     fapengine reduce take.c3d -o via.npz --back take60.trc --fps 60
     """
+    from dataclasses import asdict
+
     from fapengine.app.reduce import ReduceJob, run_reduce
+    from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
 
     try:
@@ -34,13 +37,8 @@ def reduce(
         raise UsageError(f"--bound: must be millimetres such as 0.5mm, got {bound!r}") from error
     writing.check([path for path in (output, back) if path is not None], [take])
     curve = run_reduce(ReduceJob(take=take, bound_mm=bound_mm, output=output, back=back, rate_hz=fps))
-    if as_json:
-        import json
-        from dataclasses import asdict
-
-        typer.echo(json.dumps([asdict(row) for row in curve]))
-        return
-    typer.echo("bound, mm   points   of frames   mean, mm   largest, mm")
+    lines = ["bound, mm   points   of frames   mean, mm   largest, mm"]
     for row in curve:
         shares = f"{row.point_count:8}   {100 * row.share:7.1f} %"
-        typer.echo(f"{row.tolerance_mm:9.2f} {shares}   {row.mean_mm:8.3f}   {row.max_mm:11.3f}")
+        lines.append(f"{row.tolerance_mm:9.2f} {shares}   {row.mean_mm:8.3f}   {row.max_mm:11.3f}")
+    print_result([asdict(row) for row in curve], *lines, as_json=as_json)

@@ -75,8 +75,7 @@ def render(
 
     from fapengine.app.dense_film import at_rate, is_take, takes_on_heads
     from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, side_by_side
-    from fapengine.cli._progress import progress
-    from fapengine.cli._result import print_result
+    from fapengine.cli._printing import print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion

@@ -88,7 +88,7 @@ def say(
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of, refuse_unknown
-    from fapengine.cli._progress import working
+    from fapengine.cli._printing import working
     from fapengine.cli._talking import print_reports, write
     from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
@@ -102,12 +102,12 @@ def say(
         if text is not None or not live:
             need = "requires --live" if not live else "cannot be used with a text; use --live --mic without TEXT"
             raise UsageError(f"--mic: {need}")
-        from fapengine.cli._say_live import listen_now, print_heard
+        from fapengine.cli._say_live import listen_now, print_live
 
         heard = listen_now(
             mic_device, chosen, live_output.value(), recognizer=recognizer, head=head, drawing=how, window=window
         )
-        print_heard(heard, as_json=as_json)
+        print_live(heard, as_json=as_json)
         return
     if text is None:
         raise UsageError("text: missing; give a text, or use --live --mic to speak")

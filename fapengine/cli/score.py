@@ -60,7 +60,7 @@ def score(
     only, use `fapengine animate` first.
     """
     from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
-    from fapengine.cli._progress import progress
+    from fapengine.cli._printing import print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.report.score_page import score_rows
     from fapengine.files.video import count_pictures
@@ -80,16 +80,8 @@ def score(
             found = run_score(job, on_frame=advance)
     else:
         found = run_score(job)
-    if as_json:
-        import json
-
-        typer.echo(json.dumps(found.as_dict(), indent=2))
-        return
+    lines = []
     for name, rows in score_rows(found).items():
-        typer.echo(name)
-        for measure, figure, meaning in rows:
-            typer.echo(f"  {measure:30} {figure:22} {meaning}".rstrip())
-    for note in notes_of(job, found):
-        typer.echo(note)
-    if output is not None:
-        typer.echo(f"report: {output}")
+        lines += [name, *(f"  {measure:30} {figure:22} {meaning}".rstrip() for measure, figure, meaning in rows)]
+    lines += notes_of(job, found) + ([] if output is None else [f"report: {output}"])
+    print_result(found.as_dict(), *lines, as_json=as_json)

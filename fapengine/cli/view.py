@@ -59,6 +59,7 @@ def view(
     from fapengine.app.manner import Manner
     from fapengine.app.view import ViewOptions, run_window
     from fapengine.audio.device import open_output
+    from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_levels
     from fapengine.render.drawing import Drawing
@@ -93,9 +94,5 @@ def view(
         return open_file(Path(source), audio, device=device, silent=silent)
 
     report = run_window(finest, coarser, open_source, options)
-    if as_json:
-        import json
-
-        typer.echo(json.dumps(asdict(report), indent=2))
-    else:
-        typer.echo(f"{report.frames} frames in {report.seconds:.1f} s, {report.frame_ms:.1f} ms each to draw")
+    line = f"{report.frames} frames in {report.seconds:.1f} s, {report.frame_ms:.1f} ms each to draw"
+    print_result(asdict(report), line, as_json=as_json)

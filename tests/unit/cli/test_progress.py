@@ -6,15 +6,15 @@ import pytest
 from rich.console import Console
 
 from fapengine.app.report import Report
-from fapengine.cli import _progress
-from fapengine.cli._progress import progress, working
+from fapengine.cli import _printing
+from fapengine.cli._printing import progress, working
 
 
 @pytest.fixture
 def screen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> io.StringIO:
     written = io.StringIO()
     terminal = getattr(request, "param", True)
-    monkeypatch.setattr(_progress, "Console", lambda **_: Console(file=written, force_terminal=terminal, width=80))
+    monkeypatch.setattr(_printing, "Console", lambda **_: Console(file=written, force_terminal=terminal, width=80))
     return written
 
 

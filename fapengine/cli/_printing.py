@@ -1,0 +1,87 @@
+"""What commands print: results as text or JSON, and progress on standard error, on a terminal only."""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from fapengine.models.adapted_head import Nearness
+
+WAITS = {"voice": "speaking", "read": "reading", "plan": "planning"}
+"""Stages of a report without a progress bar, and the label of each."""
+
+
+def print_result(facts: object, *lines: str, as_json: bool, err: bool = False) -> None:
+    """Print the facts as JSON, or the lines.
+
+    ``err`` prints to standard error, for when the file itself goes to standard output.
+    """
+    typer.echo(json.dumps(facts, indent=2, ensure_ascii=False) if as_json else "\n".join(lines), err=err)
+
+
+def print_rows(rows: Iterable[Sequence[object]], *, err: bool = False) -> None:
+    """Print rows of a label, a text and optionally the style of the label."""
+    console = Console(highlight=False, stderr=err)
+    for label, text, *style in rows:
+        console.print(Text.assemble((f"{label:>14}", "".join(map(str, style))), f"  {text}"), soft_wrap=True)
+
+
+def spell_nearness(nearness: "Nearness") -> str:
+    """Describe the distance of an adapted head from its scan."""
+    before, after = nearness.front_mm
+    said = f"front of the face to the scan: {before:.2f} mm before, {after:.2f} mm after"
+    if nearness.left_out_mm is None:
+        return f"{said}; too few feature points to leave some out"
+    before, after = nearness.left_out_mm
+    return f"{said}; {nearness.left_out} feature points, left out in turn: {before:.2f} mm before, {after:.2f} mm after"
+
+
+class Advance:
+    """One progress bar; a call advances it. Stateful."""
+
+    def __init__(self, progress: Progress, total: int, description: str) -> None:
+        self._progress, self._task = progress, progress.add_task(description, total=total)
+
+    def __call__(self, steps: float = 1) -> None:
+        self._progress.advance(self._task, steps)
+
+
+@contextmanager
+def progress(description: str, total: int) -> Iterator[Advance]:
+    """Show a progress bar; call the yielded object after each step."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        yield Advance(bar, total, description)
+
+
+def working(on_what: str) -> AbstractContextManager[object]:
+    """Show a spinner with the elapsed time, for work of unknown length.
+
+    Parameters
+    ----------
+    on_what : str
+        Label, or a stage of :data:`WAITS`; other stages have a progress bar.
+    """
+    label = WAITS.get(on_what, on_what if " " in on_what else "")
+    console = Console(stderr=True)
+    if not (label and console.is_terminal):
+        return nullcontext()
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    spinner = Progress(*columns, console=console, transient=True)
+    spinner.add_task(label, total=None)
+    return spinner
