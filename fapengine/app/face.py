@@ -1,4 +1,4 @@
-"""A face that speaks here and now: an engine, the sound card, and sinks."""
+"""A face that speaks now: an engine, the sound card, and sinks."""
 
 import asyncio
 import time
@@ -71,33 +71,33 @@ class SoundErrors:
 class Face(GestureMethods):
     """A face in this program that speaks now and follows the sound card. Stateful; close it, or use it in ``with``.
 
-    Whoever shows it asks for :meth:`frame` again and again, or lets :meth:`frames` keep the time.
+    Call :meth:`frame` for each image, or let :meth:`frames` keep the time.
 
     Parameters
     ----------
     profile : str, Path or Profile
-        Whose way of speaking.
+        Speaker profile.
     style : Style, optional
-        How it speaks, and what else moves.
+        Style of speaking, and automatic movement.
     seed : int
-        Chance of blinks, glances and head motion.
+        Random seed of blinks, glances and head motion.
     rate_hz : float
-        Frames a second, 1..1000.
+        Frame rate, 1 to 1000 Hz.
     voice : str or Voice
         Speaks texts: a language of espeak-ng, or anything with ``speak(text)`` that gives sound and phones.
     device : str, optional
-        Where sound goes out: a number, or a part of a device's name; by default the system's.
+        Sound output: a number, or part of a device's name; by default the system's.
     silent : bool
-        Play no sound; the face keeps time by the clock. So it does on a machine without a sound card.
+        Play no sound; the face follows the system clock, as on a machine without a sound card.
     sinks : sequence of str
-        URLs where frames go too, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.server.sinks.kinds`.
+        URLs that frames are also sent to, such as ``"vmc://127.0.0.1"``: see :mod:`fapengine.server.sinks.kinds`.
     clock : callable
-        Seconds that only rise.
+        Monotonic clock, s.
 
     Raises
     ------
     UsageError
-        If the profile, a sink or the rate cannot be.
+        For an invalid profile, sink or rate.
 
     Examples
     --------
@@ -158,13 +158,13 @@ class Face(GestureMethods):
         Parameters
         ----------
         speech : str, Performance or Speech
-            A text, which the face's voice speaks first (this call waits for it); or what was spoken before.
+            A text, which the face's voice speaks first (this call waits for it); or finished speech.
         text : str
-            Words of a ``Speech``, for programs that show them.
+            Words of the speech, for programs that show them.
         expressions : mapping or sequence
             As of :func:`fapengine.speak`; their times count from the beginning of the sound.
         is_last : bool
-            Come to rest with it, as a file does, and make no gestures any more.
+            Come to rest at its end, as a file does, and make no more gestures.
 
         Returns
         -------
@@ -174,19 +174,17 @@ class Face(GestureMethods):
         Raises
         ------
         UsageError
-            If there is nothing to speak, a performance has no sound, or an expression cannot be.
+            If there is nothing to speak, a performance has no sound, or an expression is invalid.
         ResourceError
             If the voice is not installed.
         """
         if isinstance(speech, str):
             spoken = load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-            text = read_marks(speech).text
-        elif isinstance(speech, Performance):
-            text, spoken = text or speech.text, speech.speech
+            text = spoken.text or read_marks(speech).text
         else:
-            spoken = speech
+            spoken = speech.speech if isinstance(speech, Performance) else speech
         moods = moods_of(expressions, spoken.phones)
-        utterance = self.hub.say(SESSION, spoken, text=text).utterance
+        utterance = self.hub.say(SESSION, spoken, text=text or spoken.text).utterance
         end_s = rest_s(spoken.phones, spoken.duration_s)
         ramps = mood_ramps(moods, self._profile, end_s)
         self._waiting.append(_Waiting(utterance, ramps, end_s if is_last else None))
@@ -212,12 +210,12 @@ class Face(GestureMethods):
 
     @property
     def is_speaking(self) -> bool:
-        """Whether something is being said, or waits."""
+        """True while something is being said or waits."""
         return self.speaker.is_playing or self.hub.engine.state(SESSION) != "idle"
 
     @property
     def sound(self) -> str:
-        """Name of the sound device, or why there is none; empty before anything was said."""
+        """Name of the sound device, or why there is none; empty before the first utterance."""
         return self.speaker.description
 
     @property
@@ -226,7 +224,7 @@ class Face(GestureMethods):
         return self.speaker.off_s
 
     def frame(self, lead_s: float = 0.0) -> NDArray[np.int32]:
-        """Return what is to be seen now; the sinks get it too.
+        """Return the FAPs that are due now; the sinks get them too.
 
         Parameters
         ----------
@@ -249,7 +247,7 @@ class Face(GestureMethods):
         return faps
 
     def frames(self) -> Iterator[NDArray[np.int32]]:
-        """Yield each frame, (68,) int32 FAPU, when it is due, until nothing is being said and the face is at rest."""
+        """Yield each frame, (68,) int32 FAPU, when it is due, until the speech is over and the face is at rest."""
         ticks = Ticks(self.rate_hz, clock=self.hub.clock)
         while self.is_speaking:
             ticks.wait()
@@ -260,7 +258,7 @@ class Face(GestureMethods):
             yield self.frame()
 
     def close(self) -> None:
-        """Close sound, sinks and session; receivers see a face at rest. To close again does nothing."""
+        """Close sound, sinks and session; receivers get a face at rest. Closing again does nothing."""
         if self._is_closed:
             return
         self._is_closed = True

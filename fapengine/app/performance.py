@@ -1,4 +1,4 @@
-"""Speech to a performance: text or phone timings in; FAPs, phones and sound out."""
+"""Text, a recording or phone timings to a performance: FAPs, phones and sound."""
 
 from __future__ import annotations
 
@@ -33,16 +33,14 @@ if TYPE_CHECKING:
     from fapengine.codec.encoder import EncoderOptions
 
 LEAD_S, TAIL_S = 0.3, 0.5
-"""Silence before and behind a spoken text, in which the face starts and ends at rest."""
-
-
+"""Silence before and after a spoken text, in which the face starts and ends at rest."""
 SHORT_S = 0.25
-"""Time by which a sound may end before its phones: a last phone that nobody hears, rounding of a codec."""
+"""Time by which a sound may end before its phones: an inaudible last phone, rounding of a codec."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Performance:
-    """A planned utterance: the face's motion, the phones that it shows, and their sound.
+    """A planned utterance: motion, phones and sound.
 
     Examples
     --------
@@ -59,9 +57,9 @@ class Performance:
     text: str = ""
     """Words that were spoken, where they are known."""
     remarks: tuple[str, ...] = ()
-    """Sentences about what was not spoken as it is written, or does not fit together."""
+    """Sentences about text that was not spoken as written, and about inputs that do not fit together."""
     marks: tuple[TimedMark, ...] = ()
-    """Marks of the text: what it wants of the face beside speaking."""
+    """Inline cues of the text, such as ``[laughs]``."""
 
     @property
     def duration_s(self) -> float:
@@ -81,8 +79,9 @@ class Performance:
             raise UsageError("sound: this performance has no sound")
         samples, rate_hz = self.sound
         return Speech(
-            samples=samples, sample_rate_hz=rate_hz, phones=self.phones, remarks=self.remarks, marks=self.marks
-        )
+            samples=samples, sample_rate_hz=rate_hz, phones=self.phones, remarks=self.remarks, text=self.text,
+            marks=self.marks,
+        )  # fmt: skip
 
     def save(
         self,
@@ -111,15 +110,15 @@ class Performance:
 
 
 def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound | None, tuple[str, ...]]:
-    """Put silence behind a sound that ends before its phones do, and say so: it may be the wrong one, or cut."""
+    """Append silence to a sound that ends before its phones do, with a remark: it may be the wrong file, or cut."""
     spoken_s = max((phone.end_s for phone in phones.phones if not phone.is_silence), default=0.0)
     if sound is None or len(sound[0]) / sound[1] >= spoken_s - SHORT_S:
         return sound, ()
     samples, rate_hz = sound
     lacking = round(spoken_s * rate_hz) - len(samples)
     remark = (
-        f"sound: it ends at {len(samples) / rate_hz:.2f} s, but the timings speak until {spoken_s:.2f} s; are they of"
-        " this recording? silence was put behind it"
+        f"sound: it ends at {len(samples) / rate_hz:.2f} s, but the timings end at {spoken_s:.2f} s; are they of this"
+        " recording? silence was appended"
     )
     return (np.concatenate([samples, np.zeros(lacking, samples.dtype)]), rate_hz), (remark,)
 
@@ -138,31 +137,29 @@ def perform(
     Raises
     ------
     UsageError
-        For a profile, an expression or a rate that cannot be.
+        For an invalid profile, expression or rate.
     """
     profile = manner.profile if isinstance(manner.profile, Profile) else load_profile(manner.profile)
     sound, lacking = _as_long_as_spoken(sound, phones)
+    commands = commands_of(marks)
+    moods = [
+        Mood(command.expression, command.level, at_s, at_s + command.attack_s + command.hold_s + command.release_s)
+        for at_s, command in commands
+        if isinstance(command, Express)
+    ]
     planned = plan(
         phones,
         profile,
         rng=np.random.default_rng(manner.seed),
         rate_hz=manner.rate_hz,
-        expressions=[*moods_of(manner.expressions, phones), *_moods_of_marks(marks)],
+        expressions=[*moods_of(manner.expressions, phones), *moods],
         style=manner.style,
         duration_s=len(sound[0]) / sound[1] if sound else None,
-        gestures=[ramp for at_s, command in commands_of(marks) for ramp in command_ramps(command, at_s)],
+        gestures=[ramp for at_s, command in commands for ramp in command_ramps(command, at_s)],
     )
     return Performance(
         track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking), marks=marks
     )
-
-
-def _moods_of_marks(marks: tuple[TimedMark, ...]) -> list[Mood]:
-    return [
-        Mood(command.expression, command.level, at_s, at_s + command.attack_s + command.hold_s + command.release_s)
-        for at_s, command in commands_of(marks)
-        if isinstance(command, Express)
-    ]
 
 
 def speak(
@@ -184,15 +181,15 @@ def speak(
         Language of espeak-ng (``"en-gb"``, ``"de"``), or anything with ``speak(text)`` that gives sound and phones.
     expressions : mapping or sequence
         ``{"joy": 0.4}`` from beginning to end, ``["joy:0.4@1.5-3", "surprise@word"]`` with times or words, or
-        :class:`fapengine.Mood` objects. Strengths are 0..2.
+        :class:`fapengine.Mood` objects. Strengths are 0 to 2.
     style : Style, optional
-        How it speaks, and what else moves.
+        Style of speaking, and automatic movement.
     profile : str, Path or Profile
-        Whose way of speaking.
+        Speaker profile.
     seed : int
-        Chance of blinks, glances and head motion; the same seed, the same face.
+        Random seed of blinks, glances and head motion; the same seed gives the same motion.
     rate_hz : float
-        Frames a second, 1..240.
+        Frame rate, 1 to 240 Hz.
 
     Returns
     -------
@@ -202,7 +199,7 @@ def speak(
     Raises
     ------
     UsageError
-        If there is nothing to speak, or a choice cannot be.
+        If there is nothing to speak, or a parameter is invalid.
     ResourceError
         If the voice is not installed.
     """
@@ -213,7 +210,7 @@ def speak(
         speech.phones,
         (speech.samples, speech.sample_rate_hz),
         manner,
-        text=read_marks(text).text,
+        text=speech.text or read_marks(text).text,
         remarks=speech.remarks,
         marks=speech.marks,
     )
@@ -239,14 +236,14 @@ def animate(
     Parameters
     ----------
     timings : str, Path or PhoneTrack
-        A recording (``.wav``, ``.mp3``, a video ...), whose phones are heard; a file of any format of timings that
-        ``fapengine animate`` reads, found from its content; or the phones themselves.
+        A recording (``.wav``, ``.mp3``, a video ...), whose phones are recognized; a file of phone timings in any
+        format that ``fapengine animate`` reads, detected from its content; or the phones themselves.
     sound : str, Path or ((N,) int16, int), optional
         The sound that the timings belong to: a file, or mono samples and their rate in Hz.
     transcript : str, optional
-        What is said in a recording; without it, phones are heard less surely.
+        Transcript of a recording; without it, recognition is less accurate.
     language : str
-        Of the transcript.
+        Language of the transcript.
     channel : int, optional
         Channel of the sound, 1 for the first; by default the mean of all.
     recognizer : str or Path, optional
@@ -259,11 +256,11 @@ def animate(
     Raises
     ------
     UsageError
-        If a file cannot be read or a choice cannot be.
+        If a file cannot be read, or a parameter is invalid.
     DataError
-        If a file's content is wrong, or the transcript is of something else.
+        If a file's content is wrong, or the transcript is that of another recording.
     ResourceError
-        If a recording is to be heard and PocketSphinx is not installed.
+        If a recognizer is needed and not installed.
     """
     from fapengine.app.hearing import hear, is_sound, with_loudness  # recordings, which a text does not need
     from fapengine.files.sound import load_sound
@@ -296,7 +293,7 @@ def load_voice(voice: str | VoiceChoice | Voice) -> Voice:
 
 
 def pronounced(phones: PhoneTrack, voice: str | VoiceChoice | Voice) -> PhoneTrack:
-    """Let a voice pronounce a track of words within their times; a track of phones is returned as it is."""
+    """Pronounce a track of words within their times; a track of phones is returned unchanged."""
     if not phones.spelled:
         return phones
     from fapengine.voices.pronounce import pronounce

@@ -1,11 +1,11 @@
-"""A window that shows our own face, a file, or a live face from a server or a port."""
+"""A window that shows a face of this program, a file, or a live face from a server or a port."""
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
+from math import inf
 from pathlib import Path
-from typing import Protocol
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -36,72 +36,40 @@ PAUSE, STOP, BLINK = " ", "s", "b"
 """Keys."""
 
 
-class Source(Protocol):
-    """Something that moves a face."""
+class Source(ABC):
+    """Something that moves a face. Stateful."""
 
-    @property
-    def title(self) -> str:
-        """Title of the window."""
-        ...
+    title = "fapengine"
+    """Title of the window."""
+    failure = ""
+    """Why nothing was ever shown; empty if something was."""
 
+    @abstractmethod
     def frame(self, lead_s: float) -> Faps:
         """Return the FAPs, (68,) int32 FAPU, that are seen ``lead_s`` from now."""
-        ...
 
+    @abstractmethod
     def status(self) -> str:
         """Describe the state, for the title."""
-        ...
 
-    @property
-    def failure(self) -> str:
-        """Reason for which nothing was ever shown; empty if something was."""
-        ...
+    def press(self, key: str) -> None:  # noqa: B027  most sources have nothing to press
+        """Act on :data:`PAUSE`, :data:`STOP` or :data:`BLINK`; by default do nothing."""
 
-    def press(self, key: str) -> None:
-        """Act on :data:`PAUSE`, :data:`STOP` or :data:`BLINK`."""
-        ...
-
+    @abstractmethod
     def close(self) -> None:
         """Close sound, sockets and threads."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewOptions:
-    """What to show in a window, and for how long."""
-
-    drawing: Drawing
-    """Camera, and the size of the window in points."""
-    rate_hz: float = 60.0
-    seconds: float | None = None
-    """Time until the window closes by itself; None: never."""
-    shot: Path | None = None
-    """Image (.png) of the window when it closes."""
-
-
-@dataclass(frozen=True, slots=True)
-class ViewReport:
-    """What a window showed."""
-
-    frames: int
-    skipped: int
-    """Count of frames that came too late to be shown."""
-    seconds: float
-    """Time from the first frame to the last."""
-    rate_hz: float
-    """Frames per second that were shown."""
-    frame_ms: float
-    """Median time to draw a frame, at the end."""
-    quality: str
-    """Resolution and level of detail at the end."""
 
 
 def run_window(
     head: FaceMesh,
     coarser: Sequence[LevelOfDetail],
     open_source: Callable[[], Source],
-    options: ViewOptions,
-) -> ViewReport:
+    drawing: Drawing,
+    *,
+    rate_hz: float = 60.0,
+    seconds: float | None = None,
+    shot: Path | None = None,
+) -> dict[str, object]:
     """Show a source until the window is closed.
 
     Parameters
@@ -111,37 +79,49 @@ def run_window(
         Coarser levels of detail, or functions that load them when they are needed.
     open_source : callable
         Makes the source, when the window is open; it is closed with the window.
-    options : ViewOptions
+    drawing : Drawing
+        Camera, and the size of the window in points.
+    rate_hz : float
+    seconds : float, optional
+        Time until the window closes by itself.
+    shot : Path, optional
+        Image (.png) of the window when it closes.
+
+    Returns
+    -------
+    dict
+        Plain values: frames, frames that came too late, seconds, rate, median time to draw a frame at the end.
 
     Raises
     ------
     ResourceError
-        If there is no display, or what was to be shown was never there.
+        If there is no display, or nothing was ever shown.
     UsageError
         If the window is too small.
     """
-    with FaceWindow(head, options.drawing, coarser=coarser, hold_hz=options.rate_hz) as window:
+    with FaceWindow(head, drawing, coarser=coarser, hold_hz=rate_hz) as window:
         source = open_source()
         try:
             begun_s = time.monotonic()
-            ticks = _run(window, source, options)
-            if options.shot is not None:
-                save_png(options.shot, window.picture())
+            ticks = _run(window, source, Ticks(rate_hz), inf if seconds is None else begun_s + seconds)
+            if shot is not None:
+                save_png(shot, window.picture())
             if source.failure:
                 raise ResourceError(source.failure)
         finally:
             source.close()
         took_s = time.monotonic() - begun_s
-    return ViewReport(
-        ticks.frames, ticks.skipped, took_s, ticks.frames / took_s, 1e3 * window.busy_s, str(window.quality)
-    )
+    return {
+        "frames": ticks.frames, "skipped": ticks.skipped, "seconds": took_s, "rate_hz": ticks.frames / took_s,
+        "frame_ms": 1e3 * window.busy_s, "quality": str(window.quality),
+    }  # fmt: skip
 
 
-def _run(window: FaceWindow, source: Source, options: ViewOptions) -> Ticks:
+def _run(window: FaceWindow, source: Source, ticks: Ticks, until_s: float) -> Ticks:
     window.title(source.title)
     window.show(source.frame(0.0))  # the first frame takes longest: the mesh goes to the GPU
-    ticks, status_s, begun_s = Ticks(options.rate_hz), 0.0, time.monotonic()
-    while window.is_open and (options.seconds is None or time.monotonic() < begun_s + options.seconds):
+    status_s = 0.0
+    while window.is_open and time.monotonic() < until_s:
         ticks.wait()
         for key in window.show(source.frame(window.busy_s)):
             source.press(key)
@@ -159,11 +139,8 @@ def _pace(window: FaceWindow) -> str:
     return f"{window.rate_hz:.0f} fps, {1e3 * window.busy_s:.1f} ms a frame{reduced}"
 
 
-class FaceSource:
-    """Our own face. Stateful; the face is closed with it."""
-
-    title = "fapengine"
-    failure = ""
+class FaceSource(Source):
+    """A face of this program, which is closed with it."""
 
     def __init__(self, face: Face) -> None:
         self._face = face
@@ -192,8 +169,8 @@ class FaceSource:
         self._face.close()
 
 
-class TrackSource:
-    """A track that is repeated, with its sound if there is one. Stateful.
+class TrackSource(Source):
+    """A track that is repeated, with its sound if there is one.
 
     Parameters
     ----------
@@ -208,8 +185,6 @@ class TrackSource:
     output : Output, optional
         Where the sound is played; closed with this.
     """
-
-    failure = ""
 
     def __init__(
         self,
@@ -286,10 +261,8 @@ class TrackSource:
         self._zero_s = now_s - self._sound_from_s - max(heard_s or 0.0, 0.0)
 
 
-class OscSource:
-    """Frames that arrive at a port. Stateful."""
-
-    failure = ""
+class OscSource(Source):
+    """Frames that arrive at a port."""
 
     def __init__(self, frames: OscViewer) -> None:
         self._frames = frames
@@ -306,16 +279,13 @@ class OscSource:
             return f"nothing comes to port {self._frames.port}"
         return f"session {self._frames.session}, {counts.frames} frames, {counts.missed} missed"
 
-    def press(self, key: str) -> None:
-        """Do nothing: a sender of frames takes no commands."""
-
     def close(self) -> None:
         """See :class:`Source`."""
         self._frames.close()
 
 
-class ServerSource:
-    """A session of a server. Stateful.
+class ServerSource(Source):
+    """A session of a server.
 
     Parameters
     ----------
@@ -367,11 +337,12 @@ class ServerSource:
         return f"frames {1e3 * age_s:.0f} ms old, {link.counts.missed} missed, {1e3 * trip_s:.1f} ms there and back"
 
     @property
-    def failure(self) -> str:
+    def failure(self) -> str:  # type: ignore[override]
         """See :class:`Source`."""
         return "" if self._link.hello else f"server: {self._link.trouble or 'it did not answer in time'}"
 
     def press(self, key: str) -> None:
+        """See :class:`Source`."""
         """See :class:`Source`."""
         if key == PAUSE:
             self._pause(not self.is_paused and self._link.is_speaking)
@@ -414,15 +385,13 @@ def open_file(path: Path, audio: Path | None = None, *, device: str | None = Non
     """
     track = load_motion(path)
     if not len(track):
-        raise DataError("got no frame, expected some", where=str(path))
+        raise DataError("contains no frames", where=str(path))
     title = f"fapengine, {path.name}"
     if audio is None:
         return TrackSource(track, time.monotonic, title=title)
-    samples, sample_rate_hz = load_sound(audio)
-    output = open_output(sample_rate_hz, device=device, silent=silent)
-    return TrackSource(
-        track, time.monotonic, title=title, samples=samples, sample_rate_hz=sample_rate_hz, output=output
-    )  # fmt: skip
+    samples, rate_hz = load_sound(audio)
+    output = open_output(rate_hz, device=device, silent=silent)
+    return TrackSource(track, time.monotonic, title=title, samples=samples, sample_rate_hz=rate_hz, output=output)
 
 
 def open_url(
@@ -433,7 +402,7 @@ def open_url(
     voice: str = "en-us",
     device: str | None = None,
     silent: bool = False,
-) -> "OscSource | ServerSource":
+) -> Source:
     """Connect to a server (``http://HOST:PORT/``), or listen for frames (``osc://HOST:PORT``).
 
     Parameters

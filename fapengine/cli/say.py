@@ -123,8 +123,8 @@ def say(
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
     with report.stage("voice"):
         speech = voice_of(speaking).load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    marked = read_marks(words, ssml=speaking.ssml)
-    shown = " ".join(speakable(marked.text).text.split()) if speaking.ssml else speakable(marked.text).text.strip()
+    shown = speakable(speech.text or read_marks(words, ssml=speaking.ssml).text).text
+    shown = " ".join(shown.split()) if speaking.ssml else shown.strip()
     for remark in speech.remarks:
         typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
     if strict:

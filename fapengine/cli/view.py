@@ -1,6 +1,5 @@
 """``fapengine view``: show a face in a window."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,7 +56,7 @@ def view(
     Sliders and a text line are on the page of `fapengine serve`.
     """
     from fapengine.app.manner import Manner
-    from fapengine.app.view import ViewOptions, run_window
+    from fapengine.app.view import run_window
     from fapengine.audio.device import open_output
     from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
@@ -70,7 +69,7 @@ def view(
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
     if shot is not None:
         writing.check([shot], [source, audio, head, profile])
-    options = ViewOptions(drawing=Drawing.parse(size=size, camera=camera), rate_hz=fps, seconds=seconds, shot=shot)
+    drawing = Drawing.parse(size=size, camera=camera)
     manner = Manner(profile=profile, style=Style().without(without), seed=seed, rate_hz=fps)
     chosen = VoiceChoice(voice, rate, ssml)
     device, silent = live_output.device, live_output.silent
@@ -93,6 +92,6 @@ def view(
             return open_url(source, session=session, texts=say, voice=chosen.name, device=device, silent=silent)
         return open_file(Path(source), audio, device=device, silent=silent)
 
-    report = run_window(finest, coarser, open_source, options)
-    line = f"{report.frames} frames in {report.seconds:.1f} s, {report.frame_ms:.1f} ms each to draw"
-    print_result(asdict(report), line, as_json=as_json)
+    done = run_window(finest, coarser, open_source, drawing, rate_hz=fps, seconds=seconds, shot=shot)
+    line = f"{done['frames']} frames in {done['seconds']:.1f} s, {done['frame_ms']:.1f} ms each to draw"
+    print_result(done, line, as_json=as_json)

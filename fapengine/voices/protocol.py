@@ -26,6 +26,8 @@ class Speech:
     """IPA; covers the whole sound, silence included."""
     remarks: tuple[str, ...] = ()
     """Sentences about text that was not spoken as written, such as a script that the voice does not read."""
+    text: str = ""
+    """The text without its marks, where the voice knows it."""
     marks: tuple[TimedMark, ...] = ()
     """Marks of the text (:mod:`fapengine.speech.marks`), in the time of the sound."""
 
@@ -65,7 +67,7 @@ class Speech:
         marks = tuple(timed_marks(text, words_of(self.phones.phones), self.duration_s))
         phones = replace(self.phones, phones=with_loudness(self.phones.phones, marks))
         unknown = [f"text: the mark {label!r} says nothing that a face could show" for label in text.unknown]
-        return replace(self, phones=phones, marks=marks, remarks=(*self.remarks, *unknown))
+        return replace(self, phones=phones, text=text.text, marks=marks, remarks=(*self.remarks, *unknown))
 
 
 class Voice(Protocol):

@@ -160,7 +160,7 @@ def test_a_sound_that_ends_before_its_timings_is_told_and_nothing_is_cut(tmp_pat
     result = CliRunner().invoke(
         app, ["animate", str(talk), "--audio", str(tmp_path / "short.wav"), "-o", str(tmp_path / "talk.fap"), "--json"]
     )
-    assert "it ends at 0.50 s, but the timings speak until 2.00 s" in result.stderr
+    assert "it ends at 0.50 s, but the timings end at 2.00 s" in result.stderr
     assert json.loads(result.stdout)["duration_s"] == pytest.approx(2.0)
     save_wav(tmp_path / "right.wav", np.zeros(31000, np.int16), 16000)
     fine = CliRunner().invoke(
