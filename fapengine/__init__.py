@@ -19,7 +19,7 @@ The folders are layers; imports go down only (``pyproject.toml``, import-linter)
 16    ``host``                                         engines with sound and words; one clock
 15    ``audio``                                        sound devices and their clocks
 14    ``render`` ``files`` ``voices`` ``recognition``  the edge: images, paths, speech in and out
-13    ``_resources`` ``_signals`` ``_child``           data inside the package; Ctrl-C; child processes
+13    ``_resources`` ``_signals`` ``_child``           packaged data; signals; child processes
 12    ``wire``                                         packets: OSC, VMC, VRChat, Live Link, RTP
 11    ``engine``                                       sessions on an explicit clock
 10    ``laboratory`` ``scoring``                       recordings to a profile, with evidence; scores of lip sync
@@ -118,11 +118,9 @@ _MODULES = {
     "trajectory.expression": ("Mood",),
     "trajectory.style": ("Style",),
 }
-"""Names by the module that has them."""
-_OF_EXTRAS = {"aiohttp": "live", "prometheus_client": "live", "msgspec": "live"}
-"""Libraries that a public name needs as soon as it is used, and the extra that has them."""
+"""Module of each public name."""
 _SPELLED = {"Head": "FaceMesh"}
-"""Names that a module spells otherwise."""
+"""Public names that differ from those in their modules."""
 
 
 def __getattr__(name: str) -> Any:
@@ -130,24 +128,18 @@ def __getattr__(name: str) -> Any:
         return _version()
     for module, names in _MODULES.items():
         if name in names:
-            value = getattr(_module(f"{__name__}.{module}", name), _SPELLED.get(name, name))
+            try:
+                value = getattr(import_module(f"{__name__}.{module}"), _SPELLED.get(name, name))
+            except ModuleNotFoundError as error:
+                from fapengine._late import EXTRAS, missing
+
+                package = (error.name or "").partition(".")[0]
+                if package not in EXTRAS:
+                    raise
+                raise missing(package, name) from error
             globals()[name] = value
             return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _module(module: str, name: str) -> Any:
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as lack:
-        if not lack.name or lack.name.partition(".")[0] not in _OF_EXTRAS:
-            raise
-        from fapengine._late import how_to_install
-        from fapengine.errors import ResourceError
-
-        extra = _OF_EXTRAS[lack.name.partition(".")[0]]
-        how = how_to_install(f'"fapengine[{extra}]"')
-        raise ResourceError(f"{name}: {lack.name} is not installed. {how}") from lack
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,7 @@
 """Libraries that are imported on first use; a missing one is reported with the command that installs it.
 
-With numpy alone, in a small container or a browser, fapengine plans, encodes and converts. Only what draws, plays or
-reads images needs more.
+With numpy alone, in a small container or a browser, fapengine plans, encodes and converts. Rendering, playing sound and
+reading images need more.
 """
 
 from importlib import import_module
@@ -11,7 +11,7 @@ from typing import Any
 
 from fapengine.errors import ResourceError
 
-_EXTRAS = {
+EXTRAS = {
     **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
     "aiohttp": '"fapengine[live]"',
     "piper-tts": '"fapengine[piper]"',
@@ -27,6 +27,7 @@ _EXTRAS = {
     "onnxruntime": '"fapengine[ear-learned]"',
     "distributed": '"fapengine[batch]"',
     "prometheus_client": '"fapengine[live]"',
+    "msgspec": '"fapengine[live]"',
     "glfw": '"fapengine[window]"',
 }
 """Extra that contains each package, as pip spells it."""
@@ -100,7 +101,7 @@ def needed(module: str, package: str, use: str) -> Any:
 
 def missing(package: str, use: str) -> ResourceError:
     """Return the error that says how to install a package."""
-    return ResourceError(f"{use}: {package} is not installed. {how_to_install(_EXTRAS.get(package, package))}")
+    return ResourceError(f"{use}: {package} is not installed. {how_to_install(EXTRAS.get(package, package))}")
 
 
 def how_to_install(requirement: str) -> str:

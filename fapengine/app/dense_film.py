@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from fapengine.app.drawing import on_one_axis
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.load import load_head_of_modes
 from fapengine.files.recordings import is_table, load_markers
@@ -21,7 +20,7 @@ TAKES = (".c3d", ".trc", ".npz", ".tsv")
 
 
 def is_take(path: Path) -> bool:
-    """Whether a path is a marker recording, not FAPs or shapes."""
+    """Whether a path is a marker recording, not FAPs or blendshapes."""
     return path.suffix.lower() in TAKES or is_table(path)
 
 
@@ -76,39 +75,21 @@ def takes_on_heads(
 
     other = next((path for path in takes if not is_take(path)), None)
     if other is not None:
-        raise UsageError(f"track: got {other} beside a recording of markers, expected recordings alone")
+        raise UsageError(f"track: got {other} beside a recording of markers, expected recordings only")
     loaded = {name: load_head_of_modes(name) for name in dict.fromkeys(heads)}
     moved = {name: moved_by_modes(mesh, rig) for name, (mesh, rig) in loaded.items()}
     count = max(len(takes), len(heads))
     paths = [*takes] * (count if len(takes) == 1 else 1)
     names = [*heads] * (count if len(heads) == 1 else 1)
     notes: list[str] = []
-    columns, rates = [], []
+    columns: list[list[Pose]] = []
+    rates: list[float] = []
     for path, name in zip(paths, names, strict=True):
         rig = loaded[name][1]
         driven = drive(path, rig, way)
         notes += [f"{path.name}: {note}" for note in driven.notes]
         columns.append(poses(rig, driven, still_head=still_head))
         rates.append(driven.rate_hz)
-    rate_hz = max(rates)
-    frames = round(max(len(column) / rate for column, rate in zip(columns, rates, strict=True)) * rate_hz)
-    rows = [
-        [
-            column[min(int(frame / rate_hz * rate + 1e-6), len(column) - 1)]
-            for column, rate in zip(columns, rates, strict=True)
-        ]
-        for frame in range(max(frames, 1))
-    ]
+    rate_hz, shown = on_one_axis(list(map(len, columns)), rates)
+    rows = [[column[row] for column, row in zip(columns, frame, strict=True)] for frame in zip(*shown, strict=True)]
     return rate_hz, [moved[name] for name in names], rows, notes
-
-
-def at_rate(count: int, rate_hz: float, fps: float) -> list[int]:
-    """Frames shown by a video of another rate: at each of its times the last one before.
-
-    Examples
-    --------
-    >>> at_rate(6, 60.0, 25.0)
-    [0, 2, 4]
-    """
-    times_s = np.arange(max(1, int(np.floor((count - 1) / rate_hz * fps + 1e-6)) + 1)) / fps
-    return [min(int(time_s * rate_hz + 1e-6), count - 1) for time_s in times_s]

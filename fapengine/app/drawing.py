@@ -39,14 +39,28 @@ def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
     rate_hz : float
     rows : (T, tracks, 68) int32, FAPU
     """
-    rate_hz = max(track.rate_hz for track in tracks)
-    lengths = [(track.frame_numbers[-1] - track.frame_numbers[0] + 1) / track.rate_hz for track in tracks]
-    times_s = np.arange(max(1, round(max(lengths) * rate_hz))) / rate_hz
-    rows = []
-    for track in tracks:
-        frame_numbers = np.floor(times_s * track.rate_hz + 1e-6) + track.frame_numbers[0]
-        rows.append(track.values[np.searchsorted(track.frame_numbers, frame_numbers, side="right") - 1])
-    return rate_hz, np.stack(rows, axis=1)
+    columns = [track.even_values() for track in tracks]
+    rate_hz, shown = on_one_axis(list(map(len, columns)), [track.rate_hz for track in tracks])
+    return rate_hz, np.stack([column[rows] for column, rows in zip(columns, shown, strict=True)], axis=1)
+
+
+def on_one_axis(counts: Sequence[int], rates_hz: Sequence[float]) -> tuple[float, list[NDArray[np.int64]]]:
+    """Return the highest rate, and for each motion the frame that is shown at each time, until the longest ends."""
+    rate_hz = max(rates_hz)
+    seconds = max(count / rate for count, rate in zip(counts, rates_hz, strict=True))
+    times_s = np.arange(max(1, round(seconds * rate_hz))) / rate_hz
+    return rate_hz, [shown_at(times_s, count, rate) for count, rate in zip(counts, rates_hz, strict=True)]
+
+
+def shown_at(times_s: NDArray[np.float64], count: int, rate_hz: float) -> NDArray[np.int64]:
+    """Return the number of the frame that is shown at each time: the last one that has begun.
+
+    Examples
+    --------
+    >>> shown_at(np.arange(4) / 25.0, 6, 60.0).tolist()
+    [0, 2, 4, 5]
+    """
+    return np.minimum((times_s * rate_hz + 1e-6).astype(np.int64), count - 1)
 
 
 def crowd_columns(faces: int) -> int:

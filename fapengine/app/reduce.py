@@ -1,7 +1,6 @@
-"""A recording as via points, and back at any rate: paper 004, "Interpolation"."""
+"""A recording reduced to via points, and sampled again at any rate: paper 004, "Interpolation"."""
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,41 +12,39 @@ from fapengine.files.recordings import load_markers, save_markers
 from fapengine.models.via_points import Reduction, extract_via_points, reduction_curve
 
 CURVE = (0.5, 1.0, 2.0, 4.0)
-"""Bounds of the data reduction curve, in times of the one that is asked for."""
+"""Bounds of the reduction curve, as multiples of the requested one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReduceJob:
-    """Input, output and options of a reduction."""
-
-    take: Path
-    bound_mm: float
-    output: Path
-    """Archive of via points (.npz)."""
-    back: Path | None = None
-    """Recording of the curve through them."""
-    rate_hz: float | None = None
-    """Frames a second of ``back``; by default the take's."""
-
-
-def run_reduce(job: ReduceJob) -> list[Reduction]:
+def reduce_take(
+    take: Path, bound_mm: float, output: Path, *, back: Path | None = None, rate_hz: float | None = None
+) -> list[Reduction]:
     """Find the via points of a recording, and write them: ``times_s``, ``via_mm``, ``labels``, and the reduction curve.
+
+    Parameters
+    ----------
+    take : Path
+    bound_mm : float
+        Largest error of a marker.
+    output : Path
+        Archive of via points (.npz).
+    back : Path, optional
+        Recording of the curve through the via points.
+    rate_hz : float, optional
+        Frame rate of ``back``; by default that of the take.
 
     Returns
     -------
     list of Reduction
-        Of the asked bound, then of its multiples in :data:`CURVE`.
+        For the bound, then for its multiples in :data:`CURVE`.
     """
-    if job.output.suffix != ".npz":
-        raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")
-    track = load_markers(job.take).markers
+    if output.suffix != ".npz":
+        raise UsageError(f"output: got {output}, expected a name that ends with .npz")
+    track = load_markers(take).markers
     if not track.valid.all():
         worst = int(track.valid.mean(axis=0).argmin())
-        raise DataError(
-            f"{job.take}: got gaps, most in marker {track.labels[worst]}, expected every marker in every frame"
-        )
-    points = extract_via_points(track.positions_mm, track.rate_hz, job.bound_mm)
-    bounds = [job.bound_mm, *(job.bound_mm * times for times in CURVE if times != 1.0)]
+        raise DataError(f"{take}: got gaps, most in marker {track.labels[worst]}, expected every marker in every frame")
+    points = extract_via_points(track.positions_mm, track.rate_hz, bound_mm)
+    bounds = [bound_mm, *(bound_mm * times for times in CURVE if times != 1.0)]
     curve = reduction_curve(track.positions_mm, track.rate_hz, bounds)
     buffer = io.BytesIO()
     np.savez_compressed(
@@ -55,9 +52,9 @@ def run_reduce(job: ReduceJob) -> list[Reduction]:
         bound_mm=[row.tolerance_mm for row in curve], share=[row.share for row in curve],
         mean_mm=[row.mean_mm for row in curve], max_mm=[row.max_mm for row in curve],
     )  # fmt: skip
-    write_bytes(job.output, buffer.getvalue())
-    if job.back is not None:
-        rate_hz = job.rate_hz or track.rate_hz
+    write_bytes(output, buffer.getvalue())
+    if back is not None:
+        rate_hz = rate_hz or track.rate_hz
         times_s = np.arange(int(points.times_s[-1] * rate_hz + 1e-9) + 1) / rate_hz
-        save_markers(job.back, MarkerTrack(positions_mm=points.sample(times_s), labels=track.labels, rate_hz=rate_hz))
+        save_markers(back, MarkerTrack(positions_mm=points.sample(times_s), labels=track.labels, rate_hz=rate_hz))
     return curve

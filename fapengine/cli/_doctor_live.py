@@ -1,19 +1,17 @@
-"""What ``fapengine doctor`` looks at of the live part: window, sound, ports, extras."""
+"""Checks of ``fapengine doctor``: window, sound, recognizer, ports, extras. Each returns what it found."""
 
 WATCH_S, SETTLE_S = 0.4, 1.5
-"""Least time for which a sound card is watched, and most that it may take to begin."""
+"""Shortest time for which a sound card is watched, and longest time that it may take to start."""
 SAMPLE_RATE_HZ = 22_050
 """Sample rate of the voice."""
 MAX_FETCH_RATIO = 4.0
-"""Ratio of sound fetched to sound heard, above which a device is no clock: ALSA's null device is beyond it."""
-
-
-EAR_S = 20.0
-"""Time that an ear is given to answer."""
+"""Ratio of samples fetched to samples played above which a device has no real clock, such as ALSA's null device."""
+ANSWER_S = 20.0
+"""Longest time that the recognizer may take to answer."""
 
 
 class LackError(Exception):
-    """Something is missing; carries what was found and the line that mends it."""
+    """Something is missing; its arguments are what was found, and how to fix it."""
 
 
 def window() -> str:
@@ -24,13 +22,13 @@ def window() -> str:
     if not has_display():
         raise LackError(
             "no display (neither DISPLAY nor WAYLAND_DISPLAY is set)",
-            "fapengine serve shows the face in a browser; xvfb-run -a makes a display of software",
+            "fapengine serve shows the face in a browser; xvfb-run -a creates a virtual display",
         )
     return try_window()
 
 
 def sound() -> str:
-    """Open the default device and see whether its clock runs."""
+    """Open the default device, and check that its clock runs."""
     import time
 
     from fapengine.audio.device import Player, devices
@@ -38,7 +36,9 @@ def sound() -> str:
 
     outputs = devices()
     if not outputs:
-        raise LackError("PortAudio works, but has no output device", "connect one; the face speaks silently without")
+        raise LackError(
+            "PortAudio works, but has no output device", "connect one; without it, the face speaks silently"
+        )
     names = ", ".join(device.name for device in outputs[:3])
     names += f" and {len(outputs) - 3} more" if len(outputs) > 3 else ""
     try:
@@ -55,7 +55,7 @@ def sound() -> str:
         raise LackError(f"{names}; {error}", "choose another: fapengine say TEXT --live --device NAME") from error
     if fetched_s > MAX_FETCH_RATIO * (took_s + 0.2):
         raise LackError(
-            f"{description}: plays faster than sound is heard, a null device", "choose another: --device NAME"
+            f"{description}: plays faster than real time; it is a null device", "choose another: --device NAME"
         )
     if not settled:
         raise LackError(f"{description}: opens, but does not play", "choose another: --device NAME")
@@ -63,7 +63,7 @@ def sound() -> str:
 
 
 def port_in(port: int) -> str:
-    """See whether we could listen there."""
+    """Check that a port is free."""
     import socket
 
     for kind, name in ((socket.SOCK_DGRAM, "UDP"), (socket.SOCK_STREAM, "TCP")):
@@ -73,25 +73,25 @@ def port_in(port: int) -> str:
             try:
                 probe.bind(("127.0.0.1", port))
             except OSError as error:
-                mend = f"end what listens there (ss -lunt | grep {port}), or choose another port"
-                raise LackError(f"{name} is taken ({error.strerror})", mend) from error
+                fix = f"stop the program that uses it (ss -lunp | grep {port}), or choose another port"
+                raise LackError(f"{name} port is in use ({error.strerror})", fix) from error
     return "free"
 
 
 def port_out(port: int) -> str:
-    """See whether somebody listens there."""
+    """Check whether a program receives at a port."""
     import socket
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("127.0.0.1", port))
         except OSError:
-            return "somebody listens: fapengine serve --sink vmc://127.0.0.1"
-    return "nobody listens yet: start VSeeFace or its kin, or send to another machine"
+            return "a program is receiving: fapengine serve --sink vmc://127.0.0.1"
+    return "no program is receiving; start VSeeFace or another VMC receiver, or send to another machine"
 
 
 def extra(*modules: str) -> str:
-    """Import what an extra brings."""
+    """Import the modules of an extra."""
     from importlib import import_module
     from importlib.metadata import PackageNotFoundError, version
 
@@ -105,16 +105,8 @@ def extra(*modules: str) -> str:
     return ", ".join(versions)
 
 
-def ear() -> str:
-    """Start an ear's process, and let it hear a second of noise.
-
-    Raises
-    ------
-    LackError
-        If it does not answer.
-    ResourceError
-        If there is none.
-    """
+def recognizer() -> str:
+    """Start the speech recognizer, and let it process a second of noise."""
     import time
 
     import numpy as np
@@ -134,8 +126,8 @@ def ear() -> str:
         while not any(heard.is_over for heard in process.poll()):
             now_s = time.monotonic()
             ready_s = min(ready_s, now_s) if process.is_ready else np.inf
-            if now_s - begun_s > EAR_S:
-                raise LackError(f"its process did not answer within {EAR_S:g} s", "end what else is running")
+            if now_s - begun_s > ANSWER_S:
+                raise LackError(f"its process did not answer within {ANSWER_S:g} s", "stop other programs")
             time.sleep(0.01)
     finally:
         process.close()
@@ -144,23 +136,17 @@ def ear() -> str:
     if str(chosen(None)) == SMALL:
         found += "; PocketSphinx is not installed, so the small recognizer is used alone"
     if speed < 1.0:
-        raise LackError(f"{found}: too slow for live sound", "end what else is running, or use a faster machine")
+        raise LackError(f"{found}: too slow for live audio", "stop other programs, or use a faster machine")
     return found
 
 
 def microphone() -> str:
-    """List the input devices.
-
-    Raises
-    ------
-    LackError
-        If there is none.
-    """
+    """List the input devices."""
     from fapengine.audio.microphone import microphones
 
     found = microphones()
     if not found:
-        raise LackError("no input device", "plug one in; only live sound needs it")
+        raise LackError("no input device", "connect one; only live input needs it")
     return "; ".join(f"{device.number} {device.name}{' (default)' * device.is_default}" for device in found)
 
 
@@ -171,20 +157,12 @@ if spec is not None:
     folder = pathlib.Path(spec.origin).parent
     print(importlib.metadata.version("mediapipe"), any(folder.rglob("face_landmark*.tflite")))
 """
-"""Program for the detector's Python: the version of mediapipe, and whether the wheel has a model of the face."""
+"""Program for the detector's Python: prints the version of mediapipe, and whether its wheel has a face model."""
 MODEL_URL = "https://ai.google.dev/edge/mediapipe/solutions/vision/face_landmarker"
 
 
 def detector() -> str:
-    """Say what finds faces in films, and where its model is.
-
-    Raises
-    ------
-    LackError
-        If it has no mediapipe, or no model.
-    ResourceError
-        If there is none.
-    """
+    """Check that the face detector has mediapipe and a model."""
     import subprocess
 
     from fapengine.files.landmarks import detector_python
@@ -195,6 +173,6 @@ def detector() -> str:
     if not version:
         raise LackError(f"{python} has no mediapipe", f"{python} -m pip install --no-deps mediapipe==0.10.21")
     if has_model != "True":
-        mend = f"face_landmarker.task from {MODEL_URL}, then fapengine capture --model; or mediapipe==0.10.21"
-        raise LackError(f"mediapipe {version} at {python} brings no model of the face", mend)
-    return f"mediapipe {version}, with its model of the face"
+        fix = f"face_landmarker.task from {MODEL_URL}, then fapengine capture --model; or mediapipe==0.10.21"
+        raise LackError(f"mediapipe {version} at {python} has no face model", fix)
+    return f"mediapipe {version}, with its face model"

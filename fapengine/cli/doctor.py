@@ -29,32 +29,35 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
 
     Opens the sound card briefly, without playing sound. Exits with 3 if faces cannot be rendered.
     """
+    from functools import partial
+
     from fapengine.cli import _doctor_live as live
     from fapengine.cli._printing import print_result
     from fapengine.server.config import OSC_PORT, WEB_PORT
     from fapengine.wire.vmc import MARIONETTE_PORT
 
-    findings = [
-        _check("Python", "", _python),
-        _check("profile", "pip install --force-reinstall fapengine", _profile),
-        _check("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
-        _check("window", 'pip install "fapengine[window]"', live.window),
-        _check("voices", 'pip install "fapengine[voice]"', _voices),
-        _check("video", 'pip install --upgrade "fapengine[video]"', _video),
-        _check("sound", "sudo apt-get install -y libportaudio2", live.sound),
-        _check("ear", 'pip install "fapengine[ear]"', live.ear),
-        _check("microphone", "connect one; only live input needs it", live.microphone),
-        _check(f"port {OSC_PORT}, OSC in", "fapengine serve --port N", lambda: live.port_in(OSC_PORT)),
-        _check(f"port {WEB_PORT}, page", "fapengine serve --web-port N", lambda: live.port_in(WEB_PORT)),
-        _check(f"port {MARIONETTE_PORT}, VMC out", "", lambda: live.port_out(MARIONETTE_PORT)),
-        _check("live server", 'pip install "fapengine[live]"', lambda: live.extra("aiohttp", "prometheus_client")),
-        _check("face detector", "make detector, in a checkout; or FAPENGINE_DETECTOR=PYTHON", live.detector),
-        _check("calls", 'pip install "fapengine[webrtc]"', lambda: live.extra("aiortc")),
-        _check("virtual camera", 'pip install "fapengine[camera]"', lambda: live.extra("pyvirtualcam")),
-        _check("compiled codec", 'pip install "fapengine[fast]"', lambda: live.extra("numba")),
-        _check("USD", 'pip install "fapengine[usd]"', lambda: live.extra("pxr")),
-        _check("laboratory", 'pip install "fapengine[lab]"', lambda: live.extra("matplotlib", "trimesh")),
+    checks: list[tuple[str, str, Callable[[], str]]] = [
+        ("Python", "", _python),
+        ("profile", "pip install --force-reinstall fapengine", _profile),
+        ("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
+        ("window", 'pip install "fapengine[window]"', live.window),
+        ("voices", 'pip install "fapengine[voice]"', _voices),
+        ("video", 'pip install --upgrade "fapengine[video]"', _video),
+        ("sound", "sudo apt-get install -y libportaudio2", live.sound),
+        ("recognizer", 'pip install "fapengine[ear]"', live.recognizer),
+        ("microphone", "connect one; only live input needs it", live.microphone),
+        (f"port {OSC_PORT}, OSC in", "fapengine serve --port N", partial(live.port_in, OSC_PORT)),
+        (f"port {WEB_PORT}, page", "fapengine serve --web-port N", partial(live.port_in, WEB_PORT)),
+        (f"port {MARIONETTE_PORT}, VMC out", "", partial(live.port_out, MARIONETTE_PORT)),
+        ("live server", 'pip install "fapengine[live]"', partial(live.extra, "aiohttp", "prometheus_client")),
+        ("face detector", "make detector, in a checkout; or FAPENGINE_DETECTOR=PYTHON", live.detector),
+        ("calls", 'pip install "fapengine[webrtc]"', partial(live.extra, "aiortc")),
+        ("virtual camera", 'pip install "fapengine[camera]"', partial(live.extra, "pyvirtualcam")),
+        ("compiled codec", 'pip install "fapengine[fast]"', partial(live.extra, "numba")),
+        ("USD", 'pip install "fapengine[usd]"', partial(live.extra, "pxr")),
+        ("laboratory", 'pip install "fapengine[lab]"', partial(live.extra, "matplotlib", "trimesh")),
     ]
+    findings = [_finding(*check) for check in checks]
     if as_json:
         print_result([asdict(finding) for finding in findings], as_json=True)
     else:
@@ -63,13 +66,13 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         raise typer.Exit(3)
 
 
-def _check(part: str, mend: str, look: Callable[[], str]) -> Finding:
+def _finding(part: str, fix: str, check: Callable[[], str]) -> Finding:
     try:
-        return Finding(part, True, look())
+        return Finding(part, True, check())
     except LackError as lack:
         return Finding(part, False, *lack.args)
     except (FapEngineError, ImportError, OSError) as error:
-        return Finding(part, False, str(error), mend)
+        return Finding(part, False, str(error), fix)
 
 
 def _python() -> str:

@@ -27,7 +27,7 @@ def reduce(
     """
     from dataclasses import asdict
 
-    from fapengine.app.reduce import ReduceJob, run_reduce
+    from fapengine.app.reduce import reduce_take
     from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
 
@@ -36,7 +36,7 @@ def reduce(
     except ValueError as error:
         raise UsageError(f"--bound: must be millimetres such as 0.5mm, got {bound!r}") from error
     writing.check([path for path in (output, back) if path is not None], [take])
-    curve = run_reduce(ReduceJob(take=take, bound_mm=bound_mm, output=output, back=back, rate_hz=fps))
+    curve = reduce_take(take, bound_mm, output, back=back, rate_hz=fps)
     lines = ["bound, mm   points   of frames   mean, mm   largest, mm"]
     for row in curve:
         shares = f"{row.point_count:8}   {100 * row.share:7.1f} %"

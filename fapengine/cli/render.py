@@ -73,8 +73,8 @@ def render(
     """
     import numpy as np
 
-    from fapengine.app.dense_film import at_rate, is_take, takes_on_heads
-    from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, side_by_side
+    from fapengine.app.dense_film import is_take, takes_on_heads
+    from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, shown_at, side_by_side
     from fapengine.cli._printing import print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_head
@@ -112,7 +112,8 @@ def render(
         loaded = {name: load_head(name) for name in dict.fromkeys(head)}
         meshes = [loaded[name] for name in head] * (faces if len(head) == 1 else 1)
     if fps is not None:
-        chosen = at_rate(len(rows), rate_hz, fps)
+        count = max(1, int((len(rows) - 1) / rate_hz * fps + 1e-6) + 1)
+        chosen = shown_at(np.arange(count) / fps, len(rows), rate_hz)
         rate_hz, rows = fps, [rows[index] for index in chosen] if isinstance(rows, list) else rows[chosen]
     if not is_one:
         check_moving(output, rate_hz=rate_hz, size=crowd_size(how, faces), alpha=how.components == 4)

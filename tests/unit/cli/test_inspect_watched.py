@@ -73,13 +73,13 @@ def python(folder: Path, says: str) -> str:
 
 def test_doctor_says_where_the_detector_has_its_model(tmp_path, monkeypatch):
     monkeypatch.setenv("FAPENGINE_DETECTOR", python(tmp_path, "0.10.21 True"))
-    assert detector() == "mediapipe 0.10.21, with its model of the face"
+    assert detector() == "mediapipe 0.10.21, with its face model"
     monkeypatch.setenv("FAPENGINE_DETECTOR", python(tmp_path, "1.2.2 False"))
     with pytest.raises(LackError) as lack:
         detector()
     found, mend = lack.value.args
     assert "mediapipe 1.2.2" in found
-    assert "brings no model" in found
+    assert "has no face model" in found
     assert mend.startswith("face_landmarker.task from https://ai.google.dev/edge/mediapipe")
     assert "--model" in mend
     monkeypatch.setenv("FAPENGINE_DETECTOR", python(tmp_path, ""))
