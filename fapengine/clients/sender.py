@@ -366,13 +366,13 @@ class Client(GestureMethods):
     @property
     def welcome(self) -> schema.Welcome | None:
         """What the engine takes; None until it has answered."""
-        return self._sender.welcome
+        return self._sender.handshake.welcome
 
     @property
     def is_connected(self) -> bool:
         """Whether the engine was heard of in the last seconds."""
         with self._changed:
-            return self._fault is None and self._sender.is_connected(self._clock())
+            return self._fault is None and self._sender.handshake.is_connected(self._clock())
 
     def events(self) -> list[schema.Notice]:
         """Take the events that came: started, underrun, late, concealed, finished, cancelled, error."""
@@ -390,10 +390,10 @@ class Client(GestureMethods):
             If it does not in time.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._sender.welcome is not None or self._fault is not None, timeout_s)
+            self._changed.wait_for(lambda: self._sender.handshake.welcome is not None or self._fault is not None, timeout_s)
             if self._fault is not None:
                 raise self._fault
-            if self._sender.welcome is None:
+            if self._sender.handshake.welcome is None:
                 raise ResourceError(
                     f"engine at {self._pipe.name}: no answer within {timeout_s:g} s; does it run there?"
                 )
@@ -428,7 +428,7 @@ class Client(GestureMethods):
         """Wait for what was told to have come, as long as somebody answers."""
         now_s = begun_s = self._clock()
         while self._fault is None and not self._sender.is_settled() and now_s < begun_s + LINGER_S:
-            if now_s - max(begun_s, self._sender.heard_s) > SILENT_S:
+            if now_s - max(begun_s, self._sender.handshake.heard_s) > SILENT_S:
                 break
             self._changed.wait(0.1)
             now_s = self._clock()
@@ -493,7 +493,7 @@ class Client(GestureMethods):
 
     def _is_lost(self) -> bool:
         with self._changed:
-            return self._pipe.is_refused or self._sender.is_unanswered(self._clock(), LOST_S)
+            return self._pipe.is_refused or self._sender.handshake.is_unanswered(self._clock(), LOST_S)
 
     def _go(self, host: str, port: int, *, follows: bool, is_away: bool) -> None:
         """Speak to another address from now on."""

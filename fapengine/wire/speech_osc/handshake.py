@@ -1,4 +1,4 @@
-"""The handshake: hellos and pings that tell whether the engine is there, which one it is, and what time it has."""
+"""The handshake: hellos and pings that find out whether the engine answers, which one it is, and its clock."""
 
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -9,10 +9,9 @@ from fapengine.wire.speech_osc.send_window import MAX_REPEAT_S
 
 FIRST_PINGS, FIRST_PINGS_S, PING_S = 8, 0.04, 2.0
 HELLOS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 1.0)
-"""Times from one hello to the next, until there is an answer; the last one again and again."""
+"""Times from one hello to the next, until there is an answer; the last one repeats."""
 SILENT_S = 5.0
-"""Time without a packet of the engine after which it is greeted again."""
-INT32 = 2**31 - 1
+"""Time without a packet of the engine after which another hello is sent."""
 
 
 @dataclass(slots=True)
@@ -34,19 +33,19 @@ class Handshake:
     _pings: int = 0
     _instance: int = 0
     _asked_s: float = inf
-    """Time of the first ping that nothing was heard after."""
+    """Time of the first ping since the last packet."""
 
     @property
     def next_s(self) -> float:
-        """When it is called next."""
+        """Time of the next hello or ping."""
         return min(self._hello_s, self._ping_s)
 
     def is_connected(self, now_s: float) -> bool:
-        """Whether it was heard of late."""
+        """Whether the engine was heard recently."""
         return now_s - self.heard_s < SILENT_S
 
     def is_unanswered(self, now_s: float, silent_s: float) -> bool:
-        """Whether nothing was heard for so long after a question."""
+        """Whether a ping has had no answer for ``silent_s``."""
         return now_s - self._asked_s > silent_s
 
     def hear(self, now_s: float) -> None:
@@ -54,13 +53,13 @@ class Handshake:
         self.heard_s, self._asked_s = now_s, inf
 
     def begin_elsewhere(self, now_s: float, *, follows: bool, ping_s: float) -> None:
-        """Greet another engine, or the same at another address.
+        """Connect to another engine, or to the same one at another address.
 
         Parameters
         ----------
         now_s : float
         follows : bool
-            Whether to go where it sends us.
+            Whether the caller handles a ``Moved``.
         ping_s : float
             Time from one ping to the next.
         """
@@ -71,7 +70,7 @@ class Handshake:
         self._asked_s = inf
 
     def due(self, now_s: float) -> list[list[schema.Wire]]:
-        """Give what is to be sent now, a datagram each."""
+        """Return the messages to send now, one list per datagram."""
         if self.welcome is not None and not self.is_connected(now_s) and self._hello_s == inf:
             self._hello_s, self._hellos = now_s, 0
         parts: list[list[schema.Wire]] = []
@@ -84,7 +83,7 @@ class Handshake:
         return parts
 
     def answered(self, answer: schema.Welcome | schema.Pong, now_s: float) -> bool:
-        """Take an answer; whether it is another engine than before. Instance 0 does not tell."""
+        """Process an answer; return whether it is from another engine than before. Instance 0 is not compared."""
         before, self._instance = self._instance, answer.instance or self._instance
         is_other = bool(before) and before != self._instance
         if is_other:
@@ -99,15 +98,15 @@ class Handshake:
         return is_other
 
     def greet_again(self, now_s: float) -> bool:
-        """Greet at once; False if that has just been done."""
+        """Send a hello now; False if that was done just before."""
         if self._hello_s <= now_s + MAX_REPEAT_S:
             return False
         self._hello_s, self._hellos = now_s, 0
         return True
 
     def new_ping(self, now_s: float) -> schema.Ping:
-        """Tell the time, and what is known of the engine's."""
-        number, sent_us = self._pings % INT32, round(now_s * 1e6)
+        """Return a ping with the current estimate of the engine's clock."""
+        number, sent_us = self._pings % schema.INT32, round(now_s * 1e6)
         if not self.clock.is_known:
             return schema.Ping(number, sent_us)
         offset_us, rtt_us = round(self.clock.offset_s(now_s) * 1e6), round(self.clock.rtt_s * 1e6)

@@ -1,10 +1,10 @@
-"""The send window of one utterance, and cancels that wait for their answer.
+"""The send window of one utterance, and cancels that wait for their answers.
 
 Theory of operation
 -------------------
-Selective repeat (ARQ): each phone has a timer of its own. It runs out after what an answer takes of late and
-:data:`MARGIN_S`, longer by :data:`BACKOFF` each time, until the phone could not be shown any more. All phones below
-:attr:`SendWindow.next_index` are acknowledged, and of those beyond it :attr:`SendWindow.acknowledged`.
+Selective repeat (ARQ): each phone has its own timer. It runs out after the recent answer time plus :data:`MARGIN_S`,
+longer by the factor :data:`BACKOFF` each time, until the phone is too late to be shown. All phones below
+:attr:`SendWindow.next_index` are acknowledged, and those of :attr:`SendWindow.acknowledged` beyond it.
 """
 
 import heapq
@@ -17,44 +17,44 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.speech_osc import schema
-from fapengine.wire.speech_osc.schema import Ack, WirePhone, checksum
+from fapengine.wire.speech_osc.schema import Ack, WirePhone
 
 CHUNK = 8
-"""Number of phones that are sent for the first time in one datagram."""
+"""Number of new phones in one datagram."""
 PACE_S = 0.01
-"""Time between the datagrams of an utterance that is known at once: far faster than speech, and no burst."""
+"""Time between the datagrams of an utterance whose phones are all known: far faster than speech, without bursts."""
 SOUND_PACE = 4.0
-"""Times its own speed at which sound is sent that is known at once."""
+"""Speed at which audio is sent that is all known, relative to real time."""
 SOUND_AGAIN_S = 0.03
-"""Time after which a piece of sound is sent a second time over UDP: no single loss is heard, nor most short bursts."""
+"""Time after which a piece of audio is sent again over UDP, against single losses and most short bursts of them."""
 END_REPEATS_S = (0.0, 0.02, 0.06)
 DEADLINE_S = 0.3
-"""Time after its end from which a phone is not sent any more."""
+"""Time after its end from which a phone is too late."""
 MIN_REPEAT_S, MAX_REPEAT_S = 0.06, 0.25
-"""Bounds of the time after which a phone that was not acknowledged is sent again; an engine that takes longer to answer
-is waited for, so that what is crowded is not crowded more."""
+"""Bounds of the timer of a phone. It is longer for an engine that takes longer to answer, so as not to add to its
+load."""
 MARGIN_S = 0.015
-"""Time that a phone's timer adds to what an answer takes."""
+"""What a phone's timer adds to the answer time."""
 BUSY = 3.0
-"""Largest timer, in times of the first."""
+"""Largest timer, relative to the first."""
 BACKOFF = 1.5
 MAX_TRIES = 60
 CANCEL_TRIES = 12
 FORGOTTEN_S = 60.0
-"""Time without news after which an utterance is given up."""
+"""Time without news after which an utterance is forgotten."""
 
 
 @dataclass(slots=True)
 class _Sent:
     first_s: float
     at_s: float
-    """Time at which it was sent last."""
+    """Time at which the phone was sent last."""
     tries: int = 1
 
 
 @dataclass(slots=True)
 class SendWindow:
-    """Phones of one utterance on their way out. Times are of the sender's clock.
+    """Phones of one utterance, and which of them have arrived. Times are of the sender's clock.
 
     Stateful.
     """
@@ -67,61 +67,51 @@ class SendWindow:
     phones: list[WirePhone] = field(default_factory=list)
     revision: int = 0
     zero_s: float | None = None
-    """Start of its sound, as far as that is known."""
+    """Start of the utterance, once it is known."""
     duration_us: int = -1
     is_ended: bool = False
     is_announced: bool = False
-    """True where its begin was sent before its first phones."""
+    """True if its begin was sent before its first phones."""
     is_begun: bool = False
-    """True when the engine knows of it."""
+    """True once the engine has acknowledged it."""
     is_end_known: bool = False
     chunks: list[tuple[int, int]] = field(default_factory=list)
-    """Runs of phones that went out together for the first time: first index, index behind the last."""
+    """Runs of phones that were new in one datagram: first index, index after the last."""
     next_s: float = -inf
     """Earliest time of the next chunk."""
     sequence: int = 0
     end_sent: int = 0
     end_s: float = inf
-    """Time at which the end goes out again."""
+    """Time at which the end is sent again."""
     next_index: int = 0
-    """Index below which all are acknowledged."""
+    """Index below which all phones are acknowledged."""
     acknowledged: set[int] = field(default_factory=set)
-    """Indices beyond it that are acknowledged."""
+    """Acknowledged indices beyond it."""
     active_s: float = -inf
-    """Time of the last news of it."""
+    """Time of the last acknowledgement."""
     is_corrected: bool = False
     sounds: list[tuple[float, int, schema.Sound]] = field(default_factory=list)
-    """Pieces of its sound that are still to be sent, as a heap: time, sample, message."""
+    """Pieces of audio that are still to be sent, as a heap: time, sample, message."""
     samples: int = 0
-    """Number of samples of its sound so far."""
+    """Number of audio samples so far."""
     rate_hz: int = 0
-    """Rate of its sound; 0 where its phones are told."""
+    """Sample rate of its audio; 0 if phones are sent."""
     sound_s: float = -inf
-    """Time at which the next piece of its sound may be sent."""
+    """Time at which the next piece of audio may be sent."""
     _sent: dict[int, _Sent] = field(default_factory=dict)
 
     @property
     def stop_sent(self) -> int:
-        """Index behind the last phone that was sent."""
+        """Index after the last phone that was sent."""
         return self.chunks[-1][1] if self.chunks else 0
 
     @property
     def is_acknowledged(self) -> bool:
-        """Whether all phones so far are known to have come."""
+        """Whether all phones so far are known to have arrived."""
         return self.is_begun and self.next_index >= len(self.phones) and not self.sounds
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether everything is known to have come."""
-        return self.is_end_known and self.is_acknowledged
-
-    @property
-    def checksum(self) -> int:
-        """Of all phones."""
-        return checksum(self.phones)
-
     def next_chunk(self, now_s: float) -> tuple[int, int] | None:
-        """Take the phones whose first time it is."""
+        """Start the next chunk of new phones, if it is time."""
         first = self.stop_sent
         if first >= len(self.phones) or now_s < self.next_s:
             return None
@@ -131,7 +121,7 @@ class SendWindow:
         return chunk
 
     def add_sound(self, session: str, samples: NDArray[np.int16], rate_hz: int, now_s: float, again_s: float) -> None:
-        """Queue sound, (N,) int16, in pieces, each once more after ``again_s`` if that is not infinite."""
+        """Queue audio, (N,) int16, in pieces, each again after ``again_s`` if that is not infinite."""
         self.rate_hz = rate_hz
         for start in range(0, len(samples), schema.MAX_SAMPLES):
             piece = samples[start : start + schema.MAX_SAMPLES].astype("<i2").tobytes()
@@ -144,7 +134,7 @@ class SendWindow:
             self.sound_s = at_s + len(piece) / 2 / rate_hz / SOUND_PACE
 
     def note_sent(self, first: int, stop: int, now_s: float) -> None:
-        """Remember that phones went out."""
+        """Note that phones were sent."""
         for index in range(first, stop):
             before = self._sent.get(index)
             if before is None:
@@ -153,29 +143,22 @@ class SendWindow:
                 before.at_s, before.tries = now_s, before.tries + 1
 
     def overdue(self, now_s: float, answer_s: float) -> list[tuple[int, int]]:
-        """Find runs of phones that should have been acknowledged by now."""
-        runs: list[tuple[int, int]] = []
-        for index in self._outstanding(now_s):
-            if now_s >= self._timeout_s(index, answer_s):
-                if runs and runs[-1][1] == index:
-                    runs[-1] = (runs[-1][0], index + 1)
-                else:
-                    runs.append((index, index + 1))
-        return runs
+        """Return runs of phones that should have been acknowledged by now."""
+        return schema.runs(index for index in self._outstanding(now_s) if now_s >= self._timeout_s(index, answer_s))
 
     def next_timeout_s(self, now_s: float, answer_s: float) -> float:
-        """When the next phone must go again, if nothing is heard."""
+        """Time at which the next phone is overdue."""
         return min((self._timeout_s(index, answer_s) for index in self._outstanding(now_s)), default=inf)
 
     def requested(self, first: int, stop: int, now_s: float, rtt_s: float) -> tuple[int, int] | None:
-        """Clip a request to what was sent, and not just now."""
+        """Clip a request to phones that were sent; None if all of them were sent only just now."""
         stop = min(stop, self.stop_sent)
         if first >= stop or all(now_s - self._sent[index].at_s < rtt_s for index in range(first, stop)):
             return None
         return first, stop
 
     def acknowledge(self, ack: Ack, now_s: float) -> float | None:
-        """Learn what has come; how long the latest of it took to be answered, if it is new."""
+        """Note what has arrived; return the answer time of the latest phone, if it is news."""
         if ack.revision != self.revision:
             return None
         self.is_begun, self.active_s = True, now_s
@@ -190,17 +173,17 @@ class SendWindow:
         return None if newest is None else now_s - newest.first_s
 
     def note_end_sent(self, now_s: float, repeats: bool, answer_s: float) -> None:
-        """Remember that the end went out, and when it goes again."""
+        """Note that the end was sent, and when to send it again."""
         self.end_sent += 1
         if self.end_sent < len(END_REPEATS_S) and repeats:
-            self.end_s = now_s + END_REPEATS_S[self.end_sent] - END_REPEATS_S[self.end_sent - 1]
+            self.end_s = now_s + _repeat_s(self.end_sent)
         elif self.end_sent < MAX_TRIES and not self.is_end_known:
             self.end_s = now_s + _wait_s(self.end_sent, answer_s)
         else:
             self.end_s = inf
 
     def restart(self, now_s: float) -> None:
-        """Send everything again, at the time that it had: the engine has forgotten it."""
+        """Send everything again, with the original times."""
         self.created_s = now_s
         if self.zero_s is not None:
             self.anchor, self.anchor_s = "at", self.zero_s
@@ -211,7 +194,7 @@ class SendWindow:
         self.end_s = -inf if self.is_ended else inf
 
     def is_past(self, now_s: float) -> bool:
-        """Whether its time is over, whatever has come."""
+        """Whether it is over by its own times, or nothing was heard of it for too long."""
         if not self.is_ended:
             return False
         if self.zero_s is None:
@@ -220,9 +203,7 @@ class SendWindow:
         return now_s > self.zero_s + length_s + 2.0
 
     def _outstanding(self, now_s: float) -> list[int]:
-        """Give the indices that were sent, have not come, and may still be of use."""
-        if self.next_index >= self.stop_sent:
-            return []
+        """Indices of phones that were sent, are not acknowledged and not too late."""
         waiting = []
         for index in range(self.next_index, self.stop_sent):
             if index in self.acknowledged or self._sent[index].tries > MAX_TRIES:
@@ -243,43 +224,43 @@ def _wait_s(tries: int, answer_s: float) -> float:
     return min(first_s * BACKOFF ** min(tries - 1, 20), max(MAX_REPEAT_S, BUSY * first_s))
 
 
+def _repeat_s(tries: int) -> float:
+    """Time from one of the first tries of a message to the next."""
+    return END_REPEATS_S[tries] - END_REPEATS_S[tries - 1]
+
+
+@dataclass(slots=True)
 class PendingCancel:
     """A cancel, until it is answered.
 
     Stateful.
     """
 
-    def __init__(self, message: schema.CancelUtterance, now_s: float) -> None:
-        self._message, self._tries = message, 0
-        self.next_s = now_s
+    message: schema.CancelUtterance
+    next_s: float
+    tries: int = 0
 
-    def due(self, now_s: float, asks: bool, reliable: bool) -> list[schema.CancelUtterance]:
-        """Give it when it is time."""
-        if now_s < self.next_s:
-            return []
-        self._tries += 1
-        if reliable or (self._tries >= len(END_REPEATS_S) and not asks) or self._tries >= CANCEL_TRIES:
+    def note_sent(self, now_s: float, *, asks: bool, reliable: bool) -> None:
+        """Note that it was sent, and when to send it again."""
+        self.tries += 1
+        if reliable or (self.tries >= len(END_REPEATS_S) and not asks) or self.tries >= CANCEL_TRIES:
             self.next_s = inf
-        elif self._tries < len(END_REPEATS_S):
-            self.next_s = now_s + END_REPEATS_S[self._tries] - END_REPEATS_S[self._tries - 1]
         else:
-            self.next_s = now_s + MAX_REPEAT_S
-        return [self._message]
+            self.next_s = now_s + (_repeat_s(self.tries) if self.tries < len(END_REPEATS_S) else MAX_REPEAT_S)
 
-    def answered(self, utterance: int, number: int) -> bool:
-        """Whether an answer is to this one."""
-        if self._message.utterance == schema.NOW:
-            return utterance == schema.NOW and number == self._message.number
-        return utterance == self._message.utterance
+    def is_answered_by(self, notice: schema.Notice) -> bool:
+        """Whether a notice answers this cancel."""
+        is_all = self.message.utterance == schema.NOW
+        return notice.utterance == self.message.utterance and (not is_all or notice.count == self.message.number)
 
 
 def to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:
-    """Give a phone as it is sent.
+    """Convert a phone to its form on the wire, and check it.
 
     Raises
     ------
     UsageError
-        If it lies beyond half an hour, or its label is too long.
+        If it is later than half an hour, or its label is too long.
     """
     if isinstance(phone, Phone):
         start_us, end_us = round(phone.start_s * 1e6), round(phone.end_s * 1e6)

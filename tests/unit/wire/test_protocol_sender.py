@@ -83,10 +83,10 @@ def test_greets_until_welcomed_and_pings():
 
 def test_an_engine_that_falls_silent_is_greeted_again():
     one = Desk().ready()
-    assert one.sender.is_connected(one.now_s)
+    assert one.sender.handshake.is_connected(one.now_s)
     assert one.until(5.0, Hello) == []
     assert len(one.until(7.1, Hello)) >= 2
-    assert not one.sender.is_connected(one.now_s)
+    assert not one.sender.handshake.is_connected(one.now_s)
 
 
 def test_pings_tell_what_they_found():
@@ -349,7 +349,7 @@ def test_an_engine_that_was_restarted_is_told_everything_at_the_time_it_had(how)
     assert (begin.anchor, begin.anchor_us) == ("at", pytest.approx(70_000, abs=3_000))
     assert sum(len(told.phones) for _, told in sent if isinstance(told, Phones)) >= 10
     if how == "pong":
-        assert one.sender.clock.engine_s(0.99) == pytest.approx(7.0, abs=0.01)
+        assert one.sender.handshake.clock.engine_s(0.99) == pytest.approx(7.0, abs=0.01)
     assert EndUtterance in kinds
 
 
@@ -393,7 +393,7 @@ def test_events_are_told_once():
 def test_what_is_for_others_or_no_message_is_left():
     one = Desk()
     assert one.hear(Welcome("berta", 5)) == []
-    assert one.sender.welcome is None
+    assert one.sender.handshake.welcome is None
     for packet in (b"", b"zz", osc.message("/fap/1/ack", "s", "anna"), osc.message("/x"), codec.encode(Hello("anna"))):
         assert one.sender.receive(packet, 0.0) == []
 
@@ -480,10 +480,10 @@ def test_moves_where_it_is_sent_and_tells_everything_there():
 
 def test_knows_that_nobody_answers():
     one = Desk().ready()
-    assert not one.sender.is_unanswered(one.now_s, 1.0)
+    assert not one.sender.handshake.is_unanswered(one.now_s, 1.0)
     one.until(1.5)  # nothing answers the first pings any more
-    assert one.sender.is_unanswered(one.now_s, 1.0)
+    assert one.sender.handshake.is_unanswered(one.now_s, 1.0)
     one.hear(Pong(9, 0, 0, 0))
-    assert not one.sender.is_unanswered(one.now_s, 1.0)
+    assert not one.sender.handshake.is_unanswered(one.now_s, 1.0)
     one.until(2.9)
-    assert not one.sender.is_unanswered(one.now_s, 1.0)  # it has not asked for so long
+    assert not one.sender.handshake.is_unanswered(one.now_s, 1.0)  # it has not asked for so long
