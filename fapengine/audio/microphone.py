@@ -1,13 +1,12 @@
 """Edge: sound in through PortAudio, in pieces that wait until they are taken."""
 
 from collections import deque
-from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.audio.device import Device, _plain, _portaudio
+from fapengine.audio.device import plain, portaudio, supported_rate_hz
 from fapengine.errors import ResourceError
 
 RATES_HZ = (16_000, 48_000, 44_100)
@@ -16,24 +15,7 @@ PIECE_S = 0.02
 MAX_PIECES = 100
 """Pieces that wait, 2 s; then the oldest is dropped."""
 DEFAULT = "default"
-"""Name that means the system's microphone."""
-
-
-def microphones() -> list[Device]:
-    """List input devices.
-
-    Raises
-    ------
-    ResourceError
-        If PortAudio is not there.
-    """
-    sounddevice = _portaudio()
-    default = sounddevice.default.device[0]
-    return [
-        Device(number, str(description["name"]), float(description["default_samplerate"]), number == default)
-        for number, description in enumerate(sounddevice.query_devices())
-        if description["max_input_channels"] > 0
-    ]
+"""Name of the system's microphone."""
 
 
 class Microphone:
@@ -51,7 +33,7 @@ class Microphone:
     """
 
     def __init__(self, device: str | None = None) -> None:
-        sounddevice = _portaudio()
+        sounddevice = portaudio()
         chosen: int | str | None = None if device in (None, DEFAULT) else device
         if isinstance(chosen, str) and chosen.isdecimal():
             chosen = int(chosen)
@@ -61,30 +43,28 @@ class Microphone:
         self.dropped = 0
         try:
             about = sounddevice.query_devices(chosen, "input")
-            self.rate_hz = _rate_of(sounddevice, chosen, about)
+            self.rate_hz = supported_rate_hz("input", chosen, RATES_HZ, about)
             self._stream = sounddevice.InputStream(
                 samplerate=self.rate_hz, channels=1, dtype="int16", device=chosen, latency="low",
                 blocksize=round(PIECE_S * self.rate_hz), callback=self._take,
             )  # fmt: skip
             self._stream.start()
         except (sounddevice.PortAudioError, ValueError) as error:
-            raise ResourceError(f"microphone: {_plain(error)}; `fapengine doctor` lists the devices") from error
+            raise ResourceError(f"microphone: {plain(error)}; `fapengine doctor` lists the devices") from error
         self.description = f"{about['name']}, {self.rate_hz} Hz"
 
-    def __enter__(self) -> "Microphone":
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def take(self) -> NDArray[np.int16]:
-        """Return what was heard since the last call, (N,) int16, mono, ``rate_hz`` a second."""
-        pieces = []
+        """Return the samples since the last call, (N,) int16, mono, at ``rate_hz``."""
+        pieces = [np.zeros(0, np.int16)]
         while self._pieces:
             pieces.append(self._pieces.popleft())
-        return np.concatenate(pieces) if pieces else np.zeros(0, np.int16)
+        return np.concatenate(pieces)
 
     def close(self) -> None:
         """Close the device."""
@@ -94,13 +74,3 @@ class Microphone:
         """PortAudio's own thread calls this."""
         self.dropped += len(self._pieces) == MAX_PIECES
         self._pieces.append(data[:, 0].copy())
-
-
-def _rate_of(sounddevice: Any, device: int | str | None, about: dict[str, Any]) -> int:
-    for rate_hz in RATES_HZ:
-        try:
-            sounddevice.check_input_settings(device=device, channels=1, dtype="int16", samplerate=rate_hz)
-        except sounddevice.PortAudioError:
-            continue
-        return rate_hz
-    return int(about["default_samplerate"])

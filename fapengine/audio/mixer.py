@@ -1,4 +1,4 @@
-"""Sounds one after the other, handed out a buffer at a time: what a sound card's callback needs, without the card."""
+"""Mixer of sounds for the callback of a sound card: one sound after the other, in buffers of any length."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -11,37 +11,37 @@ from fapengine.errors import UsageError
 
 Samples = NDArray[np.int16]
 FADE_S = 0.01
-"""Fade of a sound that is stopped, and of one that resumes; a shorter fade clicks."""
+"""Fade of a sound that is dropped, paused or resumed; a shorter fade clicks."""
 KEPT = 64
-"""Sounds that are over and still remembered."""
+"""Number of sounds that are remembered after their end."""
 SKIPPED = 1 << 14
-"""Frames that are passed over at a time while something sounds."""
+"""Frames that are skipped at a time while something sounds."""
 
 
 @dataclass(slots=True, eq=False)
 class _Sound:
     samples: Samples
     first: int | None = None
-    """Frame of the stream at which it begins; None while it waits."""
+    """Frame of the stream at which the sound begins; None while it waits."""
     done: int = 0
-    """Frames of it that were handed out."""
+    """Frames of the sound that were returned."""
     gaps: list[tuple[int, int]] = field(default_factory=list)
-    """Silence in the midst of it: frame of the stream, and how many."""
+    """Pauses of the sound: frame of the stream, and number of frames."""
 
     @property
     def end(self) -> int:
-        """Frame of the stream after its last, once it has begun."""
+        """Frame of the stream after its last frame, once it has begun."""
         return (self.first or 0) + len(self.samples) + sum(length for _, length in self.gaps)
 
     def place(self, frame: float) -> float:
-        """Frame of it that is at one of the stream."""
+        """Return the sound's frame at a frame of the stream."""
         lost = sum(min(max(frame - start, 0.0), length) for start, length in self.gaps)
         return min(frame - (self.first or 0) - lost, len(self.samples))
 
 
 @dataclass(slots=True)
 class Mixer:
-    """A queue of mono 16-bit sounds, handed out in buffers; silence where there is none.
+    """Queue of mono 16-bit sounds, returned in buffers, with silence between and after them.
 
     Stateful.
 
@@ -52,13 +52,13 @@ class Mixer:
 
     sample_rate_hz: float
     taken: int = 0
-    """Frames that were handed out, silence included."""
+    """Frames that were returned, silence included."""
     _count: int = 0
     _waiting: deque[_Sound] = field(default_factory=deque)
     _known: dict[int, _Sound] = field(default_factory=dict)
     _is_paused: bool = False
     _ramp: int = 0
-    """Frames that are left of a fade."""
+    """Remaining frames of a fade."""
 
     def add(self, samples: ArrayLike) -> int:
         """Queue a sound, (N,) int16; return its number."""
@@ -78,7 +78,7 @@ class Mixer:
             del self._known[number]
 
     def take(self, frames: int) -> Samples:
-        """Hand out the next buffer, (frames,) int16."""
+        """Return the next buffer, (frames,) int16."""
         buffer = np.zeros(frames, np.int16)
         sounding = min(self._ramp, frames) if self._is_paused else frames
         self._fill(buffer[:sounding])
@@ -92,7 +92,7 @@ class Mixer:
         return buffer
 
     def skip(self, frames: int) -> None:
-        """Advance as :meth:`take` does, without making a buffer; silence of any length costs nothing."""
+        """Advance like :meth:`take` without a buffer; silence of any length costs nothing."""
         while frames and self._waiting and (self._ramp or not self._is_paused):
             piece = min(frames, SKIPPED)
             self.take(piece)
@@ -139,12 +139,12 @@ class Mixer:
         self._is_paused, self._ramp = False, 0
 
     def drop(self, sound: int) -> None:
-        """Fade a sound out over :data:`FADE_S`, or never begin it; what waits after it moves up.
+        """Fade a sound out over :data:`FADE_S`, or never begin it; later sounds move up.
 
         Raises
         ------
         UsageError
-            If there was no sound of that number.
+            If there is no sound of that number.
         """
         entry = self._find(sound)
         if entry is None or entry not in self._waiting:
@@ -160,14 +160,14 @@ class Mixer:
             self._waiting.remove(entry)
 
     def position_s(self, sound: int, stream_s: float) -> float | None:
-        """Find where a sound is when the stream is at ``stream_s``; None while it waits, or was dropped.
+        """Return the position of a sound when the stream is at ``stream_s``, at most its end.
 
-        Before 0: it is fetched and not yet heard. Not past its end.
+        Negative if it is fetched and not yet heard; None while it waits, or if it was dropped.
 
         Raises
         ------
         UsageError
-            If there was no sound of that number.
+            If there is no sound of that number.
         """
         entry = self._find(sound)
         if entry is None or entry.first is None:
@@ -175,12 +175,12 @@ class Mixer:
         return entry.place(stream_s * self.sample_rate_hz) / self.sample_rate_hz
 
     def is_over(self, sound: int, stream_s: float) -> bool:
-        """Tell whether it was heard to its end, or was dropped.
+        """Return whether a sound was heard to its end, or was dropped.
 
         Raises
         ------
         UsageError
-            If there was no sound of that number.
+            If there is no sound of that number.
         """
         entry = self._find(sound)
         return entry is None or (entry.first is not None and stream_s * self.sample_rate_hz >= entry.end - 0.5)

@@ -1,18 +1,19 @@
-"""Outputs that play sounds one after the other and know where each really is; and silence, where nothing can play them.
+"""Outputs that play sounds one after the other and know the position of each; and silence, if no device can play them.
 
-A :class:`SilentOutput` keeps time by the monotonic clock, so that a face continues as if it were heard.
+A :class:`SilentOutput` keeps time by the monotonic clock, so that a face continues as if its sound were heard.
 """
 
 import logging
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from threading import Lock
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
 from fapengine.audio.mixer import Mixer
 
 log = logging.getLogger("fapengine.sound")
@@ -23,56 +24,111 @@ class Output(Protocol):
 
     @property
     def description(self) -> str:
-        """Device, or why there is none."""
-        ...
+        """Name of the device, or why there is none."""
 
     @property
     def is_silent(self) -> bool:
-        """Whether sounds are only kept time of."""
-        ...
+        """Whether nothing is heard."""
 
     def is_settled(self, now_s: float) -> bool:
-        """Whether its clock is to be trusted: a device that was just opened starts when it likes."""
-        ...
+        """Whether its clock is reliable: a device that was just opened is not."""
 
     def play(self, samples: ArrayLike) -> int:
         """Queue a sound, (N,) int16 mono; return its number."""
-        ...
 
     def position_s(self, sound: int, now_s: float) -> float | None:
-        """Where a sound is heard to be; negative just before it begins, None while it waits or was dropped."""
-        ...
+        """Position that is heard; negative just before the sound begins, None while it waits or if it was dropped."""
 
     def is_over(self, sound: int, now_s: float) -> bool:
-        """Whether it was heard to its end, or was dropped."""
-        ...
+        """Whether a sound was heard to its end, or was dropped."""
 
     def pause(self, on: bool) -> None:
         """Pause, or resume."""
-        ...
 
     def drop(self, sound: int) -> None:
-        """Let a sound fall silent within 10 ms of sound, or never begin."""
-        ...
+        """Fade a sound out within 10 ms, or never begin it."""
 
     def stop(self) -> None:
         """Drop every sound; a pause ends."""
-        ...
 
     def close(self) -> None:
-        """Give the device back."""
-        ...
+        """Release the device."""
 
 
 class DeviceOutput(Output, Protocol):
-    """An output that may be pulled out."""
+    """An output that may be unplugged."""
 
     def is_alive(self, now_s: float) -> bool:
-        """Whether it still fetches sound."""
-        ...
+        """Whether it still fetches samples."""
 
 
-class SilentOutput:
+class MixerOutput(ABC):
+    """An output whose device takes its samples from a mixer; see :class:`Output`. Use it as a context manager.
+
+    Stateful.
+    """
+
+    description: str
+    is_silent = False
+
+    def __init__(self, sample_rate_hz: int, now: Callable[[], float]) -> None:
+        self._mixer, self._rate_hz, self._now = Mixer(sample_rate_hz), sample_rate_hz, now
+        self._lock = Lock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def is_settled(self, now_s: float) -> bool:
+        """See :class:`Output`."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """See :class:`Output`."""
+
+    @abstractmethod
+    def _stream_s(self, now_s: float) -> float:
+        """Return the position of the mixer's stream that is heard."""
+
+    def play(self, samples: ArrayLike) -> int:
+        """See :class:`Output`."""
+        with self._lock:
+            self._stream_s(self._now())
+            return self._mixer.add(samples)
+
+    def position_s(self, sound: int, now_s: float) -> float | None:
+        """See :class:`Output`."""
+        with self._lock:
+            return self._mixer.position_s(sound, self._stream_s(now_s))
+
+    def is_over(self, sound: int, now_s: float) -> bool:
+        """See :class:`Output`."""
+        with self._lock:
+            return self._mixer.is_over(sound, self._stream_s(now_s))
+
+    def pause(self, on: bool) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._stream_s(self._now())
+            self._mixer.pause(on)
+
+    def drop(self, sound: int) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._stream_s(self._now())
+            self._mixer.drop(sound)
+
+    def stop(self) -> None:
+        """See :class:`Output`."""
+        with self._lock:
+            self._stream_s(self._now())
+            self._mixer.stop()
+
+
+class SilentOutput(MixerOutput):
     """An output that plays nothing and takes as long as it would; for machines without a sound card.
 
     Stateful.
@@ -89,49 +145,20 @@ class SilentOutput:
     is_silent = True
 
     def __init__(self, sample_rate_hz: int, description: str, *, now: Callable[[], float] = time.monotonic) -> None:
-        self.description = description
-        self._queue, self._rate_hz = Mixer(sample_rate_hz), sample_rate_hz
-        self._now, self._start_s = now, now()
+        super().__init__(sample_rate_hz, now)
+        self.description, self._start_s = description, now()
 
     def is_settled(self, now_s: float) -> bool:
         """See :class:`Output`."""
         return True
 
-    def play(self, samples: ArrayLike) -> int:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        return self._queue.add(samples)
-
-    def position_s(self, sound: int, now_s: float) -> float | None:
-        """See :class:`Output`."""
-        return self._queue.position_s(sound, self._reach(now_s))
-
-    def is_over(self, sound: int, now_s: float) -> bool:
-        """See :class:`Output`."""
-        return self._queue.is_over(sound, self._reach(now_s))
-
-    def pause(self, on: bool) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.pause(on)
-
-    def drop(self, sound: int) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.drop(sound)
-
-    def stop(self) -> None:
-        """See :class:`Output`."""
-        self._reach(self._now())
-        self._queue.stop()
-
     def close(self) -> None:
         """See :class:`Output`."""
 
-    def _reach(self, now_s: float) -> float:
-        """Pass over all that would have been heard by now; where the stream is."""
+    def _stream_s(self, now_s: float) -> float:
+        """Skip what would have been heard by now."""
         stream_s = now_s - self._start_s
-        self._queue.skip(max(round(stream_s * self._rate_hz) + 1 - self._queue.taken, 0))
+        self._mixer.skip(max(round(stream_s * self._rate_hz) + 1 - self._mixer.taken, 0))
         return stream_s
 
 
@@ -141,13 +168,13 @@ class _Kept:
 
     samples: NDArray[np.int16]
     number: int
-    """Number of the sound in the output that plays it."""
+    """Number of the sound in its output."""
     skipped_s: float = 0.0
-    """Played by a device that is gone."""
+    """Length that an unplugged device has played."""
 
 
 class LastingOutput:
-    """A sound device; once it is gone, silence that continues from where each sound was.
+    """A sound device; if it is unplugged, silence that continues at the position of each sound.
 
     Stateful.
 
@@ -181,18 +208,18 @@ class LastingOutput:
 
     def is_settled(self, now_s: float) -> bool:
         """See :class:`Output`."""
-        return self._there(now_s).is_settled(now_s)
+        return self._current(now_s).is_settled(now_s)
 
     def play(self, samples: ArrayLike) -> int:
         """See :class:`Output`."""
-        pcm = frozen(samples, "samples", ("N",), np.int16)
+        pcm = np.array(samples, np.int16)
         self._count += 1
-        self._sounds[self._count] = _Kept(pcm, self._there(self._now()).play(pcm))
+        self._sounds[self._count] = _Kept(pcm, self._current(self._now()).play(samples))
         return self._count
 
     def position_s(self, sound: int, now_s: float) -> float | None:
         """See :class:`Output`."""
-        output, entry = self._there(now_s), self._sounds.get(sound)
+        output, entry = self._current(now_s), self._sounds.get(sound)
         if entry is None:
             return None
         place_s = output.position_s(entry.number, now_s)
@@ -200,7 +227,7 @@ class LastingOutput:
 
     def is_over(self, sound: int, now_s: float) -> bool:
         """See :class:`Output`."""
-        output, entry = self._there(now_s), self._sounds.get(sound)
+        output, entry = self._current(now_s), self._sounds.get(sound)
         if entry is not None and output.is_over(entry.number, now_s):
             del self._sounds[sound]
         return sound not in self._sounds
@@ -226,8 +253,8 @@ class LastingOutput:
         """See :class:`Output`."""
         self._output.close()
 
-    def _there(self, now_s: float) -> Output:
-        """Return the device, or what took its place."""
+    def _current(self, now_s: float) -> Output:
+        """Return the device, or silence if it was unplugged."""
         lost = self._device
         if lost is not None and not lost.is_alive(now_s):
             silence = SilentOutput(self._sample_rate_hz, f"{lost.description}: is gone", now=self._now)

@@ -1,4 +1,4 @@
-"""Sounds of utterances, played one after the other, each at its own rate, and where each of them is."""
+"""Player of the sounds of utterances, one after the other, each at its own rate, and the position of each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ from fapengine.audio.output import Output
 TELL_EVERY_S = 0.02
 """Interval between two reports of a sound's position."""
 STILL_S = 0.1
-"""A sound whose position has not changed for so long stands still; a callback that is late does not make it so."""
+"""Time without a change of its position after which a sound stands still; longer than a late callback."""
 SETTLE_S = 1.2
-"""Longest wait of a sound for a device that was just opened; a hub begins without sound after 1.5 s."""
+"""Longest wait for a device that was just opened; a hub begins without sound after 1.5 s."""
 
 OpenOutput = Callable[[int], Output]
 """Sample rate in Hz to an output; called once for each rate."""
@@ -31,16 +31,16 @@ class Playing:
     sound: int | None = None
     """Number of the sound in its output; None while it waits for the device."""
     place_s: float | None = None
-    """Position that is heard, if :meth:`SoundPlayer.follow` has found one."""
+    """Position at the last call of :meth:`is_due`."""
     zero_s: float | None = None
-    """Engine time at which the sound was at its beginning."""
+    """Engine time of the beginning of the sound."""
     is_still: bool = False
     _moved_s: float = 0.0
     """Time at which the position last changed."""
     _told_s: float = -inf
 
     def is_due(self, place_s: float, now_s: float) -> bool:
-        """Take the position; whether it is to be reported now: at intervals while it moves, once when it stands."""
+        """Return whether to report this position: at intervals while it moves, once when it stands still."""
         if place_s != self.place_s:
             self.place_s, self._moved_s = place_s, now_s
         was_still, self.is_still = self.is_still, now_s - self._moved_s > STILL_S
@@ -50,7 +50,7 @@ class Playing:
         return True
 
     def position_s(self, now_s: float) -> float | None:
-        """Position that is heard; None before it is known."""
+        """Return the position that is heard; None before it is known."""
         return None if self.sound is None else self.output.position_s(self.sound, now_s)
 
 
@@ -65,18 +65,18 @@ class SoundPlayer:
     outputs: dict[int, Output] = field(default_factory=dict)
 
     def open(self, sample_rate_hz: int) -> Output:
-        """Open the output of a rate, so that the first sound need not wait for it."""
+        """Open the output of a rate, before the first sound needs it."""
         if sample_rate_hz not in self.outputs:
             self.outputs[sample_rate_hz] = self.opens(sample_rate_hz)
             self.outputs[sample_rate_hz].pause(self.is_paused)
         return self.outputs[sample_rate_hz]
 
     def add(self, utterance: int, samples: NDArray[np.int16], sample_rate_hz: int, now_s: float) -> None:
-        """Play the sound of an utterance, (N,) int16, after those before."""
+        """Queue the sound of an utterance, (N,) int16."""
         self.playing.append(Playing(utterance, self.open(sample_rate_hz), samples, now_s))
 
     def follow(self, now_s: float) -> list[Playing]:
-        """Begin sounds whose device has settled, drop those that are over, and return those that play."""
+        """Start sounds whose device has settled, remove those that are over, and return those that play."""
         for entry in tuple(self.playing):
             if entry.sound is None and (entry.output.is_settled(now_s) or now_s - entry.since_s > SETTLE_S):
                 entry.sound = entry.output.play(entry.samples)
@@ -98,7 +98,7 @@ class SoundPlayer:
             output.pause(on)
 
     def stop(self) -> list[int]:
-        """Drop all sounds; returns their utterances. A pause ends."""
+        """Drop all sounds and return their utterances. A pause ends."""
         for output in self.outputs.values():
             output.stop()
         stopped = [entry.utterance for entry in self.playing]

@@ -142,9 +142,9 @@ def recognizer() -> str:
 
 def microphone() -> str:
     """List the input devices."""
-    from fapengine.audio.microphone import microphones
+    from fapengine.audio.device import devices
 
-    found = microphones()
+    found = devices("input")
     if not found:
         raise LackError("no input device", "connect one; only live input needs it")
     return "; ".join(f"{device.number} {device.name}{' (default)' * device.is_default}" for device in found)

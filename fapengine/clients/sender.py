@@ -390,7 +390,9 @@ class Client(GestureMethods):
             If it does not in time.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._sender.handshake.welcome is not None or self._fault is not None, timeout_s)
+            self._changed.wait_for(
+                lambda: self._sender.handshake.welcome is not None or self._fault is not None, timeout_s
+            )
             if self._fault is not None:
                 raise self._fault
             if self._sender.handshake.welcome is None:

@@ -1,18 +1,18 @@
-"""FAP frames over OSC: one message a frame for programs, one address a FAP for patches.
+"""FAP frames over OSC: one message per frame for programs, one address per FAP for patches.
 
-``/fap/1/frame`` (1 is the schema's version) holds a whole frame, so that a frame is there or lost, never half::
+``/fap/1/frame`` (1 is the schema's version) holds a whole frame, so that no part of a frame is lost alone::
 
     s session       1..32 bytes UTF-8
-    i number        0, 1, 2, ... without gaps: a receiver counts what was lost, and drops what comes late
-    h time_us       when to show it, microseconds of the session's clock, >= 0
-    b mask          9 bytes: FAP n is sent if bit n - 1 is set, counted from the most significant bit of byte 0; the
-                    last 4 bits are 0
+    i number        0, 1, 2, ... without gaps: a receiver counts lost frames and drops late ones
+    h time_us       time to show it, microseconds of the session's clock, >= 0
+    b mask          9 bytes: FAP n is sent if bit n - 1 is set, from the most significant bit of byte 0; the last 4
+                    bits are 0
     i ...           for each FAP of the mask, in rising order: FAP 1 viseme_select1, viseme_select2, viseme_blend,
                     viseme_def; FAP 2 expression_select1, expression_intensity1, expression_select2,
                     expression_intensity2, init_face, expression_def; FAP 3 to 68 one value in FAPU (AU for angles)
-    [i epoch]       where a server has several processes: of a session, the process with the highest epoch shows it
+    [i epoch]       if a server has several processes: the one with the highest epoch shows the session
 
-A FAP that is not in the mask keeps the value that it had, as in the standard. Arguments after the last are ignored.
+A FAP that is not in the mask keeps its value, as in the standard. Further arguments are ignored.
 
 In the named form each FAP is a message of its own, ``/fap/<n> i value`` for n = 3..68, ``/fap/viseme iiii`` and
 ``/fap/expression iiiiii``, in as few bundles as fit the datagrams; there is no session, number or time.
@@ -21,7 +21,7 @@ In the named form each FAP is a message of its own, ``/fap/<n> i value`` for n =
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -37,14 +37,14 @@ FRAME = "/fap/1/frame"
 VISEME, EXPRESSION = "/fap/viseme", "/fap/expression"
 MAX_SESSION_BYTES = 32
 MAX_DATAGRAM = 1200
-"""Bytes; passes any path of the internet in one piece."""
+"""Bytes; passes any internet path without fragmentation."""
 VISEME_WIDTH, EXPRESSION_WIDTH = 4, 6
 MASK_BYTES = 9
 _FIXED = struct.Struct(">iqi9s3x")
 _EPOCH = struct.Struct(">i")
 _HEAD_TAGS = "sihb"
 _NUMBERS = 2**31 - 1
-"""Numbers begin again behind it: after 414 days at 60 Hz."""
+"""Largest frame number, after which they wrap around: 414 days at 60 Hz."""
 _WIDTHS = np.array([VISEME_WIDTH, EXPRESSION_WIDTH] + [1] * (fap.FAP_COUNT - 2))
 
 
@@ -58,15 +58,15 @@ class FapFrame:
     time_us: int
     """Microseconds of the session's clock."""
     values: NDArray[np.int32]
-    """(68,) int32, as a row of :attr:`FapTrack.values`; 0 where nothing was sent."""
+    """(68,) int32, as a row of :attr:`FapTrack.values`; 0 where the mask is False."""
     mask: NDArray[np.bool_]
-    """(68,) bool: what was sent."""
+    """(68,) bool: the FAPs that are sent."""
     visemes: NDArray[np.int32]
     """(4,) int32, as a row of :attr:`FapTrack.visemes`."""
     expressions: NDArray[np.int32]
     """(6,) int32, as a row of :attr:`FapTrack.expressions`."""
     epoch: int = 0
-    """Number that grows when the session is given to another process; 0 where the server is one process."""
+    """Number that grows when the session moves to another process; 0 if the server is one process."""
 
     def __post_init__(self) -> None:
         _head(self.session, 0)
@@ -82,31 +82,21 @@ class FapFrame:
         ):
             object.__setattr__(self, field, frozen(getattr(self, field), field, (width,), dtype))
 
-    def equals(self, other: "FapFrame") -> bool:
-        """Exact equality of everything."""
-        return self._head() == other._head() and all(
-            np.array_equal(getattr(self, field), getattr(other, field))
-            for field in ("values", "mask", "visemes", "expressions")
-        )
-
-    def _head(self) -> tuple[str, int, int, int]:
-        return self.session, self.number, self.time_us, self.epoch
-
 
 def encode_frame(frame: FapFrame) -> bytes:
-    """Write one frame as a ``/fap/1/frame`` message."""
+    """Encode one frame as a ``/fap/1/frame`` message."""
     row = _row(frame.values, frame.visemes, frame.expressions)
     data = _encode(frame.session, frame.number, frame.time_us, frame.mask, row, has_epoch=frame.epoch > 0)
     return data + _EPOCH.pack(frame.epoch) if frame.epoch else data
 
 
 def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_number: int = 0) -> list[bytes]:
-    """Write each frame of a track as a ``/fap/1/frame`` message, numbered without gaps.
+    """Encode each frame of a track as a ``/fap/1/frame`` message, numbered without gaps.
 
     Parameters
     ----------
     track : FapTrack
-        Its frame numbers give the times.
+        Its frame numbers set the times.
     session : str
         1 to 32 bytes of UTF-8.
     start_us : int
@@ -130,18 +120,18 @@ def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_numb
 
 
 class SessionFrames:
-    """Frames of many sessions at once, a ``/fap/1/frame`` message each, numbered from 0 in every session.
+    """Encoder of ``/fap/1/frame`` messages for many sessions at once, numbered from 0 in every session.
 
     Stateful.
 
-    What 500 sessions cost is little more than joining their bytes: names and tags are written once.
+    Names and tags are encoded once, so 500 sessions cost little more than joining their bytes.
 
     Parameters
     ----------
     numbers : sequence of int
         Low-level FAPs to send, 3..68; all by default.
     epochs : mapping of str to int, optional
-        Of the sessions, to be sent; it may change. By default none is sent.
+        Epochs of the sessions; may change. By default none is sent.
 
     Raises
     ------
@@ -164,17 +154,17 @@ class SessionFrames:
         self._next: list[int] = []
 
     def begin_at(self, numbers: Mapping[str, int]) -> None:
-        """Let the numbers of these sessions go on from here, and forget all others."""
+        """Set the next frame number of these sessions, and forget all others."""
         self._sessions, self._next = tuple(numbers), list(numbers.values())
         self._heads = [self._head_of(session) for session in self._sessions]
 
     def encode(self, sessions: tuple[str, ...], faps: NDArray[np.int32], time_us: int) -> list[bytes]:
-        """Write one frame of every session.
+        """Encode one frame of every session.
 
         Parameters
         ----------
         sessions : tuple of str
-            A session that is missing begins at 0 again when it is back.
+            A session that was missing begins at 0 again.
         faps : (S, 68) int32
             FAPU.
         time_us : int
@@ -207,12 +197,12 @@ class SessionFrames:
 
 
 def decode_frame(data: bytes) -> FapFrame:
-    """Read a datagram that holds one ``/fap/1/frame`` message.
+    """Decode a datagram with one ``/fap/1/frame`` message.
 
     Raises
     ------
     DataError
-        If it holds anything else.
+        If it contains anything else.
     """
     messages = osc.parse_packet(data)
     if len(messages) != 1:
@@ -221,7 +211,7 @@ def decode_frame(data: bytes) -> FapFrame:
 
 
 def parse_frame(message: osc.Message) -> FapFrame:
-    """Read a ``/fap/1/frame`` message.
+    """Decode a ``/fap/1/frame`` message.
 
     Raises
     ------
@@ -263,7 +253,7 @@ def parse_frame(message: osc.Message) -> FapFrame:
 
 
 def encode_named(frame: FapFrame, *, limit: int = MAX_DATAGRAM) -> list[bytes]:
-    """Write the FAPs that a frame sends, a message each, in bundles of at most ``limit`` bytes."""
+    """Encode the FAPs of a frame's mask, one message each, in bundles of at most ``limit`` bytes."""
     messages: list[bytes] = []
     for number in (np.flatnonzero(frame.mask) + 1).tolist():
         if number == fap.VISEME_FAP:
@@ -271,28 +261,12 @@ def encode_named(frame: FapFrame, *, limit: int = MAX_DATAGRAM) -> list[bytes]:
         elif number == fap.EXPRESSION_FAP:
             messages.append(osc.message(EXPRESSION, "iiiiii", *frame.expressions.tolist()))
         else:
-            messages.append(_named_head(number) + struct.pack(">i", frame.values[fap.column(number)]))
+            messages.append(osc.head(f"/fap/{number}", "i") + struct.pack(">i", frame.values[fap.column(number)]))
     return osc.bundles(messages, limit=limit)
 
 
-def parse_named(message: osc.Message) -> tuple[int, tuple[int, ...]]:
-    """Read one message of the named form: the FAP's number and its 1, 4 or 6 values.
-
-    Raises
-    ------
-    DataError
-        If it is none.
-    """
-    number, width = _named().get(message.address, (0, 0))
-    if not number:
-        raise DataError(f"got {message.address:.40}, expected /fap/3 .. /fap/68, {VISEME} or {EXPRESSION}")
-    if message.tags[:width] != "i" * width:
-        raise DataError(f"{message.address}: got ,{message.tags:.10}, expected ,{'i' * width}")
-    return number, tuple(value for value in message.arguments[:width] if isinstance(value, int))
-
-
 def _row(values: NDArray[np.int32], visemes: NDArray[np.int32], expressions: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(..., 76): visemes, expressions, FAP 3 to 68."""
+    """Join visemes, expressions and FAP 3 to 68: (..., 76)."""
     row: NDArray[np.int32] = np.concatenate([visemes, expressions, values[..., fap.column(3) :]], axis=-1)
     return row
 
@@ -313,22 +287,10 @@ def _encode(
 
 @lru_cache(maxsize=4096)
 def _head(session: str, count: int, *, has_epoch: bool = False) -> bytes:
-    """Address, type tags and session: all that comes before the numbers."""
+    """Encode address, type tags and session: everything before the numbers."""
     size = len(session.encode(errors="replace"))
     if not 1 <= size <= MAX_SESSION_BYTES:
         raise UsageError(f"session: got {session!r:.40} of {size} bytes, expected 1..{MAX_SESSION_BYTES}")
     count += has_epoch
     values: Sequence[osc.Argument] = (session, 0, 0, bytes(MASK_BYTES), *[0] * count)
     return osc.message(FRAME, _HEAD_TAGS + "i" * count, *values)[: -(_FIXED.size + 4 * count)]
-
-
-@cache
-def _named_head(number: int) -> bytes:
-    return osc.message(f"/fap/{number}", "i", 0)[:-4]
-
-
-@cache
-def _named() -> dict[str, tuple[int, int]]:
-    """Give each address's FAP and number of values."""
-    rows = {f"/fap/{row.number}": (row.number, 1) for row in fap.FAPS}
-    return {VISEME: (fap.VISEME_FAP, VISEME_WIDTH), EXPRESSION: (fap.EXPRESSION_FAP, EXPRESSION_WIDTH), **rows}

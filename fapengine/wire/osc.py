@@ -1,4 +1,4 @@
-"""OSC packets: messages and bundles to bytes, and any bytes back or a ``DataError``.
+"""OSC packets: encode messages and bundles, and decode any bytes or raise ``DataError``.
 
 Layout (OSC 1.0). Everything is big-endian and a multiple of 4 bytes long::
 
@@ -8,9 +8,9 @@ Layout (OSC 1.0). Everything is big-endian and a multiple of 4 bytes long::
     bundle    "#bundle" NUL, time tag (uint32 seconds since 1900, uint32 fractions; 1 = immediately),
               then elements: int32 length, message or bundle
 
-python-osc builds the messages (:mod:`.fap_osc` builds frames of many faces at once). Reading is done here, because
-python-osc's reader takes several times as long for phones and frames, loses the time tags of bundles, and does not come
-back from some packets (design/decisions.md, 0008, ``python -m bench.osc``).
+python-osc encodes the messages (:mod:`.fap_osc` encodes frames of many faces at once). The decoder is here, because
+that of python-osc takes several times as long for phones and frames, drops the time tags of bundles, and does not
+terminate for some packets (design/decisions.md, 0008, ``python -m bench.osc``).
 """
 
 import re
@@ -31,23 +31,23 @@ else:
 Argument = int | float | str | bytes | bool | None
 
 IMMEDIATELY = 1
-"""Time tag that means: on arrival."""
+"""Time tag for "on arrival"."""
 MAX_DEPTH = 8
-"""Bundles in bundles; no sender known goes past 2."""
+"""Largest nesting of bundles; no known sender uses more than 2."""
 BUNDLE = b"#bundle\0"
 BUNDLE_HEAD = BUNDLE + struct.pack(">Q", IMMEDIATELY)
 CLAUSE = "OSC 1.0"
 REMEMBERED_TAGS = 2048
-"""Longest type tags, in arguments, whose reader is cached; with longer ones a peer could fill MBs."""
+"""Longest type tags, in arguments, whose reader is cached: longer ones would let a peer fill the memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message as it came."""
+    """One decoded message."""
 
     address: str
     tags: str
-    """Type tags without the comma and without array brackets: one letter an argument."""
+    """Type tags without comma and array brackets: one character per argument."""
     arguments: tuple[Argument, ...]
     time_tag: int = IMMEDIATELY
     """Time tag of the innermost bundle around it: NTP, 32 bits of seconds since 1900 and 32 of fractions."""
@@ -61,7 +61,7 @@ def message(address: str, tags: str = "", *arguments: Argument) -> bytes:
     address : str
         Begins with ``/``.
     tags : str
-        One OSC type letter an argument (``ihfdsbTFN``): a float is never guessed to be an int.
+        One OSC type tag (``ihfdsbTFN``) per argument.
     arguments
         Values.
 
@@ -91,20 +91,26 @@ def message(address: str, tags: str = "", *arguments: Argument) -> bytes:
     return checked
 
 
+@lru_cache(maxsize=4096)
+def head(address: str, tags: str, *arguments: Argument) -> bytes:
+    """Build a message without the 4 bytes of its last argument, an int or a float, which the caller appends."""
+    return message(address, tags, *arguments, 0)[:-4]
+
+
 def bundles(messages: Sequence[bytes], *, limit: int) -> list[bytes]:
-    """Pack messages, in order, into as few immediate bundles as fit datagrams.
+    """Pack messages, in order, into as few immediate bundles as possible.
 
     Parameters
     ----------
     messages : sequence of bytes
-        Built messages.
+        Encoded messages.
     limit : int, bytes
         Largest datagram.
 
     Raises
     ------
     UsageError
-        If one message alone does not fit.
+        If a single message does not fit.
     """
     packed: list[bytes] = []
     parts, size = [BUNDLE_HEAD], len(BUNDLE_HEAD)
@@ -122,7 +128,7 @@ def bundles(messages: Sequence[bytes], *, limit: int) -> list[bytes]:
 
 
 def parse_packet(data: bytes) -> tuple[Message, ...]:
-    """Read one datagram or TCP frame: its messages, in order.
+    """Decode one datagram or TCP frame: its messages, in order.
 
     Raises
     ------
@@ -131,7 +137,7 @@ def parse_packet(data: bytes) -> tuple[Message, ...]:
     UnsupportedError
         For a type tag that is not in the list above, or bundles nested deeper than 8.
     DataError
-        If it is no OSC; ``where`` is the byte.
+        If it is not OSC; ``where`` is the byte.
     """
     messages: list[Message] = []
     _packet(data, 0, IMMEDIATELY, 0, messages)
@@ -139,17 +145,13 @@ def parse_packet(data: bytes) -> tuple[Message, ...]:
 
 
 def _packet(data: bytes, at: int, time_tag: int, depth: int, messages: list[Message]) -> None:
-    if data[:8] == BUNDLE:
-        if depth == MAX_DEPTH:
-            raise UnsupportedError(f"OSC: got bundles nested deeper than {MAX_DEPTH}", where=f"byte {at}")
-        _bundle(data, at, depth, messages)
-    elif data[:1] == b"/":
+    if data[:1] == b"/":
         messages.append(_message(data, at, time_tag))
-    else:
+        return
+    if data[:8] != BUNDLE:
         raise DataError(f"OSC: got {data[:8]!r}, expected / or #bundle", where=f"byte {at}", clause=CLAUSE)
-
-
-def _bundle(data: bytes, at: int, depth: int, messages: list[Message]) -> None:
+    if depth == MAX_DEPTH:
+        raise UnsupportedError(f"OSC: got bundles nested deeper than {MAX_DEPTH}", where=f"byte {at}")
     if len(data) < 16:
         raise TruncatedError(f"OSC bundle: got {len(data)} bytes, expected 16 or more", where=f"byte {at}")
     (time_tag,) = struct.unpack_from(">Q", data, 8)
@@ -171,7 +173,7 @@ def _bundle(data: bytes, at: int, depth: int, messages: list[Message]) -> None:
 
 def _message(data: bytes, at: int, time_tag: int) -> Message:
     address, here = _string(data, 0, at)
-    if here == len(data):  # some old senders leave the type tags out where there are no arguments
+    if here == len(data):  # some old senders omit the type tags of a message without arguments
         return Message(address, "", (), time_tag)
     spelled, here = _string(data, here, at)
     if not spelled.startswith(","):
@@ -232,7 +234,7 @@ _READERS: dict[str, Reader] = {
 
 @lru_cache(maxsize=256)
 def _steps(tags: str) -> tuple[struct.Struct | Reader, ...]:
-    """Plan how to read arguments: runs of numbers at once."""
+    """Return the readers of the arguments, one struct for each run of numbers."""
     steps: list[struct.Struct | Reader] = []
     for run in re.findall(f"[{''.join(_LAYOUTS)}]+|.", tags, re.DOTALL):
         if run[0] in _LAYOUTS:

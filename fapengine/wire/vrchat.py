@@ -1,6 +1,6 @@
 """VRChat over OSC: avatar parameters in VRCFaceTracking's Unified Expressions, and native eyes.
 
-Plain messages, one a datagram (bundles are not promised to be read), to port 9000::
+Plain messages, one per datagram (support of bundles is not documented), to port 9000::
 
     /avatar/parameters/<prefix>v2/<name>   f     one for each row of UNIFIED; the avatar's author chooses the prefix
     /avatar/parameters/<name>              i f or T/F
@@ -8,12 +8,12 @@ Plain messages, one a datagram (bundles are not promised to be read), to port 90
     /tracking/eye/LeftRightPitchYaw        ffff  left pitch, left yaw, right pitch, right yaw; degrees, positive is down
                                                  and the subject's right
 
-Without eyes for 10 s VRChat blinks and looks by itself again. ``Viseme`` and ``Voice`` are what VRChat tells; they
-cannot be written. ARKit's mouthLeft and mouthRight are not sent: their Unified name was not found written down.
+After 10 s without eyes VRChat blinks and looks by itself. ``Viseme`` and ``Voice`` are outputs of VRChat. ARKit's
+mouthLeft and mouthRight are not sent: their Unified name is not documented.
 """
 
 import struct
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ from fapengine.wire.shapes import turns_rad
 PORT = 9000
 PARAMETERS = "/avatar/parameters/"
 LID_OPEN = 0.75
-"""EyeLid: 0 shut, 0.75 open, 1 wide."""
+"""EyeLid: 0 closed, 0.75 open, 1 wide."""
 _SIDES = ("Left", "Right")
 _SIDED = (  # ARKit's name and Unified's, each with Left and Right
     ("eyeSquint", "EyeSquint"), ("browDown", "BrowDown"), ("browOuterUp", "BrowOuterUp"),
@@ -56,30 +56,30 @@ UNIFIED: tuple[Row, ...] = (
     *((name + side, 0.0, ((arkit + side, 1.0),)) for arkit, name in _SIDED for side in _SIDES),
     *((name + side, 0.0, ((arkit, 1.0),)) for arkit, name in _BOTH for side in _SIDES),
 )
-"""Name after ``v2/``, its value at rest, and what each of ARKit's shapes adds."""
+"""Name after ``v2/``, its value at rest, and the factor of each ARKit shape."""
 
 
 def encode_unified(weights: ArrayLike, *, prefix: str = "") -> list[bytes]:
-    """Write one frame of ARKit weights as Unified Expressions: (52,) -> a datagram for each row of ``UNIFIED``."""
+    """Encode one frame of ARKit weights, (52,), as Unified Expressions: a datagram for each row of ``UNIFIED``."""
     row = frozen(weights, "weights", (len(ARKIT_NAMES),), np.float64)
     rest, matrix = _matrix()
     low = np.where(matrix.min(axis=1) * (rest == 0) < 0, -1.0, 0.0)
     values = np.clip(rest + matrix @ row, low, 1.0)
     return [
-        _head(f"{PARAMETERS}{prefix}v2/{name}") + struct.pack(">f", value)
+        osc.head(f"{PARAMETERS}{prefix}v2/{name}", "f") + struct.pack(">f", value)
         for (name, _, _), value in zip(UNIFIED, values.tolist(), strict=True)
     ]
 
 
 def encode_eyes(faps: ArrayLike, weights: ArrayLike) -> list[bytes]:
-    """Write lids and gaze of one frame for VRChat's native eyes: two datagrams.
+    """Encode lids and gaze of one frame for VRChat's native eyes: two datagrams.
 
     Parameters
     ----------
     faps : (68,) FAPU
         FAP 23 to 26 are the gaze.
     weights : (52,)
-        ARKit's, of the same frame; the mean of both blinks shuts the lids.
+        Of ARKit's shapes, same frame; the mean of both blinks closes the lids.
     """
     row = frozen(weights, "weights", (len(ARKIT_NAMES),), np.float64)
     blinks = [row[ARKIT_NAMES.index(f"eyeBlink{side}")] for side in _SIDES]
@@ -93,14 +93,9 @@ def encode_eyes(faps: ArrayLike, weights: ArrayLike) -> list[bytes]:
 
 @cache
 def _matrix() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(U,) values at rest and (U, 52) what the shapes add."""
+    """Values at rest, (U,), and factors of the shapes, (U, 52)."""
     matrix = np.zeros((len(UNIFIED), len(ARKIT_NAMES)))
     for index, (_, _, adds) in enumerate(UNIFIED):
         for name, weight in adds:
             matrix[index, ARKIT_NAMES.index(name)] = weight
     return np.array([rest for _, rest, _ in UNIFIED]), matrix
-
-
-@lru_cache(maxsize=4096)
-def _head(address: str) -> bytes:
-    return osc.message(address, "f", 0.0)[:-4]

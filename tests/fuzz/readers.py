@@ -53,7 +53,7 @@ from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.text.normal_form import decoded, speakable
 from fapengine.speech.text.ssml import check_ssml, find_tag
 from fapengine.voices.services import SERVICES
-from fapengine.wire import fap_osc, livelink, osc
+from fapengine.wire import fap_osc, osc
 from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.wire.rtp import RtpSender
 from fapengine.wire.speech_osc import codec, schema
@@ -295,9 +295,6 @@ def _wire() -> Iterable[Reader]:
     yield Reader("OSC", osc.parse_packet, (mixed, *osc.bundles([mixed, frame], limit=9999)))
     yield Reader("OSC, speech", messages, told)
     yield Reader("OSC, frame", fap_osc.decode_frame, (frame,))
-    subject = livelink.Subject("Zoë", "01234567-89ab-cdef-0123-456789abcdef")
-    face = livelink.encode_face(subject, livelink.Face(number=1, values=np.linspace(-1, 1, 61)))
-    yield Reader("Live Link", livelink.decode_packet, (face,))
     planes = Encoder(rate_hz=25.0, options=EncoderOptions(plane_start_codes="all"))
     packets = RtpSender(ssrc=1).plane(planes.frame([0, 0, *range(66)]), 0.0)
     yield Reader("RTP", lambda data: RtpReceiver().packet(data), tuple(packets))

@@ -208,8 +208,8 @@ def livelink_face(
     rate = (round(1000 * rate_hz), 1000)
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
-        values = livelink.join_values(follower.follow(faps), faps)
-        return [livelink.encode_face(subject, livelink.Face(number=number & 0x7FFFFFFF, rate=rate, values=values))]
+        values = livelink.livelink_values(follower.follow(faps), faps)
+        return [livelink.encode_face(subject, values, number=number & 0x7FFFFFFF, rate=rate)]
 
     return SingleFaceEncoder(write, session)
 

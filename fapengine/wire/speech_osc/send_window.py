@@ -203,7 +203,7 @@ class SendWindow:
         return now_s > self.zero_s + length_s + 2.0
 
     def _outstanding(self, now_s: float) -> list[int]:
-        """Indices of phones that were sent, are not acknowledged and not too late."""
+        """Return the indices of phones that were sent, are not acknowledged and not too late."""
         waiting = []
         for index in range(self.next_index, self.stop_sent):
             if index in self.acknowledged or self._sent[index].tries > MAX_TRIES:

@@ -459,7 +459,7 @@ class OscSender:
         return schema.Phones(self.session, window.number, window.sequence, first, phones, window.revision)
 
     def _opening(self, window: SendWindow, now_s: float) -> list[schema.Wire]:
-        """The begin, until the engine has acknowledged it, with a ping if the start is a time."""
+        """Return the begin, until the engine has acknowledged it, with a ping if the start is a time."""
         if window.is_begun:
             return []
         begin = schema.BeginUtterance(

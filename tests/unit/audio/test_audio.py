@@ -246,8 +246,8 @@ class Pulled(SilentOutput):
     def close(self) -> None:
         self.is_closed = True
 
-    def _reach(self, now_s: float) -> float:
-        return super()._reach(min(now_s, self.pulled_s))
+    def _stream_s(self, now_s: float) -> float:
+        return super()._stream_s(min(now_s, self.pulled_s))
 
 
 def test_silence_goes_on_where_a_device_that_is_pulled_out_was(caplog: pytest.LogCaptureFixture) -> None:
@@ -332,7 +332,7 @@ def test_a_device_that_does_not_know_the_rate_gets_it_resampled(monkeypatch: pyt
         raise card.PortAudioError("Invalid sample rate")
 
     card.check_output_settings = refuse
-    monkeypatch.setattr(device, "_portaudio", lambda: card)
+    monkeypatch.setattr(device, "portaudio", lambda: card)
     now = Clock()
     with Player(22_050, now=now) as player:
         assert player.description == "Card, 44100 Hz"
@@ -359,7 +359,7 @@ def test_a_device_that_does_not_know_the_rate_gets_it_resampled(monkeypatch: pyt
 
 def test_refuses_and_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
     card = fake()
-    monkeypatch.setattr(device, "_portaudio", lambda: card)
+    monkeypatch.setattr(device, "portaudio", lambda: card)
     assert [(one.name, one.is_default) for one in device.devices()] == [("Card", True)]
     with pytest.raises(UsageError, match="sample_rate_hz: got 0"):
         Player(0)

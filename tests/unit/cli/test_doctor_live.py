@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fapengine.audio import device, microphone
+from fapengine.audio import device
 from fapengine.cli import _doctor_live as doctor
 from fapengine.cli._doctor_live import LackError
 from fapengine.errors import ResourceError
@@ -51,7 +51,7 @@ def test_an_ear_and_a_microphone_are_found(null_sink: Mapping[str, str]) -> None
 
 
 def test_without_an_input_there_is_no_microphone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(microphone, "microphones", list)
+    monkeypatch.setattr(device, "devices", lambda direction: [])
     with pytest.raises(LackError, match="no input device"):
         doctor.microphone()
 

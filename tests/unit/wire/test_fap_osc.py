@@ -1,7 +1,7 @@
 """FAP frames over OSC: the bytes of one by hand, every frame back, and what a decoder refuses."""
 
 import struct
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from fapengine.wire.fap_osc import (
     encode_frame,
     encode_named,
     encode_track,
-    parse_named,
 )
 
 h = bytes.fromhex
@@ -49,9 +48,13 @@ EXAMPLE_BYTES = h(
 )
 
 
+def same(one: FapFrame, other: FapFrame) -> bool:
+    return all(np.array_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(FapFrame))
+
+
 def test_the_example_has_its_bytes_and_every_cut_is_refused() -> None:
     assert encode_frame(EXAMPLE) == EXAMPLE_BYTES
-    assert decode_frame(EXAMPLE_BYTES).equals(EXAMPLE)
+    assert same(decode_frame(EXAMPLE_BYTES), EXAMPLE)
     for cut in range(len(EXAMPLE_BYTES)):
         with pytest.raises(DataError):
             decode_frame(EXAMPLE_BYTES[:cut])
@@ -89,7 +92,7 @@ def frames(draw: st.DrawFn) -> FapFrame:
 def test_every_frame_comes_back(frame: FapFrame) -> None:
     data = encode_frame(frame)
     assert len(data) <= fap_osc.MAX_DATAGRAM
-    assert decode_frame(data).equals(frame)
+    assert same(decode_frame(data), frame)
 
 
 def test_a_track_is_numbered_without_gaps_and_keeps_its_times() -> None:
@@ -129,9 +132,9 @@ def test_epochs_of_sessions_stand_behind_the_values() -> None:
         frames = [decode_frame(data) for data in stream.encode(("a", "b"), faps, 0)]
         assert [frame.epoch for frame in frames] == [epochs["a"], 0]
         assert np.array_equal(frames[0].values, decode_frame(plain[0]).values)
-        assert decode_frame(encode_frame(frames[0])).equals(frames[0])
+        assert same(decode_frame(encode_frame(frames[0])), frames[0])
         epochs["a"] = 4
-    assert not frames[0].equals(decode_frame(plain[0]))
+    assert not same(frames[0], decode_frame(plain[0]))
     with pytest.raises(UsageError, match="epoch -1"):
         frame_of({}, epoch=-1)
 
@@ -223,23 +226,10 @@ def test_named_form_sends_what_the_mask_says_within_the_limit() -> None:
     full = frame_of({n: n * 3 for n in range(3, 69)}, visemes=(1, 2, 3, 0), expressions=(1, 2, 3, 4, 0, 1), high=(1, 2))
     datagrams = encode_named(full)
     assert [len(data) for data in datagrams] == [1188, 256]  # 16 + 40 + 52 + 54 * 20, 16 + 12 * 20
-    found = dict(parse_named(message) for data in datagrams for message in osc.parse_packet(data))
-    assert found == {1: (1, 2, 3, 0), 2: (1, 2, 3, 4, 0, 1)} | {n: (n * 3,) for n in range(3, 69)}
+    found = {message.address: message.arguments for data in datagrams for message in osc.parse_packet(data)}
+    both = {"/fap/viseme": (1, 2, 3, 0), "/fap/expression": (1, 2, 3, 4, 0, 1)}
+    assert found == both | {f"/fap/{n}": (n * 3,) for n in range(3, 69)}
     assert encode_named(frame_of({})) == []
-
-
-@pytest.mark.parametrize("address", ["/fap/1", "/fap/2", "/fap/69", "/fap/03", "/fap", "/x"])
-def test_addresses_that_name_no_fap(address: str) -> None:
-    with pytest.raises(DataError, match="expected /fap/3"):
-        parse_named(osc.Message(address, "i", (1,)))
-
-
-def test_named_types_are_checked_and_surplus_ignored() -> None:
-    with pytest.raises(DataError, match=r"/fap/viseme: got ,iii, expected ,iiii"):
-        parse_named(osc.Message("/fap/viseme", "iii", (1, 2, 3)))
-    with pytest.raises(DataError, match=r"/fap/3: got ,f"):
-        parse_named(osc.Message("/fap/3", "f", (1.0,)))
-    assert parse_named(osc.Message("/fap/3", "is", (1, "x"))) == (3, (1,))
 
 
 def test_the_documented_example_is_the_one_tested() -> None:
