@@ -187,7 +187,7 @@ MUTATIONS = (
         ("tests/unit/server/test_server_sinks.py::test_a_guard_puts_every_face_to_rest_that_was_open",),
     ),
     Mutation(
-        "taking turns", "fapengine/server/intake/fair_queue.py", "rotate(-1)", "rotate(0)",
+        "taking turns", "fapengine/server/intake/ingress.py", "rotate(-1)", "rotate(0)",
         "a flood from one sender keeps nobody else waiting",
         ("tests/unit/server/test_server_ingress.py",),
     ),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fapengine.cli._verb import MANNER
-from fapengine.server.sinks.kinds import SINK_KINDS, DatagramKind
+from fapengine.server.sinks.kinds import SINK_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 DRAWING, LIVE, AVATAR = "Rendering", "Live output", "Avatar output"
 """Titles of groups of options; that of the speaking options is :data:`fapengine.cli._verb.MANNER`."""
 SINKS = ", ".join(kind.spelled for kind in SINK_KINDS)
-DATAGRAM_SINKS = ", ".join(kind.spelled for kind in SINK_KINDS if isinstance(kind, DatagramKind))
+DATAGRAM_SINKS = ", ".join(kind.spelled for kind in SINK_KINDS if kind.medium == "datagrams")
 """Sinks that work without a server."""
 
 Output = Annotated[
@@ -87,7 +87,7 @@ def complete_datagram_sink(incomplete: str) -> list[tuple[str, str]]:
     return [
         (f"{kind.name}://", kind.receivers)
         for kind in SINK_KINDS
-        if isinstance(kind, DatagramKind) and f"{kind.name}://".startswith(incomplete)
+        if kind.medium == "datagrams" and f"{kind.name}://".startswith(incomplete)
     ]
 
 

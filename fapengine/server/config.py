@@ -10,7 +10,7 @@ from fapengine import speaking
 from fapengine._strict_toml import Between, Checked, parse_toml
 from fapengine.engine.session import Limits
 from fapengine.errors import UsageError
-from fapengine.server.sinks.kinds import VideoKind, kind_of, parse_sink
+from fapengine.server.sinks.kinds import kind_of, parse_sink
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.wire.speech_osc.schema import check_session
@@ -50,7 +50,7 @@ recognizer = ""         # "small", "sphinx", "both" or an ONNX model; "": the be
 [calls]
 on = false              # WebRTC on the web port: /whep sends a face, /whip receives audio, /call.html is a demo page
 host = ""               # address of this machine for calls; "": the one that the caller used
-most = 8                # simultaneous calls
+max_calls = 8           # simultaneous calls
 size = 512              # width and height of the image, pixels
 rate_hz = 30.0          # images per second
 
@@ -61,11 +61,11 @@ queued_s = 600.0        # longest utterance, and how far ahead one may be schedu
 silence_s = 2.0         # an utterance without an end finishes when no phone has come for this long
 wait_s = 30.0           # an utterance that waits for its audio is given up after this long
 idle_close_s = 120.0    # a session without clients and viewers is closed after this long
-packets_a_peer = 256    # unprocessed packets per sender
+packets_per_sender = 256  # unprocessed packets
 streams = 256           # TCP connections of senders
 connections = 512       # connections of the web page, and the same number for metrics
-connections_an_address = 128  # connections from one address
-ears = 4                # sessions driven by audio, one recognizer process each; 0: none
+connections_per_address = 128  # connections from one address
+recognizers = 4         # sessions driven by audio, one recognizer process each; 0: none
 
 [bus]
 url = ""                # share sessions through this NATS server, such as "nats://10.0.0.5:4222"; "": none
@@ -80,13 +80,13 @@ format = "text"         # or "json": one object per line
 [[sink]]
 url = "vmc://127.0.0.1:39539"
 """
-"""Every key, with its default; every one may be left out. And one sink."""
+"""Every key with its default; each may be omitted. And one sink."""
 OSC_PORT, WEB_PORT = 9110, 8110
 Port = Annotated[int, Between(0, 65_535)]
 
 
 class _Section(Checked):
-    """Base of sections: an empty text stands for None where that is allowed."""
+    """Base of sections: an empty string means None where None is allowed."""
 
     __slots__ = ()
 
@@ -99,21 +99,21 @@ class _Section(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Listen(_Section):
-    """Where the server can be reached."""
+    """Addresses and access."""
 
     host: str = "127.0.0.1"
     port: Port = OSC_PORT
-    """OSC, UDP and TCP; 0: any free one."""
+    """OSC over UDP and TCP; 0: any free port."""
     web_port: Port | None = WEB_PORT
-    """The page; None: none, 0: any free one. In the file 0 is none."""
+    """Web page; None: no page, 0: any free port. In the file, 0 means no page."""
     metrics_port: Port | None = None
-    """Prometheus text; None: none, 0: any free one. In the file 0 is none."""
+    """Prometheus metrics; None: off, 0: any free port. In the file, 0 means off."""
     token: str | None = None
-    """Word that senders and pages must know; None or "": none is needed."""
+    """Secret that senders and pages must present; None or "": none is needed."""
     origins: tuple[str, ...] = ()
-    """Sites whose pages may show these faces beside the server's own: ``"https://example.org"``."""
+    """Other sites whose pages may show these faces: ``"https://example.org"``."""
     workers: Annotated[int, Between(1, 256)] = 1
-    """Processes that show faces (:mod:`fapengine.server.cluster.workers`)."""
+    """Worker processes (:mod:`fapengine.server.cluster.workers`)."""
 
     def __post_init__(self) -> None:
         _Section.__post_init__(self)
@@ -124,7 +124,7 @@ class Listen(_Section):
 
 @dataclass(frozen=True, slots=True)
 class Face(Checked):
-    """Who speaks, and how it looks."""
+    """Speaker profile, head and frame rate."""
 
     profile: speaking.ProfileName = speaking.DEFAULT_PROFILE
     head: str = "default"
@@ -134,16 +134,16 @@ class Face(Checked):
 
 @dataclass(frozen=True, slots=True)
 class SoundChoice(_Section):
-    """Whose voice is heard where the server runs."""
+    """Audio devices of the server's machine, and the recognizer."""
 
     session: str | None = None
-    """Session that the loudspeaker plays; None or "": none."""
+    """Session that is played on the audio output; None or "": none."""
     device: str | None = None
-    """Number of the sound device or a part of its name; None or "": the system's."""
+    """Audio output: its number or part of its name; None or "": the default."""
     microphone: str | None = None
-    """Microphone that moves a face: ``"default"``, its number or a part of its name; None or "": none."""
+    """Microphone that drives a face: ``"default"``, its number or part of its name; None or "": none."""
     listens: str = "face"
-    """Session that the microphone moves."""
+    """Session that the microphone drives."""
     recognizer: str | None = None
     """Name of a recognizer (:mod:`fapengine.recognition.choice`) or an ONNX model; None or "": the best installed."""
 
@@ -156,14 +156,14 @@ class SoundChoice(_Section):
 
 @dataclass(frozen=True, slots=True)
 class CallChoice(_Section):
-    """WebRTC: who may watch a face as pictures and sound, or move it by sound."""
+    """WebRTC: faces as video and audio, and audio that drives them."""
 
     on: bool = False
     host: str | None = None
-    """Address of this machine at which callers reach it; None or "": the one by which they asked."""
-    most: Annotated[int, Between(1, 1000)] = 8
+    """IP address of this machine for calls; None or "": the one that the caller used."""
+    max_calls: Annotated[int, Between(1, 1000)] = 8
     size: Annotated[int, Between(64, 2048)] = 512
-    """Width and height of the picture, pixels; even."""
+    """Width and height of the image in pixels; even."""
     rate_hz: Annotated[float, Between(1.0, 120.0)] = 30.0
 
     def __post_init__(self) -> None:
@@ -179,7 +179,7 @@ class CallChoice(_Section):
 
 @dataclass(frozen=True, slots=True)
 class Caps(Checked):
-    """What one server holds at most."""
+    """Limits of one server process."""
 
     sessions: Annotated[int, Between(1, 100_000)] = 1000
     utterances: Annotated[int, Between(1, 10_000)] = 32
@@ -187,36 +187,30 @@ class Caps(Checked):
     silence_s: Annotated[float, Between(0.1, 3600.0)] = 2.0
     wait_s: Annotated[float, Between(0.1, 3600.0)] = 30.0
     idle_close_s: Annotated[float, Between(1.0, 86_400.0)] = 120.0
-    packets_a_peer: Annotated[int, Between(1, 100_000)] = 256
+    packets_per_sender: Annotated[int, Between(1, 100_000)] = 256
     streams: Annotated[int, Between(1, 10_000)] = 256
     connections: Annotated[int, Between(1, 10_000)] = 512
-    connections_an_address: Annotated[int, Between(1, 10_000)] = 128
-    ears: Annotated[int, Between(0, 64)] = 4
+    connections_per_address: Annotated[int, Between(1, 10_000)] = 128
+    recognizers: Annotated[int, Between(0, 64)] = 4
 
     @property
     def engine(self) -> Limits:
-        """The engine's part."""
-        return Limits(
-            sessions=self.sessions,
-            utterances=self.utterances,
-            queued_s=self.queued_s,
-            silence_s=self.silence_s,
-            wait_s=self.wait_s,
-        )
+        """The limits that the engine applies."""
+        return Limits(**{one.name: getattr(self, one.name) for one in fields(Limits) if hasattr(self, one.name)})
 
 
 @dataclass(frozen=True, slots=True)
 class BusChoice(_Section):
-    """With whom the sessions are shared (:mod:`fapengine.server.cluster.bus`)."""
+    """Sessions shared with other servers (:mod:`fapengine.server.cluster.bus`)."""
 
     url: str | None = None
-    """Addresses of NATS, with ``,`` between them; None or "": this machine is alone."""
+    """URLs of NATS servers, separated by commas; None or "": sessions are not shared."""
     host: str | None = None
-    """Address at which other machines and senders reach this one; None or "": that at which it listens."""
+    """Address at which other machines and senders reach this one; None or "": the address it listens on."""
     name: str = "fapengine"
-    """Common name of the machines that share sessions."""
+    """Common name of the servers that share sessions."""
     replicas: Annotated[int, Between(1, 5)] = 1
-    """Copies of what NATS keeps."""
+    """Copies that NATS keeps."""
 
     def __post_init__(self) -> None:
         _Section.__post_init__(self)
@@ -229,7 +223,7 @@ class BusChoice(_Section):
 
 @dataclass(frozen=True, slots=True)
 class Log(Checked):
-    """What is logged, and how."""
+    """Level and format of the log."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
     format: Literal["text", "json"] = "text"
@@ -237,7 +231,7 @@ class Log(Checked):
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
-    """Parts of a configuration that its file spells in the same way."""
+    """Sections that are the same in Python and in the file."""
 
     listen: Listen = field(default_factory=Listen)
     face: Face = field(default_factory=Face)
@@ -259,12 +253,12 @@ class ServeConfig(_Parts):
 
     @property
     def has_parent(self) -> bool:
-        """Whether workers show the faces, and a parent gives them their sessions."""
+        """Whether worker processes show the faces, and a parent assigns sessions to them."""
         return self.listen.workers > 1 or self.bus.url is not None
 
     def __post_init__(self) -> None:
         for url in self.sinks if self.has_parent else ():
-            if isinstance(kind_of(parse_sink(url)), VideoKind):
+            if kind_of(parse_sink(url)).medium == "video":
                 given = "a bus" if self.bus.url else f"workers = {self.listen.workers}"
                 raise UsageError(f"sink {parse_sink(url)}: got {given}, expected a server of one process with it")
 
@@ -279,7 +273,7 @@ class _Sink:
 
 @dataclass(frozen=True, slots=True)
 class _Document(_Parts):
-    """A configuration as its file spells it."""
+    """The sections of a configuration file."""
 
     sink: tuple[_Sink, ...] = ()
 
@@ -292,12 +286,12 @@ def parse_config(data: bytes, name: str) -> ServeConfig:
     data : bytes
         TOML.
     name : str
-        Of the file, for messages.
+        Name of the file, for error messages.
 
     Raises
     ------
     DataError
-        If it is no TOML, or a key is unknown, of the wrong type or out of range; ``where`` is file and key.
+        If it is not TOML, or a key is unknown, of the wrong type or out of range; ``where`` is file and key.
 
     Examples
     --------
@@ -316,14 +310,14 @@ Part = TypeVar("Part", Listen, Face, Style, VoiceChoice, SoundChoice, CallChoice
 
 
 def load_config(path: Path) -> ServeConfig:
-    """Read a configuration's file: see :func:`parse_config`.
+    """Read a configuration file; see :func:`parse_config`.
 
     Raises
     ------
     UsageError
-        If it cannot be read.
+        If the file cannot be read.
     DataError
-        If it is wrong.
+        If it is not a valid configuration.
     """
     try:
         return parse_config(path.read_bytes(), str(path))
@@ -332,7 +326,7 @@ def load_config(path: Path) -> ServeConfig:
 
 
 def overridden(part: Part, **changes: Any) -> Part:
-    """Put what is not None in place of a dataclass' own fields: options go before the file.
+    """Replace fields of a dataclass by the changes that are not None; command-line options override the file.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""How much of the time between frames the server's own work takes, which decides about new faces; garbage collection.
+"""The server's load, which limits the number of new faces; and garbage collection.
 
-There is little garbage: each closed connection leaves one cycle of dead objects. Python by itself looks for cycles
-every few seconds; with 500 sessions that takes 30 ms, in which nothing is shown.
+There is little garbage: each closed connection leaves one cycle of dead objects. Python's own collection runs every few
+seconds; with 500 sessions it takes 30 ms, in which no frame is shown.
 """
 
 import asyncio
@@ -10,31 +10,29 @@ import time
 from dataclasses import dataclass
 
 WINDOW_S = 1.0
-"""Time over which work is summed up."""
+"""Time over which the load is averaged."""
 FULL, FREE = 0.65, 0.55
-"""Share of the time that the faces need, from which on no new one is let in; and below which one is, again."""
+"""Load above which no new face is accepted, and below which faces are accepted again."""
 A_FACE = 0.004
-"""Share that a new face is taken to need until it was measured: what one needs that speaks, phone by phone, at 60
-frames a second (``python -m bench.sessions``). One that only waits needs a third of it."""
+"""Load that a new face is assumed to cause until it is measured: that of a face that speaks phone by phone at 60 Hz
+(``python -m bench.sessions``). A face that waits needs a third of it."""
 COLLECT_SHARE = 1e-4
-"""Share of its time that the server spends on collecting garbage."""
+"""Fraction of the time that is spent on garbage collection."""
 COLLECT_S = (30.0, 600.0)
-"""Least and most time from one collection to the next."""
+"""Minimum and maximum time between two collections."""
 
 
 @dataclass(slots=True)
 class Load:
-    """Work of the loop's thread, in seconds of the processor, against the time of the frames that were shown.
+    """Processor time of the loop's thread divided by the time of the shown frames. Stateful.
 
-    A machine that is busy with other programs does not count: there the thread waits, and works no more than before.
-    What newcomers cost is known only after a window, so each window lets in no more than would fill the time.
-
-    Stateful.
+    Other programs on the machine do not count: while they run, the thread only waits. The cost of new faces is known
+    after one window, so each window accepts only as many as are assumed to fit.
 
     Parameters
     ----------
     rate_hz : float
-        Frames a second.
+        Frame rate.
 
     Examples
     --------
@@ -47,26 +45,22 @@ class Load:
 
     rate_hz: float
     share: float = 0.0
-    """Share of the last window."""
+    """Load of the last window."""
     is_full: bool = False
     room: int = int(FULL / A_FACE)
-    """Faces that may be let in before the window ends."""
+    """Faces that may be accepted before the window ends."""
     _frames: int = 0
     _begun_s: float | None = None
     _begun_cpu_s: float = 0.0
 
     def add(self, cpu_s: float, now_s: float) -> bool:
-        """Count a frame, and tell whether a window ended with it: then all figures are new.
+        """Count a frame; return True if a window ended with it, and the load is new.
 
         Parameters
         ----------
         cpu_s : float
             Processor time of the thread up to now.
         now_s : float
-
-        Returns
-        -------
-        bool
         """
         if self._begun_s is None:
             self._begun_s, self._begun_cpu_s = now_s, cpu_s
@@ -82,7 +76,7 @@ class Load:
 
 
 async def collect_now_and_then() -> None:
-    """Collect garbage instead of Python, until cancelled; objects that exist now live as long as the server does."""
+    """Collect garbage in place of Python, until cancelled; objects that exist now are never collected."""
     gc.disable()
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""The server's log: a line each, for people or for programs."""
+"""The server's log: one line per record, as text or JSON."""
 
 import json
 import logging
@@ -7,14 +7,14 @@ import time
 from typing import TextIO
 
 PLAIN = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
-"""Names that every record has; any other was given as ``extra``."""
+"""Attributes that every record has; all others were given as ``extra``."""
 
 
 class JsonLines(logging.Formatter):
-    """One JSON object a line: time (UTC), level, logger, message, trouble, and whatever the caller added."""
+    """One JSON object per line: time (UTC), level, logger, message, trouble, and the caller's extra fields."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Write a record."""
+        """Format a record."""
         fields: dict[str, object] = {
             "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created)) + f".{int(record.msecs):03d}Z",
             "level": record.levelname.lower(),
@@ -28,34 +28,33 @@ class JsonLines(logging.Formatter):
 
 
 class Lines(logging.Formatter):
-    """Time, level where it is not plain information, message."""
+    """Time, level unless it is info, and message."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Write a record."""
+        """Format a record."""
         level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
         text = f"{time.strftime('%H:%M:%S', time.localtime(record.created))} {level}{record.getMessage()}"
         return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
 
 
 AT_ONCE, WITHIN_S = 5, 10.0
-"""Records of one kind that are written within so long; more are only counted."""
+"""Number of records of one kind that are written within this time; further ones are only counted."""
 MAX_KINDS = 1000
 
 
 class SeldomFilter(logging.Filter):
-    """A filter of records that repeat themselves: what anybody can cause must not fill a disk.
+    """A filter of repeated records, so that no client can fill the disk. Stateful.
 
-    Two records are of one kind if they have the same text but for its arguments.
-    Stateful.
+    Two records are of one kind if their texts differ only in the arguments.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._kinds: dict[tuple[str, str], list[float]] = {}
-        """Kind to when its first record of the latest 10 s came, how many came since, how many were not written."""
+        """Kind to the time of its first record of the latest 10 s, the number since, and the number not written."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a record is written; the first one after others that were not tells how many they were."""
+        """Return whether a record is written; the first one after omitted records reports their number."""
         kind = (record.name, str(record.msg))
         if len(self._kinds) > MAX_KINDS:
             self._kinds.clear()
@@ -72,7 +71,7 @@ class SeldomFilter(logging.Filter):
 
 
 def begin_log(level: str, form: str, stream: TextIO | None = None) -> logging.Handler:
-    """Send what fapengine logs to a stream, standard error by default.
+    """Write the log of fapengine to a stream, by default standard error.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Metrics for Prometheus: everything that is counted (:mod:`fapengine._counters`), as text, with names of its own.
+"""Metrics for Prometheus: all counters (:mod:`fapengine._counters`) as text.
 
-A server with workers has one page: every sample of theirs with a label ``worker``, and what the parent counts itself.
+A server with workers has one page: the workers' samples with a label ``worker``, and the parent's own metrics.
 """
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
@@ -17,9 +17,8 @@ from fapengine._counters import Counts, Family, joined
 from fapengine.host.hub import Hub
 from fapengine.server.config import Listen
 from fapengine.server.intake.doors import Door
-from fapengine.server.sinks.address import Sink, SinkCounts
-from fapengine.server.web.admission import harden, refusal
-from fapengine.server.web.site import Site, open_site
+from fapengine.server.sinks.kinds import Sink, SinkCounts
+from fapengine.server.web.site import Site, admit, harden, open_site
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 BUCKETS_S = (0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.014, 0.016, 0.020, 0.030, 0.050, 0.100)
@@ -29,24 +28,21 @@ Source = Callable[[], Iterable[Family]]
 
 @dataclass(slots=True)
 class TextCounts(Counts):
-    """Counts of texts that senders wanted spoken.
-
-    Stateful.
-    """
+    """Counts of texts that senders wanted spoken. Stateful."""
 
     METRIC = "texts", "Texts that senders wanted spoken, by what became of them."
 
     spoken: int = 0
     refused: int = 0
-    """Texts that came too many at once, or that no installed voice can speak."""
+    """Texts that came too fast, or that no installed voice can speak."""
 
 
 class ServerMetrics(Collector):
-    """Metrics of one server, gathered when asked for. Stateful."""
+    """Metrics of one server, gathered on request. Stateful."""
 
     def __init__(self) -> None:
         self.sources: list[Source] = []
-        """What is asked for metrics, such as :meth:`fapengine._counters.Counts.families`."""
+        """Functions that return metrics, such as :meth:`fapengine._counters.Counts.families`."""
         self._registry = CollectorRegistry()
         self._registry.register(self)
         self.tick_s = Histogram(
@@ -59,28 +55,27 @@ class ServerMetrics(Collector):
         )  # fmt: skip
 
     def text(self) -> bytes:
-        """Give the page that Prometheus reads."""
+        """Return the page that Prometheus reads."""
         return generate_latest(self._registry)
 
     def collect(self) -> Iterator[Metric]:
-        """Gather; called by the registry."""
+        """Gather the metrics; called by the registry."""
         return map(_metric, joined(chain.from_iterable(source() for source in self.sources)))
 
 
 async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, door: Door) -> Site | None:
-    """Serve metrics at a port of their own, if there is one.
+    """Serve metrics on their own port, if one is configured.
 
     Raises
     ------
     ResourceError
-        If the port is taken.
+        If the port is in use.
     """
     if listen.metrics_port is None:
         return None
 
     async def answer(request: web.Request) -> web.Response:
-        if trouble := refusal(request, listen.token):
-            raise web.HTTPForbidden(text=trouble)
+        admit(request, listen.token)
         return web.Response(body=await text(), headers={"Content-Type": CONTENT_TYPE})
 
     app = web.Application()
@@ -90,7 +85,7 @@ async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, doo
 
 
 def of_sessions(hub: Hub) -> Iterator[Family]:
-    """Metrics of a hub's sessions."""
+    """Return metrics of a hub's sessions."""
     states: list[str] = [hub.engine.state(session) for session in hub.engine.sessions]
     samples = tuple(((("state", state),), states.count(state)) for state in STATES)
     yield Family("sessions", "Open sessions, by what they do.", samples, is_gauge=True)
@@ -100,7 +95,7 @@ def of_sessions(hub: Hub) -> Iterator[Family]:
 
 
 def of_sinks(sinks: Iterable[Sink]) -> Iterator[Family]:
-    """Metrics of sinks; their names also where there is none."""
+    """Return metrics of sinks; without sinks, their names."""
     yield from (replace(family, samples=()) for family in SinkCounts().families())
     for sink in sinks:
         yield from sink.counts.families(("sink", str(sink.address)))
@@ -115,34 +110,29 @@ def _metric(family: Family) -> Metric:
     return metric
 
 
-def labelled(texts: Mapping[int, bytes]) -> dict[str, Metric]:
-    r"""Join the pages of workers: families by name.
-
-    Examples
-    --------
-    >>> pages = labelled({0: b"# TYPE faces gauge\nfaces 2.0\n", 1: b"# TYPE faces gauge\nfaces 3.0\n"})
-    >>> [(sample.labels, sample.value) for sample in pages["faces"].samples]
-    [({'worker': '0'}, 2.0), ({'worker': '1'}, 3.0)]
-    """
-    families: dict[str, Metric] = {}
-    for worker, text in texts.items():
-        for family in text_string_to_metric_families(text.decode()):
-            whole = families.setdefault(family.name, Metric(family.name, family.documentation, family.type))
-            for sample in family.samples:
-                whole.add_sample(sample.name, {"worker": str(worker), **sample.labels}, sample.value)
-    return families
-
-
 class _Page(Collector):
     def __init__(self, metrics: Iterable[Metric]) -> None:
-        self._metrics = tuple(metrics)
+        self._metrics = metrics
 
     def collect(self) -> Iterable[Metric]:
         return self._metrics
 
 
 def page_of_workers(families: Iterable[Family], texts: Mapping[int, bytes]) -> bytes:
-    """Write the page of a parent: its own metrics, and the pages of those workers that have answered."""
+    r"""Return the page of a parent: its own metrics, and the workers' pages joined.
+
+    Examples
+    --------
+    >>> texts = {0: b"# TYPE faces gauge\nfaces 2.0\n", 1: b"# TYPE faces gauge\nfaces 3.0\n"}
+    >>> print(page_of_workers([], texts).decode().splitlines()[2:])
+    ['faces{worker="0"} 2.0', 'faces{worker="1"} 3.0']
+    """
+    joined_pages: dict[str, Metric] = {}
+    for worker, text in texts.items():
+        for family in text_string_to_metric_families(text.decode()):
+            whole = joined_pages.setdefault(family.name, Metric(family.name, family.documentation, family.type))
+            for sample in family.samples:
+                whole.add_sample(sample.name, {"worker": str(worker), **sample.labels}, sample.value)
     registry = CollectorRegistry()
-    registry.register(_Page([*map(_metric, families), *labelled(texts).values()]))
+    registry.register(_Page([*map(_metric, families), *joined_pages.values()]))
     return generate_latest(registry)

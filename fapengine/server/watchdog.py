@@ -1,12 +1,12 @@
-"""The watchdog: a small process that outlives the server by a moment; if that is killed, it puts the faces to rest.
+"""The watchdog: a small process that returns all faces to neutral if the server is killed.
 
 Theory of operation
 -------------------
-Before the server opens anything it is forked: a copy that only reads from a pipe. The server sends which sessions are
-open, and at its good end that it is over (messages of :mod:`fapengine._child`). If the pipe ends without that, the
-server was killed, and its datagram sinks may show an open mouth for ever; then the copy sends each of them a face at
-rest, and ends too. What needs a connection (pages, streams) sees that it is gone, and is left alone. A system that
-cannot fork starts a child process in its place.
+Before the server opens anything, it forks a copy that only reads from a pipe. The server sends the names of the open
+sessions, and a goodbye at a regular end (messages of :mod:`fapengine._child`). If the pipe ends without a goodbye, the
+server was killed and its datagram sinks may show an open mouth forever; then the copy sends each of them a neutral
+face, and ends too. Receivers with a connection (pages, streams) notice its end themselves. A system that cannot fork
+starts a child process instead.
 """
 
 import contextlib
@@ -24,32 +24,28 @@ from fapengine._child import Child, Message, Parent, command, ignore_signals, me
 from fapengine.errors import ResourceError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.server.sinks.address import SinkAddress
 from fapengine.server.sinks.datagrams import Post
-from fapengine.server.sinks.kinds import DatagramKind, kind_of, parse_sink
+from fapengine.server.sinks.kinds import SinkAddress, encoder_of, kind_of, parse_sink
 
 RESTS, REST_S = 3, 0.02
-"""Number of times that the last frame is sent, and seconds between them: datagrams get lost."""
+"""Number of times that the last frame is sent, and the time between them: datagrams get lost."""
 AHEAD_FRAMES = 120
-"""Distance of the last frame's number from the number shown: no receiver may take it for a late frame."""
+"""Distance of the last frame's number from the number shown last: no receiver may treat it as a late frame."""
 
 
 @dataclass(slots=True)
 class Watchdog:
-    """The server's end of the pipe, and a context manager. Made by :func:`start_watchdog`.
-
-    Stateful.
-    """
+    """The server's end of the pipe; a context manager, made by :func:`start_watchdog`. Stateful."""
 
     process: int
     pipe: int
     child: Child | None = None
-    """The process, where it was not forked."""
-    _told: tuple[str, ...] = field(default=(), repr=False)
+    """The process, if it was not forked."""
+    _sent: tuple[str, ...] = field(default=(), repr=False)
     _begun: bytes = field(default=b"", repr=False)
-    """Rest of a message that the pipe has taken a part of."""
+    """Rest of a message that was partly written."""
     _waiting: bytes = field(default=b"", repr=False)
-    """Message that follows; a newer one takes its place."""
+    """The next message; a newer one replaces it."""
 
     def __enter__(self) -> "Watchdog":
         return self
@@ -60,9 +56,9 @@ class Watchdog:
         self.end(is_good=kind is None)
 
     def tell(self, sessions: tuple[str, ...]) -> None:
-        """Write down which sessions are open, if that has changed. Never waits."""
-        if sessions != self._told:
-            self._told, self._waiting = sessions, packed({"sessions": sessions})
+        """Send the names of the open sessions if they have changed. Never blocks."""
+        if sessions != self._sent:
+            self._sent, self._waiting = sessions, packed({"sessions": sessions})
         with contextlib.suppress(BlockingIOError):
             while self._begun or self._waiting:
                 if not self._begun:
@@ -70,8 +66,8 @@ class Watchdog:
                 self._begun = self._begun[os.write(self.pipe, self._begun) :]
 
     def end(self, *, is_good: bool = True) -> None:
-        """Say that the server is over, if the faces were put to rest; else the watchdog does it now."""
-        with contextlib.suppress(OSError):  # as it was, where pipes of Windows always wait (before Python 3.12)
+        """End the watchdog; unless the end is good, it returns the faces to neutral now."""
+        with contextlib.suppress(OSError):  # pipes of Windows always block (before Python 3.12)
             os.set_blocking(self.pipe, True)
         with contextlib.suppress(BrokenPipeError):
             os.write(self.pipe, self._begun + self._waiting + packed({"bye": True}) * is_good)
@@ -84,19 +80,19 @@ class Watchdog:
 
 
 def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
-    """Fork it off; to be called before sockets and threads are there.
+    """Fork the watchdog; call it before sockets are opened and threads started.
 
     Parameters
     ----------
     sinks : sequence of str
-        URLs, as for the server.
+        URLs.
     rate_hz : float
-        Frames a second.
+        Frame rate.
 
     Raises
     ------
     UsageError
-        If a sink's URL cannot be understood.
+        If a sink's URL is not valid.
     """
     addresses = [parse_sink(url) for url in sinks]
     if not hasattr(os, "fork"):
@@ -112,7 +108,7 @@ def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
         try:
             ignore_signals(signal.SIGTERM)
             with os.fdopen(reading, "rb") as stream:
-                watch(messages(stream), lambda sessions: put_to_rest(addresses, sessions, rate_hz))
+                watch(messages(stream), lambda sessions: send_neutral(addresses, sessions, rate_hz))
             status = 0
         finally:
             os._exit(status)
@@ -122,21 +118,21 @@ def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
 
 
 def main(parent: Parent, rate_hz: str, *sinks: str) -> None:
-    """Be the process, where it was not forked."""
+    """Run the watchdog as a child process."""
     ignore_signals(signal.SIGTERM)
     addresses = [parse_sink(url) for url in sinks]
-    watch(parent.messages(), lambda sessions: put_to_rest(addresses, sessions, float(rate_hz)))
+    watch(parent.messages(), lambda sessions: send_neutral(addresses, sessions, float(rate_hz)))
 
 
 def watch(received: Iterable[Message], rest: Callable[[dict[str, float]], None]) -> None:
-    """Read to the end; if the server did not say that it is over, put to rest what was open.
+    """Read messages to the end; without a goodbye, call ``rest``.
 
     Parameters
     ----------
     received : iterable of Message
-        What the server sends.
+        Messages of the server.
     rest : callable
-        Takes each open session, with the monotonic time since when it is known.
+        Called with each open session and the monotonic time at which it was first reported.
     """
     sessions: dict[str, float] = {}
     for head, _ in received:
@@ -147,34 +143,33 @@ def watch(received: Iterable[Message], rest: Callable[[dict[str, float]], None])
         rest(sessions)
 
 
-def put_to_rest(
+def send_neutral(
     addresses: Sequence[SinkAddress],
     sessions: Mapping[str, float],
     rate_hz: float,
     epochs: Mapping[str, int] | None = None,
 ) -> None:
-    """Send every datagram sink a face at rest; a face stream, an I plane of it.
+    """Send every datagram sink a neutral face; for a face stream, as an I plane.
 
     Parameters
     ----------
     addresses : sequence of SinkAddress
-        Sinks; those of one face that names none of the sessions are left alone.
+        Sinks; those of a session that is not given are skipped.
     sessions : mapping of str to float
-        Sessions that were open, each with the monotonic time since when.
+        Sessions that were open, each with the monotonic time at which it opened.
     rate_hz : float
-        Frames a second.
+        Frame rate.
     epochs : mapping of str to int, optional
-        Of the sessions, where they have such.
+        Epochs of the sessions.
     """
     now_s = time.monotonic()
     numbers = {name: round((now_s - since_s) * rate_hz) + AHEAD_FRAMES for name, since_s in sessions.items()}
     faps = np.zeros((len(sessions), fap.FAP_COUNT), np.int32)
     frames = HubFrames(max(numbers.values(), default=0), now_s, tuple(sessions), faps)
     for address in addresses:
-        kind = kind_of(address)
-        if not isinstance(kind, DatagramKind) or address.session not in (None, *sessions):
-            continue  # a receiver of another kind sees that its connection is gone
-        encoder = kind.encoder(address, rate_hz, epochs)
+        if kind_of(address).medium != "datagrams" or address.session not in (None, *sessions):
+            continue  # receivers of other kinds see the end of their connection
+        encoder = encoder_of(address, rate_hz, epochs)
         encoder.resume(numbers)
         datagrams = encoder.encode(frames)
         with contextlib.suppress(ResourceError):

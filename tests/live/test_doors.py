@@ -114,7 +114,7 @@ def test_a_request_that_never_ends_and_a_silence_are_hung_up_on(monkeypatch: pyt
 
 def test_one_address_cannot_take_all_places() -> None:
     async def main() -> None:
-        async with watched(connections=5, connections_an_address=3) as (server, site), guests_of() as guests:
+        async with watched(connections=5, connections_per_address=3) as (server, site), guests_of() as guests:
             counts = server.doors["metrics"].counts
             for _ in range(3):
                 await guests.come(site)

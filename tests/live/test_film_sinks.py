@@ -127,7 +127,7 @@ def test_a_protocol_that_ffmpeg_does_not_speak_is_refused() -> None:
             async with running(config("srt://127.0.0.1:9?size=64")) as server:
                 assert server.sink_names == ["srt://127.0.0.1:9"]
         except ResourceError as error:
-            assert "does not speak srt; send rtmp://" in str(error)  # noqa: PT017  one of both
+            assert "does not support srt; send rtmp://" in str(error)  # noqa: PT017  one of both
 
     on_a_loop(main)
 

@@ -32,7 +32,7 @@ async def serving(
 ) -> AsyncIterator[tuple[Server, str, aiohttp.ClientSession]]:
     config = ServeConfig(
         listen=Listen(port=0, web_port=0, metrics_port=0, **listen),  # type: ignore[arg-type]
-        face=Face(head=head), style=Style.still(), calls=CallChoice(on=True, size=64, most=2),
+        face=Face(head=head), style=Style.still(), calls=CallChoice(on=True, size=64, max_calls=2),
     )  # fmt: skip
     server = Server(config, english(), build_head())
     await server.start()
@@ -127,7 +127,7 @@ def test_strangers_and_nonsense_are_refused_in_words_and_nobody_is_called_elsewh
             async with http.options(f"{url}/whep", headers={"Origin": "https://shop.example"}) as answer:
                 assert answer.headers["Access-Control-Allow-Origin"] == "https://shop.example"
                 assert "Authorization" in answer.headers["Access-Control-Allow-Headers"]
-            calls = server._parts.calls
+            calls = server.calls
             assert calls is not None
             assert calls.counts.refused == 9
             assert len(calls) == len(server.studio) == calls.counts.begun == 0
@@ -150,7 +150,7 @@ def test_a_call_ends_in_words_when_nothing_can_be_drawn_or_nobody_comes(monkeypa
 
     async def main() -> None:
         async with serving(head="nowhere") as (server, url, http):
-            calls = server._parts.calls
+            calls = server.calls
             assert calls is not None
             one = await watch(http, f"{url}/whep", np.mean)
             await until(lambda: calls.counts.begun == 1 and not len(calls))

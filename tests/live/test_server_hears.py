@@ -138,7 +138,7 @@ def test_a_barge_in_empties_the_ear() -> None:
 
 def test_a_flood_of_sound_is_bounded_and_counted() -> None:
     async def main() -> None:
-        async with running(config_of(ears=1)) as server:
+        async with running(config_of(recognizers=1)) as server:
             await ready(server)
             sender = Sender(server.osc_address)
             blob = no_speech(1.0)["white noise"][: schema.MAX_SAMPLES].astype("<i2").tobytes()

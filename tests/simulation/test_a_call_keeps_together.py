@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.server.calls.tracks import MAX_BLOCKS, FilmTracks
+from fapengine.server.calls.tracks import MAX_BLOCKS, MAX_LATE_S, SEEN_S, FilmTracks
 from fapengine.server.film.film import SHOW_AFTER_S
-from fapengine.server.film.latest import MAX_LATE_S, SEEN_S
 from fapengine.server.film.soundtrack import BLOCK_S
 from tests.leaping import LeapingLoop
 

@@ -1,16 +1,18 @@
-"""Calls: who watches a session by WebRTC, and whose sound moves one.
+"""WebRTC calls: callers watch a session, or drive one by their audio.
 
 Theory of operation
 -------------------
-A caller's offer is answered at once, with the address and the UDP port at which its checks are awaited: the address by
-which it asked, or the one that the configuration names, and no other. A call that is not connected :data:`CONNECT_S`
-later is over, and so is one whose caller no longer answers (consent, RFC 7675) or says goodbye. Nothing but what the
-caller proves to receive is ever sent: the addresses in its offer are not even read (:mod:`.offer`).
+An offer is answered at once, with the address and the UDP port at which the caller's connectivity checks are expected:
+the address that the caller used, or the one in the configuration, and no other. A call that is not connected
+:data:`CONNECT_S` later ends, and so does one whose caller no longer answers (consent, RFC 7675) or disconnects. Data is
+sent only to addresses that the caller has proven to receive. The addresses in an offer are removed
+(:func:`read_offer`): a server that checked them could be made to send packets to any address. It needs none of them,
+because a caller's own checks come from its real address, and prove it (peer-reflexive candidates, RFC 8445, 7.3.1.3).
 
-Offers come by WHEP and WHIP (RFC 9725) at the page's port: ``POST /whep?session=NAME`` lets the caller watch, ``POST
-/whip?session=NAME`` lets its sound move the session, DELETE ends the call. Who may is as for the page: its token
-(``Authorization: Bearer``, or ``?token=``), its ``Host`` and ``Origin``. Candidates are all in the answer, so there is
-no PATCH (405).
+Offers come by WHEP and WHIP (RFC 9725) at the page's port: with ``POST /whep?session=NAME`` the caller watches, with
+``POST /whip?session=NAME`` its audio drives the session, DELETE ends the call. Access is limited as for the page: token
+(``Authorization: Bearer``, or ``?token=``), ``Host`` and ``Origin``. All candidates are in the answer, so there is no
+PATCH (405).
 """
 
 import asyncio
@@ -21,7 +23,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import urlencode
 
 from aiohttp import web
@@ -31,19 +33,22 @@ from fapengine._late import missing, needed
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
-from fapengine.server.calls.offer import MAX_OFFER, Kind, Offer, read_offer
 from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
-from fapengine.server.web.admission import asked_session, refusal
+from fapengine.server.web.site import admit, asked_session
 
 CONNECT_S = 15.0
 """Time from the answer to the first media."""
 SDP = "application/sdp"
+MAX_OFFER = 64 << 10
+"""Bytes of an offer; a browser's are about 6 KiB."""
+MAX_LINE, MAX_LINES = 2048, 1500
 OPEN = "calls", "Open calls by WebRTC, by what they do."
 MAX_REASONS = 64
-"""Calls of which it is remembered why they ended."""
+"""Number of ended calls whose reason is kept."""
 
 log = logging.getLogger("fapengine.web")
+Kind = Literal["audio", "video"]
 Begin = Callable[[str, bytes, str], Awaitable[tuple[str, str]]]
 
 
@@ -54,18 +59,64 @@ class CallCounts(Counts):
     METRIC = "call", "What became of calls, and of what was sent over them, by kind."
 
     watching: int = metric(*OPEN, is_gauge=True, has_kind=True)
-    """A session is watched."""
+    """Calls that watch a session."""
     speaking: int = metric(*OPEN, is_gauge=True, has_kind=True)
-    """Sound comes in."""
+    """Calls that send audio."""
     begun: int = 0
     refused: int = 0
-    """Offers that were not answered: strangers, one too many, no offer at all."""
+    """Offers that were not answered: not allowed, beyond the limit, or invalid."""
     lost: int = 0
     """Calls that did not connect, or whose caller no longer answered."""
     unheard: int = 0
-    """Pieces of sound that no ear took."""
+    """Pieces of audio that no recognizer accepted."""
     dropped: int = 0
-    """Pictures and pieces of sound that a caller's encoder had no time for."""
+    """Images and pieces of audio that a caller's encoder had no time for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A session description without addresses."""
+
+    sdp: str
+    kinds: tuple[Kind, ...]
+    """Its media, in order: at most one of each."""
+
+
+def read_offer(data: bytes) -> Offer:
+    r"""Check an offer, which may be any bytes, and remove the addresses.
+
+    Raises
+    ------
+    DataError
+        If it is too long, not SDP, or has more than one audio and one video.
+
+    Examples
+    --------
+    >>> offer = read_offer(b"v=0\r\nm=audio 9 UDP/TLS/RTP/SAVPF 111\r\na=candidate:1 1 udp 1 10.0.0.1 9 typ host\r\n")
+    >>> offer.kinds, offer.sdp
+    (('audio',), 'v=0\r\nm=audio 9 UDP/TLS/RTP/SAVPF 111\r\n')
+    """
+    if len(data) > MAX_OFFER:
+        raise DataError(f"offer: got {len(data)} bytes, expected at most {MAX_OFFER}")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise DataError("offer: got bytes that are not UTF-8, expected SDP") from error
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines[0] != "v=0":
+        raise DataError(f"offer: got {lines[0]!r:.60} at first, expected SDP, 'v=0'")
+    if len(lines) > MAX_LINES or max(map(len, lines)) > MAX_LINE:
+        raise DataError(f"offer: got more than {MAX_LINES} lines or {MAX_LINE} characters in one")
+    media = [line[2:].partition(" ")[0] for line in lines if line.startswith("m=")]
+    kinds: list[Kind] = []
+    for kind in media:
+        if kind not in ("audio", "video") or kind in kinds:
+            raise DataError(f"offer: got {kind!r:.40} beside {kinds}, expected one audio and one video at most")
+        kinds.append("audio" if kind == "audio" else "video")
+    if not kinds:
+        raise DataError("offer: got no media, expected audio or video")
+    kept = [line for line in lines if not line.startswith(("a=candidate:", "a=end-of-candidates"))]
+    return Offer("\r\n".join(kept), tuple(kinds))
 
 
 @dataclass(slots=True, eq=False)
@@ -73,14 +124,12 @@ class Call:
     """One call. Stateful."""
 
     name: str
-    """A word that is hard to guess; who knows it may end the call."""
+    """A secret; a client that knows it may end the call."""
     session: str
     peer: Any
     """The library's RTCPeerConnection."""
-    leave: list[Callable[[], None]] = field(default_factory=list)
-    tasks: list[asyncio.Task[None]] = field(default_factory=list)
-    tracks: Any = None
-    """Tracks that a watcher is shown."""
+    leave: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+    """Undoes what the call has begun."""
 
 
 class Calls:
@@ -91,13 +140,13 @@ class Calls:
     hub : Hub
     studio : Studio
     hearing : Hearing, optional
-        Hears the sound of callers; by default none is taken.
+        Recognizes the audio of callers; by default none is accepted.
     form : FilmForm
-        What callers see.
+        Head, size and frame rate of the video.
     most : int
-        Calls at a time.
+        Maximum number of simultaneous calls.
     host : str, optional
-        Address of this machine at which callers reach it; by default the one at which they asked.
+        Address of this machine for calls; by default the one that the caller used.
 
     Raises
     ------
@@ -128,7 +177,7 @@ class Calls:
         return len(self._calls)
 
     async def watch(self, session: str, offer: bytes, address: str) -> tuple[str, str]:
-        """Let a caller watch a session.
+        """Answer a caller that watches a session.
 
         Parameters
         ----------
@@ -136,7 +185,7 @@ class Calls:
         offer : bytes
             SDP.
         address : str
-            Of this machine, by which the caller asked.
+            Address of this machine that the caller used.
 
         Returns
         -------
@@ -146,32 +195,32 @@ class Calls:
         Raises
         ------
         DataError
-            If the offer cannot be understood.
+            If the offer is not valid.
         UsageError
-            If there is no room for one more call or session.
+            If there is no room for another call or session.
         ResourceError
-            If nothing can be drawn, or no port be opened.
+            If nothing can be rendered, or no port be opened.
         """
         return await self._begin(session, offer, address, self._show)
 
     async def speak(self, session: str, offer: bytes, address: str) -> tuple[str, str]:
-        """Let a caller's sound move a session; see :meth:`watch`.
+        """Answer a caller whose audio drives a session; see :meth:`watch`.
 
         Raises
         ------
         DataError
-            If the offer cannot be understood, or has no sound.
+            If the offer is not valid, or has no audio.
         UsageError
-            If there is no room for one more call or session.
+            If there is no room for another call or session.
         ResourceError
-            If there is no ear, or no port can be opened.
+            If there is no recognizer, or no port can be opened.
         """
         if self._hearing is None or not self._hearing.is_possible:
             raise missing("PocketSphinx", "calls")
         return await self._begin(session, offer, address, self._listen)
 
     async def end(self, name: str) -> str | None:
-        """End a call; gives why it had ended before, "" if it had not, None if there was none."""
+        """End a call; return why it had ended before, "" if it had not, or None if the name is unknown."""
         call = self._calls.get(name)
         if call is None:
             return self._reasons.get(name)
@@ -183,10 +232,8 @@ class Calls:
         await asyncio.gather(*(self._end(call, "the server stops") for call in tuple(self._calls.values())))
         await asyncio.gather(*self._ending, return_exceptions=True)
 
-    # One call
-
     async def _begin(
-        self, session: str, data: bytes, address: str, join: Callable[[Call, Offer], Awaitable[None]]
+        self, session: str, data: bytes, address: str, join: Callable[[Call, Offer], None]
     ) -> tuple[str, str]:
         offer = read_offer(data)
         if len(self._calls) + self._answering >= self._most:
@@ -194,63 +241,68 @@ class Calls:
         from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 
         self._answering += 1
-        call = Call(secrets.token_urlsafe(16), session, RTCPeerConnection(RTCConfiguration(iceServers=[])))
+        peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+        call = Call(secrets.token_urlsafe(16), session, peer)
         try:
-            try:
-                await call.peer.setRemoteDescription(RTCSessionDescription(offer.sdp, "offer"))
-            except Exception as error:  # the library fails in many ways on what is no offer
-                log.debug("an offer was not understood", exc_info=True)
-                raise DataError(f"offer: it cannot be understood ({type(error).__name__}: {error})"[:300]) from error
-            await join(call, offer)
-            _gather_only(call.peer, self._host or address)
-            try:
-                await call.peer.setLocalDescription(await call.peer.createAnswer())
-            except Exception as error:  # as above: no codec in common, a direction that cannot be, ...
-                log.debug("an offer cannot be answered", exc_info=True)
-                raise DataError(f"offer: it cannot be answered ({type(error).__name__}: {error})"[:300]) from error
-            if "a=candidate:" not in call.peer.localDescription.sdp:
+            await _asked(peer.setRemoteDescription(RTCSessionDescription(offer.sdp, "offer")), "understood")
+            join(call, offer)
+            _gather_only(peer, self._host or address)
+            answer = await _asked(peer.createAnswer(), "answered")
+            await _asked(peer.setLocalDescription(answer), "answered")
+            if "a=candidate:" not in peer.localDescription.sdp:
                 raise ResourceError(f"no UDP port can be opened at {self._host or address}")
         except BaseException:
-            self._leave(call)
-            await call.peer.close()
+            call.leave.close()
+            await peer.close()
             raise
         finally:
             self._answering -= 1
         self._calls[call.name] = call
         self.counts.begun += 1
-        call.peer.on("connectionstatechange", functools.partial(self._changed, call))
-        call.tasks.append(asyncio.create_task(self._expect(call)))
-        return call.name, call.peer.localDescription.sdp
+        peer.on("connectionstatechange", functools.partial(self._changed, call))
+        call.leave.callback(asyncio.create_task(self._expect(call)).cancel)
+        return call.name, peer.localDescription.sdp
 
-    async def _show(self, call: Call, offer: Offer) -> None:
+    def _show(self, call: Call, offer: Offer) -> None:
         from fapengine.server.calls.tracks import FilmTracks
 
-        call.tracks = tracks = FilmTracks(self.form.size, self.hub.clock, lambda reason: self._let_go(call, reason))
-        wanted: dict[Kind, Any] = {"audio": tracks.audio, "video": tracks.video}
+        tracks = FilmTracks(self.form.size, self.hub.clock, lambda reason: self._let_go(call, reason))
+        own: dict[Kind, Any] = {"audio": tracks.audio, "video": tracks.video}
         for transceiver in call.peer.getTransceivers():
             if transceiver.direction not in ("sendonly", "sendrecv", "recvonly"):
                 continue
-            transceiver.sender.replaceTrack(wanted[transceiver.kind])
+            transceiver.sender.replaceTrack(own[transceiver.kind])
             transceiver.direction = "sendonly"
-        call.leave.append(self._studio.watch(call.session, self.form, tracks))
-        self.counts.watching += 1
-        call.leave.append(functools.partial(self._count, "watching"))
 
-    async def _listen(self, call: Call, offer: Offer) -> None:
+        def leave() -> None:
+            self.counts.watching -= 1
+            for track in own.values():
+                self.counts.dropped += track.dropped
+                track.stop()
+
+        call.leave.callback(self._studio.watch(call.session, self.form, tracks))
+        self.counts.watching += 1
+        call.leave.callback(leave)
+
+    def _listen(self, call: Call, offer: Offer) -> None:
+        from fapengine.server.calls.tracks import listen
+
         if "audio" not in offer.kinds:
-            raise DataError("offer: got no audio, expected sound that moves a face")
-        call.leave.append(self.hub.hold(call.session))
+            raise DataError("offer: got no audio, expected audio that drives a face")
+
+        def leave() -> None:
+            self.counts.speaking -= 1
+
+        call.leave.callback(self.hub.hold(call.session))
         self.counts.speaking += 1
-        call.leave.append(functools.partial(self._count, "speaking"))
+        call.leave.callback(leave)
         for transceiver in call.peer.getTransceivers():
             transceiver.direction = "recvonly" if transceiver.kind == "audio" else "inactive"
             if transceiver.kind == "audio":
-                from fapengine.server.calls.tracks import listen
+                receive = functools.partial(self._receive, call)
+                call.leave.callback(asyncio.create_task(listen(transceiver.receiver.track, receive)).cancel)
 
-                take = functools.partial(self._take, call)
-                call.tasks.append(asyncio.create_task(listen(transceiver.receiver.track, take)))
-
-    def _take(self, call: Call, samples: Samples) -> None:
+    def _receive(self, call: Call, samples: Samples) -> None:
         assert self._hearing is not None
         if call.session not in self.hub.engine:
             return
@@ -266,7 +318,7 @@ class Calls:
         await asyncio.sleep(CONNECT_S)
         if call.peer.connectionState != "connected":
             self.counts.lost += 1
-            self._let_go(call, f"it was not connected within {CONNECT_S:g} s: no way for UDP between the two")
+            self._let_go(call, f"it was not connected within {CONNECT_S:g} s: UDP does not pass between the two")
 
     async def _changed(self, call: Call) -> None:
         if call.peer.connectionState in ("failed", "closed") and call.name in self._calls:
@@ -274,7 +326,7 @@ class Calls:
             self._let_go(call, "the connection was lost")
 
     def _let_go(self, call: Call, reason: str) -> None:
-        """End a call from inside one of its own tasks."""
+        """End a call in a task of its own, because its tasks are cancelled."""
         ending = asyncio.get_running_loop().create_task(self._end(call, reason))
         self._ending.add(ending)
         ending.add_done_callback(self._ending.discard)
@@ -286,39 +338,33 @@ class Calls:
         self._reasons[call.name] = reason or "it was ended"
         while len(self._reasons) > MAX_REASONS:
             self._reasons.popitem(last=False)
-        self._leave(call)
+        call.leave.close()
         with contextlib.suppress(ConnectionError):
             await call.peer.close()
 
-    def _leave(self, call: Call) -> None:
-        if call.tracks is not None:
-            for track in (call.tracks.audio, call.tracks.video):
-                self.counts.dropped += track.dropped
-                track.stop()
-        for task in call.tasks:
-            if task is not asyncio.current_task():
-                task.cancel()
-        for leave in call.leave:
-            leave()
-        call.leave.clear()
-
-    def _count(self, kind: str) -> None:
-        setattr(self.counts, kind, getattr(self.counts, kind) - 1)
-
 
 def need_aiortc() -> None:
-    """See that the library is there.
+    """Check that the library is installed.
 
     Raises
     ------
     ResourceError
-        If it is not installed.
+        If it is not.
     """
     needed("aiortc", "aiortc", "webrtc")
 
 
+async def _asked(step: Awaitable[Any], done: str) -> Any:
+    """Await a step of the library, which fails in many ways on an invalid offer."""
+    try:
+        return await step
+    except Exception as error:
+        log.debug("an offer cannot be %s", done, exc_info=True)
+        raise DataError(f"offer: it cannot be {done} ({type(error).__name__}: {error})"[:300]) from error
+
+
 def _gather_only(peer: Any, address: str) -> None:
-    """Let a peer open ports at one address: the library's way would be all that the machine has but loopback."""
+    """Make a peer open ports at one address only; by default the library uses all addresses but loopback."""
     for transceiver in peer.getTransceivers():
         connection = transceiver.sender.transport.transport.iceGatherer._connection
         gather = connection.get_component_candidates
@@ -332,62 +378,64 @@ async def _gathered(gather: Callable[..., Awaitable[Any]], address: str, compone
 # WHEP and WHIP -----------------------------------------------------------------------------------------------------
 
 
-def add_calls(app: web.Application, calls: Calls, token: str | None, origins: tuple[str, ...] = ()) -> None:
-    """Give a web application the two doors; see :func:`fapengine.server.web.app.make_app` for the arguments."""
+@dataclass(frozen=True, slots=True)
+class _Endpoints:
+    calls: Calls
+    token: str | None
+    origins: tuple[str, ...]
 
-    def admit(request: web.Request) -> None:
-        if trouble := refusal(request, token, origins):
-            calls.counts.refused += 1
-            raise web.HTTPForbidden(text=trouble)
-
-    for path, begin in (("/whep", calls.watch), ("/whip", calls.speak)):
-        app.router.add_post(path, functools.partial(_begin, calls, admit, begin))
-        app.router.add_delete(f"{path}/{{name}}", functools.partial(_end, calls, admit))
-        for place in (path, f"{path}/{{name}}"):
-            app.router.add_route("OPTIONS", place, functools.partial(_allow, origins))
-
-
-async def _begin(
-    calls: Calls, admit: Callable[[web.Request], None], begin: Begin, request: web.Request
-) -> web.StreamResponse:
-    admit(request)
-    try:
-        if request.content_type != SDP:
-            raise web.HTTPUnsupportedMediaType(text=f"offer: got {request.content_type!r:.60}, expected {SDP}")
-        session = asked_session(request, calls.hub)
-        offer = await request.content.read(MAX_OFFER + 1)
-        while len(offer) <= MAX_OFFER and (more := await request.content.read(MAX_OFFER + 1 - len(offer))):
-            offer += more
-        address = request.transport.get_extra_info("sockname")[0] if request.transport is not None else ""
-        name, answer = await begin(session, offer, address)
-    except (DataError, UsageError, ResourceError, web.HTTPException) as error:
-        calls.counts.refused += 1
-        if isinstance(error, DataError):
+    async def begin(self, start: Begin, request: web.Request) -> web.StreamResponse:
+        """Answer an offer."""
+        counts = self.calls.counts
+        admit(request, self.token, self.origins, counts)
+        try:
+            if request.content_type != SDP:
+                raise web.HTTPUnsupportedMediaType(text=f"offer: got {request.content_type!r:.60}, expected {SDP}")
+            session = asked_session(request, self.calls.hub)
+            offer = await request.content.read(MAX_OFFER + 1)
+            while len(offer) <= MAX_OFFER and (more := await request.content.read(MAX_OFFER + 1 - len(offer))):
+                offer += more
+            address = request.transport.get_extra_info("sockname")[0] if request.transport is not None else ""
+            name, answer = await start(session, offer, address)
+        except web.HTTPException:
+            counts.refused += 1
+            raise
+        except DataError as error:
+            counts.refused += 1
             raise web.HTTPBadRequest(text=str(error)) from error
-        if isinstance(error, UsageError | ResourceError):
+        except (UsageError, ResourceError) as error:
+            counts.refused += 1
             raise web.HTTPServiceUnavailable(text=str(error), headers={"Retry-After": "5"}) from error
-        raise
-    query = urlencode({"session": session})
-    headers = {"Location": f"{request.path}/{name}?{query}", "Access-Control-Expose-Headers": "Location"}
-    return web.Response(status=201, text=answer, content_type=SDP, headers=headers)
+        query = urlencode({"session": session})
+        headers = {"Location": f"{request.path}/{name}?{query}", "Access-Control-Expose-Headers": "Location"}
+        return web.Response(status=201, text=answer, content_type=SDP, headers=headers)
+
+    async def end(self, request: web.Request) -> web.StreamResponse:
+        """End a call."""
+        admit(request, self.token, self.origins, self.calls.counts)
+        reason = await self.calls.end(request.match_info["name"])
+        if reason is None:
+            raise web.HTTPNotFound(text="There is no such call.")
+        if reason:
+            raise web.HTTPGone(text=f"This call is over: {reason}")
+        return web.Response()
+
+    async def allow(self, request: web.Request) -> web.StreamResponse:
+        """Answer a browser that asks whether a page of another site may call; this needs no permission."""
+        headers = {}
+        if request.headers.get("Origin") in self.origins:
+            headers = {
+                "Access-Control-Allow-Methods": "POST, DELETE",
+                "Access-Control-Allow-Headers": "Authorization, Content-Type",
+            }
+        return web.Response(status=204, headers=headers)
 
 
-async def _end(calls: Calls, admit: Callable[[web.Request], None], request: web.Request) -> web.StreamResponse:
-    admit(request)
-    reason = await calls.end(request.match_info["name"])
-    if reason is None:
-        raise web.HTTPNotFound(text="There is no such call.")
-    if reason:
-        raise web.HTTPGone(text=f"This call is over: {reason}")
-    return web.Response()
-
-
-async def _allow(origins: tuple[str, ...], request: web.Request) -> web.StreamResponse:
-    """Answer a browser that asks whether a page of another site may call here; it says nothing of the server."""
-    headers = {}
-    if request.headers.get("Origin") in origins:
-        headers = {
-            "Access-Control-Allow-Methods": "POST, DELETE",
-            "Access-Control-Allow-Headers": "Authorization, Content-Type",
-        }
-    return web.Response(status=204, headers=headers)
+def add_calls(app: web.Application, calls: Calls, token: str | None, origins: tuple[str, ...] = ()) -> None:
+    """Add WHEP and WHIP to a web application; see :func:`fapengine.server.web.app.make_app` for the arguments."""
+    endpoints = _Endpoints(calls, token, origins)
+    for path, start in (("/whep", calls.watch), ("/whip", calls.speak)):
+        app.router.add_post(path, functools.partial(endpoints.begin, start))
+        app.router.add_delete(f"{path}/{{name}}", endpoints.end)
+        for place in (path, f"{path}/{{name}}"):
+            app.router.add_route("OPTIONS", place, endpoints.allow)

@@ -75,17 +75,9 @@ class Worker:
         """End the channel."""
         self._link.close()
 
-    def send(self, data: bytes, address: tuple[str, int]) -> bool:
-        """Answer from the known port: see :class:`~fapengine.server.intake.listeners.Replier`."""
-        try:
-            self._front.sendto(data, address)
-        except OSError:
-            return False
-        return True
-
     def _begin(self) -> None:
         self.server.hub.listeners.on_frames(self._tell)
-        self.server.ingress.add_reader(self._read)
+        self.server.ingress.readers.append(self._read)
         asyncio.get_running_loop().add_reader(self._link.fileno(), self._read)
         sinks = [str(sink.address) for sink in self.server.sinks]
         self._link.put(channel.Ready(self.server.osc_address[1], sinks))
@@ -114,7 +106,7 @@ class Worker:
             match message:
                 case channel.Packet():
                     packets += 1
-                    self.server.ingress.put(Caller(self, cast("tuple[str, int]", message.address)), message.data)
+                    self.server.ingress.put(Caller(self._front, cast("tuple[str, int]", message.address)), message.data)
                 case channel.Own():
                     self._own.epochs[message.session] = message.epoch
                 case channel.Until():

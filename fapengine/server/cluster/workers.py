@@ -36,13 +36,13 @@ from fapengine.server.cluster.bus import Bus
 from fapengine.server.cluster.channel import Channel
 from fapengine.server.cluster.front import Front, FrontCounts
 from fapengine.server.config import ServeConfig
-from fapengine.server.intake.doors import Door, raise_file_limit, shared_out
+from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.metrics import open_metrics, page_of_workers
 from fapengine.server.ownership.partitions import Machine
 from fapengine.server.ownership.placement import Home
 from fapengine.server.ownership.rule import Owners
-from fapengine.server.sinks.kinds import ConnectionKind, kind_of, parse_sink
-from fapengine.server.watchdog import put_to_rest
+from fapengine.server.sinks.kinds import kind_of, parse_sink
+from fapengine.server.watchdog import send_neutral
 from fapengine.server.web.site import Site
 
 TICK_S = 0.5
@@ -106,10 +106,10 @@ class Workers:
         self.counts = FrontCounts()
         self.restarts = 0
         limits = config.limits
-        share = shared_out([limits.connections, limits.connections], raise_file_limit())[0]
-        door = Door(share, min(share, limits.connections_an_address))
-        self._metrics_door = Door(share, min(share, limits.connections_an_address))
-        self.front = Front(self, self.counts, door)
+        most = {"front": limits.connections, "metrics": limits.connections}
+        doors = open_doors(most, limits.connections_per_address, raise_file_limit())
+        self._metrics_door = doors["metrics"]
+        self.front = Front(self, self.counts, doors["front"])
         self._slots = [_Slot(number) for number in range(config.listen.workers)]
         self._sinks = [parse_sink(url) for url in config.sinks]
         self._stop = asyncio.Event()
@@ -291,7 +291,7 @@ class Workers:
         """Put the faces of a worker that has ended to rest; then others may have them."""
         if slot.open_since_s:
             sinks, rate_hz = self._sinks, self.config.face.rate_hz
-            await asyncio.to_thread(put_to_rest, sinks, slot.open_since_s.copy(), rate_hz, slot.epochs.copy())
+            await asyncio.to_thread(send_neutral, sinks, slot.open_since_s.copy(), rate_hz, slot.epochs.copy())
         await self._end(slot)
         self.owners.lose(slot.number)
         if self.bus is not None and not self.placement.workers:
@@ -452,7 +452,7 @@ def check_workers(config: ServeConfig) -> None:
     for url in config.sinks:
         sink = parse_sink(url)
         kind = kind_of(sink)
-        if isinstance(kind, ConnectionKind):
+        if kind.medium == "connections":
             raise UsageError(
                 f"workers: got sink {url}, expected one that sends datagrams: connections are to one process"
             )

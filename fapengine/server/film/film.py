@@ -1,11 +1,11 @@
-"""A session as pictures and sound, made while somebody watches: drawn by a process of its own, in the engine's time.
+"""A session as images and audio, made while it has watchers: rendered by a process of its own, in engine time.
 
 Theory of operation
 -------------------
-Every picture and every block of sound carries the engine time at which the face is so; whoever shows them shows what
-has one time at one time (:data:`SHOW_AFTER_S` later, say), and lips and sound are together. Pictures are made in turn:
-while one is drawn, what comes between is left out, so a slow machine shows fewer of them, and none late. A face that
-stands still is drawn seldom. All who watch one session in one size share the drawing.
+Every image and every block of audio carries its engine time; a watcher shows what has the same time together (for
+example :data:`SHOW_AFTER_S` later), so lips and audio are in sync. Images are rendered one after another: frames that
+come meanwhile are skipped, so a slow machine shows fewer images, and none late. A face that does not move is rendered
+less often. All watchers of one session in one size share the rendering.
 """
 
 import asyncio
@@ -27,39 +27,39 @@ from fapengine.server.film.painter import Painter
 from fapengine.server.film.soundtrack import BLOCK_S, Samples, Soundtrack
 
 SHOW_AFTER_S = 0.1
-"""Time after its engine time at which a picture is drawn on any machine that keeps up, and shown with its sound."""
+"""Delay after the engine time at which an image is shown with its audio; machines that keep up have rendered it."""
 STILL_S = 0.25
-"""Time between two pictures of a face that does not move."""
+"""Time between two images of a face that does not move."""
 LOST_S = 1.0
-"""A stall of the server that is longer is left out of the sound."""
+"""A longer stall of the server is omitted from the audio."""
 
 log = logging.getLogger("fapengine.server")
 
 
 @dataclass(frozen=True, slots=True)
 class FilmForm:
-    """What the pictures of a film are like."""
+    """Head, size and rate of the images of a film."""
 
     head: str = "default"
     size: tuple[int, int] = (512, 512)
     """Width and height in pixels."""
     rate_hz: float = 30.0
-    """Pictures a second, at most those of the hub."""
+    """Images per second, at most the frame rate of the hub."""
 
 
 class Watcher(Protocol):
-    """What is shown a film; called on the hub's thread."""
+    """Receives a film; called on the hub's thread."""
 
     def picture(self, time_s: float, pixels: bytes) -> None:
-        """Take a picture: engine time, and width x height x 3 bytes of RGB, top row first."""
+        """Receive an image: engine time, and width x height x 3 bytes of RGB, top row first."""
         ...
 
     def sound(self, time_s: float, samples: Samples) -> None:
-        """Take a block of sound, (960,) int16 at 48 kHz, that begins at an engine time."""
+        """Receive a block of audio, (960,) int16 at 48 kHz, that begins at an engine time."""
         ...
 
     def over(self, reason: str) -> None:
-        """Be told that no more comes, and why."""
+        """Receive the reason why no more images come."""
         ...
 
 
@@ -71,18 +71,18 @@ class FilmCounts(Counts):
 
     drawn: int = 0
     left_out: int = 0
-    """Pictures for which there was no time."""
+    """Images for which there was no time."""
     faults: int = 0
-    """Films that ended because nothing could be drawn."""
+    """Films that ended because nothing could be rendered."""
 
 
 class Film:
-    """One session in one form; open as long as somebody watches it (:class:`Studio`). Stateful.
+    """One session in one form; open while it has watchers (:class:`Studio`). Stateful.
 
     Raises
     ------
     UsageError
-        If the server has no room for one more session.
+        If the server has no room for another session.
     ResourceError
         If no process can be started.
     """
@@ -110,7 +110,7 @@ class Film:
         self._drawing: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
-        """Draw no more."""
+        """Stop rendering."""
         for leave in self._leave:
             leave()
         self._leave.clear()
@@ -140,10 +140,10 @@ class Film:
             pixels = await self._painter.picture(faps)
         except ResourceError as error:
             self._counts.faults += 1
-            log.error("%s: no pictures any more: %s", self.session, error, extra={"session": self.session})
+            log.error("%s: no more images: %s", self.session, error, extra={"session": self.session})
             for watcher in tuple(self.watchers):
                 watcher.over(str(error))
-            return  # and _drawing stays: nothing more is asked of it
+            return  # _drawing stays set, so nothing more is rendered
         self._drawing = None
         self._counts.drawn += 1
         for watcher in tuple(self.watchers):
@@ -187,7 +187,7 @@ class Studio:
         return len(self._films)
 
     def watch(self, session: str, form: FilmForm, watcher: Watcher) -> Callable[[], None]:
-        """Show a session to somebody, until the function that is returned is called.
+        """Show a session to a watcher until the returned function is called.
 
         Raises
         ------
@@ -212,5 +212,5 @@ class Studio:
         return leave
 
     async def close(self) -> None:
-        """Wait until the drawing of all that was left has ended."""
+        """Wait until the rendering of films without watchers has ended."""
         await asyncio.gather(*self._closing, return_exceptions=True)

@@ -1,7 +1,7 @@
-"""A face drawn by a child process (:mod:`fapengine._child`): neither the sound nor the event loop waits for a picture.
+"""A face rendered by a child process (:mod:`fapengine._child`), so that audio and event loop do not wait for images.
 
-Drawing holds Python's lock for some 10 ms. FAPs go to the child (68 int32), RGB pixels come back.
-:meth:`Painter.draw` waits for the picture, without the lock; :meth:`Painter.picture` does so in a thread.
+Rendering holds Python's lock for some 10 ms. FAPs go to the child (68 int32), RGB pixels come back.
+:meth:`Painter.draw` waits for the image, without the lock; :meth:`Painter.picture` does so in a thread.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from fapengine.mpeg4.fap import FAP_COUNT
 
 
 class Painter:
-    """The other end of a drawing process. Stateful; close it.
+    """A rendering process. Stateful; close it.
 
     Parameters
     ----------
@@ -39,21 +39,21 @@ class Painter:
         self._child = Child("painter", command(__name__, head, *map(str, size), edges), is_quiet=True)
 
     async def ready(self) -> None:
-        """Wait until it can draw.
+        """Wait until it can render.
 
         Raises
         ------
         ResourceError
-            If it cannot: no such head, no OpenGL.
+            If it cannot: unknown head, no OpenGL.
         """
         await self.picture(np.zeros(FAP_COUNT, np.int32))
 
     async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        """Draw in a thread: (68,) FAPU to width x height x 3 bytes, top row first. Raises as :meth:`draw`."""
+        """Render in a thread: (68,) FAPU to width x height x 3 bytes, top row first. Raises as :meth:`draw`."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, self.draw, faps)
 
     def draw(self, faps: NDArray[np.int32]) -> bytes:
-        """Wait for a picture: (68,) FAPU to width x height x 3 bytes, top row first.
+        """Render and wait: (68,) FAPU to width x height x 3 bytes, top row first.
 
         Raises
         ------
@@ -68,14 +68,14 @@ class Painter:
             raise ResourceError(f"painter: {error}") from error
 
     def close(self) -> None:
-        """End the process. To close again does nothing."""
+        """End the process. Further calls do nothing."""
         self._child.kill()
         self._thread.shutdown(wait=True)
         self._child.close()
 
 
 def main(parent: Parent, head: str, width: str, height: str, edges: str) -> None:
-    """Draw what comes."""
+    """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import Drawing, parse_edges
     from fapengine.render.renderer import FaceRenderer

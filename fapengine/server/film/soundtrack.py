@@ -1,15 +1,16 @@
-"""The sound of one session, block by block, where its face is.
+"""The audio of one session, block by block, in sync with its face.
 
 Theory of operation
 -------------------
-The face leads: each clip of sound knows where it is at an engine time, an utterance's by the utterance itself, a
-microphone's by the time at which its face follows. :meth:`Soundtrack.block` asks that for every block and reads the
-clip there. A clip that is a little off is read up to :data:`SLEW` faster or slower; one that is farther off than
-:data:`LEAP_S` (somebody seeked, paused, or another player leads the face) goes on there, faded over. So no sound is
-ever farther than that from the lips that say it. Rates are changed by a windowed sinc of :data:`TAPS` samples.
+The face leads: each clip knows its position at an engine time, an utterance's from the utterance itself, a microphone's
+from the delay of its face. :meth:`Soundtrack.block` requests the position for every block and reads the clip there. A
+small offset is corrected by reading up to :data:`SLEW` faster or slower; beyond :data:`LEAP_S` (after a seek or a
+pause, or if another player leads the face) the clip is cross-faded to its new position. So audio is never farther than
+that from the lips. Sample rates are converted by a windowed sinc of :data:`TAPS` samples.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import ceil, floor, inf
 
 import numpy as np
@@ -23,11 +24,11 @@ RATE_HZ, BLOCK = 48_000, 960
 BLOCK_S = BLOCK / RATE_HZ
 LEAP_S, SLEW = 0.02, 0.02
 FADE = 240
-"""Samples over which a clip begins, ends or leaps: 5 ms."""
+"""Samples over which a clip fades in, out, or to a new position: 5 ms."""
 KEPT_S = 0.1
-"""Sound that an endless clip keeps behind the place where it is read."""
+"""Audio that an endless clip keeps before the position where it is read."""
 AHEAD_S = 5.0
-"""Sound of an endless clip that may wait; the oldest of what is more is lost."""
+"""Audio of an endless clip that may wait; beyond it the oldest is dropped."""
 TAPS, PHASES = 32, 1024
 
 Samples = NDArray[np.int16]
@@ -36,10 +37,7 @@ Block = NDArray[np.float64]
 
 @dataclass(slots=True, eq=False)
 class Clip:
-    """A sound that may still grow, and the place in it that is read next.
-
-    Stateful.
-    """
+    """Audio that may still grow, and the position that is read next. Stateful."""
 
     rate_hz: int
     position: Place
@@ -49,11 +47,11 @@ class Clip:
 
     @property
     def length_s(self) -> float:
-        """Time after its last sample."""
+        """Time of the end of its last sample."""
         return self.samples.end / self.rate_hz
 
     def push(self, samples: Samples) -> None:
-        """Add (N,) int16 at the end."""
+        """Append (N,) int16."""
         self.samples.push(samples)
         if self.is_endless:
             at_s = 0.0 if self._next_s is None else self._next_s
@@ -62,7 +60,7 @@ class Clip:
                 self.samples.forget(before)
 
     def block(self, start_s: float) -> Block | None:
-        """Read the block of an engine time, (BLOCK,) float64; None if the clip is over and has faded away."""
+        """Return the block at an engine time, (BLOCK,) float64; None if the clip has ended and faded out."""
         there_s = self.position(start_s)
         before_s, self._next_s = self._next_s, None
         if there_s is None or there_s == -inf:
@@ -81,7 +79,7 @@ class Clip:
         return self._read(before_s, step_s)
 
     def _read(self, start_s: float, length_s: float = BLOCK_S) -> Block:
-        """(BLOCK,) float64: its sound from one time on, silence where there is none."""
+        """Return (BLOCK,) float64 from a time on, with silence outside the clip."""
         origin, kept = self.samples.first, self.samples.end - self.samples.first
         first, step = start_s * self.rate_hz - origin, length_s * self.rate_hz / BLOCK
         begin, end = floor(first) - TAPS // 2, ceil(first + step * BLOCK) + TAPS // 2 + 1
@@ -92,10 +90,7 @@ class Clip:
 
 
 class Soundtrack:
-    """All clips of a session, mixed.
-
-    Stateful.
-    """
+    """All clips of a session, mixed. Stateful."""
 
     def __init__(self) -> None:
         self._clips: dict[object, Clip] = {}
@@ -106,14 +101,14 @@ class Soundtrack:
     def clip(
         self, key: object, rate_hz: int, position: Place, *, is_endless: bool = False, first_s: float = 0.0
     ) -> Clip:
-        """Find a clip, or begin it at a time of its own; one of another rate is another."""
+        """Return a clip, or begin it at ``first_s``; another sample rate begins another clip."""
         clip = self._clips.get(key)
         if clip is None or clip.rate_hz != rate_hz:
             clip = self._clips[key] = Clip(rate_hz, position, is_endless, SampleQueue(round(first_s * rate_hz)))
         return clip
 
     def block(self, start_s: float) -> Samples:
-        """Mix what sounds from an engine time on: (BLOCK,) int16. Times rise by a block from call to call."""
+        """Mix the clips from an engine time on: (BLOCK,) int16. Times increase by one block from call to call."""
         mixed = np.zeros(BLOCK)
         for key, clip in tuple(self._clips.items()):
             block = clip.block(start_s)
@@ -125,15 +120,15 @@ class Soundtrack:
 
 
 def resampled(samples: NDArray[np.float64], first: float, step: float, count: int) -> Block:
-    """Read a band-limited sound between its samples.
+    """Interpolate band-limited audio between its samples.
 
     Parameters
     ----------
     samples : (N,) float64
     first : float
-        Place of the first value, in samples; :data:`TAPS` / 2 samples lie before and behind all places.
+        Position of the first value, in samples; there are :data:`TAPS` / 2 samples before and after all positions.
     step : float
-        Samples from one place to the next; beyond 1, what would fold back is taken out.
+        Samples from one position to the next; above 1, frequencies that would alias are removed.
     count : int
 
     Returns
@@ -150,22 +145,17 @@ def resampled(samples: NDArray[np.float64], first: float, step: float, count: in
     if step == 1.0 and first == whole[0]:
         return samples[whole[0] : whole[0] + count].copy()
     phase = np.rint((places - whole) * PHASES).astype(np.intp)
-    table = _kernel() if step <= 1.0 else _kernel(1.0 / step)
+    table = _kernel(min(1.0, round(1.0 / step, 2)))
     taken = samples[whole[:, None] + np.arange(1 - TAPS // 2, TAPS // 2 + 1)]
     return np.asarray((taken * table[phase]).sum(axis=1))
 
 
-_KERNELS: dict[float, NDArray[np.float64]] = {}
-
-
+@lru_cache
 def _kernel(share: float = 1.0) -> NDArray[np.float64]:
-    """(PHASES + 1, TAPS) float64: weights of the samples around a place, for a share of the band."""
-    share = round(share, 2)
-    if share not in _KERNELS:
-        away = np.arange(1 - TAPS // 2, TAPS // 2 + 1) - np.linspace(0.0, 1.0, PHASES + 1)[:, None]
-        weights = np.sinc(share * away) * np.cos(np.pi * np.clip(away / TAPS, -0.5, 0.5)) ** 2
-        _KERNELS[share] = weights / weights.sum(axis=1, keepdims=True)
-    return _KERNELS[share]
+    """Return weights of the samples around a position, (PHASES + 1, TAPS) float64, for a fraction of the band."""
+    away = np.arange(1 - TAPS // 2, TAPS // 2 + 1) - np.linspace(0.0, 1.0, PHASES + 1)[:, None]
+    weights = np.sinc(share * away) * np.cos(np.pi * np.clip(away / TAPS, -0.5, 0.5)) ** 2
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 _RISING: NDArray[np.float64] = np.minimum(np.arange(BLOCK) / FADE, 1.0)

@@ -1,41 +1,37 @@
-"""Who may come in: connections in all and from one address, below what the system lets a process open.
+"""Limits on connections: in total and per address, and below the number of files that the system lets a process open.
 
-Silent connections are closed by their owners (:mod:`.listeners`, :mod:`fapengine.server.web.site`); here they are only
-counted.
+Silent connections are closed by their owners (:mod:`.listeners`, :mod:`fapengine.server.web.site`) and only counted
+here.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fapengine._counters import Counts, metric
 
 SPARE_FILES = 96
-"""Files that are kept for all but connections: listeners, sinks, sound, a profile that is read, a second of growth."""
-WISHED_FILES = 65_536
-"""Soft limit of open files that is asked for; more is of no use, and some libraries walk through all of them."""
+"""Files reserved for everything but connections: listeners, sinks, audio, a profile being read, growth."""
+MAX_FILES = 65_536
+"""Soft limit of open files to ask for; more is useless, and some libraries iterate over all of them."""
 
 
 @dataclass(slots=True)
 class DoorCounts(Counts):
-    """Counts of connections at one port.
-
-    Stateful.
-    """
+    """Counts of connections at one port. Stateful."""
 
     METRIC = "connections_lost", "Those refused or hung up on."
 
     open: int = metric("connections", "Open connections, by port.", is_gauge=True)
     refused: int = 0
-    """Connections beyond the limit of all, or of one address."""
+    """Connections beyond the total limit, or beyond that of one address."""
     timed_out: int = 0
-    """Connections that were hung up on for their silence."""
+    """Connections closed because they were silent."""
 
 
 @dataclass(slots=True)
 class Door:
-    """One port's connections.
-
-    Stateful.
+    """The connection limit of one port. Stateful.
 
     Examples
     --------
@@ -53,55 +49,54 @@ class Door:
     _inside: Counter[str] = field(default_factory=Counter)
 
     def enter(self, address: str) -> bool:
-        """Let a connection in, if there is room; whoever is let in must :meth:`leave`."""
+        """Accept a connection if there is room; each accepted one must :meth:`leave`."""
         if self.counts.open >= self.most or self._inside[address] >= self.most_an_address:
             self.counts.refused += 1
-            if not self._inside[address]:
-                del self._inside[address]
             return False
         self.counts.open += 1
         self._inside[address] += 1
         return True
 
     def leave(self, address: str) -> None:
-        """Give the place back."""
+        """Free the place of a connection."""
         self.counts.open -= 1
         self._inside[address] -= 1
         if not self._inside[address]:
             del self._inside[address]
 
 
-def shared_out(wished: list[int], files: int | None) -> list[int]:
-    """Cut the numbers of connections that ports may hold, so that all together stay below the limit of files.
+def open_doors(most: Mapping[str, int], most_an_address: int, files: int | None = None) -> dict[str, Door]:
+    """Make the limits of several ports, reduced in proportion so that all connections fit below the limit of files.
 
     Parameters
     ----------
-    wished : list of int
+    most : mapping of str to int
         Connections of each port.
+    most_an_address : int
+        Connections of each port from one address.
     files : int, optional
-        Files that the process may open; None: as many as it likes.
+        Files that the process may open; None: unlimited.
 
     Examples
     --------
-    >>> shared_out([256, 512, 512], 65_536), shared_out([256, 512, 512], 256)
-    ([256, 512, 512], [32, 64, 64])
+    >>> [door.most for door in open_doors({"osc": 256, "page": 512, "metrics": 512}, 128, files=256).values()]
+    [32, 64, 64]
     """
-    if files is None:
-        return wished
-    room = max(files - SPARE_FILES, len(wished))
-    total = sum(wished)
-    return wished if total <= room else [max(1, number * room // total) for number in wished]
+    total = sum(most.values())
+    room = total if files is None else min(total, max(files - SPARE_FILES, len(most)))
+    shares = {name: max(1, number * room // total) for name, number in most.items()}
+    return {name: Door(share, min(share, most_an_address)) for name, share in shares.items()}
 
 
 def raise_file_limit() -> int | None:
-    """Let this process open as many files as the system allows it; None where there is no such limit."""
+    """Let this process open as many files as the system allows; return that number, or None if it is unlimited."""
     try:
         import resource
     except ImportError:  # Windows
         return None
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wished = WISHED_FILES if hard == resource.RLIM_INFINITY else min(hard, WISHED_FILES)
-    if soft != resource.RLIM_INFINITY and soft < wished:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wished, hard))
-        return wished
+    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        return wanted
     return None if soft == resource.RLIM_INFINITY else soft

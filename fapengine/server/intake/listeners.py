@@ -1,4 +1,4 @@
-"""Listeners for packets: a UDP socket, and TCP streams in SLIP or with lengths.
+"""Packet listeners: a UDP socket, and TCP streams framed by SLIP or by lengths.
 
 The first byte of a stream tells its framing: a length below 64 KiB begins with 0, OSC with ``/`` or ``#``, and SLIP
 with those or its END. A connection that begins otherwise is closed.
@@ -9,7 +9,7 @@ import socket
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import cast
 
 from fapengine.errors import DataError, ResourceError
 from fapengine.server.intake.doors import Door
@@ -17,104 +17,75 @@ from fapengine.server.intake.ingress import Ingress
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder, encode_length, encode_slip
 
 READ_AT_ONCE = 512
-"""Datagrams between two slices."""
+"""Datagrams read between two slices."""
 RECEIVE_BUFFER = 4 << 20
-"""Size of the receive buffer that the system is asked for, bytes; it may give less."""
+"""Requested size of the receive buffer, bytes; the system may grant less."""
 REST_S = 0.003
-"""Interval at which a socket is read while much comes; it is also read before each frame."""
+"""Interval at which a busy socket is read; it is also read before each frame."""
 UNREAD_BYTES = 256 << 10
-"""Replies that a stream's peer may leave unread; more are dropped."""
+"""Replies that a stream's peer may leave unread; further ones are dropped."""
 STREAM_WAITING = 32
-"""Packets of a stream in the queue; more wait unread in the network."""
+"""Packets of a stream in the queue; further ones wait unread in the network."""
 CROWDED_S = 0.05
-"""A stream that finds no place in the queue tries again after so long."""
-MAX_CALLERS = 8192
-"""Addresses remembered, so that no new caller is made for each datagram."""
+"""Time after which a stream that finds no place in the queue tries again."""
 FIRST_S, IDLE_S = 10.0, 600.0
-"""Time in which a stream must send its first packet, and after each packet the next; then its place is another's."""
+"""Time in which a stream must send its first packet, and after each packet the next; then it is closed."""
 SLIP_FIRST = b"\xc0/#"
-
-
-class Replier(Protocol):
-    """Sends datagrams from where senders expect answers."""
-
-    def send(self, data: bytes, address: tuple[str, int]) -> bool:
-        """Send a datagram; False if the system cannot take it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Caller:
     """A peer that sends datagrams."""
 
-    listener: "Replier"
+    socket: socket.socket
+    """Socket from which it expects answers."""
     address: tuple[str, int]
-    """Address as the system tells it; longer for IPv6."""
+    """Address as the system reports it; longer for IPv6."""
+
+    @property
+    def host(self) -> str:
+        """IP address."""
+        return self.address[0]
 
     def send(self, data: bytes) -> bool:
-        """Send a datagram."""
-        return self.listener.send(data, self.address)
+        """Send a datagram; False if the system cannot take it."""
+        try:
+            self.socket.sendto(data, self.address)
+        except OSError:
+            return False
+        return True
 
     def __str__(self) -> str:
         return f"udp://{self.address[0]}:{self.address[1]}"
 
 
 class UdpListener:
-    """A UDP socket that is bound, whose datagrams are read at once.
-
-    Stateful.
-    """
+    """A bound UDP socket that is emptied at once. Stateful."""
 
     def __init__(self, ingress: Ingress, datagrams: socket.socket) -> None:
         self._ingress, self._socket = ingress, datagrams
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         self._socket.setblocking(False)
-        self._callers: dict[tuple[str, int], Caller] = {}
         self.address: tuple[str, int] = self._socket.getsockname()[:2]
         self._loop = asyncio.get_running_loop()
         self._rest: asyncio.TimerHandle | None = None
         self._listen()
-        ingress.add_reader(self.read)
+        ingress.readers.append(self.read)
 
     def read(self) -> int:
-        """Empty the socket, or take as much as may be taken at once."""
-        receive, put = self._socket.recvfrom, self._ingress.put
+        """Queue the datagrams that have arrived, at most :data:`READ_AT_ONCE`; return their number."""
         count = 0
         for _ in range(READ_AT_ONCE):
             try:
-                data, address = receive(MAX_PACKET)
+                data, address = self._socket.recvfrom(MAX_PACKET)
             except BlockingIOError:
                 break
-            except OSError:  # what an earlier datagram of ours met with; Linux tells it here
+            except OSError:  # the error of an earlier datagram that was sent; Linux reports it here
                 continue
             count += 1
-            put(self._callers.get(address) or self._caller(address), data)
+            self._ingress.put(Caller(self._socket, address), data)
         self._ingress.counts.datagrams += count
         return count
-
-    def send(self, data: bytes, address: tuple[str, int]) -> bool:
-        """Send a datagram; False if the system cannot take it."""
-        try:
-            self._socket.sendto(data, address)
-        except OSError:
-            return False
-        return True
-
-    def _listen(self) -> None:
-        self._rest = None
-        self._loop.add_reader(self._socket.fileno(), self._wake)
-
-    def _wake(self) -> None:
-        """Read; when much comes, be woken for many datagrams together, not for each."""
-        if self.read() < READ_AT_ONCE and self._ingress.is_busy:
-            self._loop.remove_reader(self._socket.fileno())
-            self._rest = self._loop.call_later(REST_S, self._listen)
-
-    def _caller(self, address: tuple[str, int]) -> Caller:
-        if len(self._callers) >= MAX_CALLERS:
-            self._callers.clear()  # an equal one is as good
-        caller = self._callers[address] = Caller(self, address)
-        return caller
 
     def close(self) -> None:
         """Stop listening."""
@@ -123,26 +94,33 @@ class UdpListener:
         self._loop.remove_reader(self._socket.fileno())
         self._socket.close()
 
+    def _listen(self) -> None:
+        self._rest = None
+        self._loop.add_reader(self._socket.fileno(), self._wake)
+
+    def _wake(self) -> None:
+        """Read; if the server is busy, wait a while so that many datagrams are read together."""
+        if self.read() < READ_AT_ONCE and self._ingress.is_busy:
+            self._loop.remove_reader(self._socket.fileno())
+            self._rest = self._loop.call_later(REST_S, self._listen)
+
 
 class Stream(asyncio.Protocol):
-    """A TCP connection; packets in, packets out in the same framing.
-
-    Stateful.
-    """
+    """A TCP connection: packets in, packets out with the same framing. Stateful."""
 
     def __init__(self, ingress: Ingress, streams: set["Stream"], door: Door) -> None:
         self._ingress, self._streams, self._door = ingress, streams, door
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._decoder: SlipDecoder | LengthDecoder | None = None
         self._frame: Callable[[bytes], bytes] = encode_slip
         self._held: deque[bytes] = deque()
         self._paused = False
         self._transport: asyncio.Transport | None = None
-        self.name, self.host = "tcp://?", ""
+        self.host, self._port = "?", 0
 
     def __str__(self) -> str:
-        return self.name
+        return f"tcp://{self.host}:{self._port}"
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin, if there is room."""
@@ -150,39 +128,42 @@ class Stream(asyncio.Protocol):
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        host, port = transport.get_extra_info("peername")[:2]
-        self.name = f"tcp://{host}:{port}"
-        self.host = str(host)
+        self.host, self._port = transport.get_extra_info("peername")[:2]
         if self._ingress.closed or not self._door.enter(self.host):
             self._ingress.counts.streams_refused += 1
             self._transport.abort()
             return
         self._streams.add(self)
         self._ingress.counts.streams += 1
-        self._timer = asyncio.get_running_loop().call_later(FIRST_S, self._look)
+        self._timer = asyncio.get_running_loop().call_later(FIRST_S, self._check_silence)
 
     def data_received(self, data: bytes) -> None:
         """Cut the stream into packets."""
         if self not in self._streams or not data:
             return
-        if self._decoder is None and not self._begin(data[0]):
-            self._ingress.counts.streams_refused += 1
-            self._drop()
-            return
+        if self._decoder is None:
+            if data[0] == 0:
+                self._decoder, self._frame = LengthDecoder(), encode_length
+            elif data[0] in SLIP_FIRST:
+                self._decoder = SlipDecoder()
+            else:
+                self._ingress.counts.streams_refused += 1
+                self._drop()
+                return
         try:
-            packets = cast("LengthDecoder | SlipDecoder", self._decoder).feed(data)
+            packets = self._decoder.feed(data)
         except DataError:
             self._ingress.counts.streams_broken += 1
             self._drop()
             return
         if packets:
-            self._heard_s = asyncio.get_running_loop().time()
+            self._received_s = asyncio.get_running_loop().time()
         self._ingress.counts.stream_packets += len(packets)
         self._held += packets
-        self.go_on()
+        self._resume()
 
-    def go_on(self) -> None:
-        """Queue what is held back, as far as there is room; read on when all of it is queued."""
+    def _resume(self) -> None:
+        """Queue held packets as far as there is room; continue reading when all are queued."""
         if not self._held and not self._paused:
             return
         ingress, queue = self._ingress, self._ingress.queue
@@ -192,11 +173,11 @@ class Stream(asyncio.Protocol):
             ingress.held_back.pop(self, None)
             return
         if self._held:
-            ingress.held_back[self] = self.go_on
+            ingress.held_back[self] = self._resume
         else:
             ingress.held_back.pop(self, None)
         if self._held and not queue.waiting(self):
-            asyncio.get_running_loop().call_later(CROWDED_S, self.go_on)
+            asyncio.get_running_loop().call_later(CROWDED_S, self._resume)
         if self._held and not self._paused:
             self._paused = True
             self._transport.pause_reading()
@@ -205,7 +186,7 @@ class Stream(asyncio.Protocol):
             self._transport.resume_reading()
 
     def send(self, data: bytes) -> bool:
-        """Send a packet; False where the peer does not read or is gone."""
+        """Send a packet; False if the peer does not read, or is gone."""
         if self._transport is None or self._transport.is_closing():
             return False
         if self._transport.get_write_buffer_size() > UNREAD_BYTES:
@@ -214,7 +195,7 @@ class Stream(asyncio.Protocol):
         return True
 
     def eof_received(self) -> bool | None:
-        """Notice a packet that will never be whole."""
+        """Count a packet that will never be complete."""
         if self._decoder is not None:
             try:
                 self._decoder.close()
@@ -231,33 +212,24 @@ class Stream(asyncio.Protocol):
             self._door.leave(self.host)
             self._streams.discard(self)
             self._ingress.counts.streams -= 1
-        forget = getattr(self._ingress.receiver, "forget", None)
-        if forget is not None:
-            forget(self)
+        self._ingress.receiver.forget(self)
 
-    def _look(self) -> None:
-        """Hang up on whom nothing was heard of; look again when that could next be so."""
+    def _check_silence(self) -> None:
+        """Close the connection if it was silent for too long; else check again when it could be."""
         loop = asyncio.get_running_loop()
-        due_s = loop.time() if self._heard_s is None else self._heard_s + IDLE_S
-        if self._paused:  # it waits for us
+        due_s = loop.time() if self._received_s is None else self._received_s + IDLE_S
+        if self._paused:  # the server makes it wait
             due_s = loop.time() + IDLE_S
         if due_s > loop.time():
-            self._timer = loop.call_at(due_s, self._look)
+            self._timer = loop.call_at(due_s, self._check_silence)
             return
         self._door.counts.timed_out += 1
         self._drop()
 
     def close(self) -> None:
-        """Send what is still to be sent, and end."""
+        """Close the connection after the pending data is sent."""
         if self._transport is not None:
             self._transport.close()
-
-    def _begin(self, first: int) -> bool:
-        if first == 0:
-            self._decoder, self._frame = LengthDecoder(), encode_length
-        elif first in SLIP_FIRST:
-            self._decoder, self._frame = SlipDecoder(), encode_slip
-        return self._decoder is not None
 
     def _drop(self) -> None:
         if self._transport is not None:
@@ -265,10 +237,7 @@ class Stream(asyncio.Protocol):
 
 
 class TcpListener:
-    """A listener for TCP connections. Made by :meth:`open`.
-
-    Stateful.
-    """
+    """A listener for TCP connections, made by :meth:`open`. Stateful."""
 
     def __init__(self, server: asyncio.Server, streams: set[Stream], make: Callable[[], Stream]) -> None:
         self._server, self._streams, self._make = server, streams, make
@@ -276,7 +245,7 @@ class TcpListener:
 
     @classmethod
     async def open(cls, ingress: Ingress, listening: socket.socket, door: Door) -> "TcpListener":
-        """Listen at a socket that is bound."""
+        """Listen at a bound socket."""
         streams: set[Stream] = set()
 
         def make() -> Stream:
@@ -286,11 +255,11 @@ class TcpListener:
         return cls(server, streams, make)
 
     async def adopt(self, accepted: socket.socket) -> None:
-        """Take a connection that was accepted elsewhere."""
+        """Serve a connection that another process accepted."""
         await asyncio.get_running_loop().connect_accepted_socket(self._make, accepted)
 
     async def close(self) -> None:
-        """Send what is still to be sent, and end all connections."""
+        """Close all connections after their pending data is sent."""
         self._server.close()
         for stream in tuple(self._streams):
             stream.close()
@@ -306,7 +275,7 @@ def bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     Raises
     ------
     ResourceError
-        If the name is unknown or the port taken; the message says what to do.
+        If the name is unknown or the port in use.
     """
     what = "UDP" if kind is socket.SOCK_DGRAM else "TCP"
     try:
@@ -316,18 +285,22 @@ def bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
         raise ResourceError(f"{what} {host}:{port}: got {error}, expected an address of this machine") from error
     try:
         if kind is socket.SOCK_STREAM:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait for old connections
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart does not wait for old connections
         sock.bind(address)
     except OSError as error:
         sock.close()
-        raise ResourceError(
-            f"{what} port {port} on {host}: {error.strerror}; choose another port, or see who has it: ss -lnp"
-        ) from error
+        raise port_error(what, host, port, error) from error
     return sock
 
 
+def port_error(what: str, host: str, port: int, error: OSError) -> ResourceError:
+    """Make the error of a port that cannot be opened."""
+    reason = error.strerror or error
+    return ResourceError(f"{what} port {port} on {host}: {reason}; choose another, or find the program on it: ss -lnp")
+
+
 def bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Bind TCP and UDP at one port; port 0: one that is free for both. Raises as :func:`bound`."""
+    """Bind TCP and UDP to the same port; with port 0, to one that is free for both. Raises as :func:`bound`."""
     for left in range(9, -1, -1):
         streams = bound(host, port, socket.SOCK_STREAM)
         try:

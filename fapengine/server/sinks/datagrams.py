@@ -1,4 +1,4 @@
-"""Sinks that send every frame over UDP."""
+"""The sink that sends every frame over UDP."""
 
 import errno
 import socket
@@ -9,24 +9,22 @@ from collections.abc import Sequence
 from fapengine.errors import ResourceError
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
-from fapengine.server.sinks.address import SinkAddress, SinkCounts
 from fapengine.server.sinks.encoders import FrameEncoder
+from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
 
 UDP_SEGMENT = 103
 """Socket option of Linux: linux/udp.h."""
 SEGMENTS, SEGMENTED_BYTES = 64, 60_000
-"""Largest number of datagrams, and of their bytes, that the system takes in one call."""
+"""Maximum number of datagrams, and of their bytes, that the system accepts in one call."""
 GSO_UNSUPPORTED_ERRNOS = (errno.EINVAL, errno.EIO, errno.EOPNOTSUPP, errno.EMSGSIZE, errno.ENOPROTOOPT)
-"""Errors by which a system says that it has no generic segmentation offload; any other: nothing can be sent now."""
+"""Errors that mean that the system has no generic segmentation offload; others mean that nothing can be sent now."""
 
 
 class Post:
-    """A UDP socket that sends many datagrams to one address and never waits.
+    """A UDP socket that sends many datagrams to one address without blocking. Stateful.
 
-    Runs of datagrams of one length go to the system in one piece, which it cuts (UDP segmentation, Linux 4.18): a
-    seventh of the time. Where it does not, or a network card will not, they go one by one.
-
-    Stateful.
+    Runs of datagrams of equal length are passed to the system in one call (UDP segmentation, Linux 4.18), which takes a
+    seventh of the time. If the system or the network card does not support that, they are sent one by one.
 
     Raises
     ------
@@ -45,25 +43,31 @@ class Post:
         self._cuts = sys.platform == "linux"
 
     def send(self, datagrams: Sequence[bytes]) -> int:
-        """Send; gives how many the system took."""
+        """Send datagrams; return how many the system accepted."""
         sent, start = 0, 0
         while start < len(datagrams):
             run = self._run(datagrams, start) if self._cuts else 1
             try:
-                sent += self._send_run(datagrams[start : start + run]) if run > 1 else self._send_one(datagrams[start])
+                if run > 1:
+                    length = struct.pack("@H", len(datagrams[start]))
+                    data = b"".join(datagrams[start : start + run])
+                    self._socket.sendmsg([data], [(socket.IPPROTO_UDP, UDP_SEGMENT, length)], 0, self._target)
+                else:
+                    self._socket.sendto(datagrams[start], self._target)
+                sent += run
             except OSError as error:
                 if run > 1 and error.errno in GSO_UNSUPPORTED_ERRNOS:
                     self._cuts = False
-                    continue  # the same again, one by one
+                    continue  # send them again, one by one
             start += run
         return sent
 
     def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._socket.close()
 
     def _run(self, datagrams: Sequence[bytes], start: int) -> int:
-        """Count the datagrams from here on that go in one piece."""
+        """Return the number of datagrams from here on that can be sent in one call."""
         size = len(datagrams[start])
         max_run = min(SEGMENTS, SEGMENTED_BYTES // max(size, 1), len(datagrams) - start)
         stop = start + 1
@@ -71,20 +75,11 @@ class Post:
             stop += 1
         return stop - start
 
-    def _send_run(self, run: Sequence[bytes]) -> int:
-        length = struct.pack("@H", len(run[0]))
-        self._socket.sendmsg([b"".join(run)], [(socket.IPPROTO_UDP, UDP_SEGMENT, length)], 0, self._target)
-        return len(run)
-
-    def _send_one(self, datagram: bytes) -> int:
-        self._socket.sendto(datagram, self._target)
-        return 1
-
 
 class DatagramSink:
-    """A sink that sends every frame as datagrams and never waits; with ``waits_for``, from that session's first on.
+    """A sink that sends every frame as datagrams without blocking. Stateful.
 
-    Stateful.
+    With ``waits_for`` it sends nothing before that session's first frame.
     """
 
     def __init__(
@@ -97,7 +92,7 @@ class DatagramSink:
         self._stop = hub.listeners.on_frames(self._show)
 
     async def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._stop()
         self._post.close()
 

@@ -1,7 +1,7 @@
-"""Frames of the hub to what each kind of receiver reads. Values in, datagrams out: sockets are in the other modules.
+"""Encoders of frames for each kind of receiver: values in, datagrams out. Sockets are in the other modules.
 
-A face that goes away leaves a last frame at rest, so that no receiver keeps a mouth open; and what is shown first is a
-face at rest, for a server may have been killed before.
+When a face goes away a neutral frame follows, so that no receiver keeps its mouth open. The first frame is neutral too,
+because an earlier server may have been killed.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,51 +20,46 @@ from fapengine.wire.fap_osc import FapFrame, SessionFrames
 from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower
 
 REFRESH_S = 1.0
-"""Receivers that are sent what changed are sent all, so often."""
+"""Interval at which receivers of changes are sent everything."""
 MAX_REPEATED = 120
-"""Planes of a stream that stand for frames that were skipped."""
+"""Maximum number of planes that are repeated for skipped frames."""
 
 Faps = NDArray[np.int32]
 
 
 class FrameEncoder(Protocol):
-    """An encoder: frames of the hub in, datagrams out.
-
-    Stateful.
-    """
+    """An encoder: frames of the hub in, datagrams out. Stateful."""
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write what the receiver gets of this tick."""
+        """Return the datagrams of a frame."""
         ...
 
     def resume(self, numbers: Mapping[str, int]) -> None:
-        """Continue what an encoder that is gone sent to the same receiver, from these frame numbers of sessions on."""
+        """Continue the frames of an encoder that ended, at these frame numbers of sessions."""
         ...
 
 
 class SingleFaceEncoder:
-    """An encoder that follows one session.
-
-    Stateful.
+    """An encoder of one session. Stateful.
 
     Parameters
     ----------
     write : callable
-        Frame number, time in s and FAPs (68,) to datagrams.
+        Turns frame number, time in s and FAPs (68,) into datagrams.
     session : str, optional
-        None: the first there is, until it closes.
+        By default the first open session, until it closes.
     """
 
     def __init__(self, write: Callable[[int, float, Faps], list[bytes]], session: str | None = None) -> None:
         self._write = write
         self._wanted = session
         self.session = session or ""
-        """Name of the face shown last."""
+        """Name of the session shown last."""
         self._shown: str | None = None
         self._rests = False
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write the face's frame; once at rest, then nothing, while there is none."""
+        """Return the session's datagrams; without a session, a neutral frame once, then nothing."""
         gone = self._shown is not None and self._shown not in frames.sessions
         if gone:
             self._shown = None
@@ -81,14 +76,11 @@ class SingleFaceEncoder:
         return self._write(frames.number, frames.time_s, np.zeros(fap.FAP_COUNT, np.int32))
 
     def resume(self, numbers: Mapping[str, int]) -> None:
-        """Do nothing: each datagram stands alone."""
+        """Do nothing: each datagram is complete."""
 
 
 class OscFrameEncoder:
-    """An encoder of ``/fap/1/frame`` for all sessions, or for one.
-
-    Stateful.
-    """
+    """An encoder of ``/fap/1/frame`` for all sessions, or for one. Stateful."""
 
     def __init__(self, session: str | None = None, epochs: Mapping[str, int] | None = None) -> None:
         self._session = session
@@ -96,11 +88,11 @@ class OscFrameEncoder:
         self._shown: tuple[str, ...] = ()
 
     def resume(self, numbers: Mapping[str, int]) -> None:
-        """Continue the numbers of sessions."""
+        """Continue the frame numbers of sessions."""
         self._stream.begin_at(numbers)
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write a message for each session, and one at rest for each that has gone."""
+        """Return a message for each session, and a neutral one for each that has closed."""
         sessions, faps = frames.sessions, frames.faps
         if self._session is not None:
             rows = [row for row, session in enumerate(sessions) if session == self._session]
@@ -115,7 +107,7 @@ class OscFrameEncoder:
 
 
 def named_faps(session: str | None = None) -> SingleFaceEncoder:
-    """Write one face as ``/fap/<n>``, a message a FAP."""
+    """Return an encoder of ``/fap/<n>``, one message per FAP."""
     mask = np.arange(1, fap.FAP_COUNT + 1) >= 3
     nothing = {"visemes": np.zeros(fap_osc.VISEME_WIDTH), "expressions": np.zeros(fap_osc.EXPRESSION_WIDTH)}
 
@@ -131,7 +123,7 @@ def named_faps(session: str | None = None) -> SingleFaceEncoder:
 def vmc_face(
     session: str | None = None, *, spelling: str = "arkit", performer: bool = False, rate_hz: float = 60.0
 ) -> SingleFaceEncoder:
-    """Write one face as VMC: the shapes that changed, head and eyes; all shapes once a second.
+    """Return an encoder of VMC: the shapes that changed, head and eyes; all shapes once per second.
 
     Parameters
     ----------
@@ -140,14 +132,14 @@ def vmc_face(
     spelling : str
         ``"arkit"`` (Perfect Sync), ``"pascal"``, or ``"vrm0"`` or ``"vrm1"``: an avatar's presets.
     performer : bool
-        The receiver moves its model itself: shapes alone.
+        Send shapes only, to a receiver that moves its model itself.
     rate_hz : float
-        Of the frames.
+        Frame rate.
 
     Raises
     ------
     UsageError
-        If there is no such spelling.
+        If the spelling is unknown.
     """
     spellings = {
         "arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES, "vrm0": vmc.VRM0_SHOWN, "vrm1": vmc.VRM1_SHOWN,
@@ -169,7 +161,7 @@ def vmc_face(
 
 
 def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float = 60.0) -> SingleFaceEncoder:
-    """Write one face as VRChat's parameters: those that changed, and all once a second."""
+    """Return an encoder of VRChat's parameters: those that changed, and all once per second."""
     follower = ArkitFollower()
     every = max(1, round(REFRESH_S * rate_hz))
     last: dict[int, bytes] = {}
@@ -190,7 +182,7 @@ def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float 
 def livelink_face(
     device: str, session: str | None = None, *, name: str = "", rate_hz: float = 60.0
 ) -> SingleFaceEncoder:
-    """Write one face as a Live Link Face subject.
+    """Return an encoder of a Live Link Face subject.
 
     Parameters
     ----------
@@ -199,9 +191,9 @@ def livelink_face(
     session : str, optional
         See :class:`SingleFaceEncoder`.
     name : str
-        Of the subject; that of the session by default, or ``fapengine``.
+        Name of the subject; by default that of the session, or ``fapengine``.
     rate_hz : float
-        Of the frames.
+        Frame rate.
     """
     subject = livelink.Subject(name or session or "fapengine", device)
     follower = ArkitFollower()
@@ -215,7 +207,7 @@ def livelink_face(
 
 
 def weights_face(session: str | None = None) -> SingleFaceEncoder:
-    """Write one face as JSON of weights (:mod:`fapengine.wire.weights_json`)."""
+    """Return an encoder of weights as JSON (:mod:`fapengine.wire.weights_json`)."""
     shapes, mouth = ArkitFollower(), VisemeFollower()
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
@@ -226,7 +218,7 @@ def weights_face(session: str | None = None) -> SingleFaceEncoder:
 
 
 def vts_face(dialog: vts.VtsDialog, session: str | None = None) -> SingleFaceEncoder:
-    """Write one face as requests of VTube Studio's API."""
+    """Return an encoder of requests of VTube Studio's API."""
     shapes, mouth = ArkitFollower(), VisemeFollower()
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
@@ -236,12 +228,10 @@ def vts_face(dialog: vts.VtsDialog, session: str | None = None) -> SingleFaceEnc
 
 
 class FbaFrameEncoder:
-    """One face as an MPEG-4 face stream, a plane a frame, each behind its start code.
+    """An encoder of one face as an MPEG-4 face stream: one plane per frame, each after its start code. Stateful.
 
-    Every ``intra_s`` comes an I plane, where a receiver can begin: it puts an object start code in place of the plane's
-    (:func:`joined`). A frame that the hub skipped is there twice, so that the stream keeps its time.
-
-    Stateful.
+    Every ``intra_s`` there is an I plane, where a receiver can begin: it replaces the plane's start code by an object
+    start code (:func:`joined`). A frame follows twice after a skipped one, so that the stream keeps its time.
     """
 
     def __init__(self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0) -> None:
@@ -253,15 +243,15 @@ class FbaFrameEncoder:
         self._face = SingleFaceEncoder(self._write, session)
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write the planes of a tick: one, or more after skipped frames."""
+        """Return the planes of a frame: one, or more after skipped frames."""
         return self._face.encode(frames)
 
     def resume(self, numbers: Mapping[str, int]) -> None:
-        """Begin with an I plane within a stream."""
+        """Begin with an I plane inside a stream."""
         self._resumes = True
 
     def request_intra(self) -> None:
-        """Let the next plane be one to begin at."""
+        """Make the next plane an I plane."""
         self._planes = 0
 
     def _write(self, number: int, time_s: float, faps: Faps) -> list[bytes]:
@@ -278,16 +268,14 @@ class FbaFrameEncoder:
 
 
 class RtpFrameEncoder:
-    """One face as RTP packets of the MPEG-4 visual payload.
-
-    Stateful.
+    """An encoder of one face as RTP packets of the MPEG-4 visual payload. Stateful.
 
     Parameters
     ----------
     session, rate_hz, intra_s
-        As :class:`FbaFrameEncoder`.
+        See :class:`FbaFrameEncoder`.
     ssrc, sequence, time : int
-        As :class:`~fapengine.wire.rtp.RtpSender`.
+        See :class:`~fapengine.wire.rtp.RtpSender`.
     """
 
     def __init__(
@@ -299,7 +287,7 @@ class RtpFrameEncoder:
         self._frame_s = 1 / rate_hz
 
     def encode(self, frames: HubFrames) -> list[bytes]:
-        """Write the packets of a tick."""
+        """Return the packets of a frame."""
         planes = self._planes.encode(frames)
         return [
             packet
@@ -308,14 +296,14 @@ class RtpFrameEncoder:
         ]
 
     def resume(self, numbers: Mapping[str, int]) -> None:
-        """Do nothing: receivers take another SSRC for another stream, which begins here."""
+        """Do nothing: receivers treat another SSRC as another stream."""
 
 
 OBJECT_START, PLANE_START = b"\x00\x00\x01\xba", b"\x00\x00\x01\xbb"
 
 
 def joined(plane: bytes) -> bytes | None:
-    """Turn a plane into the beginning of a stream; None where it is no I plane, so that nobody can begin there.
+    """Turn a plane into the beginning of a stream; None if it is not an I plane.
 
     Examples
     --------
@@ -328,7 +316,7 @@ def joined(plane: bytes) -> bytes | None:
 
 
 def continued(plane: bytes) -> bytes:
-    """Turn the beginning of a stream into an I plane within one, for who follows it already; other planes stay.
+    """Turn the beginning of a stream into an I plane inside one; other planes stay as they are.
 
     Examples
     --------

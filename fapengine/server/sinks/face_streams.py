@@ -7,21 +7,18 @@ from collections.abc import Callable
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
 from fapengine.server.intake.listeners import bound
-from fapengine.server.sinks.address import SinkAddress, SinkCounts
 from fapengine.server.sinks.encoders import FbaFrameEncoder, joined
+from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
 
 UNREAD_BYTES = 64 << 10
-"""Bytes of a face stream that a receiver may leave unread, some seconds; beyond them it begins again at an I plane."""
+"""Unread bytes of a face stream, some seconds, beyond which the receiver is resumed at a later I plane."""
 STREAMS = 256
 END = b"\x00\x00\x01\xb1"
-"""Ends a face stream."""
+"""End code of a face stream."""
 
 
 class FaceStreams:
-    """A sink that streams one face to every connection; each begins, and begins again when too slow, at an I plane.
-
-    Stateful.
-    """
+    """A sink that streams one face to every connection; each begins, and resumes, at an I plane. Stateful."""
 
     def __init__(self, hub: Hub, address: SinkAddress, face: FbaFrameEncoder) -> None:
         self.address, self.counts = address, SinkCounts()
@@ -31,15 +28,17 @@ class FaceStreams:
         self._stop = hub.listeners.on_frames(self._show)
 
     @classmethod
-    async def open(cls, hub: Hub, address: SinkAddress, intra_s: float = 1.0) -> "FaceStreams":
-        """Listen.
+    async def open(cls, hub: Hub, address: SinkAddress) -> "FaceStreams":
+        """Listen for connections.
 
         Raises
         ------
+        UsageError
+            If an option's value is wrong.
         ResourceError
-            If the port is taken.
+            If the port is in use.
         """
-        face = FbaFrameEncoder(address.session, rate_hz=hub.pacer.rate_hz, intra_s=intra_s)
+        face = FbaFrameEncoder(address.session, rate_hz=hub.pacer.rate_hz, intra_s=address.intra_s)
         listening = bound(address.host, address.port, socket.SOCK_STREAM)
         sink = cls(hub, address, face)
         loop = asyncio.get_running_loop()
@@ -48,12 +47,12 @@ class FaceStreams:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port on which it listens."""
         port: int = 0 if self._server is None else self._server.sockets[0].getsockname()[1]
         return port
 
     async def close(self) -> None:
-        """End all streams."""
+        """Close all connections."""
         self._stop()
         if self._server is not None:
             self._server.close()
@@ -69,10 +68,7 @@ class FaceStreams:
 
 
 class _FaceStream(asyncio.Protocol):
-    """The connection of one receiver of a face stream.
-
-    Stateful.
-    """
+    """The connection of one receiver of a face stream. Stateful."""
 
     def __init__(self, listeners: "set[_FaceStream]", request_intra: Callable[[], None]) -> None:
         self._listeners, self._request_intra = listeners, request_intra
@@ -93,7 +89,7 @@ class _FaceStream(asyncio.Protocol):
         self._listeners.discard(self)
 
     def show(self, plane: bytes) -> bool:
-        """Send a plane, if it can be followed; False where it was not sent."""
+        """Send a plane if the receiver can decode it; False if it was not sent."""
         if self._transport is None or self._transport.is_closing():
             return False
         if self._follows and self._transport.get_write_buffer_size() > UNREAD_BYTES:

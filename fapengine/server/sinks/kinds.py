@@ -1,17 +1,16 @@
-"""Kinds of sinks: one row each. URLs, help texts, shell completion, errors and the tables of the documents follow it.
+"""Sinks: their URLs, and one row for each kind. URLs, help, shell completion, errors and documentation follow the rows.
 
-To add a kind, write its encoder (:mod:`.encoders`) or a module of its own, and add a row. A kind is one of three:
-:class:`DatagramKind` sends every frame over UDP, :class:`ConnectionKind` holds connections, :class:`VideoKind` is sent
-images and sound. Libraries are imported when a sink is opened, so that the help does not wait for them.
+To add a kind, write its encoder (:mod:`.encoders`) or sink, and add a row and a case to :func:`encoder_of` or
+:func:`open_sink`. Libraries are imported when a sink is opened, so that the help does not wait for them.
 """
 
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, assert_never
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
+from fapengine._counters import Counts, metric
 from fapengine.errors import UsageError
-from fapengine.server.sinks.address import Sink, SinkAddress
 
 if TYPE_CHECKING:
     from fapengine.host.hub import Hub
@@ -22,30 +21,108 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 MAX_INTRA_S = 60.0
 PERFORMER_PORT = 39540
-"""Port of VMC programs that move their model themselves and take shapes alone; :mod:`fapengine.wire.vmc` has it too."""
+"""Port of VMC programs that move their model themselves and read shapes only; see :mod:`fapengine.wire.vmc`."""
 Epochs = Mapping[str, int] | None
-"""Epoch of each session (:mod:`fapengine.server.ownership.placement`), where several processes show sessions."""
+"""Epoch of each session (:mod:`fapengine.server.ownership.rule`), if several processes show sessions."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Kind:
+@dataclass(frozen=True, slots=True)
+class SinkAddress:
+    """The destination of frames, and the kind of sink that sends them there."""
+
+    kind: str
+    host: str
+    port: int
+    session: str | None = None
+    options: dict[str, str] = field(default_factory=dict)
+    path: str = field(default="", repr=False)
+    """Path after the port. It may contain the key of a stream, so it is shown nowhere."""
+
+    def __str__(self) -> str:
+        place = f"{self.url_host}:{self.port}" if self.host else ""
+        return f"{self.kind}://{place}" + (f"?session={self.session}" if self.session else "")
+
+    @property
+    def url_host(self) -> str:
+        """Host as a URL contains it."""
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+    @property
+    def intra_s(self) -> float:
+        """Interval of I planes of a face stream, s.
+
+        Raises
+        ------
+        UsageError
+            If the option is not a number, or out of range.
+        """
+        text = self.options.get("intra", "1")
+        try:
+            value = float(text)
+        except ValueError as error:
+            raise UsageError(f"sink {self.kind}: intra: got {text!r:.40}, expected seconds") from error
+        if not 0 < value <= MAX_INTRA_S:
+            raise UsageError(f"sink {self.kind}: intra: got {value} s, expected 0..{MAX_INTRA_S:g}")
+        return value
+
+    def whole(self, name: str, default: int, low: int, high: int) -> int:
+        """Return an option that is a whole number.
+
+        Raises
+        ------
+        UsageError
+            If it is not a whole number, or out of range.
+        """
+        text = self.options.get(name, str(default))
+        if not text.isdecimal() or not low <= int(text[:9]) <= high:
+            raise UsageError(f"sink {self.kind}: {name}: got {text!r:.40}, expected a whole number {low}..{high}")
+        return int(text)
+
+
+@dataclass(slots=True)
+class SinkCounts(Counts):
+    """Counts of a sink. Stateful."""
+
+    sent: int = metric("sent", "Datagrams or planes that sinks sent.")
+    """Planes: times streams."""
+    dropped: int = metric("unsent", "Those that could not be sent.")
+    """Those that the system, or a slow reader, did not accept."""
+
+
+class Sink(Protocol):
+    """Sends frames until it is closed."""
+
+    address: SinkAddress
+    counts: SinkCounts
+
+    async def close(self) -> None:
+        """Stop sending."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SinkKind:
+    """One kind of sink."""
+
     name: str
     receivers: str
-    """Programs that read it, as the help says it."""
+    """Programs that read it, as the help names them."""
     port: int | None = None
-    """Port where the address has none; None: it must have one."""
+    """Default port; None: a URL must have one."""
     options: tuple[str, ...] = ()
-    """Names that may stand after ``?``, besides ``session``."""
+    """Names allowed after ``?``, besides ``session``."""
+    medium: Literal["datagrams", "connections", "video"] = "datagrams"
+    """Every frame over UDP, from any process; connections, which belong to one process; or images and audio."""
     has_host: bool = True
     """False for a device of this machine, which has neither host nor port."""
     default_host: str = ""
     has_path: bool = False
     takes_all_sessions: bool = False
-    """Whether it sends all sessions; else one face."""
+    """True if it sends all sessions, False if one face."""
 
     @property
     def spelled(self) -> str:
-        """The URL, as help and documents show it: ``vmc://HOST[:39539]``."""
+        """The URL, as help and documentation show it: ``vmc://HOST[:39539]``."""
         if not self.has_host:
             return f"{self.name}://"
         host = "[HOST]" if self.default_host else "HOST"
@@ -53,194 +130,61 @@ class _Kind:
         return f"{self.name}://{host}{port}" + ("/PATH" if self.has_path else "")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DatagramKind(_Kind):
-    """A kind that sends every frame as datagrams; any process may send them."""
-
-    encoder: "Callable[[SinkAddress, float, Epochs], FrameEncoder]"
-    """Makes the encoder of an address; the number is the frame rate in Hz."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConnectionKind(_Kind):
-    """A kind that holds connections, which belong to one process."""
-
-    open: "Callable[[Hub, SinkAddress], Awaitable[Sink]]"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VideoKind(_Kind):
-    """A kind that is sent images and sound of a head, which a studio draws."""
-
-    open: "Callable[[Studio, SinkAddress, str], Awaitable[Sink]]"
-
-
-SinkKind = DatagramKind | ConnectionKind | VideoKind
-
-
-def _osc(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from fapengine.server.sinks.encoders import OscFrameEncoder
-
-    return OscFrameEncoder(address.session, epochs)
-
-
-def _named(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from fapengine.server.sinks.encoders import named_faps
-
-    return named_faps(address.session)
-
-
-def _vmc(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from fapengine.server.sinks.encoders import vmc_face
-
-    return vmc_face(
-        address.session,
-        spelling=address.options.get("names", "arkit"),
-        performer=address.port == PERFORMER_PORT,
-        rate_hz=rate_hz,
-    )
-
-
-def _vrchat(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from fapengine.server.sinks.encoders import vrchat_face
-
-    return vrchat_face(address.session, prefix=address.options.get("prefix", ""), rate_hz=rate_hz)
-
-
-def _livelink(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from socket import gethostname
-    from uuid import NAMESPACE_DNS, uuid5
-
-    from fapengine.server.sinks.encoders import livelink_face
-
-    device = address.options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{gethostname()}")).upper()
-    return livelink_face(device, address.session, name=address.options.get("name", ""), rate_hz=rate_hz)
-
-
-def _fba(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from fapengine.server.sinks.encoders import FbaFrameEncoder
-
-    return FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=address.seconds("intra", 1.0, MAX_INTRA_S))
-
-
-def _rtp(address: SinkAddress, rate_hz: float, epochs: Epochs) -> "FrameEncoder":
-    from secrets import randbits
-
-    from fapengine.server.sinks.encoders import RtpFrameEncoder
-
-    first = {"ssrc": randbits(32), "sequence": randbits(16), "time": randbits(32)}
-    intra_s = address.seconds("intra", 1.0, MAX_INTRA_S)
-    return RtpFrameEncoder(address.session, rate_hz=rate_hz, intra_s=intra_s, **first)
-
-
-async def _fba_tcp(hub: "Hub", address: SinkAddress) -> Sink:
-    from fapengine.server.sinks.face_streams import FaceStreams
-
-    return await FaceStreams.open(hub, address, address.seconds("intra", 1.0, MAX_INTRA_S))
-
-
-async def _ws_json(hub: "Hub", address: SinkAddress) -> Sink:
-    from fapengine.server.sinks.websockets import WeightStreams
-
-    return await WeightStreams.open(hub, address)
-
-
-async def _vts(hub: "Hub", address: SinkAddress) -> Sink:
-    from fapengine.server.sinks.websockets import VtsSink
-
-    return VtsSink(hub, address)
-
-
-async def _camera(studio: "Studio", address: SinkAddress, head: str) -> Sink:
-    from fapengine.server.sinks.video import open_camera
-
-    return await open_camera(studio, address, head)
-
-
-async def _stream(studio: "Studio", address: SinkAddress, head: str) -> Sink:
-    from fapengine.server.sinks.video import open_stream
-
-    return await open_stream(studio, address, head)
-
-
-SINK_KINDS: tuple[SinkKind, ...] = (
-    DatagramKind(
-        name="osc",
-        receivers="programs that know FAPs, /fap/1/frame of all sessions or of one",
-        encoder=_osc,
-        takes_all_sessions=True,
-    ),
-    DatagramKind(name="named", receivers="patches, /fap/<n>, one message per FAP", encoder=_named),
-    DatagramKind(
-        name="vmc",
-        receivers="VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
+SINK_KINDS = (
+    SinkKind("osc", "programs that know FAPs, /fap/1/frame of all sessions or of one", takes_all_sessions=True),
+    SinkKind("named", "patches, /fap/<n>, one message per FAP"),
+    SinkKind(
+        "vmc",
+        "VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
         port=39539,
         options=("names",),
-        encoder=_vmc,
     ),
-    DatagramKind(name="vrchat", receivers="VRChat's parameters", port=9000, options=("prefix",), encoder=_vrchat),
-    DatagramKind(
-        name="livelink",
-        receivers="Unreal and other Live Link Face receivers",
-        port=11111,
-        options=("name", "device"),
-        encoder=_livelink,
-    ),
-    DatagramKind(
-        name="fba",
-        receivers="an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
+    SinkKind("vrchat", "VRChat's parameters", port=9000, options=("prefix",)),
+    SinkKind("livelink", "Unreal and other Live Link Face receivers", port=11111, options=("name", "device")),
+    SinkKind(
+        "fba",
+        "an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
         options=("intra",),
-        encoder=_fba,
     ),
-    ConnectionKind(
-        name="fba+tcp",
-        receivers="the same stream over TCP, for all who connect here",
-        options=("intra",),
-        open=_fba_tcp,
-    ),
-    DatagramKind(
-        name="rtp",
-        receivers="the same stream over RTP, in the MPEG-4 visual payload",
-        options=("intra",),
-        encoder=_rtp,
-    ),
-    ConnectionKind(
-        name="ws-json",
-        receivers="game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who"
-        " connect here",
+    SinkKind("fba+tcp", "the same stream over TCP, for all who connect here", options=("intra",), medium="connections"),
+    SinkKind("rtp", "the same stream over RTP, in the MPEG-4 visual payload", options=("intra",)),
+    SinkKind(
+        "ws-json",
+        "game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who connect"
+        " here",
+        medium="connections",
         default_host=LOOPBACK,
-        open=_ws_json,
     ),
-    ConnectionKind(name="vts", receivers="VTube Studio", port=8001, options=("token_file",), open=_vts),
-    VideoKind(
-        name="camera",
-        receivers="a virtual camera of this machine",
-        has_host=False,
+    SinkKind("vts", "VTube Studio", port=8001, options=("token_file",), medium="connections"),
+    SinkKind(
+        "camera",
+        "a virtual camera of this machine",
         options=("size", "fps", "device"),
-        open=_camera,
+        medium="video",
+        has_host=False,
     ),
-    VideoKind(
-        name="rtmp",
-        receivers="a media server, H.264 and AAC",
+    SinkKind(
+        "rtmp",
+        "a media server, H.264 and AAC",
         port=1935,
-        has_path=True,
         options=("size", "fps", "kbit_s"),
-        open=_stream,
+        medium="video",
+        has_path=True,
     ),
-    VideoKind(
-        name="srt",
-        receivers="a media server, the same as MPEG-TS",
+    SinkKind(
+        "srt",
+        "a media server, the same as MPEG-TS",
         options=("size", "fps", "kbit_s", "streamid", "passphrase", "latency", "mode"),
-        open=_stream,
+        medium="video",
     ),
 )
-"""Every kind, in the order in which they are listed. Those of video show the session ``face`` where none is named."""
+"""Every kind, in the order in which they are listed. Those of video show the session ``face`` by default."""
 _BY_NAME = {kind.name: kind for kind in SINK_KINDS}
 SINK_NAMES = tuple(_BY_NAME)
 
 
 def kind_of(address: SinkAddress) -> SinkKind:
-    """Find the row of an address."""
+    """Return the row of an address."""
     return _BY_NAME[address.kind]
 
 
@@ -250,7 +194,7 @@ def parse_sink(url: str) -> SinkAddress:
     Raises
     ------
     UsageError
-        If it is not one of a kind in :data:`SINK_KINDS`.
+        If it is not a URL of a kind in :data:`SINK_KINDS`.
 
     Examples
     --------
@@ -283,8 +227,56 @@ def parse_sink(url: str) -> SinkAddress:
     return SinkAddress(kind.name, host, port, session, query, parts.path)
 
 
+def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> "FrameEncoder":
+    """Make the encoder of a sink that sends datagrams.
+
+    Parameters
+    ----------
+    address : SinkAddress
+    rate_hz : float
+        Frame rate.
+    epochs : mapping, optional
+
+    Raises
+    ------
+    UsageError
+        If the kind does not send datagrams, or an option's value is wrong.
+    """
+    from fapengine.server.sinks import encoders
+
+    session, options = address.session, address.options
+    match address.kind:
+        case "osc":
+            return encoders.OscFrameEncoder(session, epochs)
+        case "named":
+            return encoders.named_faps(session)
+        case "vmc":
+            is_performer = address.port == PERFORMER_PORT
+            return encoders.vmc_face(
+                session, spelling=options.get("names", "arkit"), performer=is_performer, rate_hz=rate_hz
+            )
+        case "vrchat":
+            return encoders.vrchat_face(session, prefix=options.get("prefix", ""), rate_hz=rate_hz)
+        case "livelink":
+            from socket import gethostname
+            from uuid import NAMESPACE_DNS, uuid5
+
+            device = options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{gethostname()}")).upper()
+            return encoders.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
+        case "fba":
+            return encoders.FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=address.intra_s)
+        case "rtp":
+            from secrets import randbits
+
+            first = {"ssrc": randbits(32), "sequence": randbits(16), "time": randbits(32)}
+            return encoders.RtpFrameEncoder(session, rate_hz=rate_hz, intra_s=address.intra_s, **first)
+    raise UsageError(
+        f"sinks: got {str(address)!r}, expected one that sends datagrams; `fapengine serve` has the others"
+    )
+
+
 def datagram_sink(hub: "Hub", address: SinkAddress, epochs: Epochs = None) -> "DatagramSink":
-    """Begin to send datagrams.
+    """Open a sink that sends datagrams.
 
     Raises
     ------
@@ -295,14 +287,9 @@ def datagram_sink(hub: "Hub", address: SinkAddress, epochs: Epochs = None) -> "D
     """
     from fapengine.server.sinks.datagrams import DatagramSink
 
-    kind = kind_of(address)
-    if not isinstance(kind, DatagramKind):
-        raise UsageError(
-            f"sinks: got {str(address)!r}, expected one that sends datagrams; `fapengine serve` has the others"
-        )
     # Before a session is shown here, another worker may show it.
     waits_for = address.session if epochs is not None else None
-    return DatagramSink(hub, address, kind.encoder(address, hub.pacer.rate_hz, epochs), waits_for=waits_for)
+    return DatagramSink(hub, address, encoder_of(address, hub.pacer.rate_hz, epochs), waits_for=waits_for)
 
 
 async def open_sink(
@@ -312,24 +299,34 @@ async def open_sink(
     studio: "Studio | None" = None,
     head: str = "default",
 ) -> Sink:
-    """Begin to send. Images of a head are drawn by a studio.
+    """Open a sink of any kind. A studio renders the images of a head.
 
     Raises
     ------
     UsageError
         If an option's value is wrong.
     ResourceError
-        If the host is unknown, the port taken, or a library or a device is missing.
+        If the host is unknown, the port in use, or a library or a device is missing.
     """
-    kind = kind_of(address)
-    match kind:
-        case DatagramKind():
-            return datagram_sink(hub, address, epochs)
-        case ConnectionKind():
-            return await kind.open(hub, address)
-        case VideoKind():
-            if studio is None:
-                raise UsageError(f"sink {address}: nothing draws its images here")
-            return await kind.open(studio, address, head)
-        case _:
-            assert_never(kind)
+    if kind_of(address).medium == "video":
+        from fapengine.server.sinks.video import CameraSink, StreamSink
+
+        if studio is None:
+            raise UsageError(f"sink {address}: nothing renders its images here")
+        if address.kind == "camera":
+            return CameraSink(studio, address, head)
+        return await StreamSink.open(studio, address, head)
+    match address.kind:
+        case "fba+tcp":
+            from fapengine.server.sinks.face_streams import FaceStreams
+
+            return await FaceStreams.open(hub, address)
+        case "ws-json":
+            from fapengine.server.sinks.websockets import WeightStreams
+
+            return await WeightStreams.open(hub, address)
+        case "vts":
+            from fapengine.server.sinks.websockets import VtsSink
+
+            return VtsSink(hub, address)
+    return datagram_sink(hub, address, epochs)

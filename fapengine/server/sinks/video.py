@@ -1,10 +1,10 @@
-"""Sinks that are sent pictures: a virtual camera of this machine, and streams of video and sound to media servers.
+"""Video sinks: a virtual camera of this machine, and streams of video and audio to media servers.
 
 Theory of operation
 -------------------
-Pictures come from :mod:`fapengine.server.film`. A camera is shown the newest one, again and again, by a thread. A
-stream is encoded and sent by a thread, too, which begins anew when the receiver goes away: after 1 s, later after 10 s.
-What comes meanwhile, or faster than it is taken, is dropped and counted.
+Images come from :mod:`fapengine.server.film`. A thread sends the newest one to the camera at a steady rate. Another
+thread encodes and sends a stream; when the receiver goes away it reconnects after 1 s, later after 10 s. Images and
+audio that come meanwhile, or faster than they are encoded, are dropped and counted.
 """
 
 import asyncio
@@ -25,54 +25,21 @@ from fapengine._late import needed
 from fapengine.errors import ResourceError, UsageError
 from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
-from fapengine.server.sinks.address import Sink, SinkAddress, SinkCounts
+from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
 
 SESSION = "face"
 SIZE_PX, FPS, KBIT_S = 512, 30, 1500
 SIZES, RATES, BIT_RATES = (64, 2048), (1, 120), (50, 50_000)
 MAX_WAITING = 100
-"""Pictures and blocks of sound that wait for an encoder: about a second."""
+"""Images and audio blocks that wait for an encoder: about one second."""
 TRIAL_S = 5.0
-"""Longest wait of the server's start for a stream; a receiver that is not there yet is waited for later."""
+"""Longest time that the server's start waits for a stream; a receiver may come later."""
 RETRIES_S = (1.0, 2.0, 5.0, 10.0)
 END_S = 5.0
-"""Longest wait at the end for a receiver that takes nothing."""
+"""Longest wait at the end for a receiver that does not read."""
 CONTAINERS = {"rtmp": "flv", "srt": "mpegts"}
 
 log = logging.getLogger("fapengine.server")
-
-
-async def open_camera(studio: Studio, address: SinkAddress, head: str) -> Sink:
-    """Begin to send images to a camera.
-
-    Raises
-    ------
-    UsageError
-        If an option's value is wrong.
-    ResourceError
-        If there is no such camera.
-    """
-    return CameraSink(studio, address, _form(address, head))
-
-
-async def open_stream(studio: Studio, address: SinkAddress, head: str) -> Sink:
-    """Begin to send video and sound to a media server.
-
-    Raises
-    ------
-    UsageError
-        If an option's value is wrong.
-    ResourceError
-        If FFmpeg does not speak the protocol.
-    """
-    form = _form(address, head)
-    sink = StreamSink(studio, address, form, address.whole("kbit_s", KBIT_S, *BIT_RATES))
-    try:
-        await sink.tried()
-    except ResourceError:
-        await sink.close()
-        raise
-    return sink
 
 
 def _form(address: SinkAddress, head: str) -> FilmForm:
@@ -83,15 +50,18 @@ def _form(address: SinkAddress, head: str) -> FilmForm:
 
 
 class CameraSink:
-    """The face as a camera that other programs of this machine find. Stateful.
+    """The face as a camera that other programs of this machine can select. Stateful.
 
     Raises
     ------
+    UsageError
+        If an option's value is wrong.
     ResourceError
-        If the library, or the system's virtual camera, is not there.
+        If the library, or the system's virtual camera, is missing.
     """
 
-    def __init__(self, studio: Studio, address: SinkAddress, form: FilmForm) -> None:
+    def __init__(self, studio: Studio, address: SinkAddress, head: str) -> None:
+        form = _form(address, head)
         self.address, self.counts = address, SinkCounts()
         library = needed("pyvirtualcam", "pyvirtualcam", "sink camera")
         width, height = form.size
@@ -116,20 +86,20 @@ class CameraSink:
         self._thread.start()
 
     async def close(self) -> None:
-        """Give the camera back."""
+        """Release the camera."""
         self._leave()
         self._ends.set()
         await asyncio.to_thread(self._thread.join)
 
     def picture(self, time_s: float, pixels: bytes) -> None:
-        """Take a picture."""
+        """Keep the newest image."""
         self._newest = pixels
 
     def sound(self, time_s: float, samples: Samples) -> None:
-        """Let it go: a camera has none."""
+        """Ignore it: a camera has no audio."""
 
     def over(self, reason: str) -> None:
-        """Show the last picture on."""
+        """Continue to show the last image."""
 
     def _send(self) -> None:
         next_s = time.monotonic()
@@ -141,56 +111,62 @@ class CameraSink:
                     self._camera.send(np.frombuffer(pixels, np.uint8).reshape(self._shape))
                     self.counts.sent += 1
         except (RuntimeError, OSError, ValueError) as error:
-            log.error("the camera takes no more pictures: %s", error)
+            log.error("the camera accepts no more images: %s", error)
         finally:
             self._camera.close()
 
 
 class StreamSink:
-    """The face as video and sound, sent to a media server. Stateful."""
+    """The face as video and audio, sent to a media server; made by :meth:`open`. Stateful."""
 
-    def __init__(self, studio: Studio, address: SinkAddress, form: FilmForm, kbit_s: int) -> None:
+    def __init__(self, studio: Studio, address: SinkAddress, head: str) -> None:
         self.address, self.counts = address, SinkCounts()
-        self._form, self._kbit_s = form, kbit_s
+        self._form, self._kbit_s = _form(address, head), address.whole("kbit_s", KBIT_S, *BIT_RATES)
         self._waiting: queue.Queue[Callable[[_Encoder], None] | None] = queue.Queue(MAX_WAITING)
-        self._loop = asyncio.get_running_loop()
-        self._tried: asyncio.Future[None] = self._loop.create_future()
+        self._tried = threading.Event()
+        self._error: ResourceError | None = None
+        """Why it cannot send at all."""
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name=address.kind, daemon=True)
-        self._leave = studio.watch(address.session or SESSION, form, self)
+        self._leave = studio.watch(address.session or SESSION, self._form, self)
         self._thread.start()
 
-    async def tried(self) -> None:
-        """Wait for the first trial to connect.
+    @classmethod
+    async def open(cls, studio: Studio, address: SinkAddress, head: str) -> "StreamSink":
+        """Begin to send, and wait for the first attempt to connect.
 
         Raises
         ------
+        UsageError
+            If an option's value is wrong.
         ResourceError
-            If FFmpeg does not speak the protocol; all else may mend itself.
+            If FFmpeg does not support the protocol; after other failures it tries again.
         """
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(asyncio.shield(self._tried), TRIAL_S)
+        sink = cls(studio, address, head)
+        await asyncio.to_thread(sink._tried.wait, TRIAL_S)
+        if sink._error is not None:
+            await sink.close()
+            raise sink._error
+        return sink
 
     async def close(self) -> None:
-        """Send what waits no more, and end the stream."""
+        """Drop what waits, and end the stream."""
         self._leave()
         self._ends.set()
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
-        await asyncio.to_thread(self._thread.join, END_S)  # one that still writes is left to end by itself
-        if self._tried.done():
-            self._tried.exception()
+        await asyncio.to_thread(self._thread.join, END_S)  # if it still writes, it ends by itself
 
     def picture(self, time_s: float, pixels: bytes) -> None:
-        """Take a picture."""
+        """Queue an image."""
         self._put(lambda encoder: encoder.picture(time_s, pixels))
 
     def sound(self, time_s: float, samples: Samples) -> None:
-        """Take a block of sound."""
+        """Queue a block of audio."""
         self._put(lambda encoder: encoder.sound(time_s, samples))
 
     def over(self, reason: str) -> None:
-        """Send sound alone."""
+        """Continue with audio only."""
 
     def _put(self, work: "Callable[[_Encoder], None]") -> None:
         try:
@@ -199,27 +175,28 @@ class StreamSink:
             self.counts.dropped += 1
 
     def _run(self) -> None:
-        """Connect, send, and begin anew; in a thread."""
+        """Connect, send and reconnect; runs in a thread."""
         trials = 0
         while not self._ends.is_set():
             try:
                 with _Encoder(self._url, CONTAINERS[self.address.kind], self._form, self._kbit_s) as encoder:
-                    self._tell_tried(None)
+                    self._tried.set()
                     log.info("%s is connected", self.address)
                     trials = 0
                     while not self._ends.is_set() and (work := self._waiting.get()) is not None:
                         work(encoder)
                         self.counts.sent += 1
             except av.error.ProtocolNotFoundError:
-                reason = (
-                    f"sink {self.address}: the FFmpeg inside PyAV {av.__version__} does not speak {self.address.kind}"
+                self._error = ResourceError(
+                    f"sink {self.address}: the FFmpeg inside PyAV {av.__version__} does not support"
+                    f" {self.address.kind}; send rtmp:// instead, and let OBS or ffmpeg forward it"
                 )
-                self._tell_tried(ResourceError(f"{reason}; send rtmp:// instead, or let OBS or ffmpeg pass that on"))
+                self._tried.set()
                 return
             except (av.FFmpegError, OSError, ValueError) as error:
-                self._tell_tried(None)
+                self._tried.set()
                 wait_s = RETRIES_S[min(trials, len(RETRIES_S) - 1)]
-                log.warning("%s is not reached (%s); again in %g s", self.address, _reason(error), wait_s)
+                log.warning("%s cannot be reached (%s); retrying in %g s", self.address, _reason(error), wait_s)
                 trials += 1
                 self._ends.wait(wait_s)
                 self._drop()
@@ -230,23 +207,13 @@ class StreamSink:
                 self._waiting.get_nowait()
                 self.counts.dropped += 1
 
-    def _tell_tried(self, error: ResourceError | None) -> None:
-        def tell() -> None:
-            if not self._tried.done():
-                if error is None:
-                    self._tried.set_result(None)
-                else:
-                    self._tried.set_exception(error)
-
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(tell)
-
     @property
     def _url(self) -> str:
         address = self.address
-        host = f"[{address.host}]" if ":" in address.host else address.host
         own = {key: value for key, value in address.options.items() if key not in ("size", "fps", "kbit_s")}
-        return f"{address.kind}://{host}:{address.port}{address.path}" + (f"?{urlencode(own)}" if own else "")
+        return f"{address.kind}://{address.url_host}:{address.port}{address.path}" + (
+            f"?{urlencode(own)}" if own else ""
+        )
 
 
 class _Encoder:
@@ -259,8 +226,8 @@ class _Encoder:
         self._out: Any = av.open(url, "w", format=container)
         try:
             rate = Fraction(form.rate_hz).limit_denominator(1000)
-            wish = {"preset": "veryfast", "tune": "zerolatency", "g": str(round(2 * form.rate_hz))}
-            self._video: Any = self._out.add_stream("libx264", rate=rate, options=wish)
+            options = {"preset": "veryfast", "tune": "zerolatency", "g": str(round(2 * form.rate_hz))}
+            self._video: Any = self._out.add_stream("libx264", rate=rate, options=options)
             self._video.width, self._video.height = form.size
             self._video.pix_fmt, self._video.bit_rate = "yuv420p", 1000 * kbit_s
             self._video.codec_context.time_base = Fraction(1, 1000)
@@ -296,7 +263,7 @@ class _Encoder:
                 self._out.mux(self._audio.encode(piece))
 
     def _stamp(self, frame: Any, kind: str, time_s: float, rate_hz: int) -> bool:
-        """Give a frame its time from the stream's beginning; False: it lies before that, or before the last one."""
+        """Set a frame's time from the stream's beginning; False if it is before that, or before the last frame."""
         if self._zero_s is None:
             self._zero_s = time_s
         frame.pts, frame.time_base = round((time_s - self._zero_s) * rate_hz), Fraction(1, rate_hz)

@@ -1,6 +1,6 @@
-"""Sinks over WebSockets: JSON weights to all who connect here, and a client of VTube Studio.
+"""WebSocket sinks: JSON weights for all who connect here, and a client of VTube Studio.
 
-A receiver gets the newest frame; frames that it is too slow for are left out and counted, never kept for later.
+A receiver gets the newest frame. Frames that it is too slow for are dropped and counted, never queued.
 """
 
 import asyncio
@@ -19,22 +19,21 @@ from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
 from fapengine.server.intake.doors import Door
 from fapengine.server.sinks import encoders
-from fapengine.server.sinks.address import SinkAddress, SinkCounts
-from fapengine.server.web.admission import harden, refusal
-from fapengine.server.web.site import Site, open_site
+from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
+from fapengine.server.web.site import Site, admit, harden, open_site
 from fapengine.wire.vts import MAX_TOKEN, VtsDialog
 
 CONNECTIONS = 64
 UNREAD_BYTES = 8 << 10
-"""Bytes that wait for a reader, some frames; beyond them frames are left out."""
+"""Unsent bytes, some frames, beyond which frames are dropped."""
 SEND_BUFFER = 32 << 10
-"""Size of the system's buffer that is asked for: without it some ten seconds of frames may wait there."""
+"""Requested size of the system's buffer; by default some ten seconds of frames may wait there."""
 MAX_RECEIVED = 1024
-"""Bytes of a message from a reader; what it says is not read."""
+"""Bytes of a message from a reader; its messages are ignored."""
 HEARTBEAT_S, CLOSE_S, CONNECT_S = 20.0, 1.0, 5.0
 RETRIES_S = (1.0, 2.0, 5.0, 10.0)
 UNANSWERED = 30
-"""Frames that VTube Studio may leave unanswered, half a second; until it answers, frames are left out."""
+"""Unanswered frames, half a second, beyond which VTube Studio is sent no frames until it answers."""
 MAX_ANSWER = 1 << 20
 
 log = logging.getLogger("fapengine.server")
@@ -49,7 +48,7 @@ class _Outbox:
         self._filled = asyncio.Event()
 
     def offer(self, text: str) -> bool:
-        """Take a text instead of the one that waits; False if one is left out."""
+        """Replace the waiting text; False if a text is dropped."""
         waiting = self._transport.get_write_buffer_size() if self._transport is not None else 0
         if waiting > UNREAD_BYTES:
             return False
@@ -83,12 +82,12 @@ class WeightStreams:
 
     @classmethod
     async def open(cls, hub: Hub, address: SinkAddress) -> "WeightStreams":
-        """Listen.
+        """Listen for connections.
 
         Raises
         ------
         ResourceError
-            If the port is taken.
+            If the port is in use.
         """
         sink = cls(hub, address)
         app = web.Application()
@@ -103,11 +102,11 @@ class WeightStreams:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port on which it listens."""
         return 0 if self._site is None else self._site.address[1]
 
     async def close(self) -> None:
-        """End all streams."""
+        """Close all connections."""
         self._stop()
         await asyncio.gather(*(one.close(code=aiohttp.WSCloseCode.GOING_AWAY) for one in tuple(self.listeners)))
         if self._site is not None:
@@ -124,18 +123,17 @@ class WeightStreams:
                 self.counts.dropped += not taken
 
     async def _answer(self, request: web.Request) -> web.StreamResponse:
-        if why := refusal(request, None):
-            return web.Response(status=403, text=why + "\n")
+        admit(request, None)
         receiver = web.WebSocketResponse(
             heartbeat=HEARTBEAT_S, max_msg_size=MAX_RECEIVED, compress=False, timeout=CLOSE_S
         )
         if not receiver.can_prepare(request).ok:
-            return web.Response(status=426, text="This address speaks WebSocket.\n", headers={"Upgrade": "websocket"})
+            return web.Response(status=426, text="This address serves WebSocket.\n", headers={"Upgrade": "websocket"})
         await receiver.prepare(request)
         if request.transport is not None:
             connection = request.transport.get_extra_info("socket")
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        if not self.listeners:  # nothing was written meanwhile: the next tick is the first, or a face at rest
+        if not self.listeners:  # nothing was written meanwhile: the next frame is the first, or neutral
             self._face, self._newest = encoders.weights_face(self.address.session), ""
         outbox = self.listeners[receiver] = _Outbox(request.transport)
         if self._newest:
@@ -151,7 +149,7 @@ class WeightStreams:
 
 
 class VtsSink:
-    """A client of VTube Studio that tries again until it is there, and waits for the user's permission. Stateful."""
+    """A client of VTube Studio that reconnects, and waits for the user's permission. Stateful."""
 
     def __init__(self, hub: Hub, address: SinkAddress) -> None:
         self.address, self.counts = address, SinkCounts()
@@ -160,12 +158,12 @@ class VtsSink:
         self.dialog = VtsDialog(self._kept_token())
         self._face = encoders.vts_face(self.dialog, address.session)
         self._outbox: _Outbox | None = None
-        self._told = ""
+        self._reported = ""
         self._task = asyncio.create_task(self._keep())
         self._stop = hub.listeners.on_frames(self._show)
 
     async def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._stop()
         await _ended(self._task)
 
@@ -182,33 +180,34 @@ class VtsSink:
             self.counts.dropped += not taken
 
     async def _keep(self) -> None:
-        host = f"[{self.address.host}]" if ":" in self.address.host else self.address.host
         tries = 0
         async with aiohttp.ClientSession() as session:
             while not self.dialog.is_denied:
                 try:
                     async with asyncio.timeout(CONNECT_S):
                         link = await session.ws_connect(
-                            f"ws://{host}:{self.address.port}", max_msg_size=MAX_ANSWER, heartbeat=HEARTBEAT_S
+                            f"ws://{self.address.url_host}:{self.address.port}",
+                            max_msg_size=MAX_ANSWER,
+                            heartbeat=HEARTBEAT_S,
                         )
                     tries = 0
                     async with link:
                         await self._talk(link)
-                    self._tell("the connection ended; it is tried again")
+                    self._report("the connection ended; reconnecting")
                 except (aiohttp.ClientError, OSError, DataError) as error:
-                    self._tell(f"{error or type(error).__name__}; it is tried again")
+                    self._report(f"{error or type(error).__name__}; reconnecting")
                 if not self.dialog.is_denied:
                     self.dialog.state = "closed"
                     await asyncio.sleep(RETRIES_S[min(tries, len(RETRIES_S) - 1)])
                     tries += 1
-        self._tell("the user said no; it is not asked again")
+        self._report("the user denied permission; it is not requested again")
 
     async def _talk(self, link: aiohttp.ClientWebSocketResponse) -> None:
         self._face = encoders.vts_face(self.dialog, self.address.session)
         self._outbox = _Outbox()
         await link.send_str(self.dialog.begin())
         if self.dialog.state == "asking":
-            self._tell("asks for permission: allow fapengine in VTube Studio's window")
+            self._report("asks for permission: allow fapengine in VTube Studio's window")
         sending = asyncio.create_task(self._outbox.send(link))
         try:
             async for message in link:
@@ -228,17 +227,17 @@ class VtsSink:
         if self.dialog.state == "listing":
             self._keep_token()
         elif self.dialog.state == "asking" != before:
-            self._tell("asks for permission: allow fapengine in VTube Studio's window")
+            self._report("asks for permission: allow fapengine in VTube Studio's window")
         elif self.dialog.state == "ready" != before:
-            self._tell("is shown the face")
+            self._report("receives the face")
         if self.dialog.complaint:
-            self._tell(self.dialog.complaint)
+            self._report(self.dialog.complaint)
 
-    def _tell(self, what: str) -> None:
-        """Log what is new."""
-        if what != self._told:
+    def _report(self, what: str) -> None:
+        """Log a message unless it repeats the last one."""
+        if what != self._reported:
             log.warning("sink %s: %s", self.address, what)
-        self._told = what
+        self._reported = what
 
     def _kept_token(self) -> str | None:
         try:
@@ -257,7 +256,7 @@ class VtsSink:
             with os.fdopen(number, "w", encoding="ascii") as file:
                 file.write(self.dialog.token)
         except (OSError, ValueError) as error:
-            self._tell(f"token_file: {error}; the user is asked again next time")
+            self._report(f"token_file: {error}; permission is requested again next time")
 
 
 async def _ended(task: "asyncio.Task[Any]") -> None:

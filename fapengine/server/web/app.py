@@ -1,4 +1,4 @@
-"""The web server: page, head, shaders, sounds, and the WebSocket that they talk over (:mod:`.admission`: who may)."""
+"""The web application: page, head, shaders, audio, and the WebSocket."""
 
 import asyncio
 import gzip
@@ -21,24 +21,24 @@ from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.server.web.admission import asked_session, harden, refusal
 from fapengine.server.web.connection import Connection, WebCounts
 from fapengine.server.web.messages import MAX_MESSAGE, PROTOCOL, text_of
 from fapengine.server.web.page_files import head_binary, setup
 from fapengine.server.web.session_view import SessionView, open_session_view
+from fapengine.server.web.site import admit, asked_session, harden
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.voices import espeak
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Speech
 
 MAX_BYTES = 64 << 20
-"""Size of all sounds together, at two bytes a sample."""
+"""Total size of the kept audio, at two bytes per sample."""
 DEFAULT_CHOICE = VoiceChoice()
 MAX_PAGES = 256
 HEARTBEAT_S = 20.0
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 NOT_FOR_ALL = ("/head.bin", "/setup.json")
-"""Files for those who may watch: the face may be a private one."""
+"""Files that need permission, because the face may be private."""
 
 log = logging.getLogger("fapengine.web")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -46,17 +46,14 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(slots=True)
 class SoundCache:
-    """A cache of spoken sounds; the oldest give way to newer ones.
-
-    Stateful.
-    """
+    """A cache of spoken audio; the oldest is dropped first. Stateful."""
 
     most_bytes: int = MAX_BYTES
     _kept: "OrderedDict[tuple[str, int], Speech]" = field(default_factory=OrderedDict)
     _bytes: int = 0
 
     def put(self, session: str, utterance: int, speech: Speech) -> None:
-        """Keep a sound."""
+        """Add the audio of an utterance."""
         self._drop(session, utterance)
         self._kept[session, utterance] = speech
         self._bytes += speech.samples.nbytes
@@ -64,7 +61,7 @@ class SoundCache:
             self._drop(*next(iter(self._kept)))
 
     def wav(self, session: str, utterance: int) -> bytes | None:
-        """Return it as a WAV file; None if it is not there any more."""
+        """Return the audio of an utterance as a WAV file; None if it is not in the cache."""
         speech = self._kept.get((session, utterance))
         if speech is None:
             return None
@@ -81,11 +78,8 @@ class SoundCache:
 
 
 @dataclass(slots=True, eq=False)
-class _Server:
-    """The state that the handlers share.
-
-    Stateful.
-    """
+class _Handlers:
+    """The request handlers and their state. Stateful."""
 
     hub: Hub
     token: str | None
@@ -99,10 +93,10 @@ class _Server:
     views: dict[str, SessionView] = field(default_factory=dict)
     connections: set[Connection] = field(default_factory=set)
     heads: dict[str, asyncio.Future[tuple[bytes, bytes]]] = field(default_factory=dict)
-    """People whose heads were asked for, as they are and packed."""
+    """Built-in heads that were requested, plain and compressed."""
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
-        """``/ws?session=NAME``: a page."""
+        """``/ws?session=NAME``: the WebSocket of a page."""
         self.admit(request)
         try:
             session = asked_session(request, self.hub)
@@ -113,9 +107,11 @@ class _Server:
             raise web.HTTPBadRequest(text=str(error)) from error
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
         if not socket.can_prepare(request).ok:
-            raise web.HTTPUpgradeRequired(text="This address speaks WebSocket.")  # the page asks so why it was refused
+            raise web.HTTPUpgradeRequired(
+                text="This address serves WebSocket."
+            )  # the page asks this way why it was refused
         await socket.prepare(request)
-        try:  # not before: a caller that gets no further than here leaves no open view
+        try:  # only now, so that a request that failed earlier leaves no open view
             view = open_session_view(self.hub, session, self.views, server_plays_audio=session == self.heard_here)
         except UsageError as error:
             self.counts.refused += 1
@@ -125,12 +121,9 @@ class _Server:
         connection = Connection(self.hub, view, socket, self.counts, self.voice, self.hearing)
         self.connections.add(connection)
         try:
-            greeting = {
-                "sound": "server" if view.server_plays_audio else "page",
-                "paused": view.is_paused,
-                "manner": view.manner,
-            }
-            await connection.run(text_of("hello", session=session, **greeting, **self.hello))
+            sound = "server" if view.server_plays_audio else "page"
+            state = {"sound": sound, "paused": view.is_paused, "manner": view.manner}
+            await connection.run(text_of("hello", session=session, **state, **self.hello))
         finally:
             self.connections.discard(connection)
             if not len(view) and self.views.get(session) is view:
@@ -138,7 +131,7 @@ class _Server:
         return socket
 
     async def sound(self, request: web.Request) -> web.StreamResponse:
-        """``/sound.wav?session=NAME&utterance=N``: what was said there."""
+        """``/sound.wav?session=NAME&utterance=N``: the audio of an utterance."""
         self.admit(request)
         try:
             session = asked_session(request, self.hub)
@@ -149,11 +142,11 @@ class _Server:
         if number.isdecimal() and len(number) < 12:
             wav = self.sounds.wav(session, int(number))
         if wav is None:
-            raise web.HTTPNotFound(text="This sound is not kept here, or not any more.")
+            raise web.HTTPNotFound(text="This audio is not, or no longer, available.")
         return web.Response(body=wav, content_type="audio/wav")
 
     async def head(self, own: Handler, request: web.Request) -> web.StreamResponse:
-        """``/head.bin``: the server's own head, or with ``?name=woman`` one of our people, built on demand."""
+        """``/head.bin``: the server's head, or with ``?name=woman`` another built-in head, built on demand."""
         name = request.query.get("name", "")
         if not name:
             return await own(request)
@@ -166,7 +159,7 @@ class _Server:
         return await self.file("application/octet-stream", body, packed, request)
 
     async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
-        """Answer with a file of the page, packed for whoever can unpack it."""
+        """Send a file of the page, compressed if the client accepts that."""
         if request.path in NOT_FOR_ALL:
             self.admit(request)
         if "gzip" in request.headers.get("Accept-Encoding", ""):
@@ -176,21 +169,18 @@ class _Server:
         return web.Response(body=body, content_type=kind, charset=_charset(kind))
 
     def admit(self, request: web.Request) -> None:
-        """Refuse whoever may not be here."""
-        trouble = refusal(request, self.token, self.origins)
-        if trouble:
-            self.counts.refused += 1
-            raise web.HTTPForbidden(text=trouble)
+        """Refuse a request that is not allowed."""
+        admit(request, self.token, self.origins, self.counts)
 
     async def stop(self, app: web.Application) -> None:
-        """Say goodbye to all pages."""
+        """Close the connections of all pages."""
         for connection in tuple(self.connections):
             await connection.close()
 
 
 COUNTS: web.AppKey[WebCounts] = web.AppKey("counts", WebCounts)
-"""Key under which the application keeps its counts, for the metrics."""
-SERVER: web.AppKey[_Server] = web.AppKey("server", _Server)
+"""Key of the application's counters."""
+HANDLERS: web.AppKey[_Handlers] = web.AppKey("handlers", _Handlers)
 
 
 def make_app(
@@ -199,39 +189,36 @@ def make_app(
     *,
     token: str | None = None,
     profile: str = "",
-    rate_hz: float | None = None,
     heard_here: str | None = None,
     voice: VoiceChoice = DEFAULT_CHOICE,
     hearing: Hearing | None = None,
     origins: tuple[str, ...] = (),
 ) -> web.Application:
-    """Build the web application; whoever runs it also ticks the hub.
+    """Build the web application. The caller ticks the hub.
 
     Parameters
     ----------
     hub : Hub
         Sessions, frames and voice.
     head : FaceMesh
-        Whose face the pages show.
+        Head that the pages show.
     token : str, optional
-        What a page must bring along to be let in.
+        Secret that a page must present.
     profile : str
-        Name of the profile, to be shown.
-    rate_hz : float, optional
-        Frames a second; by default the hub's.
+        Name of the speaker profile, which the page shows.
     heard_here : str, optional
-        The session whose sound the server plays itself; its pages play none.
+        Session whose audio the server plays; its pages play none.
     voice : VoiceChoice
-        Speaks what pages type without choosing a voice.
+        Voice of texts that pages send without a voice.
     hearing : Hearing, optional
-        Hears the microphones of pages; whoever ticks the hub ticks it too. By default none is offered.
+        Recognizes the microphones of pages; the caller ticks it too. By default pages offer no microphone.
     origins : tuple of str
         Other sites whose pages may show these faces: ``"https://example.org"``.
 
     Returns
     -------
     Application
-        ``app[COUNTS]`` counts what happens.
+        ``app[COUNTS]`` has its counters.
 
     Raises
     ------
@@ -243,33 +230,35 @@ def make_app(
     except ResourceError:
         voices = {}
     hello = {
-        "protocol": PROTOCOL, "rate_hz": rate_hz or hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
+        "protocol": PROTOCOL, "rate_hz": hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
         "ear": hearing is not None and hearing.is_possible,
     }  # fmt: skip
-    server = _Server(hub, token, hello, heard_here, voice, hearing, origins)
+    handlers = _Handlers(hub, token, hello, heard_here, voice, hearing, origins)
     hub.listeners.on_speech(
-        None, lambda spoken: server.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False
+        None, lambda spoken: handlers.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False
     )
     app = web.Application()
     harden(app, origins)
-    app[SERVER], app[COUNTS] = server, server.counts
-    app.on_shutdown.append(server.stop)
-    app.router.add_get("/ws", server.socket)
-    app.router.add_get("/sound.wav", server.sound)
+    app[HANDLERS], app[COUNTS] = handlers, handlers.counts
+    app.on_shutdown.append(handlers.stop)
+    app.router.add_get("/ws", handlers.socket)
+    app.router.add_get("/sound.wav", handlers.sound)
     for path, (kind, body) in page_files(head, voices, voice.rate_wpm).items():
-        handler = partial(server.file, kind, body, gzip.compress(body, 6, mtime=0))
-        app.router.add_get(path, partial(server.head, handler) if path == "/head.bin" else handler)
+        handler = partial(handlers.file, kind, body, gzip.compress(body, 6, mtime=0))
+        app.router.add_get(path, partial(handlers.head, handler) if path == "/head.bin" else handler)
     return app
 
 
 def page_files(
     head: FaceMesh, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM
 ) -> dict[str, tuple[str, bytes]]:
-    """Path to kind and content of all that never changes."""
-    told = setup(voices=voices, rate_wpm=rate_wpm)
+    """Return the path, media type and content of all static files."""
     pages = {
         "/head.bin": ("application/octet-stream", head_binary(head)),
-        "/setup.json": ("application/json", json.dumps(told, ensure_ascii=False).encode()),
+        "/setup.json": (
+            "application/json",
+            json.dumps(setup(voices=voices, rate_wpm=rate_wpm), ensure_ascii=False).encode(),
+        ),
     }
     for name, content in _resources.page_files().items():
         suffix = PurePosixPath(name).suffix

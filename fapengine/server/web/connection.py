@@ -1,4 +1,4 @@
-"""One connected page: its requests are read, at a limited rate, and what its view tells it is written, in order."""
+"""One connected page: its requests are read at a limited rate, and its view's messages are written in order."""
 
 import asyncio
 import contextlib
@@ -36,28 +36,27 @@ from fapengine.wire.speech_osc import phone_labels
 
 MAX_TEXTS = 512
 MAX_FRAMES = 3
-"""Frames that wait; older ones are of no use to anybody."""
+"""Waiting frames; older ones are dropped."""
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
-"""A slider that is dragged sends one a picture; nothing needs more."""
+"""Rate and burst of requests. A slider that is dragged sends one per displayed frame; nothing needs more."""
 MAX_REFUSED = 2000
-"""A page that sends so much nonsense, or so much too fast, is closed."""
+"""Invalid requests, or requests beyond the rate, after which a page is closed."""
 MAX_VOICES = 3
-"""Texts of one page that are turned into sound at the same time."""
+"""Texts of one page that are spoken at the same time."""
 
 log = logging.getLogger("fapengine.web")
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class SendQueue:
-    """A send queue: all texts in order; frames only as long as they are fresh.
-
-    Stateful.
-    """
+    """The messages to a page: all texts in order, and the newest frames. Stateful."""
 
     dropped: int = 0
-    """Frames that were never sent."""
+    """Number of frames that were never sent."""
     overflowed: bool = False
-    """More texts wait than a page can catch up with: it is closed, and must connect again."""
+    """True if too many texts wait: the page is closed, and must connect again."""
+    filled: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when a message is added."""
     _texts: deque[str] = field(default_factory=deque)
     _frames: deque[bytes] = field(default_factory=deque)
 
@@ -67,16 +66,18 @@ class SendQueue:
             self._texts.append(text)
         else:
             self.overflowed = True
+        self.filled.set()
 
     def put_frame(self, frame: bytes) -> None:
-        """Add a frame; the oldest goes where too many wait."""
+        """Add a frame; the oldest is dropped if too many wait."""
         if len(self._frames) == MAX_FRAMES:
             self._frames.popleft()
             self.dropped += 1
         self._frames.append(frame)
+        self.filled.set()
 
     def take(self) -> str | bytes | None:
-        """Take what is to be sent next: texts first, for they explain the frames."""
+        """Remove the next message; texts first, because they explain the frames."""
         if self._texts:
             return self._texts.popleft()
         return self._frames.popleft() if self._frames else None
@@ -84,10 +85,7 @@ class SendQueue:
 
 @dataclass(slots=True)
 class TokenBucket:
-    """A token bucket: a rate of messages a second, and a burst.
-
-    Stateful.
-    """
+    """A token bucket: a rate of messages per second, and a burst. Stateful."""
 
     rate_hz: float
     burst: float
@@ -98,7 +96,7 @@ class TokenBucket:
         self._left = self.burst
 
     def take(self, now_s: float) -> bool:
-        """Whether one more is allowed now.
+        """Return whether one more message is allowed now.
 
         Examples
         --------
@@ -117,10 +115,7 @@ class TokenBucket:
 
 @dataclass(slots=True)
 class WebCounts(Counts):
-    """Counts of all pages together since the start.
-
-    Stateful.
-    """
+    """Counts of all pages together since the start. Stateful."""
 
     METRIC = "page", "What pages did and met with, by kind."
 
@@ -128,38 +123,35 @@ class WebCounts(Counts):
     connected: int = 0
     """Connections since the start."""
     refused: int = 0
-    """Connections without token, from elsewhere, or one too many."""
+    """Connections without token, from other sites, or beyond the limit."""
     messages: int = 0
     bad_messages: int = 0
     too_fast: int = 0
-    """Messages beyond the allowance."""
+    """Messages beyond the allowed rate."""
     frames_dropped: int = 0
-    """Frames that a slow page was not sent."""
+    """Frames that were not sent to a slow page."""
     unheard: int = 0
-    """Pieces of a microphone's sound that no ear took."""
+    """Pieces of a microphone's audio that no recognizer accepted."""
     lost: int = 0
-    """Pages closed because they did not keep up, or sent nothing but nonsense."""
+    """Pages closed because they were too slow, or sent too many invalid messages."""
 
 
 class Connection:
-    """One WebSocket.
-
-    Stateful.
+    """The WebSocket of one page. Stateful.
 
     Parameters
     ----------
     hub : Hub
-        The server.
     view : SessionView
-        What the page watches.
+        View of the page's session.
     socket : WebSocketResponse
         Prepared.
     counts : WebCounts
-        Shared by all.
+        Shared by all connections.
     voice : VoiceChoice
-        Speaks where the page does not choose.
+        Default voice.
     hearing : Hearing, optional
-        Hears the page's microphone.
+        Recognizes the page's microphone.
     """
 
     def __init__(
@@ -172,26 +164,16 @@ class Connection:
         hearing: Hearing | None = None,
     ) -> None:
         self._voice, self._hearing = voice, hearing
-        self._told_unheard = ""
+        self._audio_error = ""
         self._hub, self._view, self._socket, self._counts = hub, view, socket, counts
-        self._outbox = SendQueue()
-        self._waiting = asyncio.Event()
+        self.outbox = SendQueue()
+        """Messages to the page."""
         self._allowance = TokenBucket(MESSAGES_HZ, MESSAGES_AT_ONCE)
         self._refused = 0
-        self._voices: set[asyncio.Task[None]] = set()
-
-    def put_text(self, text: str) -> None:
-        """Send a message; see :class:`fapengine.server.web.session_view.Member`."""
-        self._outbox.put_text(text)
-        self._waiting.set()
-
-    def put_frame(self, frame: bytes) -> None:
-        """Send a frame, unless newer ones come before it can leave."""
-        self._outbox.put_frame(frame)
-        self._waiting.set()
+        self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, hello: str) -> None:
-        """Serve the page until it goes.
+        """Serve the page until it disconnects.
 
         Parameters
         ----------
@@ -200,39 +182,39 @@ class Connection:
         """
         self._counts.pages += 1
         self._counts.connected += 1
-        self.put_text(hello)
-        self._view.enter(self)
+        self.outbox.put_text(hello)
+        self._view.enter(self.outbox)
         writer = asyncio.create_task(self._write())
         try:
             async for message in self._socket:
                 self._receive(message)
         finally:
-            self._view.leave(self)
+            self._view.leave(self.outbox)
             self._counts.pages -= 1
-            self._counts.frames_dropped += self._outbox.dropped
-            for task in (writer, *self._voices):
+            self._counts.frames_dropped += self.outbox.dropped
+            for task in (writer, *self._tasks):
                 task.cancel()
-            await asyncio.gather(writer, *self._voices, return_exceptions=True)
+            await asyncio.gather(writer, *self._tasks, return_exceptions=True)
 
     async def close(self) -> None:
-        """Say goodbye, for the server stops; the page will look for it again."""
+        """Close the connection because the server stops; the page will try to reconnect."""
         await self._socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server stops")
 
     async def _write(self) -> None:
-        with contextlib.suppress(ConnectionError):  # it is gone: the reader notices, too
+        with contextlib.suppress(ConnectionError):  # it is closed: the reader notices too
             while not self._socket.closed:
-                if self._outbox.overflowed:
+                if self.outbox.overflowed:
                     self._counts.lost += 1
                     await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too slow")
                     return
-                match self._outbox.take():
+                match self.outbox.take():
                     case str(text):
                         await self._socket.send_str(text)
                     case bytes(frame):
                         await self._socket.send_bytes(frame)
                     case None:
-                        self._waiting.clear()
-                        await self._waiting.wait()
+                        self.outbox.filled.clear()
+                        await self.outbox.filled.wait()
 
     def _receive(self, message: WSMessage) -> None:
         self._counts.messages += 1
@@ -246,41 +228,43 @@ class Connection:
             elif message.type is WSMsgType.TEXT:
                 self._answer(parse_request(message.data))
             else:
-                raise DataError(f"message: got {message.type.name.lower()}, expected text or sound")
-        except DataError as error:
-            self._counts.bad_messages += 1
-            self._refuse()
-            self.put_text(text_of("error", message=str(error)))
-        except UsageError as error:
-            self.put_text(text_of("error", message=str(error)))
+                raise DataError(f"message: got {message.type.name.lower()}, expected text or audio")
+        except FapEngineError as error:
+            if isinstance(error, DataError):
+                self._counts.bad_messages += 1
+                self._refuse()
+            self._report(str(error))
 
     def _listen(self, data: bytes) -> None:
         rate_hz, samples = parse_sound(data)
-        trouble = "ear: this server has none"
+        problem = "recognizer: this server has none"
         if self._hearing is not None:
             try:
                 is_heard = self._hearing.listen(self._view.session, samples, rate_hz, source=self)
-                trouble = "" if is_heard else "microphone: another one moves this face, or too much sound waits"
+                problem = "" if is_heard else "microphone: another one drives this face, or too much audio waits"
             except ResourceError as error:
-                trouble = str(error)
-        self._counts.unheard += bool(trouble)
-        if trouble and trouble != self._told_unheard:  # once, not 25 times a second
-            self.put_text(text_of("error", message=trouble))
-        self._told_unheard = trouble
+                problem = str(error)
+        self._counts.unheard += bool(problem)
+        if problem and problem != self._audio_error:  # once, not 25 times per second
+            self._report(problem)
+        self._audio_error = problem
+
+    def _report(self, error: str) -> None:
+        self.outbox.put_text(text_of("error", message=error))
 
     def _refuse(self) -> None:
         self._refused += 1
         if self._refused == MAX_REFUSED:
             self._counts.lost += 1
-            self._voices.add(asyncio.create_task(self._expel()))
+            self._tasks.add(asyncio.create_task(self._expel()))
 
     async def _expel(self) -> None:
-        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too much that cannot be used")
+        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many invalid messages")
 
     def _answer(self, request: Request) -> None:
         match request:
             case Tell(command):
-                self._view.tell(self, command)
+                self._view.tell(self.outbox, command)
             case Pin(values):
                 self._view.pin(values)
             case Perform(values):
@@ -288,42 +272,44 @@ class Connection:
             case ReleaseAll():
                 self._view.release()
             case Ping(number):
-                self.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
+                self.outbox.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
             case Plays(on):
-                self._view.plays(self, on=on)
+                self._view.plays(self.outbox, on=on)
             case Watch(on):
-                self._view.watches(self, on=on)
+                self._view.watches(self.outbox, on=on)
             case Phones():
                 self._say_phones(request)
-            case Say() | Words() if len(self._voices) < MAX_VOICES:
-                task = asyncio.create_task(self._say(request) if isinstance(request, Say) else self._say_words(request))
-                self._voices.add(task)
-                task.add_done_callback(self._voices.discard)
             case Say() | Words():
-                raise UsageError("text: still busy with what was asked before")
+                if len(self._tasks) >= MAX_VOICES:
+                    raise UsageError("text: earlier texts are still being spoken")
+                task = asyncio.create_task(self._say(request))
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
 
-    def _voice_of(self, request: Say | Words) -> str:
-        """Name of the wished voice; files and accounts of this machine are its owner's to choose."""
-        name = request.voice or self._voice.name
-        if ":" in name and name != self._voice.name:
-            raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
-        return name
-
-    async def _say_words(self, request: Words) -> None:
+    async def _say(self, request: Say | Words) -> None:
+        session, voice = self._view.session, self._voice
+        name = request.voice or voice.name
         try:
-            number = await self._hub.say_words(
-                self._view.session,
-                request.words,
-                voice=self._voice_of(request),
-                anchor=request.anchor,
-                at_s=request.at_s or 0.0,
-                utterance=request.utterance,
-                is_last=request.last,
-            )
+            if ":" in name and name != voice.name:  # files and accounts of this machine are its owner's to choose
+                raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
+            if isinstance(request, Words):
+                number = await self._hub.say_words(
+                    session,
+                    request.words,
+                    voice=name,
+                    anchor=request.anchor,
+                    at_s=request.at_s or 0.0,
+                    utterance=request.utterance,
+                    is_last=request.last,
+                )
+                self.outbox.put_text(text_of("words", utterance=number))
+                return
+            rate_wpm = request.rate_wpm or voice.rate_wpm
+            said = await self._hub.speak(session, request.text, voice=name, rate_wpm=rate_wpm, ssml=voice.ssml)
+            for warning in said.speech.remarks if said is not None else ():
+                self._report(warning)
         except FapEngineError as error:
-            self.put_text(text_of("error", message=str(error)))
-        else:
-            self.put_text(text_of("words", utterance=number))
+            self._report(str(error))
 
     def _say_phones(self, request: Phones) -> None:
         alphabet = phone_labels.phone_set_named(request.set)
@@ -341,19 +327,5 @@ class Connection:
             number = self._hub.new_number()
             host.begin(number, now_s, anchor=request.anchor, at_s=request.at_s or 0.0)
         host.phones(number, whole, now_s, is_last=request.last)
-        is_there = self._hub.engine.utterance(session, number) is not None
-        self.put_text(text_of("words", utterance=number if is_there else None))
-
-    async def _say(self, request: Say) -> None:
-        try:
-            said = await self._hub.speak(
-                self._view.session,
-                request.text,
-                voice=self._voice_of(request),
-                rate_wpm=request.rate_wpm or self._voice.rate_wpm,
-                ssml=self._voice.ssml,
-            )
-            for remark in said.speech.remarks if said is not None else ():
-                self.put_text(text_of("error", message=remark))
-        except FapEngineError as error:
-            self.put_text(text_of("error", message=str(error)))
+        is_open = self._hub.engine.utterance(session, number) is not None
+        self.outbox.put_text(text_of("words", utterance=number if is_open else None))

@@ -1,4 +1,4 @@
-"""Everybody who watches one session: what its face does goes to all of them, and one of them leads it by its sound."""
+"""The pages of one session: all of them receive its frames and messages, and one leads the face by its audio."""
 
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
@@ -15,14 +15,14 @@ from fapengine.server.web.messages import pack_frame, text_of
 
 MAX_UTTERANCES = 32
 MAX_RUNS = 8
-"""Runs of phones, the last ones, which are sent to a page that comes late, when an utterance has gaps."""
+"""Number of the last runs of phones that are sent to a page that joins late, if an utterance has gaps."""
 POSITION_EVERY = 15
-"""Frames between two messages about where an utterance is."""
+"""Frames between two messages about the position of an utterance."""
 OVER = ("finished", "cancelled", "error")
 
 
 class Member(Protocol):
-    """One page."""
+    """One page (:class:`fapengine.server.web.connection.SendQueue`)."""
 
     def put_text(self, text: str) -> None:
         """Send a message."""
@@ -35,27 +35,24 @@ class Member(Protocol):
 
 @dataclass(slots=True)
 class _Said:
-    """One utterance that pages know."""
+    """An utterance that was sent to pages."""
 
     recent: deque[str] = field(default_factory=lambda: deque(maxlen=4))
-    """The last messages of it; senders repeat themselves."""
+    """Its last messages; senders repeat them."""
     leader: Member | None = None
-    """Page that plays the sound."""
+    """Page that plays the audio."""
 
 
 class SessionView:
-    """The view of one session that its pages share; it exists as long as a page is in it.
-
-    Stateful.
+    """The view of one session, shared by its pages; it exists as long as it has a page. Stateful.
 
     Parameters
     ----------
     hub : Hub
-        The server.
     session : str
         Opened if it is not open yet.
     server_plays_audio : bool
-        Whether the server plays the sound itself, and pages none.
+        True if the server plays the audio, and pages do not.
 
     Raises
     ------
@@ -82,17 +79,17 @@ class SessionView:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the face is paused."""
+        """True if the face is paused."""
         return self._hub.engine.state(self.session) == "paused"
 
     @property
     def manner(self) -> dict[str, float]:
-        """How the face speaks and moves: each parameter's value, 0 and 1 for switches."""
+        """Value of each style parameter, 0 or 1 for switches."""
         style = self._hub.engine.style(self.session)
         return {name: float(getattr(style, name)) for name in PARAMETERS}
 
     def enter(self, member: Member) -> None:
-        """Add a page; it gets what is being said."""
+        """Add a page, and send it the current state."""
         self._members[member] = lambda: None
         self._watching.add(member)
         self.plays(member, on=False)
@@ -103,7 +100,7 @@ class SessionView:
                 member.put_text(text)
 
     def leave(self, member: Member) -> None:
-        """Let a page go; the last one closes the door."""
+        """Remove a page; the last one closes the view."""
         self._members.pop(member)()
         self._watching.discard(member)
         for said in self._said.values():
@@ -114,26 +111,26 @@ class SessionView:
                 stop()
 
     def plays(self, member: Member, *, on: bool) -> None:
-        """Note whether a page plays sounds."""
+        """Set whether a page plays audio."""
         self._members[member]()
         self._members[member] = self._hub.listeners.on_speech(
             self.session, lambda spoken: self._spoken(member, spoken), plays=on and not self.server_plays_audio
         )
 
     def watches(self, member: Member, *, on: bool) -> None:
-        """Note whether a page can be seen: a hidden one is sent no frames."""
+        """Set whether a page is visible; a hidden one is sent no frames."""
         if on:
             self._watching.add(member)
         else:
             self._watching.discard(member)
 
     def tell(self, member: Member, command: Command) -> None:
-        """Pass a page's command on. Of the pages that play one sound, the first says where it is.
+        """Apply a page's command. Of the pages that play the same audio, only the first reports its position.
 
         Raises
         ------
         UsageError
-            If the session is gone.
+            If the session is closed.
         """
         if isinstance(command, Audio):
             said = self._said.get(command.utterance)
@@ -143,24 +140,24 @@ class SessionView:
         self._hub.apply(self.session, command)
 
     def pin(self, values: Mapping[int, int | None]) -> None:
-        """Hold FAPs of the session, for everybody who watches it or receives it; None lets one go.
+        """Hold FAPs of the session at values, for all its pages and sinks; None releases one.
 
         Raises
         ------
         UsageError
-            If the session is gone.
+            If the session is closed.
         """
         for number, value in values.items():
             self._hub.host(self.session).pin(number, value)
         self._tell_all(self._pins())
 
     def release(self) -> None:
-        """Let every FAP go.
+        """Release every FAP.
 
         Raises
         ------
         UsageError
-            If the session is gone.
+            If the session is closed.
         """
         self.pin(dict.fromkeys(self._hub.host(self.session).pins))
 
@@ -214,7 +211,7 @@ class SessionView:
                 self._show(command)
 
     def _show(self, command: Command) -> None:
-        """Tell all pages what was set, and remember it for pages that come later."""
+        """Send a setting to all pages, and keep it for pages that join later."""
         specs = {name: spec for name, spec in fields_of(type(command)).items() if spec.json}
         values = {spec.json: spec.to_json(getattr(command, name)) for name, spec in specs.items()}
         names = [values[spec.json] for spec in specs.values() if isinstance(spec, Choice)]
@@ -231,7 +228,7 @@ class SessionView:
             self._said.popitem(last=False)
 
     def _so_far(self, number: int) -> list[str]:
-        """Say of an utterance what the engine knows: few messages, however many it came in."""
+        """Return few messages with all that the engine knows of an utterance."""
         utterance = self._hub.engine.utterance(self.session, number)
         if utterance is None:
             return []
@@ -260,7 +257,7 @@ def _phones(command: Append) -> str:
 def open_session_view(
     hub: Hub, session: str, views: dict[str, SessionView], *, server_plays_audio: bool = False
 ) -> SessionView:
-    """Find the view of a session, or open it; see :class:`SessionView`.
+    """Return the view of a session, opened if necessary; see :class:`SessionView`.
 
     Raises
     ------

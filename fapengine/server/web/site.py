@@ -1,42 +1,137 @@
-"""A web application at a port: connections counted, slow and silent ones hung up on.
+"""Web ports: who may send requests, the headers of every response, and limits on connections.
 
-aiohttp has no limit for the time that the head of a request takes, nor for connections. A connection has
-:data:`IDLE_S` from its beginning to the end of the first head, and as long from each answer to the end of the next
-head; an answer may take longer as long as it is being read.
+Only pages of this server, and of the origins that its configuration names, may send requests; other pages are refused.
+Without a token, a host name that is not an address is refused too, because anyone can make a name resolve to this
+machine (DNS rebinding).
+
+aiohttp limits neither the time that the head of a request takes, nor the number of connections. Here a connection has
+:data:`IDLE_S` from its beginning to the end of the first head, and from each response to the end of the next head; a
+response may take longer while it is being read.
 """
 
 import asyncio
+import hmac
+import ipaddress
 import logging
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Protocol, cast
+from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from fapengine.errors import ResourceError
+from fapengine.errors import DataError
+from fapengine.host.hub import Hub
 from fapengine.server.intake.doors import Door
-from fapengine.server.web.admission import HEADERS, SERVER
+from fapengine.server.intake.listeners import port_error
+from fapengine.server.ownership.rule import session_of_request
 
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+SERVER = "fapengine"
+"""Server name in responses; it has no version, which would help an attacker."""
 FULL_ANSWER = (
     b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n"
     + "".join(f"{name}: {value}\r\n" for name, value in {**HEADERS, "Server": SERVER}.items()).encode()
     + b"\r\n"
 )
-"""Answer to a connection beyond the limits."""
+"""Response to a connection beyond the limits."""
 IDLE_S = 10.0
-"""Time for the head of a request, silence before it included."""
+"""Time for the head of a request, including the silence before it."""
 
 log = logging.getLogger("fapengine.web")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
+class _CountsRefused(Protocol):
+    refused: int
+
+
+def admit(
+    request: web.Request, token: str | None, origins: Collection[str] = (), counts: _CountsRefused | None = None
+) -> None:
+    """Refuse a request that is not allowed, and count it.
+
+    Parameters
+    ----------
+    request : Request
+    token : str, optional
+        Secret that a request must present; None: none, but then the host must be an address.
+    origins : collection of str
+        Other sites whose pages are allowed: ``"https://example.org"``.
+    counts : optional
+        Counters with a field ``refused``.
+
+    Raises
+    ------
+    HTTPForbidden
+    """
+    origin, host = request.headers.get("Origin"), request.host
+    given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
+    if origin is not None and origin.partition("://")[2] != host and origin not in origins:
+        reason = f"Pages of {origin} may not use this server."
+    elif token is None and not _is_address(host):
+        reason = f"The host name {host!r} is not allowed: use the IP address, or start the server with a token."
+    elif token is not None and not hmac.compare_digest(given.encode("utf-8", "surrogateescape"), token.encode()):
+        reason = "The token is missing or wrong: open the address that the server printed."
+    else:
+        return
+    if counts is not None:
+        counts.refused += 1
+    raise web.HTTPForbidden(text=reason)
+
+
+def asked_session(request: web.Request, hub: Hub) -> str:
+    """Return the session of a request.
+
+    Raises
+    ------
+    DataError
+        If the request has no unambiguous session.
+    HTTPMisdirectedRequest
+        If another process shows it.
+    """
+    session = session_of_request(request.raw_path)
+    if session is None:
+        raise DataError(f"path: got {request.raw_path!r:.60}, expected {request.path!r:.60}")
+    if session not in hub.engine and not hub.engine.may_open(session):
+        raise web.HTTPMisdirectedRequest(text="Another process shows this session: retry.")
+    return session
+
+
+def harden(app: web.Application, origins: Collection[str] = ()) -> None:
+    """Add :data:`HEADERS` to every response of an application, errors included; pages of ``origins`` may read it."""
+
+    async def add(request: web.Request, answer: web.StreamResponse) -> None:
+        if (origin := request.headers.get("Origin")) in origins and origin is not None:
+            answer.headers["Access-Control-Allow-Origin"] = origin
+            answer.headers["Cross-Origin-Resource-Policy"] = "cross-origin"
+        if origins:
+            answer.headers["Vary"] = "Origin"
+        for name, value in HEADERS.items():
+            answer.headers.setdefault(name, value)
+        answer.headers["Server"] = SERVER
+
+    app.on_response_prepare.append(add)
+
+
+def _is_address(host: str) -> bool:
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == "localhost" or name.endswith(".localhost") or bool(ipaddress.ip_address(name))
+    except ValueError:
+        return False
+
+
 @dataclass(slots=True)
 class Site:
-    """A running web application.
-
-    Stateful.
-    """
+    """A running web application. Stateful."""
 
     runner: web.AppRunner
     listening: asyncio.Server | None
@@ -44,21 +139,18 @@ class Site:
     make: "Callable[[], GuardedHandler]"
 
     async def adopt(self, accepted: socket.socket) -> None:
-        """Take a connection that was accepted elsewhere."""
+        """Serve a connection that another process accepted."""
         await asyncio.get_running_loop().connect_accepted_socket(self.make, accepted)
 
     async def close(self) -> None:
-        """End all connections."""
+        """Close all connections."""
         if self.listening is not None:
             self.listening.close()
         await self.runner.cleanup()
 
 
 class GuardedHandler(web.RequestHandler):
-    """One connection of a site.
-
-    Stateful.
-    """
+    """One connection of a site. Stateful."""
 
     def __init__(self, manager: web.Server, door: Door, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__(manager, loop=loop, access_log=cast("Any", None), logger=cast("Any", log))
@@ -74,12 +166,12 @@ class GuardedHandler(web.RequestHandler):
         if self._door.enter(address):
             self._address = address
             self.wait()
-        else:  # a word, if the system takes it at once, and the end
+        else:  # sent only if the system accepts it at once
             cast("asyncio.Transport", transport).write(FULL_ANSWER)
             cast("asyncio.Transport", transport).close()
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        """Forget it."""
+        """Release its place."""
         self.go()
         if self._address is not None:
             self._door.leave(self._address)
@@ -87,24 +179,24 @@ class GuardedHandler(web.RequestHandler):
         super().connection_lost(exc)
 
     def wait(self) -> None:
-        """Give it time for the next request."""
+        """Start the time limit of the next request."""
         self.go()
         self._unread = 0
-        self._timer = self._timing.call_later(IDLE_S, self._hang_up)
+        self._timer = self._timing.call_later(IDLE_S, self._check)
 
     def go(self) -> None:
-        """Stop the time: a request is being answered."""
+        """Stop the time limit: a request is being answered."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
-    def _hang_up(self) -> None:
+    def _check(self) -> None:
         if self.transport is None:
             return
         unread = self.transport.get_write_buffer_size()
-        if unread and (not self._unread or unread < self._unread):  # the answer is still on its way, and is being read
+        if unread and (not self._unread or unread < self._unread):  # the response is still being read
             self._unread = unread
-            self._timer = self._timing.call_later(IDLE_S, self._hang_up)
+            self._timer = self._timing.call_later(IDLE_S, self._check)
             return
         self._door.counts.timed_out += 1
         self.transport.abort()
@@ -112,11 +204,11 @@ class GuardedHandler(web.RequestHandler):
     def handle_error(
         self, request: web.BaseRequest, status: int = 500, exc: BaseException | None = None, message: str | None = None
     ) -> web.StreamResponse:
-        """Answer what is no request in one line, and without a word in the log: anybody can send it."""
+        """Answer an invalid request in one line, and without a log record, because any client can send it."""
         if status >= 500:
             answer = super().handle_error(request, status, exc, message)
         else:
-            answer = web.Response(status=status, text="This is not HTTP as it is spoken here.\n")
+            answer = web.Response(status=status, text="Invalid HTTP request.\n")
             answer.force_close()
         answer.headers.update(HEADERS | {"Server": SERVER})
         return answer
@@ -124,7 +216,7 @@ class GuardedHandler(web.RequestHandler):
 
 @web.middleware
 async def _timed(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Stop the time while a request is answered."""
+    """Stop the time limit while a request is answered."""
     guard = request.protocol
     if not isinstance(guard, GuardedHandler):
         return await handler(request)
@@ -142,21 +234,21 @@ async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None
 
 
 async def open_site(app: web.Application, host: str, port: int | None, door: Door) -> Site:
-    """Let a web application listen.
+    """Open a web application at a port.
 
     Parameters
     ----------
     app : Application
     host : str
     port : int or None
-        None: it listens nowhere, and gets connections by :meth:`Site.adopt`, one for each request: the next may be for
-        another process.
+        None: it does not listen, but gets connections by :meth:`Site.adopt`, one per request, because the next request
+        may be for another process.
     door : Door
 
     Raises
     ------
     ResourceError
-        If the port is taken.
+        If the port is in use.
     """
     app.middlewares.append(_timed)
     if port is None:
@@ -174,8 +266,6 @@ async def open_site(app: web.Application, host: str, port: int | None, door: Doo
         listening = await loop.create_server(make, host, port, reuse_address=True)
     except OSError as error:
         await runner.cleanup()
-        raise ResourceError(
-            f"TCP port {port} on {host}: {error.strerror or error}; choose another port, or see who has it: ss -lnp"
-        ) from error
+        raise port_error("TCP", host, port, error) from error
     address = listening.sockets[0].getsockname()
     return Site(runner, listening, (address[0], address[1]), make)

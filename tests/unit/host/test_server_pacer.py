@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
 from fapengine.host.pacer import FramePacer
-from fapengine.server.intake.fair_queue import FairQueue
+from fapengine.server.intake.ingress import FairQueue
 
 
 def test_every_frame_is_due_once_and_lateness_does_not_add_up() -> None:
@@ -70,9 +70,3 @@ def test_the_packets_of_a_peer_keep_their_order(steps: list[tuple[str, bytes] | 
     assert len(queue) == 0
     for peer in "abc":
         assert [one for one in taken if one and one[0] == peer] == [one for one in put if one[0] == peer]
-
-
-def test_bounds_that_cannot_be() -> None:
-    for bounds in ({"packets_a_peer": 0}, {"peers": 0}, {"turn": 0}):
-        with pytest.raises(UsageError, match="expected 1 or more of each"):
-            FairQueue(**bounds)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
-from fapengine.server.calls.offer import MAX_OFFER, read_offer
+from fapengine.server.calls.calls import MAX_OFFER, read_offer
 
 SOUND, PICTURE = "m=audio 9 UDP/TLS/RTP/SAVPF 111", "m=video 9 UDP/TLS/RTP/SAVPF 96"
 LINES = st.sampled_from(

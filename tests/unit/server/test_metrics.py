@@ -7,7 +7,7 @@ from fapengine.server.config import ServeConfig
 from fapengine.server.film.film import FilmCounts
 from fapengine.server.metrics import ServerMetrics
 from fapengine.server.server import Server
-from fapengine.server.sinks.address import SinkCounts
+from fapengine.server.sinks.kinds import SinkCounts
 from fapengine.server.web.connection import WebCounts
 
 NAMES = """\

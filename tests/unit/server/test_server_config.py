@@ -64,7 +64,7 @@ def test_every_key_is_taken() -> None:
         silence_s = 1
         wait_s = 8
         idle_close_s = 5
-        packets_a_peer = 6
+        packets_per_sender = 6
         streams = 7
         [log]
         level = "debug"
@@ -84,7 +84,7 @@ def test_every_key_is_taken() -> None:
     assert (config.sound.session, config.sound.device) == ("face", "3")
     assert (config.limits.engine.sessions, config.limits.engine.utterances, config.limits.engine.queued_s) == (2, 3, 4)
     assert (config.limits.engine.silence_s, config.limits.engine.wait_s) == (1, 8)
-    assert (config.limits.idle_close_s, config.limits.packets_a_peer, config.limits.streams) == (5, 6, 7)
+    assert (config.limits.idle_close_s, config.limits.packets_per_sender, config.limits.streams) == (5, 6, 7)
     assert (config.log.level, config.log.format) == ("debug", "json")
     assert config.sinks == ("osc://a:1", "osc://b:2")
 

@@ -28,15 +28,15 @@ from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.server import watchdog as guards
 from fapengine.server.sinks import datagrams as datagram_sinks
 from fapengine.server.sinks import face_streams
-from fapengine.server.sinks.address import SinkAddress
 from fapengine.server.sinks.encoders import FbaFrameEncoder, FrameEncoder, OscFrameEncoder, joined
 from fapengine.server.sinks.face_streams import FaceStreams
 from fapengine.server.sinks.kinds import (
     PERFORMER_PORT,
     SINK_KINDS,
     SINK_NAMES,
-    DatagramKind,
+    SinkAddress,
     datagram_sink,
+    encoder_of,
     kind_of,
     open_sink,
     parse_sink,
@@ -55,12 +55,9 @@ HALF_STEP = 2
 """FAPU; quantiser 1 has steps of 1 to 4."""
 
 
-def encoder_of(url: str) -> FrameEncoder:
+def encoder_for(url: str) -> FrameEncoder:
     """The encoder of a sink that sends datagrams."""
-    address = parse_sink(url)
-    kind = kind_of(address)
-    assert isinstance(kind, DatagramKind)
-    return kind.encoder(address, RATE_HZ, None)
+    return encoder_of(parse_sink(url), RATE_HZ)
 
 
 class Stage:
@@ -196,7 +193,7 @@ def test_vmc_spellings() -> None:
     stage = Stage("anna")
     with pytest.raises(UsageError, match="names: got 'klingon', expected one of arkit, pascal"):
         datagram_sink(stage.hub, parse_sink("vmc://127.0.0.1:9?names=klingon"))
-    encoder = encoder_of("vmc://127.0.0.1:39540?names=pascal")
+    encoder = encoder_for("vmc://127.0.0.1:39540?names=pascal")
     (data, *_) = encoder.encode(stage.hub.tick(51.0))
     first = OscPacket(data).messages[0].message
     assert (first.address, first.params[0]) == ("/VMC/Ext/Blend/Val", "EyeBlinkLeft")  # a performer gets no bones
@@ -245,7 +242,7 @@ def test_live_link_by_a_reader_of_its_own(ear: Ear) -> None:
 def test_a_live_link_device_is_the_same_at_every_start() -> None:
     stage = Stage("anna")
     frames = stage.hub.tick(51.0)
-    one, two = (encoder_of("livelink://127.0.0.1").encode(frames) for _ in range(2))
+    one, two = (encoder_for("livelink://127.0.0.1").encode(frames) for _ in range(2))
     assert one == two
     assert b"fapengine" in one[0]
 
@@ -504,7 +501,7 @@ def test_urls_are_spelled_back() -> None:
 def test_intra_must_be_seconds() -> None:
     for spelled in ("soon", "0", "61"):
         with pytest.raises(UsageError, match="intra: got"):
-            encoder_of(f"fba://127.0.0.1:1?intra={spelled}")
+            encoder_for(f"fba://127.0.0.1:1?intra={spelled}")
 
 
 def test_hosts_and_ports_that_cannot_be_had() -> None:
@@ -532,7 +529,7 @@ def test_a_guard_puts_every_face_to_rest_that_was_open(ear: Ear) -> None:
     addresses = [parse_sink(f"{kind}://127.0.0.1:{ear.port}") for kind in kinds]
     addresses += [parse_sink("osc://no.such.host.invalid:1")]
     since_s = time.monotonic() - 10.0
-    guards.put_to_rest(addresses, {"anna": since_s, "ben": since_s}, RATE_HZ)
+    guards.send_neutral(addresses, {"anna": since_s, "ben": since_s}, RATE_HZ)
     found = ear.heard()
     frames = [decode_frame(data) for data in found if data.startswith(b"/fap")]
     assert [frame.session for frame in frames] == ["anna", "ben"] * guards.RESTS
@@ -551,7 +548,7 @@ def test_a_guard_shuts_the_mouth_of_a_face_stream_in_datagrams(ear: Ear) -> None
     decoder = Decoder()
     before = decoder.feed(b"".join(ear.heard()))
     assert before[-1].values[fap.column(3)] > 10
-    guards.put_to_rest([address], {"anna": time.monotonic()}, RATE_HZ)
+    guards.send_neutral([address], {"anna": time.monotonic()}, RATE_HZ)
     datagrams = ear.heard()
     assert len(datagrams) == guards.RESTS
     for datagram in datagrams:  # whichever of them are lost
@@ -568,7 +565,7 @@ def test_a_guard_shuts_the_mouth_of_an_rtp_stream(ear: Ear) -> None:
     receiver = RtpReceiver()
     before = [frame for packet in ear.heard() for _, frame in receiver.packet(packet)]
     assert before[-1].values[fap.column(3)] > 10
-    guards.put_to_rest([address], {"anna": time.monotonic()}, RATE_HZ)
+    guards.send_neutral([address], {"anna": time.monotonic()}, RATE_HZ)
     datagrams = ear.heard()
     assert len(datagrams) == guards.RESTS
     after = [frame for packet in datagrams for _, frame in receiver.packet(packet)]
@@ -632,10 +629,10 @@ def test_every_kind_is_opened_by_its_row_alone() -> None:
 def test_every_kind_of_datagrams_writes_its_own() -> None:
     """A kind without an encoder of its own would send what another one sends."""
     frames = HubFrames(0, 1.0, ("anna",), np.full((1, 68), 3, np.int32))
-    kinds = [kind for kind in SINK_KINDS if isinstance(kind, DatagramKind)]
+    kinds = [kind for kind in SINK_KINDS if kind.medium == "datagrams"]
     sent = {}
     for kind in kinds:
-        encoder = encoder_of(f"{kind.name}://127.0.0.1:{kind.port or 1}")
+        encoder = encoder_for(f"{kind.name}://127.0.0.1:{kind.port or 1}")
         sent[kind.name] = b"".join(encoder.encode(frames))
         encoder.resume({"anna": 100})
     assert all(sent.values())

@@ -23,8 +23,7 @@ from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import Listen, ServeConfig
 from fapengine.server.sinks import websockets as socket_sinks
-from fapengine.server.sinks.address import SinkAddress
-from fapengine.server.sinks.kinds import open_sink, parse_sink
+from fapengine.server.sinks.kinds import SinkAddress, open_sink, parse_sink
 from fapengine.server.sinks.websockets import VtsSink, WeightStreams
 from fapengine.wire.shapes import VisemeFollower
 from fapengine.wire.vts import VtsDialog, vts_values
@@ -343,7 +342,7 @@ def test_a_user_who_says_no_is_not_asked_again(
             await sink.close()
 
     asyncio.run(main())
-    assert "it is not asked again" in caplog.text
+    assert "it is not requested again" in caplog.text
 
 
 def test_turns_and_lids_of_vtube_studio() -> None:

@@ -358,7 +358,7 @@ def test_one_page_is_not_spoken_for_without_end(head: FaceMesh) -> None:
         async with client.ws_connect("/ws") as socket:
             for _ in range(connections.MAX_VOICES + 1):
                 await socket.send_json({"type": "say", "text": "One sentence after the other. " * 20})
-            assert "busy" in (await text_from(socket, "error"))["message"]
+            assert "earlier texts" in (await text_from(socket, "error"))["message"]
 
     serve(head, use)
 
@@ -403,9 +403,9 @@ def test_a_page_that_does_not_read_is_closed(head: FaceMesh, monkeypatch: pytest
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws") as socket:
             await socket.receive_json()
-            (connection,) = client.app[web_app.SERVER].connections
+            (connection,) = client.app[web_app.HANDLERS].connections
             for _ in range(2000):
-                connection.put_text('{"type":"chatter"}')
+                connection.outbox.put_text('{"type":"chatter"}')
             while not socket.closed:
                 await socket.receive()
             assert socket.close_code == 1013
@@ -547,7 +547,7 @@ def test_whoever_does_not_come_in_leaves_no_session_behind(head: FaceMesh, monke
             with pytest.raises(ClientError):
                 await client.ws_connect("/ws?session=a")
         assert "a" not in hub.engine
-        assert not client.app[web_app.SERVER].views
+        assert not client.app[web_app.HANDLERS].views
 
     serve(head, use)
 
@@ -582,7 +582,7 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
                         await asyncio.sleep(0.005)
                     await other.send_bytes(piece)
                     await other.send_bytes(piece)
-                    assert "another one moves this face" in (await text_from(other, "error"))["message"]
+                    assert "another one drives this face" in (await text_from(other, "error"))["message"]
                     while app[COUNTS].unheard < 2:  # told once, counted twice
                         await asyncio.sleep(0.005)
                     async with client.ws_connect("/ws?session=bert") as third:
@@ -653,6 +653,6 @@ def test_a_server_without_an_ear_says_so(head: FaceMesh) -> None:
         async with client.ws_connect("/ws?session=anna") as socket:
             assert (await socket.receive_json())["ear"] is False
             await socket.send_bytes(SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(4))
-            assert (await text_from(socket, "error"))["message"] == "ear: this server has none"
+            assert (await text_from(socket, "error"))["message"] == "recognizer: this server has none"
 
     serve(head, use)
